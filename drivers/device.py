@@ -1,0 +1,53 @@
+"""What every device does, simulated or real."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
+
+from recordings.samples import Item, Stream
+
+HostClock = Callable[[], int]
+"""Returns UTC in nanoseconds; the station's clock, given to a driver when it is made."""
+
+
+class Device(Protocol):
+    """One instrument on one wire. One thread uses it at a time; the daemon owns that thread and its watchdog.
+
+    A driver numbers and stamps samples as they come. It never aligns, filters, tares or converts them,
+    and it raises nothing but the exceptions of drivers/errors.py.
+    """
+
+    @property
+    def name(self) -> str:
+        """The device as errors and tables name it: "NI Dev1", "QTM 127.0.0.1:22223"."""
+        ...
+
+    def open(self) -> None:
+        """Connects, configures and starts the flow of samples. Raises DeviceError in one sentence."""
+        ...
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """What it sends; known once open() returned."""
+        ...
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        """Everything that came, in order; waits at most timeout_s (wall seconds) for the first of it, then returns [].
+
+        Raises DeviceLost when the device is gone; what came before was returned by earlier calls.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stops and releases the device; may be called at any time, twice, and after a loss."""
+        ...
+
+
+@runtime_checkable
+class CaptureControl(Protocol):
+    """A device that can start the experiment's common capture itself (QTM with mocap.control = "start")."""
+
+    def start_capture(self) -> None: ...
+
+    def stop_capture(self) -> None: ...
