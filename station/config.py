@@ -1,0 +1,166 @@
+"""station.toml → StationConfig: frozen, every default on this page, unknown keys refused."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from recordings.manifest import CuffSite, LoadCell
+
+STANDARD_GRAVITY = 9.80665
+DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
+INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": STANDARD_GRAVITY * 1e-3}  # pounds-force and grams-force
+PUBLISHED_SITES: dict[str, Literal["arm", "waist"]] = {"waist": "waist", "hand": "arm", "tube": "arm", "elbow": "arm"}
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used; one sentence names file, key, expected and found."""
+
+    exit_code = 2
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Daq(_Section):
+    device: str = "Dev1"
+    grpc_target: str | None = None
+    force_channel: str = "ai0"
+    sync_channel: str = "ai1"
+    force_range_v: Positive = 10.0
+    sync_range_v: Positive = 10.0
+    sample_rate_hz: Positive = 1000.0
+    start: Literal["sync_edge", "pfi0"] = "sync_edge"
+
+
+class LoadCellSection(_Section):
+    source: Literal["daq", "serial"] = "daq"
+    capacity_kg: Positive = 50.0
+    full_scale_v: Positive = 5.0
+    polarity: Literal[1, -1] = 1
+    serial_number: str = ""
+    port: str | None = None
+    baud_rate: int = 9600
+    line_format: Literal["usb220", "usb520"] = "usb220"
+
+    @model_validator(mode="after")
+    def _serial_needs_a_port(self) -> LoadCellSection:
+        if self.source == "serial" and not self.port:
+            raise ValueError('source is "serial" and no port is given; add port = "COM3" or "/dev/ttyUSB0"')
+        return self
+
+
+class Sync(_Section):
+    threshold_v: float = 2.5
+    timeout_s: Positive = 60.0
+
+
+class Mocap(_Section):
+    host: str = "127.0.0.1"
+    port: int = 22223
+    control: Literal["none", "start"] = "none"
+    password: str = ""
+
+
+class Cuff(_Section):
+    site: Literal["arm", "waist"]
+    anchor_markers: tuple[str, ...] = Field(min_length=1)
+    cuff_markers: tuple[str, ...] = Field(min_length=1)
+    rope_markers: tuple[str, ...] = ()
+    mass_kg: float = Field(default=0.2, ge=0)
+
+
+class Protocol(_Section):
+    """The published plan: static, dynamic, a pause, three times over, each cuff donned once."""
+
+    repeats: int = Field(default=3, ge=1)
+    pause_s: float = Field(default=60.0, ge=0)
+
+
+class StationConfig(_Section):
+    daq: Daq = Daq()
+    load_cell: LoadCellSection = LoadCellSection()
+    sync: Sync = Sync()
+    mocap: Mocap = Mocap()
+    cuffs: dict[str, Cuff] = Field(default_factory=dict)
+    protocol: Protocol = Protocol()
+    simulation: dict[str, Any] = Field(default_factory=dict)  # checked by the simulators, who own its meaning
+
+    @model_validator(mode="before")
+    @classmethod
+    def _published_cuffs_know_their_site(cls, data: Any) -> Any:
+        for name, cuff in (data.get("cuffs") or {}).items() if isinstance(data, dict) else ():
+            if name in PUBLISHED_SITES and isinstance(cuff, dict):
+                cuff.setdefault("site", PUBLISHED_SITES[name])
+        return data
+
+    @model_validator(mode="after")
+    def _device_keeps_up(self) -> StationConfig:
+        channels = 2 if self.load_cell.source == "daq" else 1
+        if self.daq.sample_rate_hz * channels > DEVICE_LIMIT_HZ:
+            raise ValueError(
+                f"daq.sample_rate_hz is {self.daq.sample_rate_hz:g} on {channels} channel(s), expected at most "
+                f"{DEVICE_LIMIT_HZ / channels:g}: the USB-6008 converts {DEVICE_LIMIT_HZ:g} samples a second in all"
+            )
+        return self
+
+    def cuff_site(self, name: str) -> CuffSite:
+        """The markers of one cuff. Raises ConfigError if the file has no section for it."""
+        if name not in self.cuffs:
+            known = ", ".join(sorted(self.cuffs)) or "none"
+            raise ConfigError(
+                f"the configuration has no cuff {name!r}, only {known}; add [cuffs.{name}] with its anchor_markers "
+                "and cuff_markers"
+            )
+        cuff = self.cuffs[name]
+        return CuffSite(name, cuff.site, cuff.anchor_markers, cuff.cuff_markers, cuff.rope_markers)
+
+    def calibration(self) -> LoadCell:
+        """How the recorded force becomes newtons."""
+        cell = self.load_cell
+        scale = (
+            cell.capacity_kg * STANDARD_GRAVITY / cell.full_scale_v
+            if cell.source == "daq"
+            else INDICATOR_UNITS_N[cell.line_format]
+        )
+        return LoadCell(cell.source, scale, cell.polarity, cell.serial_number)
+
+
+def load_config(path: Path) -> StationConfig:
+    """Reads station.toml. Raises ConfigError in one sentence."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not valid TOML: {error}") from error
+    return parse_config(data, str(path))
+
+
+def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
+    """Plain data → StationConfig; origin is named in the sentence of a ConfigError."""
+    try:
+        return StationConfig.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(f"{origin}: {_sentence(error)}") from error
+
+
+def _sentence(error: ValidationError) -> str:
+    first, *more = error.errors()
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        words = f"unknown key {key}"
+    elif first["type"] == "value_error":
+        words = f"{key + ': ' if key else ''}{first['ctx']['error']}"
+    elif first["type"] == "missing":
+        words = f"{key} is missing"
+    else:
+        expected = first["msg"][0].lower() + first["msg"][1:]
+        words = f"{key} is {first['input']!r}: {expected}"
+    return words + (f" (and {len(more)} more)" if more else "")

@@ -1,0 +1,315 @@
+"""One trial's life: idle → armed → recording → closing → closed | failed.
+
+Knows no thread and no device: it is handed what devices delivered and told that time has passed, so every
+path through it can be walked by a test with a clock that stands still.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal, Protocol
+
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.clock import Clock
+from station.sync_line import Edge, SyncLine
+
+PRE_ROLL_S = 2.0
+"""Station seconds kept from before the edge."""
+LATENESS_S = 1.0
+"""Wall seconds by which one device's samples may arrive after another's; the pre-roll waits that much longer."""
+POST_ROLL_S = 0.5
+"""Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
+GRACE_S = 1.0
+"""Wall seconds that closing waits for those samples."""
+SILENCE_S = 3.0
+"""Wall seconds after which a stream that should flow counts as lost."""
+
+
+class State(Enum):
+    IDLE = "idle"
+    ARMED = "armed"
+    RECORDING = "recording"
+    CLOSING = "closing"
+    CLOSED = "closed"
+    FAILED = "failed"
+
+
+class Recorder(Protocol):
+    """What a trial needs of the writer; every method raises RecordingError once the first write has failed."""
+
+    def write(self, item: Item) -> None: ...
+
+    def flush_if_due(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class TrialRules:
+    """What this trial waits for. Times in station seconds; duration None: until the capture ends."""
+
+    start: Literal["sync_edge", "pfi0"]
+    threshold_v: float
+    timeout_s: float
+    duration_s: float | None
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The trial at a moment, for views."""
+
+    state: State
+    sentence: str
+    sync_level_v: float | None = None
+    waited_s: float = 0.0
+    recorded_s: float = 0.0
+    lost_samples: int = 0
+
+
+class TrialSession:
+    """The state machine. Terminal states are CLOSED (accepted) and FAILED; `sentence` says why.
+
+    has_edge tells whether anything worth keeping was recorded.
+    """
+
+    def __init__(self, rules: TrialRules, recorder: Recorder, clock: Clock) -> None:
+        self.state = State.IDLE
+        self.sentence = "idle"
+        self.has_edge = False
+        self.lost_samples = 0
+        self.wants_capture_start = False
+        self._rules = rules
+        self._recorder = recorder
+        self._clock = clock
+        self._sync = SyncLine(rules.threshold_v)
+        self._pre_roll: deque[Item] = deque()
+        self._streams: tuple[Stream, ...] = ()
+        self._last_seen_wall_s: dict[str, float] = {}
+        self._armed_station_s = self._armed_wall_s = 0.0
+        self._edge_device_ns = self._latest_device_ns = 0
+        self._edge_wall_s = 0.0
+        self._fell: tuple[float, Edge] | None = None  # wall time and edge
+        self._capture_started_wall_s: float | None = None
+        self._closing_host_ns, self._closing_wall_s, self._closing_ok = 0, 0.0, True
+
+    @property
+    def is_over(self) -> bool:
+        return self.state in (State.CLOSED, State.FAILED)
+
+    def snapshot(self) -> Snapshot:
+        waited = self._clock.station_s() - self._armed_station_s if self.state is State.ARMED else 0.0
+        recorded = max(0, self._latest_device_ns - self._edge_device_ns) * 1e-9 if self.has_edge else 0.0
+        return Snapshot(self.state, self.sentence, self._sync.level_v, waited, recorded, self.lost_samples)
+
+    def arm(self, streams: Sequence[Stream]) -> None:
+        """All devices are open: from now on what comes is kept, and the edge is waited for."""
+        self._streams = tuple(streams)
+        self._armed_station_s, self._armed_wall_s = self._clock.station_s(), self._clock.wall_s()
+        self._enter(State.ARMED, "armed, waiting for the sync edge")
+        self._record(self._event("armed", "all devices are open; waiting for the sync edge"))
+
+    def handle(self, item: Item) -> None:
+        """Takes one item from a device, in the order of arrival."""
+        if self.state not in (State.ARMED, State.RECORDING, State.CLOSING):
+            return
+        if isinstance(item, Samples):
+            self._last_seen_wall_s[item.stream] = self._clock.wall_s()
+        elif isinstance(item, Loss):
+            self.lost_samples += item.count if self.has_edge else 0
+        if self.state is State.ARMED:
+            self._pre_roll.append(item)
+            self._prune_pre_roll()
+        else:
+            self._recorder.write(item)
+        if isinstance(item, Event):
+            self._follow_capture(item)
+        elif isinstance(item, Samples) and item.stream == "/sync":
+            self._follow_sync(item)
+
+    def tick(self) -> None:
+        """Time has passed: time-outs, silent streams, the end of closing, flushing."""
+        if self.state is State.ARMED:
+            self._check_armed()
+        elif self.state is State.RECORDING:
+            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s)
+            self._check_quiet_capture_end()
+        elif self.state is State.CLOSING:
+            self._check_closing()
+        self._recorder.flush_if_due()
+
+    def stop(self, at_once: bool = False) -> None:
+        """The operator's wish. While armed it cancels; while recording it closes the trial and keeps it."""
+        if self.state in (State.IDLE, State.ARMED):
+            self._enter(State.FAILED, "cancelled by the operator before the sync edge; nothing was recorded")
+        elif self.state is State.RECORDING:
+            self._close("operator_stop", "stopped by the operator", accepted=True)
+        if at_once and self.state is State.CLOSING:
+            self._finish()
+
+    def fail(self, sentence: str) -> None:
+        """A device is gone: the trial ends here, unless it is closing and has all it needs."""
+        if self.state is State.RECORDING:
+            self._close("device_lost", sentence, accepted=False)
+        elif self.state in (State.IDLE, State.ARMED):
+            self._enter(State.FAILED, sentence)
+
+    def abandon(self, sentence: str) -> None:
+        """The recorder failed: nothing more can be written."""
+        self._enter(State.FAILED, sentence)
+
+    # -- armed ---------------------------------------------------------------------------------------------------
+
+    def _prune_pre_roll(self) -> None:
+        keep_ns = int((PRE_ROLL_S + LATENESS_S * self._clock.speed) * 1e9)
+        oldest = self._clock.utc_ns() - keep_ns
+        while self._pre_roll and self._pre_roll[0].host_time_ns < oldest:
+            self._pre_roll.popleft()
+
+    def _check_armed(self) -> None:
+        waited = self._clock.station_s() - self._armed_station_s
+        if self._rules.start == "sync_edge":
+            self._check_silence(("/sync",), self._armed_wall_s)
+            self._check_polarity()
+            self.wants_capture_start = waited >= PRE_ROLL_S and "/sync" in self._last_seen_wall_s
+        else:
+            self.wants_capture_start = True
+        if self.state is State.ARMED and waited > self._rules.timeout_s:
+            self._enter(State.FAILED, self._no_edge_sentence())
+
+    def _no_edge_sentence(self) -> str:
+        waited = f"no sync edge came within {self._rules.timeout_s:g} s"
+        level = "unknown" if self._sync.level_v is None else f"{self._sync.level_v:.2f} V"
+        if self._fell is not None:
+            return f"{waited}; {_wrong_polarity(self._fell[1])}"
+        if self._sync.is_high:
+            return (
+                f"{waited}: the sync line stands at {level} since arming, expected below {self._rules.threshold_v:g} V "
+                "until the capture starts; stop the running capture or check the line's polarity"
+            )
+        return (
+            f"{waited}: the sync line stands at {level}, expected a rise above {self._rules.threshold_v:g} V when the "
+            "capture starts; check that the capture was started and that the sync cable is plugged in"
+        )
+
+    def _follow_sync(self, samples: Samples) -> None:
+        if len(samples.device_time_ns):
+            self._latest_device_ns = int(samples.device_time_ns[-1])
+        edges = self._sync.feed(samples)
+        if self.state is State.ARMED:
+            self._look_for_start(samples, edges)
+        if self.state is State.RECORDING and self._rules.duration_s is not None:
+            recorded_s = (self._latest_device_ns - self._edge_device_ns) * 1e-9
+            if recorded_s >= self._rules.duration_s:
+                self._close("duration_reached", f"{self._rules.duration_s:g} s recorded after the edge", accepted=True)
+
+    def _look_for_start(self, samples: Samples, edges: Sequence[Edge]) -> None:
+        if self._rules.start == "pfi0":
+            first = int(samples.sample_numbers[0]), int(samples.device_time_ns[0])
+            self._begin(*first, "the hardware trigger on PFI0 started the acquisition")
+            return
+        for edge in edges:
+            if edge.rising:
+                words = f"the sync line rose from {edge.from_v:.2f} V to {edge.to_v:.2f} V"
+                self._begin(edge.sample_number, edge.device_time_ns, words)
+                return
+            self._fell = self._clock.wall_s(), edge
+
+    def _check_polarity(self) -> None:
+        """A fall together with the start of a capture is an inverted line; a fall alone ends an earlier capture."""
+        if self._fell is None or self._capture_started_wall_s is None:
+            return
+        fell_wall_s, edge = self._fell
+        together = abs(fell_wall_s - self._capture_started_wall_s) < LATENESS_S
+        if together and self._clock.wall_s() - max(fell_wall_s, self._capture_started_wall_s) > LATENESS_S:
+            self._enter(State.FAILED, _wrong_polarity(edge))
+
+    def _begin(self, sample_number: int, device_time_ns: int, words: str) -> None:
+        self.has_edge = True
+        self._edge_device_ns, self._edge_wall_s = device_time_ns, self._clock.wall_s()
+        self._enter(State.RECORDING, "recording")
+        for item in self._cut_pre_roll(device_time_ns):
+            self._recorder.write(item)
+        self._record(self._event("sync_edge", f"{words} at sample {sample_number}; recording"))
+
+    def _cut_pre_roll(self, edge_device_ns: int) -> list[Item]:
+        """Force and sync from 2 s before the edge on; of the other streams all that was kept."""
+        first_ns = edge_device_ns - int(PRE_ROLL_S * 1e9)
+        kept = [item for item in self._pre_roll if not _ends_before(item, first_ns)]
+        self._pre_roll.clear()
+        return kept
+
+    # -- recording and closing -----------------------------------------------------------------------------------
+
+    def _follow_capture(self, event: Event) -> None:
+        if event.kind == "capture_started":
+            self._capture_started_wall_s = self._clock.wall_s()
+        elif event.kind == "capture_stopped" and self.state is State.RECORDING:
+            self._close("capture_ended", "the mocap capture ended", accepted=True)
+
+    def _check_silence(self, expected: tuple[str, ...], since_wall_s: float) -> None:
+        now = self._clock.wall_s()
+        for stream in self._streams:
+            quiet_s = now - max(self._last_seen_wall_s.get(stream.name, since_wall_s), since_wall_s)
+            if stream.name in expected and quiet_s > SILENCE_S:
+                self._note_silence(stream, quiet_s)
+                self.fail(
+                    f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
+                    "samples a second; check the device and its cable"
+                )
+                return
+
+    def _note_silence(self, stream: Stream, quiet_wall_s: float) -> None:
+        if self.state is State.RECORDING:
+            missing = round(quiet_wall_s * self._clock.speed * stream.rate_hz)
+            self.lost_samples += missing
+            self._record(Loss(stream.name, "silent", 0, missing, self._latest_device_ns, self._clock.utc_ns()))
+
+    def _check_quiet_capture_end(self) -> None:
+        """A mocap system that sends no events ends its capture by a low sync line and no more frames."""
+        last = self._last_seen_wall_s.get("/markers")
+        quiet = last is not None and self._clock.wall_s() - last > GRACE_S
+        if self.state is State.RECORDING and quiet and self._rules.start == "sync_edge" and not self._sync.is_high:
+            self._close("capture_ended", "the sync line is low and the frames ended", accepted=True)
+
+    def _close(self, kind: str, sentence: str, accepted: bool) -> None:
+        self._closing_ok = accepted
+        self._closing_host_ns, self._closing_wall_s = self._clock.utc_ns(), self._clock.wall_s()
+        self._enter(State.CLOSING, sentence)
+        self._record(self._event(kind, sentence))
+
+    def _check_closing(self) -> None:
+        station_s = (self._clock.utc_ns() - self._closing_host_ns) * 1e-9
+        wall_s = self._clock.wall_s() - self._closing_wall_s
+        heard = self._last_seen_wall_s.get("/sync", 0.0) - self._closing_wall_s
+        if (station_s >= POST_ROLL_S and heard >= 0.2) or wall_s >= GRACE_S or not self._closing_ok:
+            self._finish()
+
+    def _finish(self) -> None:
+        self._enter(State.CLOSED if self._closing_ok else State.FAILED, self.sentence)
+
+    def _enter(self, state: State, sentence: str) -> None:
+        self.state, self.sentence = state, sentence
+
+    def _record(self, item: Item) -> None:
+        if self.state is State.ARMED:
+            self._pre_roll.append(item)
+        else:
+            self._recorder.write(item)
+
+    def _event(self, kind: str, text: str) -> Event:
+        return Event(kind, text, self._clock.utc_ns(), "station")
+
+
+def _ends_before(item: Item, device_time_ns: int) -> bool:
+    """Whether a block from the DAQ lies wholly before a moment of its clock; only DAQ blocks can tell."""
+    if not isinstance(item, Samples) or item.stream == "/markers":
+        return False
+    return len(item.device_time_ns) > 0 and int(item.device_time_ns[-1]) < device_time_ns
+
+
+def _wrong_polarity(fell: Edge) -> str:
+    return (
+        f"the sync line fell from {fell.from_v:.2f} V to {fell.to_v:.2f} V where a rise was expected; "
+        "set the sync output of the mocap system to active high (or swap the two wires)"
+    )
