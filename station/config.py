@@ -95,10 +95,15 @@ class StationConfig(_Section):
     @model_validator(mode="before")
     @classmethod
     def _published_cuffs_know_their_site(cls, data: Any) -> Any:
-        for name, cuff in (data.get("cuffs") or {}).items() if isinstance(data, dict) else ():
-            if name in PUBLISHED_SITES and isinstance(cuff, dict):
-                cuff.setdefault("site", PUBLISHED_SITES[name])
-        return data
+        if not isinstance(data, dict) or not isinstance(data.get("cuffs"), dict):
+            return data
+        cuffs = {
+            name: {"site": PUBLISHED_SITES[name], **cuff}
+            if name in PUBLISHED_SITES and isinstance(cuff, dict)
+            else cuff
+            for name, cuff in data["cuffs"].items()
+        }
+        return {**data, "cuffs": cuffs}
 
     @model_validator(mode="after")
     def _device_keeps_up(self) -> StationConfig:

@@ -1,0 +1,26 @@
+"""Options and the account of what was skipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).parents[1].parent / "shared" / "data"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--hardware", action="store_true", help="run the contract tests against the bench as well")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        if "hardware" in item.keywords and not config.getoption("--hardware"):
+            item.add_marker(pytest.mark.skip(reason="needs the bench: run with --hardware"))
+        if "shared" in item.keywords and not SHARED.is_dir():
+            item.add_marker(pytest.mark.skip(reason="the public data set is not beside the repository"))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    skipped = [r for r in terminalreporter.stats.get("skipped", []) if "public data set" in str(r.longrepr)]
+    terminalreporter.write_line(f"tests skipped for want of the public data set: {len(skipped)}")

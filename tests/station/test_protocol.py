@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+from station.protocol import TrialSpec, published_plan
+
+
+def test_the_published_plan_has_24_trials_for_four_cuffs() -> None:
+    plan = list(published_plan(["waist", "hand", "tube", "elbow"], repeats=3))
+    assert len(plan) == 24
+    assert [(t.test, t.repeat) for t in plan[:4]] == [("static", 1), ("dynamic", 1), ("static", 2), ("dynamic", 2)]
+
+
+def test_a_rerecording_gets_the_next_number(tmp_path: Path) -> None:
+    spec = TrialSpec("hand", "static", 1)
+    assert spec.next_free_run(tmp_path) == 1
+    (tmp_path / spec.file_name(1)).touch()
+    (tmp_path / spec.file_name(2)).touch()
+    assert spec.next_free_run(tmp_path) == 3
+    assert spec.file_name(3) == "cuff-hand_test-static_run-3.mcap"
+
+
+def test_run_1_does_not_count_as_run_10(tmp_path: Path) -> None:
+    spec = TrialSpec("hand", "static", 1)
+    (tmp_path / spec.file_name(10)).touch()
+    assert spec.next_free_run(tmp_path) == 1
