@@ -1,0 +1,184 @@
+"""The verbs, in the order of the data: simulate, check, record, info, recover, fit, rmr, assess, report; demo does all.
+
+Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but recorded data was lost or a frame stayed unsolved.
+stdout carries data, stderr talk.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
+LOSSY = 3
+
+app = typer.Typer(
+    help="From the cuff on the bench to the muscles under the suit, left to right: simulate, check, record, info, "
+    "recover, fit, rmr, assess, report. `demo` walks the whole way on simulated devices.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
+Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wall station time runs.")]
+Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
+
+
+class Test(str, Enum):
+    static = "static"
+    dynamic = "dynamic"
+
+
+class Format(str, Enum):
+    table = "table"
+    json = "json"
+
+
+def main() -> NoReturn:
+    """Runs the verb. An exception born in our house is a sentence for the user; any other is a bug and shows itself."""
+    try:
+        app()
+    except Exception as error:
+        if type(error).__module__.split(".")[0] not in ROOMS and not isinstance(error, OSError):
+            raise
+        _say(f"station: {_one_line(error)}")
+        sys.exit(getattr(error, "exit_code", 1))
+    sys.exit(0)
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option(help="Folder for the session and the report.")] = Path("demo"),
+    speed: Speed = 30.0,
+    seed: Seed = 1,
+) -> None:
+    """Record a whole session from simulated devices, fit it, assess it, report it."""
+    from station.demo import run_demo
+
+    raise typer.Exit(run_demo(output, speed, seed))
+
+
+@app.command()
+def simulate(
+    config: ConfigPath = Path("station.toml"),
+    speed: Speed = 1.0,
+    seed: Seed = 1,
+) -> None:
+    """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C."""
+    from station.config import load_config
+    from station.simulation import serve_until_stopped
+
+    serve_until_stopped(load_config(config), speed, seed)
+
+
+@app.command()
+def check(config: ConfigPath = Path("station.toml")) -> None:
+    """Show what answers: devices, rates, the level of the sync line, labels, disk."""
+    from station.check import check_bench
+    from station.config import load_config
+
+    raise typer.Exit(check_bench(load_config(config)))
+
+
+@app.command()
+def record(
+    config: ConfigPath,
+    session: Annotated[Path, typer.Option(help="Folder of the session; made if it is not there.")],
+    cuff: Annotated[str, typer.Option(help="The cuff under test, as the configuration names it.")],
+    test: Annotated[Test, typer.Option(help="Which of the two tests.")],
+    repeat: Annotated[int, typer.Option(min=1, help="Which repeat of this test on this donning.")],
+    duration: Annotated[
+        float | None, typer.Option(min=0.1, help="Seconds after the edge; without it, until the capture ends.")
+    ] = None,
+    donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
+    speed: Annotated[float, typer.Option(min=0.1, help="Speed of the simulated world that is recorded.")] = 1.0,
+) -> None:
+    """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
+    from station.clock import RealClock
+    from station.config import load_config
+    from station.daemon import Daemon
+    from station.live import LiveView
+    from station.protocol import TrialSpec
+
+    clock = RealClock(speed)
+    spec = TrialSpec(cuff, test.value, repeat, donning)
+    with LiveView(clock, f"{cuff} {test.value} {repeat}") as view:
+        daemon = Daemon(load_config(config), clock, [view])
+        _stop_on_signals(daemon)
+        try:
+            result = daemon.record(session, spec, duration)
+        finally:
+            left_behind = daemon.left_behind
+    _say(result.sentence)
+    if result.path is not None:
+        print(result.path)
+    code = 0 if result.accepted and not result.lost_samples else LOSSY if result.path else 1
+    if left_behind:
+        _leave(code, left_behind)
+    raise typer.Exit(code)
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="A recording.")],
+    format: Annotated[Format, typer.Option(help="A table for people or JSON for programs.")] = Format.table,  # noqa: A002
+) -> None:
+    """Show what is in a recording, whole or cut."""
+    from station.info import show_contents
+
+    raise typer.Exit(show_contents(file, as_json=format is Format.json))
+
+
+@app.command()
+def recover(
+    file: Annotated[Path, typer.Argument(help="A recording that was cut.")],
+    output: Annotated[Path | None, typer.Option(help="Where to; default: FILE_recovered.mcap beside it.")] = None,
+) -> None:
+    """Make a whole file of what a killed recording left. Never touches the original."""
+    from station.info import recover_recording
+
+    raise typer.Exit(recover_recording(file, output))
+
+
+@app.command()
+def fit(
+    session: Annotated[Path, typer.Argument(help="Folder of a recorded session.")],
+    output: Annotated[Path | None, typer.Option(help="Default: cuffs.json in the session's folder.")] = None,
+    format: Annotated[Format, typer.Option(help="What to print.")] = Format.table,  # noqa: A002
+) -> None:
+    """Stiffness, damping and migration of every cuff in a session, with their uncertainty."""
+    from station.pipeline import fit_session_folder
+    from station.tables import print_cuffs
+
+    fitted = fit_session_folder(session, output or session / "cuffs.json")
+    print_cuffs(fitted, as_json=format is Format.json)
+
+
+def _stop_on_signals(daemon: Any) -> None:
+    def stop(signum: int, frame: Any) -> None:
+        daemon.stop()
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+
+
+def _leave(code: int, left_behind: list[str]) -> NoReturn:
+    """A frozen device's thread would hold the interpreter's own way out; everything of ours is closed by now."""
+    _say(f"left behind, still frozen: {', '.join(left_behind)}")
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def _say(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

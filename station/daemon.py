@@ -1,0 +1,249 @@
+"""Records one trial: opens the devices, hands what they deliver to the trial and the views, closes everything."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from queue import Empty
+from typing import Protocol
+
+from filelock import FileLock, Timeout
+
+from drivers.device import Device
+from drivers.errors import DeviceUnavailable
+from recordings.errors import RecordingError
+from recordings.manifest import CuffSite, Manifest, Outcome
+from recordings.samples import Item, Stream
+from recordings.writer import RecordingWriter
+from station.clock import Clock
+from station.config import StationConfig
+from station.devices import devices_for
+from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+from station.protocol import TrialSpec
+from station.session import Snapshot, State, TrialRules, TrialSession
+
+OPEN_TIMEOUT_S = 15.0
+"""Wall seconds for all devices to open; they should take less than 4, a driver that hangs must not hold us for ever."""
+CLOSE_TIMEOUT_S = 2.0
+LEAST_FREE_BYTES = 200e6
+"""An hour-long trial of thirty markers at 100 Hz takes less than this."""
+RECORDED_VERSIONS = ("cuffstation", "nidaqmx", "qtm-rt", "pyserial", "mcap", "numpy")
+
+
+class TrialRefused(Exception):
+    """The trial cannot begin: another one runs, or there is no room for it. One sentence."""
+
+
+class View(Protocol):
+    """Looks on. Must return at once and never raise; may drop what it has no time for, and says how much."""
+
+    def offer(self, item: Item) -> None: ...
+
+    def show(self, snapshot: Snapshot) -> None: ...
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """What became of one trial; path is None when nothing was recorded."""
+
+    path: Path | None
+    accepted: bool
+    lost_samples: int
+    sentence: str
+
+
+MakeDevices = Callable[[StationConfig, CuffSite | None, Clock], list[Device]]
+
+
+class Daemon:
+    """Owns the devices' threads, the clock and the file. stop() may be called from a signal handler."""
+
+    def __init__(
+        self,
+        config: StationConfig,
+        clock: Clock,
+        views: Sequence[View] = (),
+        make_devices: MakeDevices = devices_for,
+    ) -> None:
+        self._config, self._clock, self._views, self._make_devices = config, clock, views, make_devices
+        self._stops_asked = 0
+        self.left_behind: list[str] = []  # devices whose thread never came back
+
+    def stop(self) -> None:
+        """Once: ends the trial cleanly. Twice: at once."""
+        self._stops_asked += 1
+
+    def record(self, folder: Path, spec: TrialSpec, duration_s: float | None = None) -> TrialResult:
+        """Records one trial into the session folder and returns what became of it.
+
+        Raises ConfigError, DeviceError, TrialRefused or RecordingError, each one sentence, when it cannot begin.
+        """
+        cuff = self._config.cuff_site(spec.cuff)
+        folder.mkdir(parents=True, exist_ok=True)
+        _ensure_room(folder)
+        with _one_trial_at_a_time(folder):
+            inbox = Inbox()
+            feeds = [DeviceFeed(device, inbox) for device in self._make_devices(self._config, cuff, self._clock)]
+            try:
+                for feed in feeds:
+                    feed.start()
+                streams = self._open(feeds, inbox)
+                return self._record(folder, spec, cuff, duration_s, feeds, inbox, streams)
+            finally:
+                self._release(feeds)
+
+    def _open(self, feeds: Sequence[DeviceFeed], inbox: Inbox) -> list[Stream]:
+        """Waits until every device is open. Raises the first error that a device reports."""
+        waiting = {feed.device.name for feed in feeds}
+        streams: list[Stream] = []
+        deadline = self._clock.wall_s() + OPEN_TIMEOUT_S
+        while waiting:
+            if self._stops_asked:
+                raise TrialRefused("cancelled by the operator while the devices were opening; nothing was recorded")
+            if self._clock.wall_s() > deadline:
+                raise DeviceUnavailable(
+                    f"{', '.join(sorted(waiting))} did not open within {OPEN_TIMEOUT_S:g} s; check power and cables"
+                )
+            try:
+                message = inbox.get(timeout=0.05)
+            except Empty:
+                continue
+            if isinstance(message, Gone):
+                raise message.error
+            if isinstance(message, Opened):
+                waiting.discard(message.device)
+                streams.extend(message.streams)
+        return streams
+
+    def _record(
+        self,
+        folder: Path,
+        spec: TrialSpec,
+        cuff: CuffSite,
+        duration_s: float | None,
+        feeds: Sequence[DeviceFeed],
+        inbox: Inbox,
+        streams: Sequence[Stream],
+    ) -> TrialResult:
+        run = spec.next_free_run(folder)
+        path = folder / spec.file_name(run)
+        writer = RecordingWriter(path, self._manifest(spec, run, cuff), streams)
+        rules = TrialRules(
+            self._config.daq.start, self._config.sync.threshold_v, self._config.sync.timeout_s, duration_s
+        )
+        session = TrialSession(rules, writer, self._clock)
+        try:
+            session.arm(streams)
+            self._run(session, feeds, inbox)
+        except RecordingError as error:
+            session.abandon(str(error))
+        self._show(session)
+        if not session.has_edge:
+            writer.discard()
+            return TrialResult(None, False, 0, session.sentence)
+        accepted = session.state is State.CLOSED
+        try:
+            writer.close(Outcome(accepted, session.state.value, session.sentence))
+        except RecordingError as error:
+            return TrialResult(path, False, session.lost_samples, str(error))
+        return TrialResult(path, accepted, session.lost_samples, session.sentence)
+
+    def _run(self, session: TrialSession, feeds: Sequence[DeviceFeed], inbox: Inbox) -> None:
+        controllers = [feed for feed in feeds if feed.can_control_capture and self._config.mocap.control == "start"]
+        capture_asked = False
+        while not session.is_over:
+            self._take(session, inbox)
+            session.tick()
+            if self._stops_asked:
+                session.stop(at_once=self._stops_asked > 1)
+            if session.wants_capture_start and not capture_asked:
+                capture_asked = True
+                for feed in controllers:
+                    feed.request_capture(start=True)
+            self._show(session)
+        if capture_asked:
+            for feed in controllers:
+                feed.request_capture(start=False)
+
+    def _take(self, session: TrialSession, inbox: Inbox) -> None:
+        """Everything that has come, waiting a moment for the first of it."""
+        timeout = 0.02
+        while True:
+            try:
+                message = inbox.get(timeout=timeout) if timeout else inbox.get_nowait()
+            except Empty:
+                return
+            timeout = 0.0
+            if isinstance(message, Gone):
+                session.fail(str(message.error))
+            elif isinstance(message, Delivered):
+                for item in message.items:
+                    session.handle(item)
+                    for view in self._views:
+                        view.offer(item)
+
+    def _show(self, session: TrialSession) -> None:
+        for view in self._views:
+            view.show(session.snapshot())
+
+    def _release(self, feeds: Sequence[DeviceFeed]) -> None:
+        for feed in feeds:
+            feed.ask_to_stop()
+        deadline = self._clock.wall_s() + CLOSE_TIMEOUT_S
+        for feed in feeds:
+            if not feed.has_ended(max(0.0, deadline - self._clock.wall_s())):
+                self.left_behind.append(feed.device.name)
+
+    def _manifest(self, spec: TrialSpec, run: int, cuff: CuffSite) -> Manifest:
+        return Manifest(
+            cuff=cuff,
+            test=spec.test,
+            repeat=spec.repeat,
+            run=run,
+            donning=spec.donning,
+            start=self._config.daq.start,
+            sync_threshold_v=self._config.sync.threshold_v,
+            load_cell=self._config.calibration(),
+            start_utc_ns=self._clock.utc_ns(),
+            effective_config=self._config.model_dump(mode="json"),
+            versions=_versions(),
+        )
+
+
+def _ensure_room(folder: Path) -> None:
+    free = shutil.disk_usage(folder).free
+    if free < LEAST_FREE_BYTES:
+        raise TrialRefused(
+            f"the disk of {folder} has {free / 1e6:.0f} MB free, expected at least {LEAST_FREE_BYTES / 1e6:.0f} MB "
+            "for a trial; free some room"
+        )
+
+
+@contextmanager
+def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
+    lock = FileLock(folder / ".recording.lock", timeout=0)
+    try:
+        lock.acquire()
+    except Timeout as error:
+        raise TrialRefused(f"another trial is being recorded into {folder}; wait for it to end") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in RECORDED_VERSIONS:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+

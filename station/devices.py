@@ -1,0 +1,49 @@
+"""Which devices a configuration asks for."""
+
+from __future__ import annotations
+
+from drivers.catalogue import make_device
+from drivers.device import Device
+from recordings.manifest import CuffSite
+from station.clock import Clock
+from station.config import StationConfig
+
+
+def devices_for(config: StationConfig, cuff: CuffSite | None, clock: Clock) -> list[Device]:
+    """The devices of one trial, not yet opened; with a cuff, its markers must be among the labels."""
+    daq, cell, mocap = config.daq, config.load_cell, config.mocap
+    wanted = (*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers) if cuff else ()
+    devices = [
+        make_device(
+            "nidaq",
+            device=daq.device,
+            grpc_target=daq.grpc_target,
+            force_channel=daq.force_channel if cell.source == "daq" else None,
+            sync_channel=daq.sync_channel,
+            force_range_v=daq.force_range_v,
+            sync_range_v=daq.sync_range_v,
+            sample_rate_hz=daq.sample_rate_hz,
+            start=daq.start,
+            host_clock=clock.utc_ns,
+        ),
+        make_device(
+            "qualisys",
+            host=mocap.host,
+            port=mocap.port,
+            control=None if mocap.control == "none" else mocap.control,
+            password=mocap.password,
+            wanted_labels=wanted,
+            host_clock=clock.utc_ns,
+        ),
+    ]
+    if cell.source == "serial":
+        devices.append(
+            make_device(
+                "serial_load_cell",
+                port=cell.port,
+                baud_rate=cell.baud_rate,
+                line_format=cell.line_format,
+                host_clock=clock.utc_ns,
+            )
+        )
+    return devices

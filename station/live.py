@@ -1,0 +1,116 @@
+"""The live view on the terminal: what state, what level, which rates. May drop, and says how much."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from recordings.samples import Event, Item, Loss, Samples
+from station.clock import Clock
+from station.session import Snapshot, State
+
+REFRESH_S = 0.25
+BACKLOG = 2000
+"""Items the view may fall behind before the oldest are dropped."""
+
+
+class StreamTally:
+    """Rate and last value of one stream, over the refreshes of the last few seconds."""
+
+    def __init__(self) -> None:
+        self.total = 0
+        self.last = ""
+        self._history: deque[tuple[float, int]] = deque(maxlen=12)
+
+    def add(self, samples: Samples) -> None:
+        self.total += len(samples.values)
+        if not len(samples.values):
+            return
+        last = samples.values[-1]
+        if samples.stream == "/markers":
+            seen = int(np.isfinite(last[:, 0]).sum())
+            self.last = f"{seen} of {len(last)} markers seen"
+        else:
+            self.last = f"{float(last[0]):+.3f}"
+
+    def rate(self, station_s: float) -> float:
+        self._history.append((station_s, self.total))
+        (t0, n0), (t1, n1) = self._history[0], self._history[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+
+class LiveView:
+    """A context manager around a trial; its own thread draws, so that a slow terminal slows nothing but itself."""
+
+    def __init__(self, clock: Clock, title: str, console: Console | None = None) -> None:
+        self.dropped = 0
+        self._clock, self._title = clock, title
+        self._console = console or Console(stderr=True)
+        self._backlog: deque[Item] = deque(maxlen=BACKLOG)
+        self._snapshot = Snapshot(State.IDLE, "opening the devices")
+        self._said: State | None = None
+        self._tallies: dict[str, StreamTally] = {}
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
+
+    def offer(self, item: Item) -> None:
+        if len(self._backlog) == BACKLOG:
+            self.dropped += 1
+        self._backlog.append(item)
+
+    def show(self, snapshot: Snapshot) -> None:
+        self._snapshot = snapshot
+
+    def __enter__(self) -> LiveView:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        if not self._console.is_terminal:
+            while not self._stop.wait(REFRESH_S):
+                self._drain()
+            self._drain()
+            return
+        with Live(self._table(), console=self._console, refresh_per_second=1 / REFRESH_S, transient=True) as live:
+            while not self._stop.wait(REFRESH_S):
+                self._drain()
+                live.update(self._table())
+
+    def _drain(self) -> None:
+        snapshot = self._snapshot
+        if snapshot.state is not self._said and snapshot.state is not State.IDLE:
+            self._said = snapshot.state
+            self._console.print(f"{self._title}: {snapshot.state.value}, {snapshot.sentence}", highlight=False)
+        while self._backlog:
+            item = self._backlog.popleft()
+            if isinstance(item, Samples):
+                self._tallies.setdefault(item.stream, StreamTally()).add(item)
+            elif isinstance(item, Event):
+                self._console.print(f"  {item.source}: {item.text}", highlight=False)
+            elif isinstance(item, Loss):
+                self._console.print(f"  lost {item.count} samples of {item.stream}: {item.cause}", style="red")
+
+    def _table(self) -> Table:
+        snapshot, now = self._snapshot, self._clock.station_s()
+        level = "-" if snapshot.sync_level_v is None else f"{snapshot.sync_level_v:.2f} V"
+        clock = f"waited {snapshot.waited_s:.0f} s" if snapshot.state is State.ARMED else f"{snapshot.recorded_s:.1f} s"
+        table = Table(title=f"{self._title}  {snapshot.state.value}  {clock}  sync {level}", title_justify="left")
+        for heading in ("stream", "samples/s", "samples", "last"):
+            table.add_column(heading, justify="left" if heading in ("stream", "last") else "right")
+        for name, tally in sorted(self._tallies.items()):
+            table.add_row(name, f"{tally.rate(now):.0f}", str(tally.total), tally.last)
+        lost = f"lost samples: {snapshot.lost_samples}"
+        table.caption = lost + (f", view fell behind by {self.dropped}" if self.dropped else "")
+        return table
