@@ -1,0 +1,163 @@
+"""Motions: coordinates over time from .mot, .sto or .csv, smoothed and differentiated as the published study did."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+Array = NDArray[np.float64]
+
+
+class MotionError(ValueError):
+    """A motion that cannot be used; its text is the sentence to show."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates of a model over time, as they were recorded.
+
+    names        of the coordinates, in the model's order
+    time         (frames,) [s], evenly spaced
+    coordinates  (frames, coordinates) [rad], translations [m]
+    """
+
+    names: tuple[str, ...]
+    time: Array
+    coordinates: Array
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the solver needs of a motion in each frame.
+
+    time          (frames,) [s];  interval [s] between neighbours
+    positions     q (frames, coordinates) [rad or m]
+    speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
+    cutoff        of the low-pass filter [Hz], None where none was used
+
+    The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
+    angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
+    """
+
+    time: Array
+    interval: float
+    positions: Array
+    speeds: Array
+    accelerations: Array
+    cutoff: float | None
+
+
+def read_motion(path: Path, names: Sequence[str], translations: Collection[str] = ()) -> Motion:
+    """Read the coordinates `names` from an OpenSim .mot or .sto, or from a .csv in radians and metres.
+
+    Angles are turned into radians where the header says inDegrees=yes; `translations` name the coordinates in metres.
+    Columns that are not asked for are ignored. Raises MotionError naming the file and what is missing or malformed.
+    """
+    columns, table, in_degrees = _read_table(path)
+    if "time" not in columns:
+        raise MotionError(f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it")
+    missing = [name for name in names if name not in columns]
+    if missing:
+        raise MotionError(
+            f"{path.name} should have a column for each of the model's {len(names)} coordinates and lacks "
+            f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model"
+        )
+    time = table[:, columns.index("time")]
+    _ensure_even_time(path, time)
+    scale = [np.pi / 180 if in_degrees and name not in translations else 1.0 for name in names]
+    coordinates = table[:, [columns.index(name) for name in names]] * scale
+    return Motion(names=tuple(names), time=time, coordinates=coordinates)
+
+
+def differentiate(
+    motion: Motion, cutoff: float | None = 3.0, start: float | None = None, end: float | None = None
+) -> Kinematics:
+    """Smooth a motion, take speeds and accelerations by central differences, and keep the frames from start to end [s].
+
+    The filter is the published one: Butterworth of order 4 at `cutoff` [Hz], forwards and backwards over the whole
+    motion, both ends extended by odd reflection over 12 samples (MATLAB's filtfilt; SciPy alone would take 15).
+    """
+    interval = float(motion.time[-1] - motion.time[0]) / (len(motion.time) - 1)
+    positions = motion.coordinates if cutoff is None else _smooth(motion.coordinates, cutoff, 1 / interval)
+    speeds = np.gradient(positions, interval, axis=0)
+    accelerations = np.gradient(speeds, interval, axis=0)
+    tolerance = interval / 1e3
+    kept = np.ones(len(motion.time), dtype=bool)
+    kept &= motion.time >= (-np.inf if start is None else start - tolerance)
+    kept &= motion.time <= (np.inf if end is None else end + tolerance)
+    if not kept.any():
+        raise MotionError(
+            f"the motion lasts from {motion.time[0]:g} to {motion.time[-1]:g} s and nothing of it lies between "
+            f"{start} and {end} s; choose other limits"
+        )
+    return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
+
+
+def write_table(path: Path, names: Sequence[str], time: Array, values: Array) -> None:
+    """Write time [s] and values (frames, names) with a column per name: .csv plain, else with OpenSim's header."""
+    separator = "," if path.suffix == ".csv" else "\t"
+    lines = [separator.join(["time", *names])]
+    lines += [separator.join(f"{value:.10g}" for value in row) for row in np.column_stack([time, values])]
+    if path.suffix != ".csv":
+        header = f"{path.stem}\nversion=1\nnRows={len(time)}\nnColumns={len(names) + 1}\ninDegrees=no\nendheader"
+        lines.insert(0, header)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _read_table(path: Path) -> tuple[list[str], Array, bool]:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MotionError(f"{path} should be a motion file and cannot be read ({error}); check the path") from error
+    in_degrees, first = False, 0
+    if path.suffix != ".csv":
+        ends = [i for i, line in enumerate(lines) if line.strip() == "endheader"]
+        if not ends:
+            raise MotionError(f"{path.name} should have a line 'endheader' above its table and has none; check it")
+        first = ends[0] + 1
+        header = {line.replace(" ", "").lower() for line in lines[:first]}
+        in_degrees = "indegrees=yes" in header
+    rows = [line.replace(",", " ").split() for line in lines[first:] if line.strip()]
+    if len(rows) < 3:
+        raise MotionError(f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows")
+    for number, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise MotionError(
+                f"{path.name} should have {len(rows[0])} columns in every row and has {len(row)} in frame {number}; "
+                "the file may be cut"
+            )
+    try:
+        table = np.array(rows[1:], dtype=np.float64)
+    except ValueError as error:
+        raise MotionError(f"{path.name} should hold numbers below its names ({error}); check the file") from error
+    if not np.isfinite(table).all():
+        frame = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
+        raise MotionError(f"{path.name} should hold finite numbers and frame {frame} does not; fill or cut the gap")
+    return rows[0], table, in_degrees
+
+
+def _ensure_even_time(path: Path, time: Array) -> None:
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if step <= 0 or np.abs(steps - step).max() > 0.01 * step:
+        raise MotionError(
+            f"{path.name} should be evenly sampled and has steps from {steps.min():g} to {steps.max():g} s; resample it"
+        )
+
+
+def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
+    padding = 12
+    if len(coordinates) <= padding:
+        raise MotionError(f"the filter needs more than {padding} frames and the motion has {len(coordinates)}")
+    if not 0 < cutoff < rate / 2:
+        raise MotionError(
+            f"the cutoff should lie between 0 and {rate / 2:g} Hz, half the motion's rate, and is {cutoff:g} Hz"
+        )
+    b, a = signal.butter(4, cutoff / (rate / 2))
+    smooth: Array = signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding)
+    return smooth

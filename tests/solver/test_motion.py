@@ -1,0 +1,103 @@
+"""Motions: files read in the unit their header states, the published filter, and sentences for what is missing."""
+
+import numpy as np
+import pytest
+
+from solver.motion import Motion, MotionError, differentiate, read_motion, write_table
+
+MOT = """Coordinates
+version=1
+nRows=3
+nColumns=4
+inDegrees={degrees}
+
+endheader
+time\tshoulder_elv\tthorax_tx\textra
+0.00\t90\t0.5\t7
+0.01\t180\t0.6\t7
+0.02\t0\t0.7\t7
+"""
+
+
+def sine(frequency, rate=100.0, duration=6.0):
+    time = np.arange(0, duration, 1 / rate)
+    return Motion(("angle",), time, np.sin(2 * np.pi * frequency * time)[:, None])
+
+
+def gain(frequency):
+    smooth = differentiate(sine(frequency)).positions[200:400, 0]
+    return np.ptp(smooth) / np.ptp(sine(frequency).coordinates[200:400, 0])
+
+
+@pytest.mark.parametrize(("degrees", "half_turn"), [("yes", np.pi), ("no", 180.0)])
+def test_angles_follow_the_header_and_translations_stay_metres(tmp_path, degrees, half_turn):
+    path = tmp_path / "raise.mot"
+    path.write_text(MOT.format(degrees=degrees))
+    motion = read_motion(path, ["thorax_tx", "shoulder_elv"], {"thorax_tx"})
+    np.testing.assert_allclose(motion.coordinates[1], [0.6, half_turn])
+    np.testing.assert_allclose(motion.time, [0, 0.01, 0.02])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".sto", ".mot"])
+def test_what_is_written_is_read_again(tmp_path, suffix):
+    time, values = np.arange(5) / 100, np.random.default_rng(1).normal(size=(5, 2))
+    path = tmp_path / f"table{suffix}"
+    write_table(path, ["a", "b"], time, values)
+    motion = read_motion(path, ["a", "b"])
+    np.testing.assert_allclose(motion.time, time, atol=1e-12)
+    np.testing.assert_allclose(motion.coordinates, values, rtol=1e-9)
+
+
+def test_a_missing_coordinate_is_named(tmp_path):
+    path = tmp_path / "raise.mot"
+    path.write_text(MOT.format(degrees="yes"))
+    with pytest.raises(MotionError, match=r"raise\.mot .* lacks elbow_flexion; add it"):
+        read_motion(path, ["shoulder_elv", "elbow_flexion"])
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("time\ta\n0\t1\n", "endheader"),
+        ("endheader\ntime\ta\n0\t1\n0.01\t2\n0.02\n", "columns in every row and has 1 in frame 3"),
+        ("endheader\ntime\ta\n0\t1\n0.01\tnan\n0.02\t1\n", "frame 1"),
+        ("endheader\ntime\ta\n0\t1\n0.01\tone\n", "numbers"),
+        ("endheader\ntime\ta\n0\t1\n0.01\t1\n0.03\t1\n0.04\t1\n", "evenly sampled"),
+        ("endheader\ntime\ta\n", "two frames"),
+    ],
+)
+def test_a_malformed_file_gives_one_sentence(tmp_path, text, sentence):
+    path = tmp_path / "bad.mot"
+    path.write_text(text)
+    with pytest.raises(MotionError, match=sentence):
+        read_motion(path, ["a"])
+
+
+def test_the_filter_has_the_published_gains():
+    # two passes of order 4 at 3 Hz: half the amplitude at 3 Hz, 0.963 at 2 Hz
+    assert gain(3.0) == pytest.approx(0.5, abs=0.005)
+    assert gain(2.0) == pytest.approx(0.963, abs=0.002)
+
+
+def test_accelerations_are_the_published_differences():
+    kinematics = differentiate(sine(1.0), cutoff=None)
+    q = kinematics.positions
+    np.testing.assert_allclose(
+        kinematics.accelerations[2:-2], (q[4:] - 2 * q[2:-2] + q[:-4]) / (4 * 0.01**2), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_cutting_a_motion_changes_no_frame_that_is_kept():
+    whole, part = differentiate(sine(1.0)), differentiate(sine(1.0), start=2.0, end=3.0)
+    assert len(part.time) == 101
+    np.testing.assert_array_equal(part.accelerations, whole.accelerations[200:301])
+
+
+def test_limits_outside_the_motion_are_refused():
+    with pytest.raises(MotionError, match=r"lasts from 0 to 5\.99 s"):
+        differentiate(sine(1.0), start=9.0)
+
+
+def test_a_cutoff_above_half_the_rate_is_refused():
+    with pytest.raises(MotionError, match="between 0 and 50 Hz"):
+        differentiate(sine(1.0), cutoff=60.0)
