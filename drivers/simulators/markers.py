@@ -1,0 +1,104 @@
+"""Where the markers are: a swaying body, the cuff displaced along the rope, the rope towards its pulley.
+
+Frames: "anchor" is fixed to the anchoring body; "ground" is the laboratory, z up. Millimetres, as the cameras tell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from drivers.simulators.settings import Settings
+from drivers.simulators.wander import Wander, random_wander
+
+Floats = NDArray[np.float64]
+_OCCLUSION_BLOCK_S = 10.0
+
+
+class Wearer:
+    """The body the cuff is worn on: a rigid anchor that sways."""
+
+    def __init__(self, settings: Settings, rng: np.random.Generator) -> None:
+        wearer = settings.wearer
+        deviations = np.array([wearer.sway_mm] * 3 + [np.radians(wearer.sway_deg)] * 3)
+        self._sway = random_wander(rng, deviations, wearer.lowest_hz, wearer.highest_hz)
+        self._stance = Rotation.from_rotvec(np.radians(wearer.orientation_deg))
+        self._position = np.array(wearer.position_mm)
+        self._cuff_in_anchor = np.array(settings.cuff_body.position_mm)
+        self._pulley = np.array(settings.rig.pulley_mm)
+
+    def pose(self, t: Floats) -> tuple[Rotation, Floats]:
+        """transform_anchor_to_ground at t (n,): n rotations, and the origins (n, 3) [mm]."""
+        sway = self._sway.value(t)
+        return Rotation.from_rotvec(sway[:, 3:]) * self._stance, self._position + sway[:, :3]
+
+    def rope(self, t: Floats) -> tuple[Floats, Floats]:
+        """Where the cuff sits unpulled (n, 3) [mm] and the unit direction (n, 3) of the rope from there, in ground."""
+        rotation, origin = self.pose(t)
+        place = rotation.apply(self._cuff_in_anchor) + origin
+        reach = self._pulley - place
+        return place, reach / np.linalg.norm(reach, axis=1, keepdims=True)
+
+    def along_rope(self) -> Wander:
+        """How the body's sway moves the unpulled cuff along the mean pull [m], for small angles."""
+        arm = self._stance.apply(self._cuff_in_anchor)
+        reach = self._pulley - self._position - arm
+        direction = reach / np.linalg.norm(reach)
+        return self._sway.along(np.concatenate([direction, np.cross(arm, direction)])[:, None] * 1e-3)
+
+
+class MarkerCloud:
+    """All markers, as cameras see them: noisy, now and then hidden."""
+
+    def __init__(self, settings: Settings, wearer: Wearer, seed: int) -> None:
+        self._mocap = settings.mocap
+        self._wearer = wearer
+        self._seed = seed
+        self._rng = np.random.default_rng((seed, 1))
+        cuff = np.array(settings.cuff_body.position_mm)
+        self._on_anchor = np.array(
+            [*self._mocap.anchor_markers_mm.values(), *(cuff + p for p in self._mocap.cuff_markers_mm.values())]
+        )
+        self._is_on_cuff = np.arange(len(self._on_anchor)) >= len(self._mocap.anchor_markers_mm)
+        self.labels: tuple[str, ...] = (
+            *self._mocap.anchor_markers_mm,
+            *self._mocap.cuff_markers_mm,
+            *self._mocap.rope_markers_mm,
+        )
+
+    def seen(self, t: Floats, displacement: Floats) -> Floats:
+        """(n, labels, 3) [mm] at t (n,) with the cuff displaced by displacement (n,) [m]; NaN where hidden."""
+        points = self.true_points(t, displacement)
+        points += self._rng.normal(0.0, self._mocap.noise_mm, points.shape)
+        points[self._hidden(t)] = np.nan
+        return points
+
+    def true_points(self, t: Floats, displacement: Floats) -> Floats:
+        """(n, labels, 3) [mm], without noise, none hidden."""
+        rotation, origin = self._wearer.pose(t)
+        place, direction = self._wearer.rope(t)
+        shift = direction * (displacement * 1e3)[:, None]
+        on_body = np.einsum("nij,mj->nmi", rotation.as_matrix(), self._on_anchor) + origin[:, None]
+        on_body[:, self._is_on_cuff] += shift[:, None]
+        distances = np.array(list(self._mocap.rope_markers_mm.values()))
+        on_rope = (place + shift)[:, None] + direction[:, None] * distances[:, None]
+        return np.concatenate([on_body, on_rope], axis=1)
+
+    def _hidden(self, t: Floats) -> NDArray[np.bool_]:
+        """(n, labels): whether the marker is occluded, the same whoever asks and whenever."""
+        hidden = np.zeros((len(t), len(self.labels)), dtype=bool)
+        blocks = np.floor(t / _OCCLUSION_BLOCK_S).astype(int)
+        for block in np.unique(blocks):
+            starts, lengths = self._occlusions(int(block))
+            since = t[blocks == block, None] - starts
+            hidden[blocks == block] = (since >= 0) & (since < lengths)
+        return hidden
+
+    def _occlusions(self, block: int) -> tuple[Floats, Floats]:
+        """Start and length [s] of at most one occlusion per marker in one block of time; length 0 for none."""
+        rng = np.random.default_rng((self._seed, 2, block))
+        chance = self._mocap.occlusions_per_minute * _OCCLUSION_BLOCK_S / 60
+        starts = (block + rng.uniform(size=len(self.labels))) * _OCCLUSION_BLOCK_S
+        lengths = rng.exponential(self._mocap.mean_occlusion_s, len(self.labels))
+        return starts, np.where(rng.uniform(size=len(self.labels)) < chance, lengths, 0.0)

@@ -1,0 +1,237 @@
+"""One physical truth for all simulated devices: a wearer, a cuff, a rope, hands, and the mocap system's capture.
+
+Time is world time: seconds since the world began, running `speed` times as fast as the wall clock. The mocap
+system's crystal is the world's clock; a DAQ has its own (settings.daq_clock).
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simulators.load_script import TestKind
+from drivers.simulators.markers import MarkerCloud, Wearer
+from drivers.simulators.pull import Pull
+from drivers.simulators.settings import STANDARD_GRAVITY, Settings
+
+Floats = NDArray[np.float64]
+DeviceKind = Literal["daq", "mocap"]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is set up on the bench."""
+
+    cuff: str
+    test: TestKind
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One measurement of the mocap system, [start, end) in world seconds; end is the script's unless it was stopped."""
+
+    number: int
+    start: float
+    end: float
+    trial: Trial
+
+
+class World:
+    """Thread-safe. Devices ask for voltages, forces and markers at times up to now(); asking moves the world on.
+
+    Without select_trial the plan is played: every cuff donned once, protocol.repeats × (static, dynamic), then anew.
+    """
+
+    def __init__(
+        self, settings: Settings, speed: float = 1.0, seed: int = 0, wall: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.settings = settings
+        self.speed = speed
+        self._wall = wall
+        self._lock = threading.RLock()
+        self._rng = np.random.default_rng((seed, 0))
+        wearer = Wearer(settings, self._rng)
+        self._cloud = MarkerCloud(settings, wearer, seed)
+        self._pull = Pull(settings, wearer.along_rope(), self._rng)
+        self._slips = dict.fromkeys(settings.cuffs, 0.0)
+        self._plan: Iterator[Trial] | None = _plan(settings)
+        self._trial = next(self._plan)
+        self._pull.set_up(self._trial.cuff, self._trial.test, 0.0)
+        self._pull.advance(0.0)  # compiles the physics before the clock runs
+        self._capture: Capture | None = None
+        self._is_captured = False  # whether the trial set up is the one of the capture, and not over
+        self._streaming: set[DeviceKind] = set()
+        self._armed_at: float | None = None
+        self._is_controlled = False
+        self._seen = 0.0  # the latest world time any device was told about
+        self._wall_start = wall()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The markers' names in the order of markers()."""
+        return self._cloud.labels
+
+    def now(self) -> float:
+        """World time [s]."""
+        return (self._wall() - self._wall_start) * self.speed
+
+    # What the devices sense
+
+    def cell_force(self, t: Floats) -> Floats:
+        """(n,) [N] on the load cell at world times t (n,), without noise."""
+        with self._lock:
+            self._live(float(t.max()))
+            return self._pull.at(t)[:, 2]
+
+    def amplifier_voltage(self, t: Floats) -> Floats:
+        """(n,) [V] at the load cell's amplifier at t (n,), with its zero and its noise."""
+        amplifier = self.settings.amplifier
+        with self._lock:
+            newtons = self.cell_force(t)
+            noise = self._rng.normal(0.0, amplifier.noise_v, t.shape)
+        scale = amplifier.full_scale_v / (amplifier.capacity_kg * STANDARD_GRAVITY)
+        volts: Floats = amplifier.zero_v + newtons * scale + noise
+        return volts
+
+    def sync_voltage(self, t: Floats) -> Floats:
+        """(n,) [V] of the mocap system's measurement-time output at t (n,)."""
+        line = self.settings.sync
+        with self._lock:
+            self._live(float(t.max()))
+            capture = self._capture
+        is_active = np.zeros(t.shape, dtype=bool) if capture is None else (t >= capture.start) & (t < capture.end)
+        return np.where(is_active != line.is_inverted, line.high_v, line.low_v)
+
+    def markers(self, t: Floats) -> Floats:
+        """(n, labels, 3) [mm] in the laboratory at t (n,), as the cameras see them; NaN where a marker is hidden."""
+        with self._lock:
+            self._live(float(t.max()))
+            return self._cloud.seen(t, self._pull.at(t)[:, 0])
+
+    # The mocap system's capture
+
+    @property
+    def capture(self) -> Capture | None:
+        """The latest capture, running or over."""
+        with self._lock:
+            self._live(self.now())
+            return self._capture
+
+    def start_capture(self) -> Capture:
+        """Raises the sync line now and begins the trial's script. Raises ValueError while a capture runs."""
+        with self._lock:
+            self._live(self.now())
+            if self._is_captured:
+                raise ValueError("a capture is running; stop it before starting another")
+            return self._start(self._seen)
+
+    def stop_capture(self) -> Capture:
+        """Lowers the sync line now; hands take every load off. Raises ValueError when no capture runs."""
+        with self._lock:
+            self._live(self.now())
+            if self._capture is None or not self._is_captured:
+                raise ValueError("no capture is running")
+            self._capture = replace(self._capture, end=self._seen)
+            self._live(self._capture.end)
+            return self._capture
+
+    def report_streaming(self, device: DeviceKind, is_streaming: bool) -> None:
+        """A simulator tells whether any client takes its samples; the operator waits for that."""
+        with self._lock:
+            now = self.now()
+            self._live(now)
+            self._streaming.discard(device)
+            if is_streaming:
+                self._streaming.add(device)
+            self._armed_at = now if self._streaming.issuperset(self.settings.operator.waits_for) else None
+
+    def report_control(self, is_controlled: bool) -> None:
+        """A client took the mocap system's control, or gave it back; while it has it, the operator keeps away."""
+        with self._lock:
+            self._live(self.now())
+            self._is_controlled = is_controlled
+            self._armed_at = None
+
+    # The trial on the bench
+
+    @property
+    def trial(self) -> Trial:
+        """The trial that is captured now, or else the next one."""
+        with self._lock:
+            self._live(self.now())
+            return self._trial
+
+    def select_trial(self, cuff: str, test: TestKind) -> Trial:
+        """Sets this trial up and leaves the plan; it is played until another is selected. Another cuff is donned first.
+
+        Raises ValueError for an unknown cuff or test, or while a capture runs.
+        """
+        return self._select(cuff, test, is_donning=cuff != self.trial.cuff)
+
+    def don(self, cuff: str) -> Trial:
+        """Dons the cuff anew: nothing has slipped yet; its static test is set up. Raises ValueError as select_trial."""
+        return self._select(cuff, "static", is_donning=True)
+
+    def truth(self) -> dict[str, Any]:
+        """What a fit should find: the parameters by cuff, and how far each has slipped since it was donned [m]."""
+        with self._lock:
+            self._live(self.now())
+            self._slips[self._trial.cuff] = self._pull.slip
+            cuffs = {name: cuff.model_dump() for name, cuff in self.settings.cuffs.items()}
+            return {"cuffs": cuffs, "slip_m": dict(self._slips)}
+
+    def _select(self, cuff: str, test: TestKind, is_donning: bool) -> Trial:
+        if cuff not in self.settings.cuffs or test not in ("static", "dynamic"):
+            known = ", ".join(self.settings.cuffs)
+            raise ValueError(f"no trial {cuff!r} {test!r}; cuffs are {known}, tests are static and dynamic")
+        with self._lock:
+            self._live(self.now())
+            if self._is_captured:
+                raise ValueError(f"a capture of {self._trial.cuff} {self._trial.test} is running; stop it first")
+            self._plan = None
+            self._set_up(Trial(cuff, test), is_donning)
+            return self._trial
+
+    # Everything below is called with the lock held
+
+    def _live(self, until: float) -> None:
+        """Lets everything happen that happens up to `until`: operator, physics, the capture's end, the next trial."""
+        told, self._seen = self._seen, max(self._seen, until)
+        is_auto = self.settings.operator.capture == "auto" and not self._is_controlled and not self._is_captured
+        if is_auto and self._armed_at is not None and self._armed_at + self.settings.operator.delay_s <= until:
+            self._start(max(self._armed_at + self.settings.operator.delay_s, told))
+        if self._is_captured and self._capture is not None and self._capture.end <= until:
+            self._pull.advance(self._capture.end)
+            self._is_captured = False
+            following = self._trial if self._plan is None else next(self._plan)
+            self._set_up(following, is_donning=following.cuff != self._trial.cuff)
+        self._pull.advance(until)
+
+    def _start(self, start: float) -> Capture:
+        number = 1 if self._capture is None else self._capture.number + 1
+        self._capture = Capture(number, start, self._pull.begin(start), self._trial)
+        self._is_captured = True
+        self._armed_at = None
+        return self._capture
+
+    def _set_up(self, trial: Trial, is_donning: bool) -> None:
+        self._slips[self._trial.cuff] = self._pull.slip
+        if is_donning:
+            self._slips[trial.cuff] = 0.0
+        self._trial = trial
+        self._pull.set_up(trial.cuff, trial.test, self._slips[trial.cuff])
+
+
+def _plan(settings: Settings) -> Iterator[Trial]:
+    """The protocol's trials in order, for ever."""
+    for cuff in itertools.cycle(settings.cuffs):
+        for _ in range(settings.protocol.repeats):
+            yield Trial(cuff, "static")
+            yield Trial(cuff, "dynamic")
