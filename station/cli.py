@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -31,12 +31,12 @@ Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wa
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
 
 
-class Test(str, Enum):
+class Test(StrEnum):
     static = "static"
     dynamic = "dynamic"
 
 
-class Format(str, Enum):
+class Format(StrEnum):
     table = "table"
     json = "json"
 
@@ -162,7 +162,7 @@ def fit(
 
 
 def _stop_on_signals(daemon: Any) -> None:
-    def stop(signum: int, frame: Any) -> None:
+    def stop(_signal: int, _frame: Any) -> None:
         daemon.stop()
 
     signal.signal(signal.SIGINT, stop)

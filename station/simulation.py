@@ -24,7 +24,7 @@ class SimulatedBench:
         self._child: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> SimulatedBench:
-        self._child = subprocess.Popen(  # noqa: S603  (our own interpreter and module)
+        self._child = subprocess.Popen(
             [sys.executable, "-m", "drivers.simulators"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

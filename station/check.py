@@ -1,0 +1,143 @@
+"""What is plugged in, does it answer, at which rate, what the sync line says, which labels are there, is there disk."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty
+
+from rich.console import Console
+from rich.table import Table
+
+from recordings.samples import Samples, Stream
+from station.clock import Clock, RealClock
+from station.config import StationConfig
+from station.daemon import LEAST_FREE_BYTES, MakeDevices
+from station.devices import devices_for
+from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+
+OPEN_S = 5.0
+LISTEN_S = 1.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the check: what was looked at, whether it is as it should be, what was found."""
+
+    subject: str
+    is_good: bool
+    found: str
+
+
+class Answers:
+    """What the devices said while they were listened to."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.errors: dict[str, str] = {}
+        self.streams: dict[str, Stream] = {}
+        self._clock = clock
+        self._count: dict[str, int] = {}
+        self._span: dict[str, tuple[int, int]] = {}
+        self._last_value: dict[str, float] = {}
+
+    def take(self, message: Opened | Delivered | Gone) -> None:
+        if isinstance(message, Gone):
+            self.errors[message.device] = str(message.error)
+        elif isinstance(message, Opened):
+            self.streams |= {stream.name: stream for stream in message.streams}
+        else:
+            for item in message.items:
+                if isinstance(item, Samples) and len(item.values):
+                    self._add(item)
+
+    def rate_hz(self, stream: str) -> float:
+        """Samples a second by the device's own clock."""
+        first, last = self._span.get(stream, (0, 0))
+        return (self._count[stream] - 1) / ((last - first) * 1e-9) if last > first else 0.0
+
+    def last_value(self, stream: str) -> float | None:
+        return self._last_value.get(stream)
+
+    def _add(self, samples: Samples) -> None:
+        first = self._span.get(samples.stream, (int(samples.device_time_ns[0]), 0))[0]
+        self._span[samples.stream] = first, int(samples.device_time_ns[-1])
+        self._count[samples.stream] = self._count.get(samples.stream, 0) + len(samples.values)
+        self._last_value[samples.stream] = float(samples.values[-1].flat[0])
+
+
+def check_bench(config: StationConfig, console: Console | None = None, make_devices: MakeDevices = devices_for) -> int:
+    """Prints the table; returns 0 when all is as it should be, else 1."""
+    clock = RealClock()
+    answers, names = _listen(config, clock, make_devices)
+    lines = [*_device_lines(answers, names), *_sync_line(answers, config), *_label_lines(answers, config), _disk_line()]
+    table = Table("", "what", "found")
+    for line in lines:
+        table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
+    (console or Console()).print(table)
+    return 0 if all(line.is_good for line in lines) else 1
+
+
+def _listen(config: StationConfig, clock: Clock, make_devices: MakeDevices) -> tuple[Answers, list[str]]:
+    inbox, answers = Inbox(), Answers(clock)
+    feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock)]
+    for feed in feeds:
+        feed.start()
+    settled: set[str] = set()
+    open_until, listen_until = clock.wall_s() + OPEN_S, float("inf")
+    while clock.wall_s() < min(open_until, listen_until):
+        try:
+            message = inbox.get(timeout=0.05)
+        except Empty:
+            continue
+        answers.take(message)
+        settled.add(message.device)
+        if len(settled) == len(feeds) and listen_until == float("inf"):
+            listen_until = clock.wall_s() + LISTEN_S
+            open_until = listen_until
+    for feed in feeds:
+        feed.ask_to_stop()
+    for feed in feeds:
+        feed.has_ended(1.0)
+        if feed.device.name not in settled:
+            answers.errors[feed.device.name] = f"{feed.device.name} did not answer within {OPEN_S:g} s"
+    return answers, [feed.device.name for feed in feeds]
+
+
+def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
+    lines = [Line(name, name not in answers.errors, answers.errors.get(name, "answers")) for name in names]
+    for stream in answers.streams.values():
+        rate = answers.rate_hz(stream.name)
+        if stream.name == "/markers" and rate == 0:
+            lines.append(Line(stream.name, True, f"no frames: no capture is running (nominal {stream.rate_hz:g} Hz)"))
+        else:
+            good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
+            lines.append(Line(stream.name, good, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}"))
+    return lines
+
+
+def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:
+    level = answers.last_value("/sync")
+    if level is None:
+        return []
+    good = level < config.sync.threshold_v
+    advice = "" if good else "; expected low until a capture starts: stop the capture or check the polarity"
+    return [Line("sync line", good, f"{level:.2f} V, threshold {config.sync.threshold_v:g} V{advice}")]
+
+
+def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
+    if "/markers" not in answers.streams:
+        return []
+    there = set(answers.streams["/markers"].labels)
+    lines = []
+    for name, cuff in config.cuffs.items():
+        missing = sorted({*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers} - there)
+        found = f"missing {', '.join(missing)}; there are {', '.join(sorted(there))}" if missing else "all labels there"
+        lines.append(Line(f"markers of cuff {name}", not missing, found))
+    return lines
+
+
+def _disk_line() -> Line:
+    free = shutil.disk_usage(Path.cwd()).free
+    return Line("disk", free >= LEAST_FREE_BYTES, f"{free / 1e9:.1f} GB free")
