@@ -1,0 +1,302 @@
+"""The musculoskeletal model as the solver sees it: frozen, in SI units, every reference an index.
+
+Body 0 is the ground. So every body index is a valid row of the (frames, bodies, …) arrays, and a path point on the
+ground needs no special case; the ground's pose is the identity, its mass, velocity and Jacobian are zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+GROUND = 0
+NO_COORDINATE = -1
+
+
+class ModelError(ValueError):
+    """A model that cannot be read or does not fit together; the message is one sentence for the person who wrote it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body: mass [kg], mass_center (3,) [m] in the body, inertia (3, 3) [kg m²] about the mass centre."""
+
+    name: str
+    mass: float
+    mass_center: Array
+    inertia: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, mass_center=(3,), inertia=(3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a frame sits in a body: rotation (3, 3) turns frame vectors into body vectors, translation (3,) [m]."""
+
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, rotation=(3, 3), translation=(3,))
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A generalised coordinate [rad or m] with its default value and the range (lowest, highest) its author gave."""
+
+    name: str
+    motion: Literal["rotation", "translation"]
+    default: float
+    range: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class AxisMotion:
+    """Three rotations, then three translations, each about or along its own axis of the parent frame.
+
+    axes        (6, 3) unit vectors; the rotations follow one another (body-fixed), the translations add up
+    coordinate  (6,) index of the coordinate that drives the axis, or NO_COORDINATE
+    slope       (6,) the axis moves by slope · q + offset [rad or m]; 0 on an axis that nothing drives
+    offset      (6,)
+    """
+
+    axes: Array
+    coordinate: NDArray[np.int64]
+    slope: Array
+    offset: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, axes=(6, 3), slope=(6,), offset=(6,))
+        coordinate = np.array(self.coordinate, dtype=np.int64)
+        coordinate.flags.writeable = False
+        object.__setattr__(self, "coordinate", coordinate)
+
+
+@dataclass(frozen=True, eq=False)
+class ScapulothoracicMotion:
+    """The scapula glides on an ellipsoid of the thorax and wings about an axis of the tangent plane.
+
+    coordinates        indices of abduction, elevation, upward rotation, winging
+    radii              (3,) thoracic ellipsoid's semi-axes [m], as OpenSim's property orders them
+    winging_origin     (2,) point of the winging axis in the tangent plane [m]
+    winging_direction  angle of that axis in the plane [rad]
+    """
+
+    coordinates: tuple[int, int, int, int]
+    radii: Array
+    winging_origin: Array
+    winging_direction: float
+
+    def __post_init__(self) -> None:
+        _freeze(self, radii=(3,), winging_origin=(2,))
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Body `child` moves against body `parent`, between a frame placed in each; parents come before their children."""
+
+    name: str
+    parent: int
+    child: int
+    frame_in_parent: Placement
+    frame_in_child: Placement
+    motion: AxisMotion | ScapulothoracicMotion
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """A point of a path in its body [m]: location + slope · q.
+
+    A fixed point has coordinate NO_COORDINATE and slope zero. A moving point follows one coordinate q, which is held
+    within `range` for the location; its velocity slope · q̇ and its derivative are those of the unheld q, as in OpenSim.
+    """
+
+    name: str
+    body: int
+    location: Array
+    slope: Array
+    coordinate: int
+    range: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        _freeze(self, location=(3,), slope=(3,))
+
+
+@dataclass(frozen=True, eq=False)
+class WrapSurface:
+    """A surface that paths wrap over, in its body.
+
+    dimensions  (3,) [m]: ellipsoid: semi-axes; sphere: its radius three times; cylinder: radius, radius, length (its
+                axis is the surface's z)
+    quadrant    "all", or the side a path must stay on: "+x", "-y", …
+    """
+
+    name: str
+    body: int
+    placement: Placement
+    kind: Literal["ellipsoid", "sphere", "cylinder"]
+    dimensions: Array
+    quadrant: str
+
+    def __post_init__(self) -> None:
+        _freeze(self, dimensions=(3,))
+
+
+@dataclass(frozen=True)
+class PathWrap:
+    """One surface (index into Model.surfaces) that a path may wrap over, and the method for ellipsoids."""
+
+    surface: int
+    method: Literal["hybrid", "midpoint", "axial"]
+
+
+@dataclass(frozen=True)
+class Path:
+    """A path from its first to its last point, over the surfaces in the order in which they are tried."""
+
+    points: tuple[PathPoint, ...]
+    wraps: tuple[PathWrap, ...]
+
+
+@dataclass(frozen=True)
+class Muscle:
+    """A Millard (2013) muscle with a rigid tendon: N, m, rad, optimal fibre lengths per second, s."""
+
+    name: str
+    path: Path
+    max_isometric_force: float
+    optimal_fiber_length: float
+    tendon_slack_length: float
+    pennation_at_optimal: float
+    max_contraction_velocity: float
+    activation_time_constant: float
+    deactivation_time_constant: float
+
+
+@dataclass(frozen=True, eq=False)
+class PointConstraint:
+    """A point of one body, location (3,) [m] in it, held on a point of another."""
+
+    name: str
+    body_1: int
+    body_2: int
+    location_1: Array
+    location_2: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, location_1=(3,), location_2=(3,))
+
+
+@dataclass(frozen=True)
+class CoordinateActuator:
+    """Pushes one coordinate with optimal_force [N or N m] times its control."""
+
+    name: str
+    coordinate: int
+    optimal_force: float
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """A named point of a body, location (3,) [m] in it."""
+
+    name: str
+    body: int
+    location: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, location=(3,))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Everything the solver knows of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
+    array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
+    """
+
+    name: str
+    gravity: Array
+    bodies: tuple[Body, ...]
+    coordinates: tuple[Coordinate, ...]
+    joints: tuple[Joint, ...]
+    surfaces: tuple[WrapSurface, ...]
+    muscles: tuple[Muscle, ...]
+    constraints: tuple[PointConstraint, ...]
+    actuators: tuple[CoordinateActuator, ...]
+    markers: tuple[Marker, ...]
+
+    def __post_init__(self) -> None:
+        _freeze(self, gravity=(3,))
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        return tuple(coordinate.name for coordinate in self.coordinates)
+
+    @property
+    def muscle_names(self) -> tuple[str, ...]:
+        return tuple(muscle.name for muscle in self.muscles)
+
+    @property
+    def default_coordinates(self) -> Array:
+        """(coordinates,) default values [rad or m]."""
+        return np.array([coordinate.default for coordinate in self.coordinates])
+
+    def body_index(self, name: str) -> int:
+        return _index(self.bodies, name, "body", self.name)
+
+    def coordinate_index(self, name: str) -> int:
+        return _index(self.coordinates, name, "coordinate", self.name)
+
+    def joint(self, name: str) -> Joint:
+        return self.joints[_index(self.joints, name, "joint", self.name)]
+
+    def marker(self, name: str) -> Marker:
+        return self.markers[_index(self.markers, name, "marker", self.name)]
+
+
+def with_point_mass(model: Model, body: str, mass: float, location: ArrayLike) -> Model:
+    """The model with a point of `mass` [kg] fixed to a body at `location` (3,) [m] in it, say a cuff or a dumb-bell."""
+    index = model.body_index(body)
+    bare, point = model.bodies[index], np.asarray(location, dtype=float)
+    total = bare.mass + mass
+    mass_center = (bare.mass * bare.mass_center + mass * point) / total
+    inertia = bare.inertia + _steiner(bare.mass, bare.mass_center - mass_center) + _steiner(mass, point - mass_center)
+    loaded = Body(bare.name, total, mass_center, inertia)
+    return replace(model, bodies=(*model.bodies[:index], loaded, *model.bodies[index + 1 :]))
+
+
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+_Item = TypeVar("_Item", bound=_Named)
+
+
+def _index(items: Sequence[_Item], name: str, kind: str, model: str) -> int:
+    for index, item in enumerate(items):
+        if item.name == name:
+            return index
+    known = ", ".join(item.name for item in items)
+    raise ModelError(f"the model {model} has no {kind} {name}; it has {known}")
+
+
+def _freeze(noun: object, **shapes: tuple[int, ...]) -> None:
+    for field, shape in shapes.items():
+        values = np.array(getattr(noun, field), dtype=np.float64)
+        if values.shape != shape:
+            raise ModelError(f"{type(noun).__name__}.{field} has shape {values.shape}, expected {shape}")
+        values.flags.writeable = False
+        object.__setattr__(noun, field, values)
+
+
+def _steiner(mass: float, offset: Array) -> Array:
+    """Inertia (3, 3) of a point mass at `offset` (3,) from the axis point (parallel-axis theorem)."""
+    return mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))

@@ -1,0 +1,104 @@
+"""An OpenSim model file as elements that know their line, so that whatever is refused is refused by name and place."""
+
+from __future__ import annotations
+
+import xml.parsers.expat
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.model import ModelError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Element:
+    """An XML element that knows its file and line, so that a refusal can say where to look."""
+
+    file: Path
+    line: int
+    tag: str
+    attributes: dict[str, str]
+    children: list[Element] = field(default_factory=list)
+    pieces: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return self.attributes.get("name", "")
+
+    @property
+    def text(self) -> str:
+        return "".join(self.pieces).strip()
+
+    def refusal(self, complaint: str) -> ModelError:
+        title = f"{self.tag} {self.name}".strip()
+        return ModelError(f"{self.file.name}, line {self.line}: {title} {complaint}")
+
+    def find(self, tag: str) -> Element | None:
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def child(self, tag: str) -> Element:
+        found = self.find(tag)
+        if found is None:
+            raise self.refusal(f"has no <{tag}>")
+        return found
+
+    def objects(self, set_tag: str) -> list[Element]:
+        """The members of one of OpenSim's sets; an absent set is an empty one."""
+        found = self.find(set_tag)
+        return found.child("objects").children if found is not None else []
+
+    def numbers(self, tag: str, count: int, default: str | None = None) -> Array:
+        found = self.find(tag)
+        if found is None and default is None:
+            raise self.refusal(f"has no <{tag}>")
+        text = found.text if found is not None else str(default)
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            raise (found or self).refusal(f"should hold numbers, not '{text}'") from None
+        if len(values) != count:
+            raise (found or self).refusal(f"should hold {count} numbers, not {len(values)}")
+        return values
+
+    def number(self, tag: str, default: str | None = None) -> float:
+        return float(self.numbers(tag, 1, default)[0])
+
+    def word(self, tag: str, default: str) -> str:
+        found = self.find(tag)
+        return found.text if found is not None else default
+
+    def require(self, tag: str, expected: str) -> None:
+        """Refuses any other value of an option than the one the solver has, which is also OpenSim's default."""
+        found = self.find(tag)
+        if found is not None and found.text != expected:
+            raise self.refusal(f"has <{tag}> {found.text}; the solver has only {expected}")
+
+
+def read_document(file: Path) -> Element:
+    """The root element of an XML file; ModelError where there is none."""
+    top = Element(file, 0, "", {})
+    stack = [top]
+    parser = xml.parsers.expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(file, parser.CurrentLineNumber, tag, attributes)
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def text(characters: str) -> None:
+        stack[-1].pieces.append(characters)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _tag: stack.pop()
+    parser.CharacterDataHandler = text
+    try:
+        parser.Parse(file.read_bytes(), True)
+    except OSError as error:
+        raise ModelError(f"cannot read the model {file}: {error.strerror}") from error
+    except xml.parsers.expat.ExpatError as error:
+        raise ModelError(f"{file.name} is not a model: not well-formed XML in line {error.lineno}") from error
+    return top.children[0]

@@ -1,0 +1,50 @@
+"""Rotations and moments, batched: any leading axes, the last one or two are x, y, z. Angles in rad."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
+    """(…, 3, 3) rotation by `angle` (…) about the unit vector `axis` (3,): I + sin θ [a]× + (1 − cos θ) [a]×²."""
+    skew = skew_matrix(np.asarray(axis, dtype=float))
+    theta = np.asarray(angle, dtype=float)[..., None, None]
+    rotation: Array = np.eye(3) + np.sin(theta) * skew + (1.0 - np.cos(theta)) * (skew @ skew)
+    return rotation
+
+
+def rotation_body_fixed_xyz(angles: ArrayLike) -> Array:
+    """(…, 3, 3) rotation Rx(a₁) Ry(a₂) Rz(a₃) for `angles` (…, 3)."""
+    a = np.asarray(angles, dtype=float)
+    x, y, z = np.eye(3)
+    return rotation_about(x, a[..., 0]) @ rotation_about(y, a[..., 1]) @ rotation_about(z, a[..., 2])
+
+
+def angular_rates_matrix(angles: ArrayLike) -> Array:
+    """(…, 3, 3) matrix E of w = E(a) ȧ: the angular velocity, in the fixed frame, of body-fixed XYZ angles (…, 3)."""
+    a = np.asarray(angles, dtype=float)
+    s1, c1, s2, c2 = np.sin(a[..., 0]), np.cos(a[..., 0]), np.sin(a[..., 1]), np.cos(a[..., 1])
+    rates = np.zeros((*a.shape[:-1], 3, 3))
+    rates[..., 0, 0] = 1.0
+    rates[..., 1, 1], rates[..., 2, 1] = c1, s1
+    rates[..., 0, 2], rates[..., 1, 2], rates[..., 2, 2] = s2, -s1 * c2, c1 * c2
+    return rates
+
+
+def skew_matrix(vector: ArrayLike) -> Array:
+    """(…, 3, 3) matrix [v]× with [v]× w = v × w, for `vector` (…, 3)."""
+    v = np.asarray(vector, dtype=float)
+    skew = np.zeros((*v.shape, 3))
+    skew[..., 0, 1], skew[..., 0, 2] = -v[..., 2], v[..., 1]
+    skew[..., 1, 0], skew[..., 1, 2] = v[..., 2], -v[..., 0]
+    skew[..., 2, 0], skew[..., 2, 1] = -v[..., 1], v[..., 0]
+    return skew
+
+
+def rotate(rotation: Array, vector: Array) -> Array:
+    """(…, 3) vectors turned by rotations (…, 3, 3); leading axes broadcast."""
+    turned: Array = np.einsum("...ij,...j->...i", rotation, vector)
+    return turned
