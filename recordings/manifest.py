@@ -1,9 +1,18 @@
-"""Who, when, which cuff, with what: everything a fit needs beside the samples, written before the first of them."""
+"""Who, when, which cuff, with what: everything a fit needs beside the samples, written before the first of them.
+
+And, written after the last of them, how the trial ended.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from recordings.errors import RecordingError
 
 TestKind = Literal["static", "dynamic"]
 
@@ -54,3 +63,40 @@ class Manifest:
     start_utc_ns: int
     effective_config: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a trial ended, and the proof that nothing before it is missing.
+
+    state     where the session's state machine ended: "closed" or "failed"
+    sentence  why, for a person
+    messages  how many messages each topic holds before this one, by topic; counted by the writer
+    samples   how many samples each stream holds, by stream; counted by the writer
+    """
+
+    accepted: bool
+    state: str
+    sentence: str
+    messages: Mapping[str, int] = field(default_factory=dict)
+    samples: Mapping[str, int] = field(default_factory=dict)
+
+
+def manifest_to_json(manifest: Manifest) -> str:
+    """The manifest as one JSON object; numbers survive bit for bit."""
+    return _adapter().dump_json(manifest).decode()
+
+
+def manifest_from_json(text: str) -> Manifest:
+    """The manifest back from JSON. Keys that a later version added are passed over; a missing one is an error."""
+    try:
+        return _adapter().validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the manifest"
+        raise RecordingError(f"the manifest cannot be read: at {where}, {first['msg'].lower()}") from error
+
+
+@cache
+def _adapter() -> TypeAdapter[Manifest]:
+    return TypeAdapter(Manifest)

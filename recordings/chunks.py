@@ -1,0 +1,175 @@
+"""Messages out of an MCAP file as it is: whole, cut anywhere, or with damaged bytes in it.
+
+The package's own readers stop at the first damage or need the index at the end, so the records are framed here. A chunk
+is believed when its CRC is right. After damage the search goes on, byte by byte, for the next believable chunk.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+
+from recordings.errors import RecordingError
+from recordings.topics import PROFILE, SCHEMA_OF_TOPIC
+
+LARGEST_CHUNK = 64 * 2**20
+"""Bytes. The writer closes a chunk at 1 MiB; a length beyond this is damage, and is not allocated."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One message as it stands in the file; chunk_offset is the byte where its chunk begins."""
+
+    topic: str
+    schema: str
+    log_time_ns: int
+    sequence: int
+    data: bytes
+    chunk_offset: int
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Bytes from offset up to end that could not be read, and why; end is the file's size where nothing follows."""
+
+    offset: int
+    end: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f"bytes {self.offset} to {self.end} cannot be read: {self.reason}"
+
+
+def read_entries(path: Path) -> Iterator[Entry | Damage]:
+    """Every readable message in file order, and every damage where it stands; one chunk in memory at a time.
+
+    Raises RecordingError when the file cannot be opened or the disk fails under it, never for what is in it.
+    """
+    channels: dict[int, tuple[str, str]] = {}
+    schemas: dict[int, str] = {}
+    try:
+        with path.open("rb") as file:
+            for offset, found in _walk(file):
+                match found:
+                    case Header(profile=profile) if profile == PROFILE:
+                        # The ids are part of the format, so that a lost first chunk does not orphan the rest.
+                        channels.update(enumerate(SCHEMA_OF_TOPIC.items(), start=1))
+                    case Schema(id=number, name=name):
+                        schemas[number] = name
+                    case Channel(id=number, topic=topic, schema_id=schema):
+                        channels[number] = (topic, schemas.get(schema, ""))
+                    case Message(channel_id=number) if number in channels:
+                        topic, name = channels[number]
+                        yield Entry(topic, name, found.log_time, found.sequence, found.data, offset)
+                    case Damage():
+                        yield found
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+class _BrokenError(Exception):
+    """The bytes here are not the record they should be."""
+
+
+def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
+    """The header, the records inside chunks and the damages, each with the offset of the record it stands in."""
+    size = file.seek(0, os.SEEK_END)
+    offset = 0
+    after_last_chunk = 0  # a search begins here, because a wrong length may have led past a good chunk
+    broken: tuple[int, str] | None = None
+    while offset < size:
+        try:
+            opcode, records, end = _read_record(file, offset, size)
+        except _BrokenError as error:
+            broken = broken or (offset, str(error))
+            offset = _find_chunk(file, after_last_chunk, size)
+            after_last_chunk = offset + 1
+            continue
+        if broken:
+            yield offset, Damage(min(broken[0], offset), offset, broken[1])
+            broken = None
+        if opcode == Opcode.FOOTER:
+            return
+        for record in records:
+            yield offset, record
+        offset = end
+        after_last_chunk = end if opcode == Opcode.CHUNK else after_last_chunk
+    start, reason = broken or (size, "the file ends before its index, as when its writer was killed")
+    yield size, Damage(start, size, reason)
+
+
+def _read_record(file: BinaryIO, offset: int, size: int) -> tuple[int, list[McapRecord], int]:
+    """(opcode, records to look at, end offset) of what begins at the offset; the magic counts as a record, too."""
+    file.seek(offset)
+    if offset == 0:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise _BrokenError("an MCAP file begins differently")
+        return 0, [], len(MCAP0_MAGIC)
+    prefix = file.read(_PREFIX.size)
+    if len(prefix) < _PREFIX.size:
+        raise _BrokenError("the file ends within a record")
+    opcode, length = _PREFIX.unpack(prefix)
+    end = offset + _PREFIX.size + length
+    if end > size:
+        raise _BrokenError(f"the record here has {length} bytes, of which {size - offset - _PREFIX.size} are there")
+    if opcode == Opcode.FOOTER and end + len(MCAP0_MAGIC) != size:
+        raise _BrokenError("the file has its last record here, and does not end with it")
+    if opcode not in _KNOWN and opcode < _FIRST_PRIVATE_OPCODE:
+        raise _BrokenError(f"no MCAP record has the opcode {opcode}")
+    if opcode not in {Opcode.HEADER, Opcode.CHUNK}:
+        return opcode, [], end
+    if length > LARGEST_CHUNK:
+        raise _BrokenError(f"the record here has {length} bytes, expected at most {LARGEST_CHUNK}")
+    return opcode, _parse(opcode, file.read(length)), end
+
+
+_PREFIX = struct.Struct("<BQ")
+_KNOWN = frozenset(int(opcode) for opcode in Opcode)
+_FIRST_PRIVATE_OPCODE = 0x80
+
+
+def _parse(opcode: int, body: bytes) -> list[McapRecord]:
+    try:
+        stream = ReadDataStream(BytesIO(body))
+        if opcode == Opcode.HEADER:
+            return [Header.read(stream)]
+        chunk = Chunk.read(stream)
+        if chunk.uncompressed_size > LARGEST_CHUNK:
+            raise ValueError(f"a chunk announces {chunk.uncompressed_size} bytes")
+        # The compressed bytes state their size too, and it is theirs that would be allocated.
+        if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
+            raise ValueError("a chunk announces two different sizes")
+        if chunk.compression not in {"zstd", ""}:
+            raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd")
+        return breakup_chunk(chunk, validate_crc=True)
+    except Exception as error:  # whatever a parser trips over, the bytes are not the record they should be
+        raise _BrokenError(f"the record here is damaged ({error})") from error
+
+
+def _find_chunk(file: BinaryIO, start: int, size: int) -> int:
+    """The offset of the next bytes that look like a compressed chunk, or the size of the file."""
+    while start < size:
+        file.seek(start)
+        window = file.read(_SEARCH_WINDOW + _CHUNK_HEAD)
+        if found := _CHUNK_START.search(window):
+            return start + found.start()
+        start += _SEARCH_WINDOW
+    return size
+
+
+_CHUNK_START = re.compile(rb"\x06.{36}\x04\0\0\0zstd", re.DOTALL)  # opcode, length, times, size, CRC, "zstd"
+_CHUNK_HEAD = 45
+_SEARCH_WINDOW = 2**20

@@ -1,0 +1,157 @@
+"""Messages ⇄ bytes, bit for bit. The host's time is the log time of a message and stands nowhere else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
+
+from recordings import topics
+from recordings.errors import RecordingError
+from recordings.manifest import Manifest, Outcome, manifest_from_json, manifest_to_json
+from recordings.samples import Event, Item, Loss, Samples, Stream
+
+Message = Manifest | Stream | Item | Outcome
+
+MOST_SAMPLES_IN_A_BLOCK = 1_000_000
+
+
+def pack(message: Message) -> tuple[str, bytes]:
+    """The topic of a message, and its bytes. Raises RecordingError for a block that cannot be kept as it is."""
+    match message:
+        case Samples():
+            topic, fields = message.stream, _fields_of_block(message)
+        case Stream():
+            topic, fields = topics.STREAMS, vars(message)
+        case Event() | Loss():
+            topic = topics.EVENTS if isinstance(message, Event) else topics.LOSSES
+            fields = {name: value for name, value in vars(message).items() if name != "host_time_ns"}
+        case Manifest():
+            topic = topics.MANIFEST
+            fields = {"format_version": topics.FORMAT_VERSION, "json": manifest_to_json(message)}
+        case Outcome():
+            topic, fields = topics.OUTCOME, _fields_of_outcome(message)
+    data: bytes = _CLASSES[topics.SCHEMA_OF_TOPIC[topic]](**fields).SerializeToString()
+    return topic, data
+
+
+def unpack(topic: str, host_time_ns: int, data: bytes) -> Message:
+    """The message back, its arrays read-only. Raises RecordingError for other bytes or a newer format."""
+    schema = topics.SCHEMA_OF_TOPIC[topic]
+    try:
+        wire = _CLASSES[schema].FromString(data)
+    except DecodeError as error:
+        raise RecordingError(f"a message of {len(data)} bytes on {topic} is not a {schema}: {error}") from error
+    if topic in topics.SAMPLE_TOPICS:
+        return _block(topic, host_time_ns, wire)
+    fields = {field.name: getattr(wire, field.name) for field in wire.DESCRIPTOR.fields}
+    match topic:
+        case topics.STREAMS:
+            return Stream(**fields | {"labels": tuple(wire.labels)})
+        case topics.EVENTS:
+            return Event(host_time_ns=host_time_ns, **fields)
+        case topics.LOSSES:
+            return Loss(host_time_ns=host_time_ns, **fields)
+        case topics.OUTCOME:
+            return _outcome(wire)
+    return _manifest(wire)
+
+
+def values_type(topic: str) -> np.dtype[Any]:
+    """The one type a topic's values have in memory and in the file."""
+    return np.dtype(np.float32 if topic == topics.MARKERS else np.float64)
+
+
+def no_values(topic: str, columns: int) -> NDArray[Any]:
+    """The values of no sample at all, with the type and shape that the values of a topic have."""
+    return np.zeros((0, columns, 4) if topic == topics.MARKERS else (0, columns), values_type(topic))
+
+
+_CLASSES = topics.wire_classes()
+
+
+def _fields_of_block(block: Samples) -> dict[str, Any]:
+    count, kind = len(block.sample_numbers), values_type(block.stream)
+    if block.values.dtype != kind:
+        raise RecordingError(f"a block of {block.stream} holds {block.values.dtype} values, expected {kind}")
+    if not (0 < count <= MOST_SAMPLES_IN_A_BLOCK and count == len(block.device_time_ns) == len(block.values)):
+        raise RecordingError(
+            f"a block of {block.stream} holds {count} sample numbers, {len(block.device_time_ns)} device times and "
+            f"{len(block.values)} values, expected as many of each, at least 1 and at most {MOST_SAMPLES_IN_A_BLOCK}"
+        )
+    first_number, number_step, numbers = _compact(block.sample_numbers.astype("<u8", copy=False))
+    first_time, time_step, times = _compact(block.device_time_ns.astype("<i8", copy=False))
+    return {
+        "sample_count": count,
+        "first_sample_number": first_number,
+        "sample_number_step": number_step,
+        "sample_numbers": numbers,
+        "first_device_time_ns": first_time,
+        "device_time_step_ns": time_step,
+        "device_times_ns": times,
+        "values": block.values.astype(kind.newbyteorder("<"), copy=False).tobytes(),
+    }
+
+
+def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
+    count, kind, width = wire.sample_count, values_type(topic), 4 if topic == topics.MARKERS else 1
+    # A forged count must neither allocate memory nor move values from one sample to the next.
+    if not 0 < count <= MOST_SAMPLES_IN_A_BLOCK or len(wire.values) % (count * width * kind.itemsize):
+        raise RecordingError(f"a block of {topic} announces {count} samples and holds {len(wire.values)} bytes")
+    columns = len(wire.values) // (count * width * kind.itemsize)
+    values = np.frombuffer(wire.values, dtype=kind.newbyteorder("<"))
+    return Samples(
+        stream=topic,
+        sample_numbers=_spread(wire.first_sample_number, wire.sample_number_step, wire.sample_numbers, "<u8", count),
+        device_time_ns=_spread(wire.first_device_time_ns, wire.device_time_step_ns, wire.device_times_ns, "<i8", count),
+        host_time_ns=host_time_ns,
+        values=values.reshape((count, columns, width) if topic == topics.MARKERS else (count, columns)),
+    )
+
+
+def _compact(numbers: NDArray[Any]) -> tuple[int, int, bytes]:
+    """(first, step, b"") of an arithmetic run, (0, 0, every number) of any other; exact modulo 2^64."""
+    steps = np.diff(numbers)
+    if np.all(steps == steps[:1]):
+        return int(numbers[0]), int(steps[0].astype(np.int64)) if len(steps) else 0, b""
+    return 0, 0, numbers.tobytes()
+
+
+def _spread(first: int, step: int, numbers: bytes, kind: str, count: int) -> NDArray[Any]:
+    if numbers:
+        if len(numbers) != 8 * count:
+            raise RecordingError(f"a block announces {count} samples and has {len(numbers)} bytes of numbers for them")
+        return np.frombuffer(numbers, dtype=kind)
+    run = np.arange(count, dtype=np.uint64) * np.uint64(step % 2**64) + np.uint64(first % 2**64)
+    run.flags.writeable = False
+    return run.view(kind)
+
+
+def _manifest(wire: Any) -> Manifest:
+    if wire.format_version > topics.FORMAT_VERSION:
+        raise RecordingError(
+            f"the recording has format version {wire.format_version}, expected at most {topics.FORMAT_VERSION}; "
+            "update cuffstation to read it"
+        )
+    return manifest_from_json(wire.json)
+
+
+def _fields_of_outcome(outcome: Outcome) -> dict[str, Any]:
+    return vars(outcome) | {
+        "topics": list(outcome.messages),
+        "messages": list(outcome.messages.values()),
+        "streams": list(outcome.samples),
+        "samples": list(outcome.samples.values()),
+    }
+
+
+def _outcome(wire: Any) -> Outcome:
+    return Outcome(
+        accepted=wire.accepted,
+        state=wire.state,
+        sentence=wire.sentence,
+        messages=dict(zip(wire.topics, wire.messages, strict=False)),
+        samples=dict(zip(wire.streams, wire.samples, strict=False)),
+    )

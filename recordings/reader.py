@@ -1,0 +1,203 @@
+"""One MCAP file → manifest, streams and items in bounded memory, from a whole file and from a cut one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings import topics
+from recordings.chunks import Damage, Entry, read_entries
+from recordings.errors import RecordingError
+from recordings.manifest import Manifest, Outcome
+from recordings.packing import Message, no_values, unpack
+from recordings.samples import Item, Samples, Stream
+
+
+@dataclass(frozen=True)
+class Track:
+    """All samples of one stream in file order, as arrays.
+
+    stream          its description; labels are those of the whole recording, in order of first appearance
+    sample_numbers  (n,) uint64
+    device_time_ns  (n,) int64, the device's clock
+    host_time_ns    (n,) int64, UTC at arrival of the block that brought the sample
+    values          scalar streams (n, 1) float64; markers (n, markers, 4) float32; in Stream.unit.
+                    NaN where a marker was missing, or its label was not known yet.
+    """
+
+    stream: Stream
+    sample_numbers: NDArray[np.uint64]
+    device_time_ns: NDArray[np.int64]
+    host_time_ns: NDArray[np.int64]
+    values: NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording that was opened and read through once, so what is missing from it is known.
+
+    outcome  how the trial ended; None when the file was cut before its end
+    missing  in sentences, every damage to the file and everything counted at its end that is not there
+    """
+
+    path: Path
+    manifest: Manifest
+    streams: tuple[Stream, ...]
+    outcome: Outcome | None
+    missing: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything the writer was given is here."""
+        return not self.missing
+
+    def items(self) -> Iterator[Stream | Item]:
+        """Everything in file order, one chunk in memory at a time.
+
+        A Stream comes where one is described anew: before the first block with other labels.
+        """
+        in_force = {stream.name: stream for stream in self.streams}
+        for entry in read_entries(self.path):
+            item = read(entry) if isinstance(entry, Entry) else None
+            if isinstance(item, Stream):
+                if in_force.get(item.name) == item:
+                    continue
+                in_force[item.name] = item
+            if isinstance(item, Stream | Item):
+                yield item
+
+    def load(self, name: str) -> Track:
+        """One stream as arrays. Raises RecordingError when the recording has no such stream."""
+        stream = next((stream for stream in self.streams if stream.name == name), None)
+        if stream is None:
+            found = ", ".join(stream.name for stream in self.streams)
+            raise RecordingError(f"{self.path} has no stream {name}, only {found or 'none'}")
+        labels, all_labels = stream.labels, stream.labels
+        blocks: list[tuple[tuple[str, ...], Samples]] = []
+        for item in self.items():
+            if isinstance(item, Stream) and item.name == name:
+                labels = item.labels
+                all_labels += tuple(label for label in labels if label not in all_labels)
+            elif isinstance(item, Samples) and item.stream == name:
+                blocks.append((labels, item))
+        columns = [_in_columns(block.values, labels, all_labels, self.path) for labels, block in blocks]
+        hosts = [np.full(len(block.sample_numbers), block.host_time_ns, np.int64) for _, block in blocks]
+        return Track(
+            stream=replace(stream, labels=all_labels),
+            sample_numbers=_joined([block.sample_numbers for _, block in blocks], np.zeros(0, np.uint64)),
+            device_time_ns=_joined([block.device_time_ns for _, block in blocks], np.zeros(0, np.int64)),
+            host_time_ns=_joined(hosts, np.zeros(0, np.int64)),
+            values=_joined(columns, no_values(name, len(all_labels))),
+        )
+
+
+def open_recording(path: Path) -> Recording:
+    """Reads a file through once and says what it is and what is missing from it; a cut file opens like a whole one.
+
+    Raises RecordingError for a file that cannot be read, holds nothing, or is not a recording.
+    """
+    survey = survey_file(path)
+    if survey.manifest is None:
+        raise RecordingError(_why_it_does_not_open(path, survey))
+    return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing)
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a file holds beside its samples; manifest is None for a file that is damaged there, or not a recording.
+
+    messages counts the readable ones of our topics; streams are as first described.
+    """
+
+    manifest: Manifest | None
+    streams: tuple[Stream, ...]
+    outcome: Outcome | None
+    messages: Mapping[str, int]
+    damage: tuple[Damage, ...]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Every damage and every lost message, in sentences; empty for a whole recording."""
+        sentences = [str(damage) for damage in self.damage]
+        if self.outcome is None:
+            return (*sentences, "there is no outcome: the recording was cut, and what came after is unknown")
+        return (
+            *sentences,
+            *(
+                f"{topic} holds {self.messages.get(topic, 0)} of {count} messages"
+                for topic, count in self.outcome.messages.items()
+                if self.messages.get(topic, 0) != count
+            ),
+        )
+
+
+def survey_file(path: Path) -> Survey:
+    """Reads a file through once. Raises RecordingError only where the disk cannot be read, or the format is too new."""
+    manifest: Manifest | None = None
+    outcome: Outcome | None = None
+    streams: dict[str, Stream] = {}
+    messages: Counter[str] = Counter()
+    damage: list[Damage] = []
+    for entry in read_entries(path):
+        if isinstance(entry, Damage):
+            damage.append(entry)
+        elif is_ours(entry):
+            messages[entry.topic] += 1
+            if entry.topic not in (topics.MANIFEST, topics.STREAMS, topics.OUTCOME):
+                continue
+            match read(entry):
+                case Manifest() as found:
+                    manifest = manifest or found
+                case Stream() as found:
+                    streams.setdefault(found.name, found)
+                case Outcome() as found:
+                    outcome = found
+    return Survey(manifest, tuple(streams.values()), outcome, messages, tuple(damage))
+
+
+def is_ours(entry: Entry) -> bool:
+    """Whether a message is part of the recording; other programs may add topics of their own."""
+    return topics.SCHEMA_OF_TOPIC.get(entry.topic) == entry.schema
+
+
+def read(entry: Entry) -> Message | None:
+    """What a message says; None for a topic that is not ours."""
+    return unpack(entry.topic, entry.log_time_ns, entry.data) if is_ours(entry) else None
+
+
+def _why_it_does_not_open(path: Path, survey: Survey) -> str:
+    size = path.stat().st_size
+    if size == 0:
+        return f"{path} is empty; nothing was recorded into it"
+    if survey.messages:
+        return f"{path} has lost its manifest ({survey.damage[0]}), so its samples cannot be told apart"
+    if not survey.damage:
+        return f"{path} is an MCAP file without a /manifest; expected a recording of this station"
+    if survey.damage[0].offset == 0:
+        return f"{path} is not an MCAP file; expected a recording of this station"
+    return f"{path} holds no whole chunk of a recording, only {size} bytes ({survey.damage[0].reason})"
+
+
+def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:
+    """The values of a block in the columns of the whole track; NaN where the block knows no such label."""
+    if values.shape[1] != len(labels):
+        raise RecordingError(
+            f"{path} has a block of {values.shape[1]} columns where {len(labels)} are described; its labels were lost"
+        )
+    if labels == all_labels:
+        return values
+    wide = np.full((len(values), len(all_labels), *values.shape[2:]), np.nan, values.dtype)
+    wide[:, [all_labels.index(label) for label in labels]] = values
+    return wide
+
+
+def _joined(parts: list[NDArray[Any]], nothing: NDArray[Any]) -> NDArray[Any]:
+    joined = np.concatenate(parts) if parts else nothing
+    joined.flags.writeable = False
+    return joined

@@ -1,0 +1,217 @@
+"""Items → one MCAP file: with the disk before a fifth of a second is over, honest from the first failed write on."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.writer import CompressionType, Writer
+
+from recordings import topics
+from recordings.errors import RecordingError, WriteFailed
+from recordings.manifest import Manifest, Outcome
+from recordings.packing import Message, pack
+from recordings.samples import Item, Samples, Stream
+
+FLUSH_AFTER_S = 0.1
+"""Wall seconds from a chunk's first message to its closing; asked at least every 0.1 s, no message waits over 0.2 s."""
+SYNC_AFTER_S = 0.8
+"""Wall seconds from the first message since the last fsync to the next; asked as often, never more than 1 s."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What of one stream is safely with the operating system."""
+
+    samples: int
+    last_sample_number: int
+    last_device_time_ns: int
+
+
+def create_exclusively(path: Path) -> BinaryIO:
+    """A new file for writing. Raises FileExistsError rather than overwrite one."""
+    return path.open("xb")
+
+
+class RecordingWriter:
+    """Writes one trial. Belongs to the thread that made it; nothing here locks, waits or starts a thread.
+
+    The owner calls write() for every item in the order of arrival, and flush_if_due() at least every 0.1 s also when
+    nothing arrives: the bounds on loss count on it. An item is stored when `stored` says so, not before. The first
+    failed write is final: it raises WriteFailed naming the last stored samples, and so does every call after it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        manifest: Manifest,
+        streams: Sequence[Stream],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        create: Callable[[Path], BinaryIO] = create_exclusively,
+        sync: Callable[[int], None] = os.fsync,
+    ) -> None:
+        """Creates the file and puts the manifest and the streams on the disk at once.
+
+        clock gives monotonic wall seconds; create and sync are the two doors to the disk. Raises RecordingError when
+        the file exists or cannot be made.
+        """
+        self._path, self._manifest, self._clock, self._sync = path, manifest, clock, sync
+        self._streams: dict[str, Stream] = {}
+        self._counts: Counter[str] = Counter()
+        self._stored: dict[str, Stored] = {}
+        self._written: dict[str, Stored] = {}
+        self._failure: WriteFailed | None = None
+        self._latest_ns = manifest.start_utc_ns  # host time of messages that have none of their own
+        self._flush_due_s = self._sync_due_s = math.inf
+        try:
+            self._file = create(path)
+        except FileExistsError as error:
+            raise RecordingError(f"{path} exists, and a recording is never overwritten; take another run") from error
+        except OSError as error:
+            raise RecordingError(f"{path} cannot be made: {error.strerror or error}; check the folder") from error
+        self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
+        try:
+            with self._writing():
+                self._mcap.start(profile=topics.PROFILE)
+                self._channels = topics.register_topics(self._mcap)
+            self._put(manifest)
+            for stream in streams:
+                self.describe(stream)
+            self._flush(and_sync=True)
+        except BaseException:
+            self._release()
+            raise
+
+    @property
+    def stored(self) -> Mapping[str, Stored]:
+        """By stream, what is with the operating system: a kill of this process cannot take it back."""
+        return dict(self._stored)
+
+    def describe(self, stream: Stream) -> None:
+        """Announces a stream before its first block, and its new labels before the first block that has them."""
+        if stream.name not in topics.SAMPLE_TOPICS:
+            raise RecordingError(
+                f"{stream.source} sends {stream.name!r}, expected one of {', '.join(topics.SAMPLE_TOPICS)}"
+            )
+        self._streams[stream.name] = stream
+        self._put(stream)
+
+    def write(self, item: Item) -> None:
+        """Takes one item, and flushes when that is due.
+
+        Raises WriteFailed, or RecordingError for a block that is not what its stream announced.
+        """
+        self._latest_ns = max(self._latest_ns, item.host_time_ns)
+        if isinstance(item, Samples):
+            self._write_samples(item)
+        else:
+            self._put(item)
+        self.flush_if_due()
+
+    def flush_if_due(self) -> None:
+        """To be called at least every 0.1 s of wall time. Raises WriteFailed."""
+        if self._failure:
+            raise self._failure
+        now = self._clock()
+        if now >= min(self._flush_due_s, self._sync_due_s):
+            self._flush(and_sync=now >= self._sync_due_s)
+
+    def close(self, outcome: Outcome) -> None:
+        """Writes the outcome with the counts of all that came before it, and the index; releases the file in any case.
+
+        The manifest and the streams are written once more: one bad sector at the start must not cost the calibration.
+        Raises WriteFailed when this or any earlier write failed.
+        """
+        try:
+            self._put(self._manifest)
+            for stream in self._streams.values():
+                self._put(stream)
+            samples = {name: written.samples for name, written in self._written.items()}
+            self._put(replace(outcome, messages=dict(self._counts), samples=samples))
+            with self._writing():
+                self._mcap.finish()  # type: ignore[no-untyped-call]
+            self._flush(and_sync=True)
+        finally:
+            self._release()
+
+    def discard(self) -> None:
+        """Releases and deletes the file, where nothing worth keeping was recorded."""
+        self._release()
+        self._path.unlink(missing_ok=True)
+
+    def _write_samples(self, block: Samples) -> None:
+        count = len(block.sample_numbers)
+        if count == 0:
+            return
+        stream = self._streams.get(block.stream)
+        if stream is None or block.values.shape[1:2] != (len(stream.labels),):
+            announced = "nothing" if stream is None else f"{len(stream.labels)} columns"
+            raise RecordingError(
+                f"a block of {block.stream} holds values of shape {block.values.shape}, announced was {announced}; "
+                "describe the stream first"
+            )
+        self._put(block)
+        before = self._written.get(block.stream)
+        self._written[block.stream] = Stored(
+            samples=count + (before.samples if before else 0),
+            last_sample_number=int(block.sample_numbers[-1]),
+            last_device_time_ns=int(block.device_time_ns[-1]),
+        )
+
+    def _put(self, message: Message) -> None:
+        topic, data = pack(message)
+        time_ns = message.host_time_ns if isinstance(message, Item) else self._latest_ns
+        now = self._clock()
+        with self._writing():
+            self._mcap.add_message(
+                channel_id=self._channels[topic],
+                log_time=time_ns,
+                publish_time=time_ns,
+                sequence=self._counts[topic],
+                data=data,
+            )
+        self._counts[topic] += 1
+        self._flush_due_s = min(self._flush_due_s, now + FLUSH_AFTER_S)
+        self._sync_due_s = min(self._sync_due_s, now + SYNC_AFTER_S)
+
+    def _flush(self, and_sync: bool) -> None:
+        with self._writing():
+            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._flush_due_s = math.inf
+            if and_sync:
+                self._sync(self._file.fileno())
+                self._sync_due_s = math.inf
+        self._stored = dict(self._written)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """The latch: the package goes on after a failed write as if nothing had happened, so nobody calls it again."""
+        if self._failure:
+            raise self._failure
+        try:
+            yield
+        except Exception as error:
+            self._failure = WriteFailed(self._failure_sentence(error))
+            raise self._failure from error
+
+    def _failure_sentence(self, error: Exception) -> str:
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        last = ", ".join(f"{name} {stored.last_sample_number}" for name, stored in self._stored.items())
+        return (
+            f"{self._path} could not be written ({reason}): the last stored samples are {last or 'none'}; "
+            "make room on the disk and record the trial again"
+        )
+
+    def _release(self) -> None:
+        # Closing tries once more what could not be written; whether it can, the trial has already failed.
+        with suppress(OSError):
+            self._file.close()
+        self._failure = self._failure or WriteFailed(f"{self._path} is closed and takes no more")
