@@ -1,4 +1,10 @@
-"""Where the bodies are and how they move: batched postures and Jacobians of a model."""
+"""Where the bodies are and how they move, for a batch of frames.
+
+Velocities of bodies are kept as screws about the ground origin: (w, v) with w the angular velocity and v the velocity
+of the body's material point that is just at the ground origin. So one column per coordinate serves every body beyond
+its joint, and moments about the ground origin are their power partners. Equations: Featherstone, Rigid Body Dynamics
+Algorithms (2008), ch. 2 and 4; the scapulothoracic joint: Seth, Matias, Veloso, Delp, PLoS ONE 11(1):e0141028 (2016).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from solver.model import GROUND, AxisMotion, Joint, Model, ModelError, ScapulothoracicMotion
+from solver.spatial import angular_rates_matrix, rotate, rotation_about, rotation_body_fixed_xyz
 
 Array = NDArray[np.float64]
 
@@ -21,6 +30,8 @@ class Postures:
     origin_in_ground    (frames, bodies, 3) body origins
     angular_velocity    (frames, bodies, 3)
     origin_velocity     (frames, bodies, 3) velocity of the body origins
+    screws              (frames, coordinates, 6) (w, v) that a unit of each speed gives every body beyond its joint
+    bias_acceleration   (frames, bodies, 6) rate of change of each body's screw (w, v) while all u̇ are zero
     """
 
     coordinates: Array
@@ -29,3 +40,167 @@ class Postures:
     origin_in_ground: Array
     angular_velocity: Array
     origin_velocity: Array
+    screws: Array
+    bias_acceleration: Array
+
+
+def postures(model: Model, coordinates: Array, speeds: Array) -> Postures:
+    """The postures at coordinates q (frames, coordinates) and speeds u (frames, coordinates); nothing is assembled."""
+    expected = (len(coordinates), len(model.coordinates))
+    if coordinates.shape != expected or speeds.shape != expected:
+        raise ModelError(f"expected q and u of shape {expected}, found {coordinates.shape} and {speeds.shape}")
+    frames, bodies = len(coordinates), len(model.bodies)
+    rotation, origin = np.zeros((frames, bodies, 3, 3)), np.zeros((frames, bodies, 3))
+    velocity, bias = np.zeros((frames, bodies, 6)), np.zeros((frames, bodies, 6))
+    screws = np.zeros((frames, len(model.coordinates), 6))
+    rotation[:, GROUND] = np.eye(3)
+    for joint in model.joints:
+        parent, child = joint.parent, joint.child
+        move = _motion(joint, coordinates, speeds)
+        to_ground = rotation[:, parent] @ joint.frame_in_parent.rotation
+        base = origin[:, parent] + rotation[:, parent] @ joint.frame_in_parent.translation
+        rotation[:, child] = to_ground @ move.rotation @ joint.frame_in_child.rotation.T
+        end = base + rotate(to_ground, move.translation)
+        origin[:, child] = end - rotation[:, child] @ joint.frame_in_child.translation
+        columns = _screw_in_ground(to_ground[:, None], base[:, None], move.columns)
+        screws[:, move.coordinates] = columns
+        relative = np.einsum("fci,fc->fi", columns, speeds[:, move.coordinates])
+        velocity[:, child] = velocity[:, parent] + relative
+        own = _screw_in_ground(to_ground, base, move.bias)
+        bias[:, child] = bias[:, parent] + own + _screw_cross(velocity[:, parent], relative)
+    angular, linear = velocity[..., :3], velocity[..., 3:] + np.cross(velocity[..., :3], origin)
+    return Postures(coordinates, speeds, rotation, origin, angular, linear, screws, bias)
+
+
+def jacobians(model: Model, state: Postures) -> Array:
+    """(frames, bodies, 6, coordinates): each body's screw (w, v) about the ground origin per unit of each speed."""
+    columns = np.swapaxes(state.screws, 1, 2)
+    return columns[:, None] * bodies_moved(model)[None, :, None, :]
+
+
+def bodies_moved(model: Model) -> NDArray[np.bool_]:
+    """(bodies, coordinates): whether a coordinate moves a body, that is, lies between it and the ground."""
+    moved = np.zeros((len(model.bodies), len(model.coordinates)), dtype=bool)
+    for joint in model.joints:
+        moved[joint.child] = moved[joint.parent]
+        moved[joint.child, _coordinates_of(joint)] = True
+    return moved
+
+
+def points_in_ground(state: Postures, body: int, location: Array) -> Array:
+    """(frames, 3) where a point of a body, location (3,) in it, is in ground [m]."""
+    return state.origin_in_ground[:, body] + state.rotation_to_ground[:, body] @ location
+
+
+def speeds_from_rates(model: Model, coordinates: Array, rates: Array) -> Array:
+    """u (frames, coordinates) that moves the bodies as q̇ does; it differs from q̇ on the scapula only, u = E(q) q̇.
+
+    The published redundancy problem takes u = q̇ instead.
+    """
+    speeds = rates.copy()
+    for joint in model.joints:
+        if isinstance(joint.motion, ScapulothoracicMotion):
+            turning = list(joint.motion.coordinates[:3])
+            speeds[:, turning] = rotate(angular_rates_matrix(coordinates[:, turning]), rates[:, turning])
+    return speeds
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A joint's motion in its parent frame: pose of the child frame, screws about the frame's origin, their bias."""
+
+    coordinates: list[int]
+    rotation: Array
+    translation: Array
+    columns: Array
+    bias: Array
+
+
+def _coordinates_of(joint: Joint) -> list[int]:
+    if isinstance(joint.motion, ScapulothoracicMotion):
+        return list(joint.motion.coordinates)
+    return [int(c) for c in joint.motion.coordinate if c >= 0]
+
+
+def _motion(joint: Joint, q: Array, u: Array) -> _Motion:
+    if isinstance(joint.motion, ScapulothoracicMotion):
+        return _scapulothoracic(joint.motion, q, u)
+    return _axes(joint.motion, q, u)
+
+
+def _axes(motion: AxisMotion, q: Array, u: Array) -> _Motion:
+    """Body-fixed rotations about a₁, a₂, a₃, then a translation along a₄, a₅, a₆, all axes of the parent frame."""
+    frames = len(q)
+    driven = motion.coordinate >= 0
+    value = np.where(driven, q[:, motion.coordinate] * motion.slope, 0.0) + motion.offset
+    translation = value[:, 3:] @ motion.axes[3:]
+    rotation = np.broadcast_to(np.eye(3), (frames, 3, 3))
+    columns, bias, spin = np.zeros((frames, 6, 6)), np.zeros((frames, 6)), np.zeros((frames, 3))
+    for i in range(3):
+        axis = rotation @ motion.axes[i] * motion.slope[i]
+        rate = axis * u[:, motion.coordinate[i], None] if driven[i] else np.zeros((frames, 3))
+        columns[:, i, :3], columns[:, i, 3:] = axis, np.cross(translation, axis)
+        bias[:, :3] += np.cross(spin, rate)
+        spin = spin + rate
+        rotation = rotation @ rotation_about(motion.axes[i], value[:, i])
+    columns[:, 3:, 3:] = motion.axes[3:] * motion.slope[3:, None]
+    sliding = np.where(driven[3:], u[:, motion.coordinate[3:]] * motion.slope[3:], 0.0) @ motion.axes[3:]
+    # d/dt of v = p' − w × p, the velocity of the child's point at the parent frame's origin
+    bias[:, 3:] = -np.cross(bias[:, :3], translation) - np.cross(spin, sliding)
+    return _Motion([int(c) for c in motion.coordinate[driven]], rotation, translation, columns[:, driven], bias)
+
+
+_QUARTER_TURN = rotation_about((0.0, 0.0, 1.0), np.pi / 2)
+
+
+def _scapulothoracic(motion: ScapulothoracicMotion, q: Array, u: Array) -> _Motion:
+    """A frame that rolls its z axis along the normal n of an ellipsoid, then winging about an axis of its xy plane.
+
+    As OpenSim builds it: both the ellipsoid's frame and the frame that winging turns are a quarter turn about z away
+    from the joint's own, and so the first two radii trade places.
+    """
+    angles, spin = q[:, list(motion.coordinates[:3])], u[:, list(motion.coordinates[:3])]
+    winging, winging_rate = q[:, motion.coordinates[3]], u[:, motion.coordinates[3]]
+    radii = motion.radii[[1, 0, 2]]
+    rolled = rotation_body_fixed_xyz(angles)
+    normal = rolled[..., 2]
+    contact = radii * normal
+    columns = np.zeros((len(q), 4, 6))
+    columns[:, :3, :3] = np.eye(3)
+    axes = np.eye(3)[None]
+    columns[:, :3, 3:] = radii * np.cross(axes, normal[:, None]) + np.cross(contact[:, None], axes)
+    bias = np.zeros((len(q), 6))
+    gliding = np.cross(spin, normal)
+    bias[:, 3:] = radii * np.cross(spin, gliding) - np.cross(spin, radii * gliding)
+
+    plane = rolled @ _QUARTER_TURN.T
+    axis_in_plane = np.array([-np.sin(motion.winging_direction), np.cos(motion.winging_direction), 0.0])
+    pivot_in_plane = np.array([*motion.winging_origin, 0.0])
+    turn = rotation_about(axis_in_plane, winging)
+    axis, pivot = plane @ axis_in_plane, contact + plane @ pivot_in_plane
+    columns[:, 3, :3], columns[:, 3, 3:] = axis, np.cross(pivot, axis)
+    rolling = np.einsum("fci,fc->fi", columns[:, :3], spin)
+    bias += _screw_cross(rolling, columns[:, 3] * winging_rate[:, None])
+
+    turned = np.broadcast_to(_QUARTER_TURN, (len(q), 3, 3))
+    rotation = turned @ plane @ turn
+    translation = (pivot - rotate(plane @ turn, np.broadcast_to(pivot_in_plane, pivot.shape))) @ _QUARTER_TURN.T
+    return _Motion(
+        list(motion.coordinates),
+        rotation,
+        translation,
+        _screw_in_ground(turned[:, None], np.zeros((len(q), 1, 3)), columns),
+        _screw_in_ground(turned, np.zeros((len(q), 3)), bias),
+    )
+
+
+def _screw_in_ground(rotation: Array, origin: Array, screw: Array) -> Array:
+    """A screw (…, 6) about the origin of a frame, in it, turned and moved to the ground's axes and origin."""
+    w, v = rotate(rotation, screw[..., :3]), rotate(rotation, screw[..., 3:])
+    return np.concatenate([w, v + np.cross(origin, w)], axis=-1)
+
+
+def _screw_cross(a: Array, b: Array) -> Array:
+    """Rate of change (…, 6) of a screw b carried along by the screw a."""
+    w = np.cross(a[..., :3], b[..., :3])
+    return np.concatenate([w, np.cross(a[..., :3], b[..., 3:]) + np.cross(a[..., 3:], b[..., :3])], axis=-1)
