@@ -23,7 +23,9 @@ LATENESS_S = 1.0
 POST_ROLL_S = 0.5
 """Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
 GRACE_S = 1.0
-"""Wall seconds that closing waits for those samples."""
+"""Wall seconds that closing waits for those samples; a DAQ that sends none in that time has fallen silent."""
+HEARD_S = 0.2
+"""Wall seconds after the capture's end for which the DAQ must have been heard."""
 SILENCE_S = 3.0
 """Wall seconds after which a stream that should flow counts as lost."""
 
@@ -132,7 +134,7 @@ class TrialSession:
         if self.state is State.ARMED:
             self._check_armed()
         elif self.state is State.RECORDING:
-            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s)
+            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s, SILENCE_S)
             self._check_quiet_capture_end()
         elif self.state is State.CLOSING:
             self._check_closing()
@@ -148,9 +150,10 @@ class TrialSession:
             self._finish()
 
     def fail(self, sentence: str) -> None:
-        """A device is gone: the trial ends here, unless it is closing and has all it needs."""
+        """A device is gone: the trial ends here. One that goes while the trial is closing takes nothing with it."""
         if self.state is State.RECORDING:
             self._close("device_lost", sentence, accepted=False)
+            self._finish()
         elif self.state in (State.IDLE, State.ARMED):
             self._enter(State.FAILED, sentence)
 
@@ -169,7 +172,7 @@ class TrialSession:
     def _check_armed(self) -> None:
         waited = self._clock.station_s() - self._armed_station_s
         if self._rules.start == "sync_edge":
-            self._check_silence(("/sync",), self._armed_wall_s)
+            self._check_silence(("/sync",), self._armed_wall_s, SILENCE_S)
             self._check_polarity()
             self.wants_capture_start = waited >= PRE_ROLL_S and "/sync" in self._last_seen_wall_s
         else:
@@ -193,8 +196,9 @@ class TrialSession:
         )
 
     def _follow_sync(self, samples: Samples) -> None:
-        if len(samples.device_time_ns):
-            self._latest_device_ns = int(samples.device_time_ns[-1])
+        if not len(samples.device_time_ns):
+            return
+        self._latest_device_ns = int(samples.device_time_ns[-1])
         edges = self._sync.feed(samples)
         if self.state is State.ARMED:
             self._look_for_start(samples, edges)
@@ -247,20 +251,26 @@ class TrialSession:
         elif event.kind == "capture_stopped" and self.state is State.RECORDING:
             self._close("capture_ended", "the mocap capture ended", accepted=True)
 
-    def _check_silence(self, expected: tuple[str, ...], since_wall_s: float) -> None:
+    def _check_silence(self, expected: tuple[str, ...], since_wall_s: float, allowed_s: float) -> None:
         now = self._clock.wall_s()
         for stream in self._streams:
             quiet_s = now - max(self._last_seen_wall_s.get(stream.name, since_wall_s), since_wall_s)
-            if stream.name in expected and quiet_s > SILENCE_S:
+            if stream.name in expected and quiet_s > allowed_s:
                 self._note_silence(stream, quiet_s)
-                self.fail(
+                self._fall_silent(
                     f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
                     "samples a second; check the device and its cable"
                 )
                 return
 
+    def _fall_silent(self, sentence: str) -> None:
+        if self.state is State.CLOSING:
+            self._closing_ok, self.sentence = False, sentence
+        else:
+            self.fail(sentence)
+
     def _note_silence(self, stream: Stream, quiet_wall_s: float) -> None:
-        if self.state is State.RECORDING:
+        if self.state in (State.RECORDING, State.CLOSING):
             missing = round(quiet_wall_s * self._clock.speed * stream.rate_hz)
             self.lost_samples += missing
             self._record(Loss(stream.name, "silent", 0, missing, self._latest_device_ns, self._clock.utc_ns()))
@@ -282,7 +292,10 @@ class TrialSession:
         station_s = (self._clock.utc_ns() - self._closing_host_ns) * 1e-9
         wall_s = self._clock.wall_s() - self._closing_wall_s
         heard = self._last_seen_wall_s.get("/sync", 0.0) - self._closing_wall_s
-        if (station_s >= POST_ROLL_S and heard >= 0.2) or wall_s >= GRACE_S or not self._closing_ok:
+        if station_s >= POST_ROLL_S and heard >= HEARD_S:
+            self._finish()
+        elif wall_s >= GRACE_S:
+            self._check_silence(("/force", "/sync"), self._edge_wall_s, GRACE_S)
             self._finish()
 
     def _finish(self) -> None:

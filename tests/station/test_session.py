@@ -244,6 +244,18 @@ def test_a_stream_that_falls_silent_while_recording_ends_the_trial_with_a_loss(w
     assert [(x.stream, x.cause) for x in losses] == [(stream, "silent")]
 
 
+def test_a_daq_that_froze_just_before_the_capture_ended_is_not_accepted() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.daq_sends = False
+    bench.stop_capture()
+    bench.run(2.0)
+    assert bench.session.state is State.FAILED
+    assert "NI Dev1 sent nothing on /force" in bench.session.sentence
+
+
 def test_a_silent_daq_is_noticed_while_armed() -> None:
     bench = Bench(timeout_s=60.0).arm()
     bench.daq_sends = False
