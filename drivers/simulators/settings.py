@@ -163,14 +163,13 @@ class SerialLine(_Section):
 
 
 class Operator(_Section):
-    """Who starts a capture. "auto": a person at the mocap PC, delay_s after the client's devices stream.
+    """Who starts a capture: "auto" is a person at the mocap PC, delay_s after all of a client's devices stream;
 
-    waits_for names the devices that must stream. "remote": a client that takes control.
+    "remote" is a client that takes control.
     """
 
     capture: Literal["auto", "remote"] = "auto"
     delay_s: NotNegative = 3.0
-    waits_for: tuple[Literal["daq", "mocap"], ...] = ("daq", "mocap")
 
 
 class Ports(_Section):

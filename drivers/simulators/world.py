@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from drivers.simulators.pull import Pull
 from drivers.simulators.settings import STANDARD_GRAVITY, Settings
 
 Floats = NDArray[np.float64]
-DeviceKind = Literal["daq", "mocap"]
 
 
 @dataclass(frozen=True)
@@ -66,10 +65,7 @@ class World:
         self._pull.set_up(self._trial.cuff, self._trial.test, 0.0)
         self._pull.advance(0.0)  # compiles the physics before the clock runs
         self._capture: Capture | None = None
-        self._is_captured = False  # whether the trial set up is the one of the capture, and not over
-        self._streaming: set[DeviceKind] = set()
-        self._armed_at: float | None = None
-        self._is_controlled = False
+        self._is_capturing = False
         self._seen = 0.0  # the latest world time any device was told about
         self._wall_start = wall()
 
@@ -128,36 +124,22 @@ class World:
         """Raises the sync line now and begins the trial's script. Raises ValueError while a capture runs."""
         with self._lock:
             self._live(self.now())
-            if self._is_captured:
+            if self._is_capturing:
                 raise ValueError("a capture is running; stop it before starting another")
-            return self._start(self._seen)
+            number = 1 if self._capture is None else self._capture.number + 1
+            self._capture = Capture(number, self._seen, self._pull.begin(self._seen), self._trial)
+            self._is_capturing = True
+            return self._capture
 
     def stop_capture(self) -> Capture:
         """Lowers the sync line now; hands take every load off. Raises ValueError when no capture runs."""
         with self._lock:
             self._live(self.now())
-            if self._capture is None or not self._is_captured:
+            if self._capture is None or not self._is_capturing:
                 raise ValueError("no capture is running")
             self._capture = replace(self._capture, end=self._seen)
             self._live(self._capture.end)
             return self._capture
-
-    def report_streaming(self, device: DeviceKind, is_streaming: bool) -> None:
-        """A simulator tells whether any client takes its samples; the operator waits for that."""
-        with self._lock:
-            now = self.now()
-            self._live(now)
-            self._streaming.discard(device)
-            if is_streaming:
-                self._streaming.add(device)
-            self._armed_at = now if self._streaming.issuperset(self.settings.operator.waits_for) else None
-
-    def report_control(self, is_controlled: bool) -> None:
-        """A client took the mocap system's control, or gave it back; while it has it, the operator keeps away."""
-        with self._lock:
-            self._live(self.now())
-            self._is_controlled = is_controlled
-            self._armed_at = None
 
     # The trial on the bench
 
@@ -193,7 +175,7 @@ class World:
             raise ValueError(f"no trial {cuff!r} {test!r}; cuffs are {known}, tests are static and dynamic")
         with self._lock:
             self._live(self.now())
-            if self._is_captured:
+            if self._is_capturing:
                 raise ValueError(f"a capture of {self._trial.cuff} {self._trial.test} is running; stop it first")
             self._plan = None
             self._set_up(Trial(cuff, test), is_donning)
@@ -202,24 +184,14 @@ class World:
     # Everything below is called with the lock held
 
     def _live(self, until: float) -> None:
-        """Lets everything happen that happens up to `until`: operator, physics, the capture's end, the next trial."""
-        told, self._seen = self._seen, max(self._seen, until)
-        is_auto = self.settings.operator.capture == "auto" and not self._is_controlled and not self._is_captured
-        if is_auto and self._armed_at is not None and self._armed_at + self.settings.operator.delay_s <= until:
-            self._start(max(self._armed_at + self.settings.operator.delay_s, told))
-        if self._is_captured and self._capture is not None and self._capture.end <= until:
+        """Lets everything happen that happens up to `until`: physics, the capture's end, the next trial."""
+        self._seen = max(self._seen, until)
+        if self._is_capturing and self._capture is not None and self._capture.end <= until:
             self._pull.advance(self._capture.end)
-            self._is_captured = False
+            self._is_capturing = False
             following = self._trial if self._plan is None else next(self._plan)
             self._set_up(following, is_donning=following.cuff != self._trial.cuff)
         self._pull.advance(until)
-
-    def _start(self, start: float) -> Capture:
-        number = 1 if self._capture is None else self._capture.number + 1
-        self._capture = Capture(number, start, self._pull.begin(start), self._trial)
-        self._is_captured = True
-        self._armed_at = None
-        return self._capture
 
     def _set_up(self, trial: Trial, is_donning: bool) -> None:
         self._slips[self._trial.cuff] = self._pull.slip

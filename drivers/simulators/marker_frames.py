@@ -1,0 +1,83 @@
+"""What QTM's cameras produce: numbered frames of all markers, and their packets on the wire."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simulators.world import World
+
+DATA_PACKET = 3
+COMPONENTS = {"3d": (1, 3), "3dres": (9, 4)}  # type on the wire, numbers per marker
+MISSING = 0xFFFFFFFF  # the bits of x, y and z of a marker that is not seen
+_TYPICAL_RESIDUAL_MM = 0.4
+_HEADER = (
+    ("size", "<u4"),
+    ("packet", "<u4"),
+    ("timestamp", "<i8"),
+    ("number", "<u4"),
+    ("components", "<u4"),
+    ("component_size", "<u4"),
+    ("component", "<u4"),
+    ("markers", "<u4"),
+    ("drop_rate", "<u2"),
+    ("out_of_sync_rate", "<u2"),
+)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """numbers (n,) from 1; timestamps (n,) [µs] from frame 1; points (n, labels, 4): x, y, z, residual [mm]."""
+
+    numbers: NDArray[np.uint32]
+    timestamps: NDArray[np.int64]
+    points: NDArray[np.float32]
+
+
+class Camera:
+    """Exposes frame after frame of the World at its rate, from first_exposure [s, world time] on."""
+
+    def __init__(self, world: World, first_exposure: float) -> None:
+        self._world = world
+        self._rate = world.settings.mocap.rate_hz
+        self._first_exposure = first_exposure
+        self._exposed = 0
+        self._random = np.random.default_rng(round(first_exposure * 1e6))
+
+    def frames_before(self, until: float) -> Frames | None:
+        """The frames exposed since the last call and before the world time until; None where there are none."""
+        due = math.ceil((until - self._first_exposure) * self._rate)
+        if due <= self._exposed:
+            return None
+        index = np.arange(self._exposed, due)
+        self._exposed = due
+        markers = self._world.markers(self._first_exposure + index / self._rate)
+        points = np.zeros((*markers.shape[:2], 4), dtype="<f4")
+        points[..., :3] = markers
+        is_missing = np.isnan(points[..., 0])
+        points[..., 3] = self._random.rayleigh(_TYPICAL_RESIDUAL_MM, is_missing.shape)
+        points[is_missing, 3] = 0
+        points.view("<u4")[is_missing, :3] = MISSING
+        return Frames((index + 1).astype(np.uint32), np.rint(index * (1e6 / self._rate)).astype(np.int64), points)
+
+
+def packed(frames: Frames, component: str, divisor: int) -> bytes:
+    """The packets of every divisor-th frame, back to back."""
+    kind, columns = COMPONENTS[component]
+    chosen = (frames.numbers - 1) % divisor == 0
+    count = frames.points.shape[1]
+    layout = np.dtype([*_HEADER, ("points", "<f4", (count, columns))])
+    packets = np.zeros(int(chosen.sum()), dtype=layout)
+    packets["size"] = layout.itemsize
+    packets["packet"] = DATA_PACKET
+    packets["timestamp"] = frames.timestamps[chosen]
+    packets["number"] = frames.numbers[chosen]
+    packets["components"] = 1
+    packets["component_size"] = layout.itemsize - 24
+    packets["component"] = kind
+    packets["markers"] = count
+    packets["points"] = frames.points[chosen, :, :columns]
+    return packets.tobytes()

@@ -1,0 +1,340 @@
+"""QTM's real-time server, protocol 1.25, little endian: serves the World's markers to any client of Qualisys.
+
+Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, and timestamps count from that frame.
+With a preview, frames flow between captures too; their numbers begin anew with every capture and every preview.
+
+Does not imitate: the ports of other versions and byte orders, discovery, UDP and OSC, components other than labelled 3D
+with and without residuals, polled frames, changing settings, triggers, transfer of files, calibration, real time from
+file, skipped frames and delays of QTM's own processing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import struct
+import threading
+from concurrent.futures import Future
+from dataclasses import dataclass
+from xml.sax.saxutils import escape
+
+from drivers.simulators.marker_frames import COMPONENTS, Camera, packed
+from drivers.simulators.world import Capture, World
+
+ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
+CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, CAPTURE_SAVED = 1, 2, 3, 4, 13
+VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
+MOST_CLIENTS = 10
+MOST_UNSENT_BYTES = 8_000_000  # a client further behind loses frames, as in QTM
+LONGEST_COMMAND_BYTES = 65_536
+TICK_S = 0.004  # wall
+MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
+
+
+class QualisysSimulator:
+    """The server, on 127.0.0.1 in a thread of its own; port 0 takes a free one. start() and stop() work once each."""
+
+    def __init__(self, world: World, *, port: int = 0) -> None:
+        self.port = port
+        self._server = _Server(world)
+        self._thread = threading.Thread(target=self._run, name="QTM simulator", daemon=True)
+        self._bound: Future[int] = Future()
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether a client takes frames."""
+        return any(client.stream for client in tuple(self._server.clients))
+
+    @property
+    def is_controlled(self) -> bool:
+        """Whether a client has taken control."""
+        return self._server.master is not None
+
+    def start(self) -> None:
+        """Binds and serves. Raises OSError if the port is taken."""
+        self._thread.start()
+        self.port = self._bound.result()
+
+    def stop(self) -> None:
+        """Closes every connection."""
+        self._server.loop.call_soon_threadsafe(self._server.ending.set)
+        self._thread.join()
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._server.loop) as runner:
+            runner.run(self._server.serve(self.port, self._bound))
+
+
+class _RefusedError(Exception):
+    """QTM's words for what it will not do."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What a client asked for: every divisor-th frame of one component."""
+
+    component: str
+    divisor: int
+
+
+class _Client:
+    """One connection."""
+
+    def __init__(self, writer: asyncio.StreamWriter) -> None:
+        self.stream: Stream | None = None
+        self._writer = writer
+
+    def send(self, kind: int, body: bytes = b"") -> None:
+        self._writer.write(struct.pack("<II", 8 + len(body), kind) + body)
+
+    def send_text(self, kind: int, text: str) -> None:
+        self.send(kind, text.encode() + b"\0")
+
+    def send_frames(self, packets: bytes) -> None:
+        if self._writer.transport.get_write_buffer_size() < MOST_UNSENT_BYTES:
+            self._writer.write(packets)
+
+    def close(self) -> None:
+        self._writer.transport.abort()
+
+
+class _Server:
+    """QTM itself: its clients, who is master, the measurement, and the frames that flow."""
+
+    def __init__(self, world: World) -> None:
+        self.loop = asyncio.new_event_loop()
+        self.ending = asyncio.Event()
+        self.clients: list[_Client] = []
+        self.master: _Client | None = None
+        self._world = world
+        self._mocap = world.settings.mocap
+        self._is_connected = world.settings.operator.capture == "auto" or self._mocap.has_preview
+        self._is_unsaved = False
+        self._state = CONNECTED if self._is_connected else CLOSED
+        self._capture: Capture | None = None  # the one that runs
+        self._captures = 0
+        self._camera: Camera | None = None
+        self._start_preview(0.0)
+
+    async def serve(self, port: int, bound: Future[int]) -> None:
+        try:
+            server = await asyncio.start_server(self._talk, "127.0.0.1", port)
+        except OSError as error:
+            bound.set_exception(error)
+            return
+        bound.set_result(server.sockets[0].getsockname()[1])
+        pacing = asyncio.create_task(self._pace())
+        ending = asyncio.create_task(self.ending.wait())
+        await asyncio.wait((pacing, ending), return_when=asyncio.FIRST_COMPLETED)
+        server.close()
+        for client in self.clients:
+            client.close()
+        if pacing.done():
+            pacing.result()  # it never ends but by a fault, which belongs on the screen
+
+    # Frames
+
+    async def _pace(self) -> None:
+        while True:
+            now = self._world.now()
+            capture = self._world.capture
+            if capture is not None and capture.number > self._captures:
+                self._send_before(capture.start)
+                self._begin(capture)
+            if self._capture is None:
+                self._send_before(now)
+            elif capture is not None:
+                self._send_before(min(now, capture.end))
+                if now >= capture.end:
+                    self._end(capture)
+            await asyncio.sleep(TICK_S)
+
+    def _send_before(self, until: float) -> None:
+        frames = self._camera.frames_before(until) if self._camera else None
+        if frames is None:
+            return
+        streams = {client.stream for client in self.clients if client.stream}
+        packets = {stream: packed(frames, stream.component, stream.divisor) for stream in streams}
+        for client in self.clients:
+            if client.stream:
+                client.send_frames(packets[client.stream])
+
+    def _begin(self, capture: Capture) -> None:
+        self._capture = capture
+        self._captures = capture.number
+        self._is_connected = True
+        self._is_unsaved = self.master is not None  # a person at the PC saves what he started
+        self._camera = Camera(self._world, capture.start + self._mocap.phase_s)
+        self._announce(CAPTURE_STARTED)
+
+    def _end(self, capture: Capture) -> None:
+        self._capture = None
+        self._is_connected = not self._is_unsaved
+        self._announce(CAPTURE_STOPPED)
+        self._start_preview(capture.end)
+        if self._camera is None:
+            for client in self.clients:
+                if client.stream:
+                    client.send(NO_MORE_DATA)
+
+    def _start_preview(self, since: float) -> None:
+        has_preview = self._mocap.has_preview and self._is_connected
+        self._camera = Camera(self._world, since) if has_preview else None
+
+    def _announce(self, event: int) -> None:
+        if event != CAPTURE_SAVED:
+            self._state = event
+        for client in self.clients:
+            client.send(EVENT, bytes([event]))
+
+    # Commands
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        client = _Client(writer)
+        if len(self.clients) >= MOST_CLIENTS:
+            client.send_text(ERROR, "Connection refused. Max number of clients reached.")
+            writer.close()
+            return
+        self.clients.append(client)
+        try:
+            client.send_text(COMMAND, "QTM RT Interface connected")
+            while True:
+                size, kind = struct.unpack("<II", await reader.readexactly(8))
+                if not 8 <= size <= LONGEST_COMMAND_BYTES:
+                    break
+                body = await reader.readexactly(size - 8)
+                self._obey(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass
+        finally:
+            self.clients.remove(client)
+            if self.master is client:
+                self.master = None
+            client.close()
+
+    def _obey(self, client: _Client, kind: int, text: str) -> None:
+        """Answers one command, as QTM words it."""
+        word, _, rest = text.partition(" ")
+        word = word.lower()
+        command = getattr(self, f"_on_{word}", None) if kind == COMMAND and word.isalpha() else None
+        try:
+            if command is None:
+                raise _RefusedError("Parse error")
+            if word in MASTERS_COMMANDS and client is not self.master:
+                raise _RefusedError("You must be master to issue this command")
+            answer = command(client, rest.strip())
+            if answer is not None:
+                client.send_text(COMMAND, answer)
+        except _RefusedError as refusal:
+            client.send_text(ERROR, str(refusal))
+
+    def _on_version(self, _client: _Client, version: str) -> str:
+        if not version:
+            return f"Version is {VERSIONS[-1]}"
+        if version not in VERSIONS:
+            raise _RefusedError("Version NOT supported")
+        return f"Version set to {version}"
+
+    def _on_qtmversion(self, _client: _Client, _rest: str) -> str:
+        return "QTM Version is 2024.3 (build 17700)"
+
+    def _on_byteorder(self, _client: _Client, _rest: str) -> str:
+        return "Byte order is little endian"
+
+    def _on_getstate(self, client: _Client, _rest: str) -> None:
+        client.send(EVENT, bytes([self._state]))
+
+    def _on_getparameters(self, client: _Client, wanted: str) -> None:
+        client.send_text(XML, self._parameters(wanted.lower().split()))
+
+    def _on_streamframes(self, client: _Client, wanted: str) -> None:
+        """The answer is the first frame, or no-more-data while nothing flows."""
+        client.stream = self._stream(wanted.lower().split())
+        if client.stream and self._camera is None:
+            client.send(NO_MORE_DATA)
+
+    def _on_takecontrol(self, client: _Client, password: str) -> str:
+        if password != self._mocap.password:
+            raise _RefusedError("Wrong or missing password")
+        if self.master not in (None, client):
+            raise _RefusedError("127.0.0.1 is already master")
+        self.master = client
+        return "You are now master"
+
+    def _on_releasecontrol(self, client: _Client, _rest: str) -> str:
+        if self.master is not client:
+            return "You are already a regular client"
+        self.master = None
+        return "You are now a regular client"
+
+    def _on_new(self, _client: _Client, _rest: str) -> str:
+        if self._is_connected:
+            return "Already connected"
+        if self._is_unsaved:
+            raise _RefusedError("The previous measurement has not been saved or closed")
+        self._is_connected = True
+        self._start_preview(self._world.now())
+        self._announce(CONNECTED)
+        return "Creating new connection"
+
+    def _on_start(self, _client: _Client, _rest: str) -> str:
+        if self._capture:
+            raise _RefusedError("Measurement is already running")
+        if not self._is_connected:
+            raise _RefusedError("Not connected. Create connection with new")
+        self._world.start_capture()
+        return "Starting measurement"
+
+    def _on_stop(self, _client: _Client, _rest: str) -> str:
+        if not self._capture:
+            raise _RefusedError("No measurement is running")
+        self._world.stop_capture()
+        return "Stopping measurement"
+
+    def _on_save(self, _client: _Client, _rest: str) -> str:
+        if not self._is_unsaved or self._capture:
+            raise _RefusedError("No measurement to save")
+        self._is_unsaved = False
+        self._announce(CAPTURE_SAVED)
+        return "Measurement saved"
+
+    def _on_close(self, _client: _Client, _rest: str) -> str:
+        if not self._is_connected and not self._is_unsaved:
+            return "No connection to close"
+        answer = "Closing file" if self._is_unsaved else "Closing connection"
+        self._is_connected = self._is_unsaved = False
+        self._camera = None
+        self._announce(CLOSED)
+        return answer
+
+    def _on_event(self, _client: _Client, _label: str) -> str:
+        if not self._capture:
+            raise _RefusedError("QTM is not capturing")
+        return "Event set"
+
+    def _stream(self, words: list[str]) -> Stream | None:
+        """What streamframes asks for; None to stop."""
+        if words == ["stop"]:
+            return None
+        pace = re.fullmatch(r"allframes|frequency:(\d+)|frequencydivisor:(\d+)", words[0]) if words else None
+        if pace is None or len(words) != 2 or words[1] not in COMPONENTS:
+            raise _RefusedError("Parse error")
+        frequency, divisor = (int(digits) if digits else 0 for digits in pace.groups())
+        if frequency:
+            divisor = round(self._mocap.rate_hz / frequency)
+        return Stream(words[1], max(divisor, 1))
+
+    def _parameters(self, wanted: list[str]) -> str:
+        """The XML of GetParameters."""
+        labels = "".join(
+            f"<Label><Name>{escape(label)}</Name><RGBColor>65280</RGBColor></Label>" for label in self._world.labels
+        )
+        blocks = {
+            "general": f"<General><Frequency>{self._mocap.rate_hz:g}</Frequency></General>",
+            "3d": f"<The_3D><AxisUpwards>+Z</AxisUpwards><CalibrationTime>2026.01.01 12:00:00</CalibrationTime>"
+            f"<Labels>{len(self._world.labels)}</Labels>{labels}</The_3D>",
+        }
+        chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
+        if not chosen:
+            raise _RefusedError("Parse error")
+        return f"<QTM_Parameters_Ver_{VERSIONS[-1]}>{chosen}</QTM_Parameters_Ver_{VERSIONS[-1]}>"
