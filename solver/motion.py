@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+
+from solver.model import Model
 
 Array = NDArray[np.float64]
 
@@ -52,12 +54,13 @@ class Kinematics:
     cutoff: float | None
 
 
-def read_motion(path: Path, names: Sequence[str], translations: Collection[str] = ()) -> Motion:
-    """Read the coordinates `names` from an OpenSim .mot or .sto, or from a .csv in radians and metres.
+def read_motion(path: Path, model: Model) -> Motion:
+    """Read the model's coordinates from an OpenSim .mot or .sto, or from a .csv in radians and metres.
 
-    Angles are turned into radians where the header says inDegrees=yes; `translations` name the coordinates in metres.
-    Columns that are not asked for are ignored. Raises MotionError naming the file and what is missing or malformed.
+    Angles are turned into radians where the header says inDegrees=yes. Columns of no coordinate are ignored. Raises
+    MotionError naming the file and what is missing or malformed.
     """
+    names = model.coordinate_names
     columns, table, in_degrees = _read_table(path)
     if "time" not in columns:
         raise MotionError(f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it")
@@ -69,9 +72,9 @@ def read_motion(path: Path, names: Sequence[str], translations: Collection[str] 
         )
     time = table[:, columns.index("time")]
     _ensure_even_time(path, time)
-    scale = [np.pi / 180 if in_degrees and name not in translations else 1.0 for name in names]
+    scale = [np.pi / 180 if in_degrees and c.motion == "rotation" else 1.0 for c in model.coordinates]
     coordinates = table[:, [columns.index(name) for name in names]] * scale
-    return Motion(names=tuple(names), time=time, coordinates=coordinates)
+    return Motion(names=names, time=time, coordinates=coordinates)
 
 
 def differentiate(
@@ -96,6 +99,18 @@ def differentiate(
             f"{start} and {end} s; choose other limits"
         )
     return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
+
+
+def thin(kinematics: Kinematics, every: int) -> Kinematics:
+    """Every N-th frame, the first included; the interval grows with it, speeds and accelerations stay."""
+    return replace(
+        kinematics,
+        time=kinematics.time[::every],
+        interval=kinematics.interval * every,
+        positions=kinematics.positions[::every],
+        speeds=kinematics.speeds[::every],
+        accelerations=kinematics.accelerations[::every],
+    )
 
 
 def write_table(path: Path, names: Sequence[str], time: Array, values: Array) -> None:

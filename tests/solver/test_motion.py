@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from solver.motion import Motion, MotionError, differentiate, read_motion, write_table
+from solver.model import Coordinate, Model
+from solver.motion import Motion, MotionError, differentiate, read_motion, thin, write_table
 
 MOT = """Coordinates
 version=1
@@ -17,6 +18,13 @@ time\tshoulder_elv\tthorax_tx\textra
 0.01\t180\t0.6\t7
 0.02\t0\t0.7\t7
 """
+
+
+def model(*names):
+    """A model of nothing but coordinates; those ending in tx are translations."""
+    kinds = ["translation" if name.endswith("tx") else "rotation" for name in names]
+    coordinates = tuple(Coordinate(name, kind, 0.0, (-1.0, 1.0)) for name, kind in zip(names, kinds, strict=True))
+    return Model("test", np.zeros(3), (), coordinates, (), (), (), (), (), ())
 
 
 def sine(frequency, rate=100.0, duration=6.0):
@@ -33,7 +41,7 @@ def gain(frequency):
 def test_angles_follow_the_header_and_translations_stay_metres(tmp_path, degrees, half_turn):
     path = tmp_path / "raise.mot"
     path.write_text(MOT.format(degrees=degrees))
-    motion = read_motion(path, ["thorax_tx", "shoulder_elv"], {"thorax_tx"})
+    motion = read_motion(path, model("thorax_tx", "shoulder_elv"))
     np.testing.assert_allclose(motion.coordinates[1], [0.6, half_turn])
     np.testing.assert_allclose(motion.time, [0, 0.01, 0.02])
 
@@ -43,7 +51,7 @@ def test_what_is_written_is_read_again(tmp_path, suffix):
     time, values = np.arange(5) / 100, np.random.default_rng(1).normal(size=(5, 2))
     path = tmp_path / f"table{suffix}"
     write_table(path, ["a", "b"], time, values)
-    motion = read_motion(path, ["a", "b"])
+    motion = read_motion(path, model("a", "b"))
     np.testing.assert_allclose(motion.time, time, atol=1e-12)
     np.testing.assert_allclose(motion.coordinates, values, rtol=1e-9)
 
@@ -52,7 +60,7 @@ def test_a_missing_coordinate_is_named(tmp_path):
     path = tmp_path / "raise.mot"
     path.write_text(MOT.format(degrees="yes"))
     with pytest.raises(MotionError, match=r"raise\.mot .* lacks elbow_flexion; add it"):
-        read_motion(path, ["shoulder_elv", "elbow_flexion"])
+        read_motion(path, model("shoulder_elv", "elbow_flexion"))
 
 
 @pytest.mark.parametrize(
@@ -70,7 +78,7 @@ def test_a_malformed_file_gives_one_sentence(tmp_path, text, sentence):
     path = tmp_path / "bad.mot"
     path.write_text(text)
     with pytest.raises(MotionError, match=sentence):
-        read_motion(path, ["a"])
+        read_motion(path, model("a"))
 
 
 def test_the_filter_has_the_published_gains():
@@ -91,6 +99,14 @@ def test_cutting_a_motion_changes_no_frame_that_is_kept():
     whole, part = differentiate(sine(1.0)), differentiate(sine(1.0), start=2.0, end=3.0)
     assert len(part.time) == 101
     np.testing.assert_array_equal(part.accelerations, whole.accelerations[200:301])
+
+
+def test_a_thinned_motion_knows_its_longer_interval():
+    whole = differentiate(sine(1.0))
+    part = thin(whole, 7)
+    assert part.interval == pytest.approx(0.07)
+    np.testing.assert_array_equal(part.accelerations, whole.accelerations[::7])
+    np.testing.assert_allclose(np.diff(part.time), part.interval)
 
 
 def test_limits_outside_the_motion_are_refused():

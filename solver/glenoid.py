@@ -1,0 +1,71 @@
+"""The glenoid: the cone in which the humeral head must push, or it leaves the socket."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.model import Model, ModelError
+
+Array = NDArray[np.float64]
+
+JOINT = "GlenoHumeral"
+CENTER_MARKER, HEAD_MARKER, EDGE_MARKER = "Glenoid_Center", "HumHead_Center", "Glenoid_Edge"
+
+
+@dataclass(frozen=True)
+class GlenoidCone:
+    """A circular cone fixed to the scapula, with its tip in the centre of the humeral head.
+
+    body        index of the scapula in Model.bodies
+    axis        (3,) unit vector in the scapula, from the head to the centre of the glenoid
+    half_angle  between axis and rim [rad]
+    """
+
+    body: int
+    axis: Array
+    half_angle: float
+
+
+def glenoid_cone(model: Model) -> GlenoidCone:
+    """The cone that the markers of head, glenoid centre and glenoid edge span (Belli et al. 2023).
+
+    Raises ModelError where a marker is missing or sits on a body that makes no cone.
+    """
+    joint = model.joint(JOINT)
+    center, head, edge = (model.marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
+    is_on_socket = center.body == edge.body == joint.parent
+    is_on_head = head.body == joint.child and np.allclose(head.location, joint.frame_in_child.translation, atol=1e-6)
+    if not (is_on_socket and is_on_head):
+        raise ModelError(
+            f"the markers {CENTER_MARKER} and {EDGE_MARKER} should sit on {model.bodies[joint.parent].name} and "
+            f"{HEAD_MARKER} at the centre of the joint {JOINT}, and do not; move them or solve without the glenoid"
+        )
+    head_in_scapula = joint.frame_in_parent.translation
+    axis, rim = _unit(center.location - head_in_scapula), _unit(edge.location - head_in_scapula)
+    return GlenoidCone(body=joint.parent, axis=axis, half_angle=float(np.arccos(axis @ rim)))
+
+
+def cone_rows(cone: GlenoidCone, rotation_to_ground: Array) -> Array:
+    """Rows (frames, 3, 3) that turn a reaction F [N] in ground into (s, v): F lies in the cone where s ≥ |v|.
+
+    rotation_to_ground (frames, 3, 3) of the scapula; s = tan θ (d·F), v = the two parts of F across the axis d.
+    """
+    across = np.linalg.svd(cone.axis[None])[2][1:]
+    rows = np.vstack([np.tan(cone.half_angle) * cone.axis, across])
+    return rows @ np.swapaxes(rotation_to_ground, -1, -2)
+
+
+def angle_to_axis(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -> Array:
+    """Angle (frames,) [rad] between a reaction (frames, 3) in ground and the cone's axis."""
+    axis = rotation_to_ground @ cone.axis
+    across = np.linalg.norm(np.cross(axis, force), axis=-1)
+    angle: Array = np.arctan2(across, (axis * force).sum(axis=-1))
+    return angle
+
+
+def _unit(vector: Array) -> Array:
+    unit: Array = vector / np.linalg.norm(vector)
+    return unit
