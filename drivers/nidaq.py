@@ -1,0 +1,300 @@
+"""Volts from an NI USB-6008 through nidaqmx: the load cell's amplifier and the 5 V sync line, in one task.
+
+The driver package is used as it is, against the local NI-DAQmx or an NI gRPC Device Server.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.device import HostClock
+from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from recordings.samples import Item, Loss, Samples, Stream
+
+# nidaqmx.error_codes.DAQmxErrors
+TIMED_OUT = -200284
+OVERRUN = {-200279, -200222, -200361, -200004}  # PC buffer or on-board FIFO overwritten: a restart cures it
+NO_SUCH_DEVICE = {-200220, -201003, -200045}
+IN_USE = {-200022, -50103}
+NO_SUCH_CHANNEL = {-200170}
+
+CONNECT_TIMEOUT_S = 3.0
+READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
+LONGEST_WAIT_S = 1.0  # for samples, within one read
+RPC_DEADLINE_S = LONGEST_WAIT_S + 2.0  # nidaqmx sets none: a frozen server would hold the caller for ever
+BUFFER_S = 60.0  # device seconds the PC buffer holds while nobody reads
+LARGEST_READ_S = 10.0
+
+T = TypeVar("T")
+Volts = NDArray[np.float64]  # (channels, n)
+
+
+class NiDaq:
+    """Streams /force and /sync, in volts; only /sync where the load cell is on another wire (no force_channel).
+
+    Sample numbers count from 0 at the start of the task and device time is number ÷ the device's sample rate.
+    start "pfi0" begins at the rising edge on PFI0, "sync_edge" at once. After an overrun the task is restarted and
+    the numbers jump by what the host's clock says was missed.
+    """
+
+    def __init__(
+        self,
+        *,
+        device: str,
+        sync_channel: str,
+        sample_rate_hz: float,
+        host_clock: HostClock,
+        force_channel: str | None = None,
+        grpc_target: str | None = None,
+        force_range_v: float = 10.0,
+        sync_range_v: float = 10.0,
+        start: Literal["sync_edge", "pfi0"] = "sync_edge",
+    ) -> None:
+        self._device = device
+        self._grpc_target = grpc_target
+        force = [("/force", force_channel, force_range_v)] if force_channel else []
+        self._inputs = [*force, ("/sync", sync_channel, sync_range_v)]
+        self._rate_hz = float(sample_rate_hz)
+        self._start = start
+        self._host_clock = host_clock
+        self._vendor_errors: tuple[type[Exception], ...] = ()
+        self._channel: Any = None
+        self._task: Any = None
+        self._reader: Any = None
+        self._streams: tuple[Stream, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return f"NI {self._device}"
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        return self._streams
+
+    def open(self) -> None:
+        import grpc
+        from nidaqmx.errors import Error
+
+        self.close()
+        # ValueError: gRPC's "closed channel", and NumPy's about a reply of the wrong length.
+        self._vendor_errors = (Error, grpc.RpcError, ValueError, AssertionError)
+        try:
+            options = self._connect()
+            self._configure(options)
+            self._streams = self._describe(options)
+            self._task.start()
+            self._tells_available = self._ask(lambda: int(self._task.in_stream.avail_samp_per_chan), -1) >= 0
+        except self._vendor_errors as error:
+            refusal = self._refusal(error)
+            self.close()
+            raise refusal from error
+        except DeviceError:
+            self.close()
+            raise
+        self._next_number = 0
+        self._last_read_ns = self._host_clock()
+        self._next_read_s = time.monotonic()
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        task, reader = self._task, self._reader  # close() may come from the daemon's watchdog meanwhile
+        if task is None:
+            raise DeviceLost(f"{self.name} is closed; open it before reading")
+        deadline_s = time.monotonic() + min(timeout_s, LONGEST_WAIT_S)
+        time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.monotonic()))
+        self._next_read_s = time.monotonic() + 1 / READS_PER_S
+        try:
+            volts = self._read_volts(task, reader, max(0.0, deadline_s - time.monotonic()))
+            return self._samples(volts) if volts.size else []
+        except self._vendor_errors as error:
+            if _code(error) in OVERRUN:
+                return self._restart(task)
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        task, channel = self._task, self._channel
+        self._task = self._channel = self._reader = None
+        for resource in (task, channel):
+            if resource is not None:
+                with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
+                    resource.close()
+
+    def _connect(self) -> Any:
+        """The gRPC session options nidaqmx asks for, None for the local driver."""
+        if self._grpc_target is None:
+            return None
+        import grpc
+        import nidaqmx
+
+        self._channel = _channel_with_deadline(self._grpc_target)
+        try:
+            grpc.channel_ready_future(self._channel).result(timeout=CONNECT_TIMEOUT_S)
+        except grpc.FutureTimeoutError as error:
+            raise DeviceUnavailable(
+                f"{self.name} expected an NI gRPC device server at {self._grpc_target}, and none answered within "
+                f"{CONNECT_TIMEOUT_S:g} s; start it, or correct daq.grpc_target"
+            ) from error
+        return nidaqmx.GrpcSessionOptions(self._channel, "")
+
+    def _configure(self, options: Any) -> None:
+        from nidaqmx.constants import AcquisitionType, Edge, TerminalConfiguration
+        from nidaqmx.stream_readers import AnalogMultiChannelReader
+        from nidaqmx.task import Task
+
+        self._task = task = Task(grpc_options=options)
+        for _, channel, range_v in self._inputs:
+            task.ai_channels.add_ai_voltage_chan(
+                f"{self._device}/{channel}",
+                terminal_config=TerminalConfiguration.DIFF,
+                min_val=-range_v,
+                max_val=range_v,
+            )
+        task.timing.cfg_samp_clk_timing(
+            self._rate_hz,
+            sample_mode=AcquisitionType.CONTINUOUS,
+            samps_per_chan=int(BUFFER_S * self._rate_hz),
+        )
+        if self._start == "pfi0":
+            task.triggers.start_trigger.cfg_dig_edge_start_trig(f"/{self._device}/PFI0", trigger_edge=Edge.RISING)
+        self._true_rate_hz = self._ask(lambda: task.timing.samp_clk_rate, self._rate_hz)
+        self._reader = AnalogMultiChannelReader(task.in_stream)
+        self._reader.verify_array_shape = False  # costs a round trip per read
+        self._block = max(1, round(self._true_rate_hz / READS_PER_S))
+        self._buffer = np.empty(len(self._inputs) * max(1, int(LARGEST_READ_S * self._true_rate_hz)))
+
+    def _describe(self, options: Any) -> tuple[Stream, ...]:
+        from nidaqmx.system.device import Device
+
+        device = Device(self._device, grpc_options=options)
+        product = self._ask(lambda: str(device.product_type), "")
+        serial_number = self._ask(lambda: f"{device.serial_num:08X}", "")  # as NI MAX prints it
+        return tuple(
+            Stream(
+                name=stream,
+                unit="V",
+                labels=(stream.removeprefix("/"),),
+                rate_hz=self._true_rate_hz,
+                source=" ".join(["NI", *product.split(), f"{self._device}/{channel} at {self._where}"]),
+                serial_number=serial_number,
+            )
+            for stream, channel, _ in self._inputs
+        )
+
+    def _read_volts(self, task: Any, reader: Any, timeout_s: float) -> Volts:
+        """All that is there, else the first block to come, else nothing."""
+        channels = len(self._inputs)
+        available = int(task.in_stream.avail_samp_per_chan) if self._tells_available else 0
+        count = min(available or self._block, self._buffer.size // channels)
+        volts = self._buffer[: channels * count].reshape(channels, count)
+        try:
+            reader.read_many_sample(volts, count, timeout=timeout_s)
+        except self._vendor_errors as error:
+            if _code(error) != TIMED_OUT:
+                raise
+            volts = volts[:, : getattr(error, "samps_per_chan_read", 0)]
+        return volts
+
+    def _samples(self, volts: Volts) -> list[Item]:
+        host_time_ns = self._host_clock()
+        numbers = self._next_number + np.arange(volts.shape[1], dtype=np.uint64)
+        device_time_ns = np.rint(numbers * (1e9 / self._true_rate_hz)).astype(np.int64)
+        self._next_number += volts.shape[1]
+        self._last_read_ns = host_time_ns
+        return [
+            Samples(stream.name, numbers, device_time_ns, host_time_ns, row[:, np.newaxis].copy())
+            for stream, row in zip(self._streams, volts, strict=True)
+        ]
+
+    def _restart(self, task: Any) -> list[Item]:
+        """After an overrun: free-running again, one Loss per stream for what fell between the two runs."""
+        try:
+            task.stop()
+            if self._start == "pfi0":
+                task.triggers.start_trigger.disable_start_trig()  # its edge has been
+            task.start()
+        except self._vendor_errors as error:
+            raise self._lost(error) from error
+        host_time_ns = self._host_clock()
+        count = max(1, round((host_time_ns - self._last_read_ns) * 1e-9 * self._true_rate_hz))
+        last_device_time_ns = round(max(self._next_number - 1, 0) * 1e9 / self._true_rate_hz)
+        first_missing = self._next_number
+        self._next_number += count
+        self._last_read_ns = host_time_ns
+        return [
+            Loss(stream.name, "overrun", first_missing, count, last_device_time_ns, host_time_ns)
+            for stream in self._streams
+        ]
+
+    def _ask(self, question: Callable[[], T], otherwise: T) -> T:
+        """For what is nice to know, and not worth refusing a device over."""
+        try:
+            return question()
+        except self._vendor_errors:
+            return otherwise
+
+    def _refusal(self, error: Exception) -> DeviceError:
+        """What the device, its driver or its server said when it was opened, as one sentence."""
+        code = _code(error)
+        who = f"{self.name} at {self._where}"
+        inputs = " and ".join(f"{channel} (±{range_v:g} V)" for _, channel, range_v in self._inputs)
+        if type(error).__name__ == "DaqNotFoundError":
+            return DeviceUnavailable(
+                f"{self.name} needs the NI-DAQmx driver, and this computer has none; "
+                "install it, or name an NI gRPC device server in daq.grpc_target"
+            )
+        if code in NO_SUCH_DEVICE:
+            return DeviceUnavailable(f"{who} is not there (NI error {code}); plug it in, or correct daq.device")
+        if code in IN_USE:
+            return DeviceUnavailable(f"{who} is in use by another program (NI error {code}); close that program")
+        if code in NO_SUCH_CHANNEL:
+            return DeviceMisconfigured(
+                f"{who} was asked for the differential inputs {inputs} and lacks one of them (NI error {code}); "
+                "correct daq.force_channel or daq.sync_channel"
+            )
+        if code < 0:
+            return DeviceMisconfigured(
+                f"{who} was asked for {inputs} at {self._rate_hz:g} Hz each with start {self._start}, and refused: "
+                f"{_words(error)} (NI error {code}); correct the [daq] section"
+            )
+        return DeviceUnavailable(f"{who} does not answer as a DAQ: {_words(error)}; restart its server")
+
+    def _lost(self, error: Exception) -> DeviceLost:
+        code = f" (NI error {_code(error)})" if _code(error) else ""
+        return DeviceLost(
+            f"{self.name} at {self._where} was streaming and stopped: {_words(error)}{code}; "
+            "check its cable and its server"
+        )
+
+    @property
+    def _where(self) -> str:
+        return self._grpc_target or "the local NI-DAQmx"
+
+
+def _code(error: Exception) -> int:
+    """NI's error code; 0 for errors of the transport."""
+    return int(getattr(error, "error_code", 0))
+
+
+def _words(error: Exception) -> str:
+    """NI's own words on one line, without the task's name and the code that follow them."""
+    text = re.split(r"\n\s*(?:Task Name|Status Code):", str(error))[0]
+    return " ".join(text.split()).rstrip(".")[:300] or type(error).__name__
+
+
+def _channel_with_deadline(target: str) -> Any:
+    """A gRPC channel on which every call ends within RPC_DEADLINE_S."""
+    import grpc
+
+    class Deadline(grpc.UnaryUnaryClientInterceptor):  # type: ignore[type-arg]
+        def intercept_unary_unary(self, continuation: Any, client_call_details: Any, request: Any) -> Any:
+            return continuation(client_call_details._replace(timeout=RPC_DEADLINE_S), request)
+
+    # A proxy named in the environment would be asked for the loopback address, too.
+    channel = grpc.insecure_channel(target, options=[("grpc.enable_http_proxy", 0)])
+    return grpc.intercept_channel(channel, Deadline())

@@ -1,0 +1,152 @@
+"""Force from an indicator that streams ASCII lines: FUTEK's USB220 and USB520, through pyserial.
+
+Both speak unasked, some ten lines a second, and number nothing: a lost line is seen only when half of it comes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from drivers.device import HostClock
+from drivers.errors import DeviceLost, DeviceUnavailable
+from recordings.samples import Item, Loss, Samples, Stream
+
+LineFormat = Literal["usb220", "usb520"]
+
+LINES_PER_S = 10.0
+LONGEST_LINE = 256  # bytes; more without an end is no indicator
+WAKE_S = 0.02  # how long one wait for bytes takes
+
+USB220_LINE = re.compile(rb"([+-]\d+\.\d+)\s+lbs\r?\n")  # 18 bytes, the value in the first 13
+USB520_LINE = re.compile(rb"\s*([+-]?\d+\.\d+)\s*g\s*\r?\n")
+
+
+def decode_usb220(line: bytes) -> float | None:
+    """Pounds-force in one whole line, None if it is garbled."""
+    match = USB220_LINE.fullmatch(line)
+    return float(match[1]) if match else None
+
+
+def decode_usb520(line: bytes) -> float | None:
+    """Grams-force in one whole line, None if it is garbled."""
+    match = USB520_LINE.fullmatch(line)
+    return float(match[1]) if match else None
+
+
+FORMATS: dict[LineFormat, tuple[str, str, Callable[[bytes], float | None]]] = {
+    "usb220": ("FUTEK USB220", "lbf", decode_usb220),
+    "usb520": ("FUTEK USB520", "g", decode_usb520),
+}
+
+
+class SerialLoadCell:
+    """Streams /force in the unit the line carries: "lbf" (USB220 writes lbs) or "g", both of force.
+
+    The wire carries neither numbers nor time. Lines are numbered from 0 as they come, and device time is the host's
+    at arrival. A garbled line takes a number and is reported as a Loss("garbled"); the rest of the line that was
+    under way when the port was opened is not counted. port is anything pyserial takes: COM3, /dev/ttyUSB0,
+    socket://host:port.
+    """
+
+    def __init__(self, *, port: str, baud_rate: int, line_format: LineFormat, host_clock: HostClock) -> None:
+        self._port_name = port
+        self._baud_rate = baud_rate
+        self._product, self._unit, self._decode = FORMATS[line_format]
+        self._host_clock = host_clock
+        self._vendor_errors: tuple[type[Exception], ...] = ()
+        self._port: Any = None
+        self._streams: tuple[Stream, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return f"load cell on {self._port_name}"
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        return self._streams
+
+    def open(self) -> None:
+        import serial
+
+        self.close()
+        # Besides its own error pyserial lets these through; TypeError when the port is closed during a read.
+        self._vendor_errors = (serial.SerialException, OSError, ValueError, TypeError)
+        try:
+            self._port = serial.serial_for_url(
+                # exclusive: two readers would each get half of the lines
+                self._port_name,
+                baudrate=self._baud_rate,
+                timeout=WAKE_S,
+                exclusive=True,
+            )
+        except self._vendor_errors as error:
+            raise DeviceUnavailable(
+                f"{self.name} cannot be opened at {self._baud_rate} baud: {_words(error)}; "
+                "plug the indicator in, or correct load_cell.port"
+            ) from error
+        self._pending = b""
+        self._is_aligned = False
+        self._next_number = 0
+        self._last_time_ns = self._host_clock()
+        source = f"{self._product} on {self._port_name}"
+        self._streams = (Stream("/force", self._unit, ("force",), LINES_PER_S, source),)
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        port = self._port
+        if port is None:
+            raise DeviceLost(f"{self.name} is closed; open it before reading")
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            try:
+                self._pending += port.read(max(1, port.in_waiting))
+            except self._vendor_errors as error:
+                raise DeviceLost(f"{self.name} was streaming and is gone: {_words(error)}; check its cable") from error
+            if items := self._items(self._whole_lines()):
+                return items
+            if time.monotonic() >= deadline_s:
+                return []
+
+    def close(self) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
+                port.close()
+
+    def _whole_lines(self) -> list[bytes]:
+        """Takes the finished lines out of what has come."""
+        *lines, self._pending = self._pending.split(b"\n")
+        if len(self._pending) > LONGEST_LINE:
+            lines, self._pending = [*lines, self._pending], b""
+        if lines and not self._is_aligned:
+            lines, self._is_aligned = lines[1:], True
+        return [line + b"\n" for line in lines]
+
+    def _items(self, lines: list[bytes]) -> list[Item]:
+        """The good lines as one block; garbled ones, counted together, before it."""
+        if not lines:
+            return []
+        host_time_ns = self._host_clock()
+        values = [self._decode(line) for line in lines]
+        numbers = np.arange(self._next_number, self._next_number + len(lines), dtype=np.uint64)
+        is_good = np.array([value is not None for value in values])
+        items: list[Item] = []
+        if not is_good.all():
+            first_missing, count = int(numbers[~is_good][0]), int((~is_good).sum())
+            items.append(Loss("/force", "garbled", first_missing, count, self._last_time_ns, host_time_ns))
+        if is_good.any():
+            good = np.array([value for value in values if value is not None])
+            times_ns = np.full(good.size, host_time_ns, dtype=np.int64)
+            items.append(Samples("/force", numbers[is_good], times_ns, host_time_ns, good[:, np.newaxis]))
+            self._last_time_ns = host_time_ns
+        self._next_number += len(lines)
+        return items
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__

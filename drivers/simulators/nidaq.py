@@ -1,0 +1,333 @@
+"""An NI gRPC Device Server with one USB-6008, for unmodified nidaqmx: the wire; usb6008.py is the instrument.
+
+A session whose client has said nothing for two seconds gives way to a new one, so that a killed client can come back.
+
+Does not imitate: every other service and instrument of the real server, TLS, RPCs beyond continuous clocked voltage
+input (they are answered UNIMPLEMENTED); and what usb6008.py lists.
+"""
+
+# ruff: noqa: N802  (the RPCs are called what NI calls them)
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import grpc
+import numpy as np
+from nidaqmx._stubs import nidaqmx_pb2 as wire
+from nidaqmx._stubs.nidaqmx_pb2_grpc import NiDAQmxServicer, add_NiDAQmxServicer_to_server
+from nidaqmx.constants import (
+    AcquisitionType,
+    ChannelType,
+    FillMode,
+    TerminalConfiguration,
+    UsageTypeAI,
+    _TriggerUsageTypes,
+)
+from nidaqmx.error_codes import DAQmxErrors
+from nidaqmx.utils import unflatten_channel_string
+from session_pb2 import Session
+
+from drivers.simulators.settings import DaqClock
+from drivers.simulators.usb6008 import (
+    DIFFERENTIAL_INPUTS,
+    HIGHEST_RATE_HZ,
+    AcquisitionTask,
+    DaqmxError,
+    ElectricalWorld,
+    Usb6008,
+)
+
+TIMED_OUT = -200284
+EVENT_POLL_S = 0.1
+DRIVER_VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update
+
+Value = TypeVar("Value")
+
+
+class NiDaqSimulator:
+    """The server in this process; port 0 takes a free one. start() and stop() may each be called once."""
+
+    def __init__(
+        self,
+        world: ElectricalWorld,
+        *,
+        port: int = 0,
+        device: str = "Dev1",
+        force_channel: str = "ai0",
+        sync_channel: str = "ai1",
+        clock: DaqClock | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._device = Usb6008(
+            world,
+            name=device,
+            force_channel=force_channel,
+            sync_channel=sync_channel,
+            clock=clock or DaqClock(),
+            seed=seed,
+        )
+        self._service = _Service(self._device)  # type: ignore[abstract]  # the others answer UNIMPLEMENTED
+        # Without SO_REUSEPORT a second server on the port is refused instead of sharing its calls.
+        self._server = grpc.server(ThreadPoolExecutor(max_workers=8), options=[("grpc.so_reuseport", 0)])
+        add_NiDAQmxServicer_to_server(self._service, self._server)
+        self.port = port
+
+    @property
+    def target(self) -> str:
+        return f"127.0.0.1:{self.port}"
+
+    def start(self) -> None:
+        """Binds and serves. Raises RuntimeError if the port is taken."""
+        self.port = self._server.add_insecure_port(self.target)
+        self._server.start()
+
+    def stop(self) -> None:
+        self._service.clear()
+        self._server.stop(grace=None).wait()
+
+
+def _rpc(method: Callable[[_Service, Any], Any]) -> Callable[[_Service, Any, grpc.ServicerContext], Any]:
+    """Sends a DaqmxError as the real server does: status UNKNOWN with the code in the trailing metadata."""
+
+    @functools.wraps(method)
+    def answer(self: _Service, request: Any, context: grpc.ServicerContext) -> Any:
+        try:
+            return method(self, request)
+        except DaqmxError as error:
+            metadata = [("ni-error", str(error.code))]
+            if method.__name__.startswith("Read"):
+                metadata.append(("ni-samps-per-chan-read", "0"))
+            context.set_trailing_metadata(tuple(metadata))
+            context.abort(grpc.StatusCode.UNKNOWN, f"{error}\n\nStatus Code: {error.code}")
+
+    return answer
+
+
+class _Service(NiDAQmxServicer):
+    def __init__(self, device: Usb6008) -> None:
+        self._device = device
+        self._tasks: dict[str, AcquisitionTask] = {}
+        self._unnamed = 0
+
+    def clear(self) -> None:
+        """Ends every task, and with it the calls that wait for one."""
+        for name in list(self._tasks):
+            self._tasks.pop(name).stop()
+
+    def _task(self, request: Any) -> AcquisitionTask:
+        task = self._tasks.get(request.task.name)
+        if task is None:
+            raise DaqmxError(-200088, "Task specified is invalid or does not exist.")
+        task.hear()
+        return task
+
+    # --- A task's life
+
+    @_rpc
+    def CreateTask(self, request: Any) -> Any:
+        name = request.session_name
+        if not name:
+            name, self._unnamed = f"_unnamedTask<{self._unnamed}>", self._unnamed + 1
+        is_new = name not in self._tasks
+        if is_new:
+            self._tasks[name] = AcquisitionTask(self._device, name)
+        return wire.CreateTaskResponse(task=Session(name=name), new_session_initialized=is_new)
+
+    @_rpc
+    def CreateAIVoltageChan(self, request: Any) -> Any:
+        if request.terminal_config_raw not in (TerminalConfiguration.DIFF.value, TerminalConfiguration.DEFAULT.value):
+            raise DaqmxError(
+                -200077,
+                "Requested value is not a supported value for this property.\n\n"
+                f"Property: AI.TermCfg\nRequested Value: {request.terminal_config_raw}",
+            )
+        task = self._task(request)
+        for channel in unflatten_channel_string(request.physical_channel):
+            task.inputs.append(self._device.input(channel, request.min_val, request.max_val))
+        return wire.CreateAIVoltageChanResponse()
+
+    @_rpc
+    def CfgSampClkTiming(self, request: Any) -> Any:
+        if request.sample_mode_raw != AcquisitionType.CONTINUOUS.value:
+            raise DaqmxError(-200077, "The simulated device samples continuously only.\n\nProperty: SampQuant.SampMode")
+        self._task(request).set_clock(request.rate, request.samps_per_chan)
+        return wire.CfgSampClkTimingResponse()
+
+    @_rpc
+    def CfgDigEdgeStartTrig(self, request: Any) -> Any:
+        source = request.trigger_source.strip("/").lower()
+        if source not in ("pfi0", f"{self._device.name}/pfi0".lower()):
+            raise DaqmxError(-200265, f"Invalid terminal: the only trigger is PFI0, found {request.trigger_source}.")
+        self._task(request).waits_for_trigger = True
+        return wire.CfgDigEdgeStartTrigResponse()
+
+    @_rpc
+    def DisableStartTrig(self, request: Any) -> Any:
+        self._task(request).waits_for_trigger = False
+        return wire.DisableStartTrigResponse()
+
+    @_rpc
+    def StartTask(self, request: Any) -> Any:
+        self._task(request).start()
+        return wire.StartTaskResponse()
+
+    @_rpc
+    def StopTask(self, request: Any) -> Any:
+        self._task(request).stop()
+        return wire.StopTaskResponse()
+
+    @_rpc
+    def ClearTask(self, request: Any) -> Any:
+        self._task(request).stop()
+        self._tasks.pop(request.task.name, None)
+        return wire.ClearTaskResponse()
+
+    # --- Samples
+
+    @_rpc
+    def ReadAnalogF64(self, request: Any) -> Any:
+        task = self._task(request)
+        count = request.num_samps_per_chan
+        timeout_s = request.timeout
+        if count < 0:
+            count, timeout_s = task.available(), 0.0
+        volts = task.read(count, timeout_s)
+        got = volts.shape[1]
+        # A late read is no error of the transport: what there is stands at the start of each channel's place.
+        values = np.zeros((len(task.inputs), count))
+        values[:, :got] = volts
+        if request.fill_mode_raw == FillMode.GROUP_BY_SCAN_NUMBER.value:
+            values = values.T
+        return wire.ReadAnalogF64Response(
+            status=0 if got == count else TIMED_OUT, read_array=values.ravel(), samps_per_chan_read=got
+        )
+
+    def RegisterEveryNSamplesEvent(self, request: Any, context: Any) -> Iterator[Any]:
+        task = self._tasks[request.task.name]
+        context.send_initial_metadata(())  # the client blocks on it
+        due = request.n_samples
+        while context.is_active() and self._tasks.get(request.task.name) is task:
+            if not task.wait_until_acquired(due, EVENT_POLL_S):
+                time.sleep(EVENT_POLL_S / 10)  # it may not have been started yet
+            else:
+                due += request.n_samples
+                yield wire.RegisterEveryNSamplesEventResponse(
+                    every_n_samples_event_type_raw=request.every_n_samples_event_type_raw, n_samples=request.n_samples
+                )
+
+    @_rpc
+    def UnregisterEveryNSamplesEvent(self, request: Any) -> Any:
+        self._task(request)  # the client ends the stream itself
+        return wire.UnregisterEveryNSamplesEventResponse()
+
+    # --- Attributes, by NI's numbers (NIDAQmx.h)
+
+    @_rpc
+    def GetTaskAttributeString(self, request: Any) -> Any:
+        task = self._task(request)
+        names = ", ".join(channel.name for channel in task.inputs)
+        value = _attribute(request, {0x1276: task.name, 0x1273: names})
+        return wire.GetTaskAttributeStringResponse(value=value)
+
+    @_rpc
+    def GetReadAttributeUInt32(self, request: Any) -> Any:
+        task = self._task(request)
+        questions: dict[int, Callable[[], int]] = {
+            0x217B: lambda: len(task.inputs),
+            0x1223: task.available,
+            0x31E8: task.available,  # what "all available" means to a continuous task
+        }
+        return wire.GetReadAttributeUInt32Response(value=_attribute(request, questions)())
+
+    @_rpc
+    def GetReadAttributeString(self, request: Any) -> Any:
+        names = ", ".join(channel.name for channel in self._task(request).inputs)
+        return wire.GetReadAttributeStringResponse(value=_attribute(request, {0x1823: names}))
+
+    @_rpc
+    def GetChanAttributeInt32(self, request: Any) -> Any:
+        values = {0x187F: ChannelType.ANALOG_INPUT.value, 0x0695: UsageTypeAI.VOLTAGE.value}
+        return wire.GetChanAttributeInt32Response(value_raw=_attribute(request, values))
+
+    @_rpc
+    def GetTimingAttributeDouble(self, request: Any) -> Any:
+        return wire.GetTimingAttributeDoubleResponse(value=_attribute(request, {0x1344: self._task(request).rate_hz}))
+
+    @_rpc
+    def GetBufferAttributeUInt32(self, request: Any) -> Any:
+        return wire.GetBufferAttributeUInt32Response(
+            value=_attribute(request, {0x186C: self._task(request).buffer_size})
+        )
+
+    @_rpc
+    def SetBufferAttributeUInt32(self, request: Any) -> Any:
+        task = self._task(request)
+        _attribute(request, {0x186C: None})
+        task.buffer_size = request.value
+        return wire.SetBufferAttributeUInt32Response()
+
+    @_rpc
+    def GetSystemInfoAttributeUInt32(self, request: Any) -> Any:
+        return wire.GetSystemInfoAttributeUInt32Response(value=_attribute(request, DRIVER_VERSION))
+
+    @_rpc
+    def GetSystemInfoAttributeString(self, request: Any) -> Any:
+        return wire.GetSystemInfoAttributeStringResponse(value=_attribute(request, {0x193B: self._device.name}))
+
+    @_rpc
+    def GetDeviceAttributeString(self, request: Any) -> Any:
+        name = self._known_device(request)
+        values = {
+            0x0631: "USB-6008",
+            0x231E: ", ".join(f"{name}/ai{number}" for number in range(DIFFERENTIAL_INPUTS)),
+            0x2A40: f"/{name}/PFI0",
+        }
+        return wire.GetDeviceAttributeStringResponse(value=_attribute(request, values))
+
+    @_rpc
+    def GetDeviceAttributeUInt32(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x0632: self._device.serial_number, 0x231D: 0x717A}
+        return wire.GetDeviceAttributeUInt32Response(value=_attribute(request, values))
+
+    @_rpc
+    def GetDeviceAttributeInt32(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x2986: _TriggerUsageTypes.START.value, 0x2326: 12586, 0x29A9: 14646}  # trigger usage, USB, category
+        return wire.GetDeviceAttributeInt32Response(value_raw=_attribute(request, values))
+
+    @_rpc
+    def GetDeviceAttributeBool(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x2984: False, 0x2985: True}  # analog, digital trigger
+        return wire.GetDeviceAttributeBoolResponse(value=_attribute(request, values))
+
+    @_rpc
+    def GetDeviceAttributeDouble(self, request: Any) -> Any:
+        self._known_device(request)
+        values = {0x298C: HIGHEST_RATE_HZ, 0x298D: HIGHEST_RATE_HZ}  # of one channel, of all together
+        return wire.GetDeviceAttributeDoubleResponse(value=_attribute(request, values))
+
+    @_rpc
+    def GetErrorString(self, request: Any) -> Any:
+        try:
+            text = DAQmxErrors(request.error_code).name.replace("_", " ").capitalize()
+        except ValueError:
+            text = ""
+        return wire.GetErrorStringResponse(error_string=text)
+
+    def _known_device(self, request: Any) -> str:
+        if request.device_name.lower() != self._device.name.lower():
+            raise DaqmxError(-200220, f"Device identifier is invalid.\n\nDevice Specified: {request.device_name}")
+        return self._device.name
+
+
+def _attribute(request: Any, values: dict[int, Value]) -> Value:
+    if request.attribute_raw not in values:
+        raise DaqmxError(-200452, f"Specified property is not supported: 0x{request.attribute_raw:04X}.")
+    return values[request.attribute_raw]

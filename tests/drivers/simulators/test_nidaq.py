@@ -1,0 +1,124 @@
+"""What laboratories do with nidaqmx beyond our driver, against the simulated server."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import grpc
+import nidaqmx
+import numpy as np
+import pytest
+from nidaqmx.constants import READ_ALL_AVAILABLE, AcquisitionType, BusType, TerminalConfiguration, TriggerUsage
+from nidaqmx.stream_readers import AnalogMultiChannelReader
+from nidaqmx.system import System
+
+from drivers.simulators.nidaq import NiDaqSimulator
+from tests.drivers.stand_in_world import StandInWorld
+
+
+@pytest.fixture
+def world() -> StandInWorld:
+    return StandInWorld(speed=30.0)
+
+
+@pytest.fixture
+def server(world: StandInWorld) -> Iterator[NiDaqSimulator]:
+    server = NiDaqSimulator(world)
+    server.start()
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def options(server: NiDaqSimulator) -> Iterator[nidaqmx.GrpcSessionOptions]:
+    with grpc.insecure_channel(server.target) as channel:
+        yield nidaqmx.GrpcSessionOptions(channel, "")
+
+
+def configure(task: Any, channels: str = "Dev1/ai0:1") -> Any:
+    task.ai_channels.add_ai_voltage_chan(
+        channels, terminal_config=TerminalConfiguration.DIFF, min_val=-10.0, max_val=10.0
+    )
+    task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.CONTINUOUS)
+    return task
+
+
+def test_task_read_returns_a_list_per_channel(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task:
+        configure(task).start()
+        values = task.read(number_of_samples_per_channel=100)
+        rest = task.read(READ_ALL_AVAILABLE)
+    assert np.shape(values) == (2, 100)
+    assert np.shape(rest)[0] == 2
+
+
+def test_a_late_read_is_a_time_out_that_says_how_much_came(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task:
+        configure(task).start()
+        reader = AnalogMultiChannelReader(task.in_stream)
+        with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
+            reader.read_many_sample(np.zeros((2, 9000)), 9000, timeout=0.05)
+    assert caught.value.error_code == -200284
+    assert 0 < caught.value.samps_per_chan_read < 9000
+
+
+def test_the_system_lists_a_usb_6008(options: nidaqmx.GrpcSessionOptions) -> None:
+    system = System.remote(options)
+    device = system.devices["Dev1"]
+    assert system.devices.device_names == ["Dev1"]
+    assert device.product_type == "USB-6008"
+    assert [channel.name for channel in device.ai_physical_chans] == ["Dev1/ai0", "Dev1/ai1", "Dev1/ai2", "Dev1/ai3"]
+    assert device.bus_type == BusType.USB
+    assert device.ai_trig_usage == [TriggerUsage.START]
+    assert device.dig_trig_supported
+    assert not device.anlg_trig_supported
+    assert device.ai_max_multi_chan_rate == 10_000
+
+
+def test_buffer_and_clock_can_be_asked_and_set(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task:
+        configure(task)
+        assert task.timing.samp_clk_rate == 1000
+        assert task.in_stream.input_buf_size == 10_000
+        task.in_stream.input_buf_size = 50_000
+        assert task.in_stream.input_buf_size == 50_000
+
+
+def test_every_n_samples_calls_back(options: nidaqmx.GrpcSessionOptions) -> None:
+    called = threading.Semaphore(0)
+    with nidaqmx.Task(grpc_options=options) as task:
+        configure(task, "Dev1/ai0")
+        task.register_every_n_samples_acquired_into_buffer_event(100, lambda *_: (called.release(), 0)[1])
+        task.start()
+        assert all(called.acquire(timeout=5) for _ in range(5))
+        task.register_every_n_samples_acquired_into_buffer_event(100, None)
+
+
+def test_what_it_does_not_imitate_is_unimplemented(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task, pytest.raises(nidaqmx.errors.RpcError) as caught:
+        task.do_channels.add_do_chan("Dev1/port0/line0")
+    assert caught.value.rpc_code == grpc.StatusCode.UNIMPLEMENTED
+
+
+def test_finite_and_single_ended_acquisition_are_refused(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task:
+        with pytest.raises(nidaqmx.DaqError, match="continuously only"):
+            task.timing.cfg_samp_clk_timing(1000.0)
+        with pytest.raises(nidaqmx.DaqError, match=r"AI\.TermCfg"):
+            task.ai_channels.add_ai_voltage_chan("Dev1/ai0", terminal_config=TerminalConfiguration.RSE)
+
+
+def test_a_task_that_does_not_exist_is_refused(options: nidaqmx.GrpcSessionOptions) -> None:
+    task = nidaqmx.Task(grpc_options=options)
+    task._interpreter.clear_task(task._handle)
+    with pytest.raises(nidaqmx.DaqError) as caught:
+        task.start()
+    assert caught.value.error_code == -200088
+
+
+def test_a_second_server_on_the_same_port_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
+    second = NiDaqSimulator(world, port=server.port)
+    with pytest.raises(RuntimeError):
+        second.start()

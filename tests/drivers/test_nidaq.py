@@ -1,0 +1,240 @@
+"""The driver, through unmodified nidaqmx, against the simulated server."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers import nidaq
+from drivers.device import Device
+from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.nidaq import NiDaq
+from drivers.simulators.nidaq import NiDaqSimulator
+from drivers.simulators.settings import DaqClock
+from recordings.samples import Item, Loss
+from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
+from tests.drivers.stand_in_world import StandInWorld
+
+EXACT_CLOCK = DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0)
+
+
+@pytest.fixture
+def world() -> StandInWorld:
+    return StandInWorld()
+
+
+@pytest.fixture
+def server(world: StandInWorld) -> Iterator[NiDaqSimulator]:
+    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
+    server.start()
+    yield server
+    world.flows.set()
+    server.stop()
+
+
+def driver(server: NiDaqSimulator, world: StandInWorld, **options: Any) -> NiDaq:
+    asked = {"device": "Dev1", "force_channel": "ai0", "sync_channel": "ai1", "sample_rate_hz": 1000.0, **options}
+    return NiDaq(grpc_target=asked.pop("grpc_target", server.target), host_clock=world.utc_ns, **asked)
+
+
+@contextlib.contextmanager
+def opened(device: Device) -> Iterator[Device]:
+    try:
+        device.open()
+        yield device
+    finally:
+        device.close()
+
+
+def refusal(device: Device) -> DeviceError:
+    with pytest.raises(DeviceError) as caught, opened(device):
+        pass
+    assert is_one_sentence(caught.value)
+    return caught.value
+
+
+def joined(items: list[Item], stream: str) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Device seconds and values of everything received."""
+    received = blocks(items, stream)
+    device_s = np.concatenate([block.device_time_ns for block in received]) * 1e-9
+    return device_s, np.concatenate([block.values[:, 0] for block in received])
+
+
+class TestNiDaqKeepsTheContract(DeviceContract):
+    @pytest.fixture
+    def bench(self, server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> Bench:
+        monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 0.5)
+        return Bench(
+            device=lambda: driver(server, world),
+            quiet_device=lambda: driver(server, world, start="pfi0"),
+            unreachable_device=lambda: driver(server, world, grpc_target="127.0.0.1:9"),
+            lose=server.stop,
+        )
+
+
+@pytest.mark.hardware
+class TestTheBenchKeepsTheContract(DeviceContract):
+    """Dev1 at the local driver, ai0 and ai1 connected, nothing on PFI0."""
+
+    @pytest.fixture
+    def bench(self) -> Bench:
+        def device(name: str = "Dev1", **options: Any) -> NiDaq:
+            return NiDaq(
+                device=name,
+                force_channel="ai0",
+                sync_channel="ai1",
+                sample_rate_hz=1000,
+                host_clock=time.time_ns,
+                **options,
+            )
+
+        return Bench(device, lambda: device(start="pfi0"), lambda: device("NoSuchDevice"), lose=None)
+
+
+def test_force_and_sync_come_from_one_task_at_the_volts_of_the_world(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    world.edge_s = world.now() + 30
+    with opened(driver(server, world)) as device:
+        items = read_until(device, lambda items: sum(b.sample_numbers.size for b in blocks(items, "/sync")) > 60_000)
+    force_numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/force")])
+    assert np.array_equal(force_numbers, np.arange(force_numbers.size))
+    for force, sync in zip(blocks(items, "/force"), blocks(items, "/sync"), strict=True):
+        assert np.array_equal(force.sample_numbers, sync.sample_numbers)
+        assert force.host_time_ns == sync.host_time_ns
+    device_s, force_v = joined(items, "/force")
+    _, sync_v = joined(items, "/sync")
+    edge = int(np.argmax(sync_v > 2.5))
+    # Over device time the world's ramp rises by 10 mV/s, and at the edge it stands where the world's time says.
+    slope, at_edge = np.polyfit(device_s - device_s[edge], force_v, 1)
+    assert slope == pytest.approx(0.01, rel=1e-3)
+    assert at_edge == pytest.approx(1 + 0.01 * world.edge_s, abs=1e-3)
+    assert set(np.round(sync_v)) == {0.0, 5.0}
+
+
+def test_the_streams_name_channel_server_and_serial_number(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world)) as device:
+        force, sync = device.streams
+    assert (force.name, sync.name) == ("/force", "/sync")
+    assert force.source == f"NI USB-6008 Dev1/ai0 at {server.target}"
+    assert sync.serial_number == "01C0FFEE"
+    assert force.unit == sync.unit == "V"
+
+
+def test_without_a_force_channel_only_the_sync_line_is_read(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world, force_channel=None)) as device:
+        items = read_until(device, lambda items: bool(blocks(items, "/sync")))
+        assert [stream.name for stream in device.streams] == ["/sync"]
+    assert not blocks(items, "/force")
+
+
+def test_pfi0_starts_the_samples_at_the_edge(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world, start="pfi0")) as device:
+        assert device.read(0.02) == []
+        world.edge_s = world.now() + 5
+        items = read_until(device, lambda items: len(blocks(items, "/sync")) > 2)
+    first = blocks(items, "/sync")[0]
+    assert first.sample_numbers[0] == 0
+    assert joined(items, "/sync")[1].min() > 4.9
+
+
+def test_an_overrun_is_a_loss_of_known_length_and_the_stream_goes_on(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    with opened(driver(server, world)) as device:
+        before = read_until(device, lambda items: len(blocks(items, "/force")) > 2)
+        world.advance(200)
+        after = read_until(device, lambda items: len(blocks(items, "/force")) > 2)
+    losses = [item for item in after if isinstance(item, Loss)]
+    last, following = blocks(before, "/force")[-1], blocks(after, "/force")[0]
+    assert [(loss.stream, loss.cause) for loss in losses] == [("/force", "overrun"), ("/sync", "overrun")]
+    assert losses[0].first_missing == last.sample_numbers[-1] + 1
+    assert losses[0].first_missing + losses[0].count == following.sample_numbers[0]
+    assert losses[0].last_device_time_ns == last.device_time_ns[-1]
+    elapsed_s = (following.device_time_ns[0] - last.device_time_ns[-1]) * 1e-9
+    assert elapsed_s == pytest.approx(200, abs=20)
+    # The numbers still tell the time: the ramp rises by 10 mV for each of those seconds.
+    ramp_v = following.values[0, 0] - last.values[-1, 0]
+    assert ramp_v == pytest.approx(0.01 * elapsed_s, abs=0.2)
+
+
+def test_after_an_overrun_a_pfi0_task_does_not_wait_for_another_edge(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    with opened(driver(server, world, start="pfi0")) as device:
+        world.edge_s = world.now() + 5
+        read_until(device, lambda items: bool(blocks(items, "/force")))
+        world.advance(200)
+        after = read_until(device, lambda items: len(blocks(items, "/force")) > 1)
+    assert any(isinstance(item, Loss) for item in after)
+
+
+def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
+    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", 0.5)
+    device = driver(server, world)
+    device.open()
+    world.flows.clear()
+    with pytest.raises(DeviceLost) as caught:
+        read_until(device, lambda _: False)
+    device.close()
+    assert is_one_sentence(caught.value)
+
+
+def test_a_rate_above_the_device_s_limit_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
+    error = refusal(driver(server, world, sample_rate_hz=6000))
+    assert isinstance(error, DeviceMisconfigured)
+    assert "6000 Hz" in str(error)
+    assert "Maximum Value: 5000" in str(error)
+
+
+def test_a_single_channel_may_take_the_whole_rate(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world, force_channel=None, sample_rate_hz=10_000)) as device:
+        assert read_until(device, lambda items: bool(blocks(items, "/sync")))
+
+
+def test_an_unknown_device_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
+    error = refusal(driver(server, world, device="Dev7"))
+    assert isinstance(error, DeviceUnavailable)
+    assert "NI Dev7" in str(error)
+    assert "daq.device" in str(error)
+
+
+def test_an_unknown_channel_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
+    error = refusal(driver(server, world, force_channel="ai9"))
+    assert isinstance(error, DeviceMisconfigured)
+    assert "ai9" in str(error)
+
+
+def test_a_device_that_another_program_reads_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world)):
+        error = refusal(driver(server, world))
+    assert isinstance(error, DeviceUnavailable)
+    assert "in use" in str(error)
+
+
+def test_a_computer_without_the_driver_is_told_what_to_install(server: NiDaqSimulator, world: StandInWorld) -> None:
+    import nidaqmx
+
+    with contextlib.suppress(nidaqmx.errors.DaqNotFoundError):
+        nidaqmx.system.System.local().driver_version  # noqa: B018
+        pytest.skip("this computer has NI-DAQmx")
+    error = refusal(driver(server, world, grpc_target=None))
+    assert isinstance(error, DeviceUnavailable)
+    assert "NI-DAQmx driver" in str(error)
+
+
+def test_the_driver_loads_no_vendor_package_before_it_is_opened() -> None:
+    import subprocess
+    import sys
+
+    code = "import sys, drivers.nidaq; sys.exit('nidaqmx' in sys.modules or 'grpc' in sys.modules)"
+    assert importlib.util.find_spec("nidaqmx") is not None
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0  # noqa: S603
