@@ -99,18 +99,26 @@ def record(
     ] = None,
     donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
     speed: Annotated[float, typer.Option(min=0.1, help="Speed of the simulated world that is recorded.")] = 1.0,
+    rrd: Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")] = None,
 ) -> None:
     """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
+    from contextlib import ExitStack
+
     from station.clock import RealClock
     from station.config import load_config
-    from station.daemon import Daemon
+    from station.daemon import Daemon, View
     from station.live import LiveView
     from station.protocol import TrialSpec
 
     clock = RealClock(speed)
     spec = TrialSpec(cuff, test.value, repeat, donning)
-    with LiveView(clock, f"{cuff} {test.value} {repeat}") as view:
-        daemon = Daemon(load_config(config), clock, [view])
+    with ExitStack() as stack:
+        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff} {test.value} {repeat}"))]
+        if rrd is not None:
+            from station.rerun_log import RerunLog
+
+            views.append(stack.enter_context(RerunLog(rrd)))
+        daemon = Daemon(load_config(config), clock, views)
         _stop_on_signals(daemon)
         try:
             result = daemon.record(session, spec, duration)

@@ -1,0 +1,74 @@
+"""What is in a recording, and making a cut one whole, for the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from recordings.contents import Contents, contents_of
+from recordings.recovery import recover
+
+LOSSY = 3
+
+
+def show_contents(path: Path, as_json: bool) -> int:
+    """Prints what is in the file to stdout; returns 0, or 3 where something of it is missing."""
+    contents = contents_of(path)
+    if as_json:
+        print(contents.to_json())
+    else:
+        _print_tables(contents, Console())
+    return 0 if contents.complete and not contents.gaps else LOSSY
+
+
+def recover_recording(path: Path, output: Path | None) -> int:
+    """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing."""
+    target = output or path.with_name(f"{path.stem}_recovered.mcap")
+    report = recover(path, target)
+    talk = Console(stderr=True, highlight=False)
+    for sentence in report.missing:
+        talk.print(sentence)
+    print(target)
+    return LOSSY if report.missing else 0
+
+
+def _print_tables(contents: Contents, console: Console) -> None:
+    manifest, outcome = contents.manifest, contents.outcome
+    if manifest is not None:
+        console.print(
+            f"cuff {manifest.cuff.name}, {manifest.test}, repeat {manifest.repeat}, run {manifest.run}, "
+            f"donning {manifest.donning}",
+            highlight=False,
+        )
+    words = "no outcome: the recording was cut" if outcome is None else f"{outcome.state}: {outcome.sentence}"
+    console.print(words, highlight=False)
+    console.print(_topics_table(contents))
+    console.print(_streams_table(contents))
+    for gap in contents.gaps:
+        console.print(f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}", style="red")
+    for sentence in contents.missing:
+        console.print(sentence, style="red", highlight=False)
+
+
+def _topics_table(contents: Contents) -> Table:
+    table = Table("topic", "messages", "seconds")
+    for name, topic in contents.topics.items():
+        table.add_row(name, str(topic.messages), f"{(topic.last_ns - topic.first_ns) * 1e-9:.2f}")
+    return table
+
+
+def _streams_table(contents: Contents) -> Table:
+    table = Table("stream", "samples", "rate", "nominal", "unit", "worst occluded")
+    for name, stream in contents.streams.items():
+        worst = max(stream.occluded.items(), key=lambda pair: pair[1], default=None)
+        table.add_row(
+            name,
+            str(stream.samples),
+            "-" if stream.rate_hz is None else f"{stream.rate_hz:.2f}",
+            f"{stream.nominal_rate_hz:g}",
+            stream.unit,
+            f"{worst[0]} {worst[1]:.1%}" if worst else "",
+        )
+    return table
