@@ -1,9 +1,9 @@
 """What can go wrong with a device.
 
-    DeviceError            the device as asked for cannot be used; the sentence says who, expected, found, what to do
-    ├── DeviceUnavailable  it does not answer: no driver, no server, nothing plugged in, refused
-    ├── DeviceMisconfigured  it answers and refuses what was asked: rate, channel, range, label
-    └── DeviceLost         it answered before and does so no more
+DeviceError            the device as asked for cannot be used; the sentence says who, expected, found, what to do
+├── DeviceUnavailable  it does not answer: no driver, no server, nothing plugged in, refused
+├── DeviceMisconfigured  it answers and refuses what was asked: rate, channel, range, label
+└── DeviceLost         it answered before and does so no more
 """
 
 from __future__ import annotations
