@@ -50,7 +50,8 @@ class Damage:
     reason: str
 
     def __str__(self) -> str:
-        return f"bytes {self.offset} to {self.end} cannot be read: {self.reason}"
+        where = f"bytes {self.offset} to {self.end}" if self.end > self.offset else f"byte {self.offset}"
+        return f"damage at {where}: {self.reason}"
 
 
 def read_entries(path: Path) -> Iterator[Entry | Damage]:

@@ -104,13 +104,14 @@ def open_recording(path: Path) -> Recording:
     """
     survey = survey_file(path)
     if survey.manifest is None:
-        raise RecordingError(_why_it_does_not_open(path, survey))
+        reasons = "; ".join(survey.missing)
+        raise RecordingError(f"{path} has lost its manifest, so its samples say nothing: {reasons}")
     return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing)
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a file holds beside its samples; manifest is None for a file that is damaged there, or not a recording.
+    """What a file holds beside its samples; manifest is None where both its copies are damaged.
 
     messages counts the readable ones of our topics; streams are as first described.
     """
@@ -138,7 +139,7 @@ class Survey:
 
 
 def survey_file(path: Path) -> Survey:
-    """Reads a file through once. Raises RecordingError only where the disk cannot be read, or the format is too new."""
+    """Reads a file through once. Raises RecordingError where it holds no message of ours, or one of a newer format."""
     manifest: Manifest | None = None
     outcome: Outcome | None = None
     streams: dict[str, Stream] = {}
@@ -158,6 +159,8 @@ def survey_file(path: Path) -> Survey:
                     streams.setdefault(found.name, found)
                 case Outcome() as found:
                     outcome = found
+    if not messages:
+        raise RecordingError(_why_nothing_is_ours(path, damage))
     return Survey(manifest, tuple(streams.values()), outcome, messages, tuple(damage))
 
 
@@ -171,17 +174,14 @@ def read(entry: Entry) -> Message | None:
     return unpack(entry.topic, entry.log_time_ns, entry.data) if is_ours(entry) else None
 
 
-def _why_it_does_not_open(path: Path, survey: Survey) -> str:
-    size = path.stat().st_size
-    if size == 0:
+def _why_nothing_is_ours(path: Path, damage: list[Damage]) -> str:
+    if path.stat().st_size == 0:
         return f"{path} is empty; nothing was recorded into it"
-    if survey.messages:
-        return f"{path} has lost its manifest ({survey.damage[0]}), so its samples cannot be told apart"
-    if not survey.damage:
-        return f"{path} is an MCAP file without a /manifest; expected a recording of this station"
-    if survey.damage[0].offset == 0:
-        return f"{path} is not an MCAP file; expected a recording of this station"
-    return f"{path} holds no whole chunk of a recording, only {size} bytes ({survey.damage[0].reason})"
+    if not damage:
+        return f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}"
+    if damage[0].offset == 0:
+        return f"{path} is not an MCAP file, expected a recording"
+    return f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
 
 
 def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:

@@ -1,0 +1,183 @@
+"""What is in a recording: counts, rates, gaps, occlusions, and whether it is whole."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections import Counter
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recordings import topics
+from recordings.chunks import Damage, read_entries
+from recordings.manifest import Manifest, Outcome
+from recordings.reader import is_ours, read, survey_file
+from recordings.samples import Loss, Samples, Stream
+
+
+@dataclass(frozen=True)
+class TopicContents:
+    """One topic; times are log times, UTC of the host [ns]."""
+
+    messages: int
+    first_ns: int
+    last_ns: int
+
+
+@dataclass(frozen=True)
+class StreamContents:
+    """One stream, by its device's own numbers and clock.
+
+    rate_hz       samples per second of the device's clock between the first and the last of them, gaps included;
+                  None below two samples
+    occluded      by marker label, the fraction of frames in which it was missing; empty for scalar streams
+    """
+
+    samples: int
+    first_sample_number: int
+    last_sample_number: int
+    first_device_time_ns: int
+    last_device_time_ns: int
+    unit: str
+    nominal_rate_hz: float
+    rate_hz: float | None
+    occluded: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A recording summed up.
+
+    manifest  None where both its copies are damaged
+    gaps      all samples that are not in the file, in the order of their discovery. Beside the causes of the ledger:
+              "file_damage" (the file has lost messages), "unexplained" (the sample numbers jump and no Loss says why)
+              and "numbers_went_back" (the device began to count anew; how many are missing is not known, so 0)
+    missing   damage to the file and messages that it has lost, in sentences
+    """
+
+    path: Path
+    manifest: Manifest | None
+    outcome: Outcome | None
+    topics: dict[str, TopicContents]
+    streams: dict[str, StreamContents]
+    gaps: tuple[Loss, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything the writer was given is in the file; losses before the writer are in `gaps`."""
+        return not self.missing
+
+    def to_json(self) -> str:
+        """One JSON object with the keys topics, streams, gaps, complete, missing, manifest, outcome, file."""
+        plain: dict[str, Any] = asdict(self)
+        plain["file"] = str(plain.pop("path"))
+        plain["complete"] = self.complete
+        return json.dumps(plain, indent=2, ensure_ascii=False)
+
+
+def contents_of(path: Path) -> Contents:
+    """Reads a recording, whole or cut, in bounded memory. Raises RecordingError where there is nothing to read."""
+    survey = survey_file(path)
+    found: dict[str, TopicContents] = {}
+    tallies = {stream.name: _Tally(stream) for stream in survey.streams}
+    losses: list[Loss] = []
+    for entry in read_entries(path):
+        if isinstance(entry, Damage) or not is_ours(entry):
+            continue
+        now = entry.log_time_ns
+        seen = found.get(entry.topic, TopicContents(0, now, now))
+        found[entry.topic] = TopicContents(seen.messages + 1, min(seen.first_ns, now), max(seen.last_ns, now))
+        match read(entry):
+            case Stream() as stream:
+                tallies[stream.name].stream = stream
+            case Samples() as block:
+                tallies.setdefault(block.stream, _Tally(_UNKNOWN)).add(block, entry.sequence)
+            case Loss() as loss:
+                losses.append(loss)
+    return Contents(
+        path=path,
+        manifest=survey.manifest,
+        outcome=survey.outcome,
+        topics={topic: found[topic] for topic in topics.SCHEMA_OF_TOPIC if topic in found},
+        streams={name: tally.contents() for name, tally in tallies.items()},
+        gaps=_explained([gap for tally in tallies.values() for gap in tally.gaps], losses),
+        missing=survey.missing,
+    )
+
+
+_UNKNOWN = Stream(name="", unit="", labels=(), rate_hz=0.0, source="")
+"""Stands in where the description of a stream was in a damaged chunk."""
+
+
+@dataclass
+class _Tally:
+    """Counts one stream while it passes."""
+
+    stream: Stream
+    samples: int = 0
+    messages: int = 0
+    first: tuple[int, int] | None = None  # sample number and device time
+    last: tuple[int, int] | None = None
+    gaps: list[Loss] = field(default_factory=list)
+    occlusions: Counter[str] = field(default_factory=Counter)
+    frames: Counter[str] = field(default_factory=Counter)
+
+    def add(self, block: Samples, sequence: int) -> None:
+        times = block.device_time_ns
+        self._find_gaps(block, "unexplained" if sequence == self.messages else "file_damage")
+        self.first = self.first or (int(block.sample_numbers[0]), int(times[0]))
+        self.last = (int(block.sample_numbers[-1]), int(times[-1]))
+        self.samples += len(times)
+        self.messages = sequence + 1
+        if block.values.ndim == 3 and block.values.shape[1] == len(self.stream.labels):
+            missing = np.isnan(block.values).any(axis=2).sum(axis=0)
+            self.occlusions.update(dict(zip(self.stream.labels, missing.tolist(), strict=True)))
+            self.frames.update(dict.fromkeys(self.stream.labels, len(times)))
+
+    def _find_gaps(self, block: Samples, cause_between_blocks: str) -> None:
+        """A jump between blocks may be damage to the file; one within a block was a jump when it arrived."""
+        numbers, times = block.sample_numbers, block.device_time_ns
+        if self.last:
+            self._compare(*self.last, int(numbers[0]), cause_between_blocks, block.host_time_ns)
+        for i in np.flatnonzero(np.diff(numbers) != 1):
+            before = int(numbers[i]), int(times[i])
+            self._compare(*before, int(numbers[i + 1]), "unexplained", block.host_time_ns)
+
+    def _compare(self, last_number: int, last_time_ns: int, number: int, cause: str, host_time_ns: int) -> None:
+        if number != last_number + 1:
+            count = max(0, number - last_number - 1)
+            cause = cause if count else "numbers_went_back"
+            self.gaps.append(Loss(self.stream.name, cause, last_number + 1, count, last_time_ns, host_time_ns))
+
+    def contents(self) -> StreamContents:
+        first, last = self.first or (0, 0), self.last or (0, 0)
+        seconds = (last[1] - first[1]) * 1e-9
+        return StreamContents(
+            samples=self.samples,
+            first_sample_number=first[0],
+            last_sample_number=last[0],
+            first_device_time_ns=first[1],
+            last_device_time_ns=last[1],
+            unit=self.stream.unit,
+            nominal_rate_hz=self.stream.rate_hz,
+            rate_hz=(self.samples - 1) / seconds if seconds > 0 else None,
+            occluded={label: self.occlusions[label] / frames for label, frames in self.frames.items()},
+        )
+
+
+def _explained(jumps: list[Loss], ledger: list[Loss]) -> tuple[Loss, ...]:
+    """The jumps in the sample numbers with the causes that the ledger names, and what the ledger alone knows."""
+    gaps = sorted(jumps, key=lambda gap: (gap.stream, gap.first_missing))
+    starts = [(gap.stream, gap.first_missing) for gap in gaps]
+    for loss in ledger:
+        at = bisect_right(starts, (loss.stream, loss.first_missing)) - 1
+        jump = gaps[at] if at >= 0 and gaps[at].stream == loss.stream else None
+        if jump and loss.first_missing < jump.first_missing + jump.count:
+            gaps[at] = replace(jump, cause=loss.cause)
+        else:
+            gaps.append(loss)
+    return tuple(sorted(gaps, key=lambda gap: gap.host_time_ns))

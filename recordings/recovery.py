@@ -1,0 +1,108 @@
+"""What a killed writer or a failing disk left → a whole file, the original untouched."""
+
+from __future__ import annotations
+
+import filecmp
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.writer import CompressionType, Writer
+
+from recordings import topics
+from recordings.chunks import Damage, read_entries
+from recordings.contents import Contents, contents_of
+from recordings.errors import RecordingError
+from recordings.reader import is_ours, survey_file
+
+
+@dataclass(frozen=True)
+class RecoveryReport:
+    """What a recovery found and kept.
+
+    damage    the bytes of the source that could not be read, in file order; empty for a whole file
+    contents  of the output: what is kept, what is missing
+    """
+
+    source: Path
+    output: Path
+    damage: tuple[Damage, ...]
+    contents: Contents
+
+    @property
+    def lossless(self) -> bool:
+        """Whether every message that the writer was given is in the output."""
+        return self.contents.complete
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was damaged, what exactly is missing and where each stream ends; empty where nothing is missing."""
+        gaps = [gap for gap in self.contents.gaps if gap.cause == "file_damage"]
+        if self.lossless:
+            return ()
+        return (
+            *(str(damage) for damage in self.damage),
+            *self.contents.missing,
+            *(f"{gap.stream} lost samples {gap.first_missing} to {gap.first_missing + gap.count - 1}" for gap in gaps),
+            *(
+                f"{name} keeps {kept.samples} samples, the last is number {kept.last_sample_number} "
+                f"at {kept.last_device_time_ns * 1e-9:.3f} s of its device's clock"
+                for name, kept in self.contents.streams.items()
+            ),
+        )
+
+
+def recovered_path(path: Path) -> Path:
+    """Where a recovery goes unless told otherwise: run-1.mcap → run-1.recovered.mcap."""
+    return path.with_suffix(".recovered.mcap")
+
+
+def recover(path: Path, output: Path | None = None) -> RecoveryReport:
+    """Copies every readable message of a recording into a new file with an index and right CRCs.
+
+    Messages stay in their chunks, with their times and sequence numbers, and nothing is added: recovering a recovered
+    file gives the same bytes again. The output takes its name when it is whole, and never replaces a different file.
+    Raises RecordingError where nothing can be kept, or the output cannot be made.
+    """
+    survey = survey_file(path)
+    output = output or recovered_path(path)
+    part = output.with_name(f"{output.name}.part")
+    try:
+        with part.open("wb") as file:
+            _copy(path, file)
+        _give_name(part, output)
+    except OSError as error:
+        raise RecordingError(f"{output} cannot be written: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return RecoveryReport(path, output, survey.damage, contents_of(output))
+
+
+def _copy(path: Path, file: BinaryIO) -> None:
+    writer = Writer(file, compression=CompressionType.ZSTD)
+    writer.start(profile=topics.PROFILE)
+    channels = topics.register_topics(writer)
+    chunk = None
+    for entry in read_entries(path):
+        if isinstance(entry, Damage) or not is_ours(entry):
+            continue
+        if chunk is not None and entry.chunk_offset != chunk:
+            writer.flush()  # type: ignore[no-untyped-call]
+        chunk = entry.chunk_offset
+        writer.add_message(
+            channel_id=channels[entry.topic],
+            log_time=entry.log_time_ns,
+            publish_time=entry.log_time_ns,
+            sequence=entry.sequence,
+            data=entry.data,
+        )
+    writer.finish()  # type: ignore[no-untyped-call]
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _give_name(part: Path, output: Path) -> None:
+    if not output.exists():
+        part.replace(output)
+    elif not filecmp.cmp(part, output, shallow=False):
+        raise RecordingError(f"{output} exists and holds something else; name another output")
