@@ -48,3 +48,8 @@ def rotate(rotation: Array, vector: Array) -> Array:
     """(…, 3) vectors turned by rotations (…, 3, 3); leading axes broadcast."""
     turned: Array = np.einsum("...ij,...j->...i", rotation, vector)
     return turned
+
+
+def wrench_about_origin(point: Array, force: Array) -> Array:
+    """(…, 6) moment about the origin and force, of a force (…, 3) that acts at a point (…, 3)."""
+    return np.concatenate([np.cross(point, force), force], axis=-1)

@@ -1,0 +1,304 @@
+"""How loads accelerate the model: mass matrix, bias, point constraints, and the joint reaction between arm and trunk.
+
+With u̇ the accelerations, f the generalised forces and λ the constraints' multipliers,
+
+    M u̇ + c + Gᵀ λ = f,   G u̇ + b = 0   ⇒   u̇ = P (f − c) − K b,   λ = Kᵀ (f − c) + S⁻¹ b
+    S = G M⁻¹ Gᵀ,   K = M⁻¹ Gᵀ S⁻¹,   P = M⁻¹ − K G M⁻¹
+
+so one factorisation per frame serves every load. Loads are wrenches on bodies about the ground origin (moment, force).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.kinematics import Postures, jacobians, points_in_ground
+from solver.model import Model, PointConstraint
+from solver.muscle import MuscleForces
+from solver.paths import PathState
+from solver.spatial import rotate, skew_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class EquationsOfMotion:
+    """The letters of the module's equations, and the reaction R = R_b − R_a u̇ + wrench on the bodies beyond it.
+
+    mass_matrix           M (frames, coordinates, coordinates)
+    bias_force            c (frames, coordinates), of velocities and gravity
+    constraint_jacobian   G (frames, 3 per constraint, coordinates)
+    constraint_bias       b (frames, 3 per constraint)
+    mobility              P (frames, coordinates, coordinates)
+    multiplier_per_force  Kᵀ (frames, 3 per constraint, coordinates)
+    body_jacobians        (frames, bodies, 6, coordinates) as kinematics.jacobians
+    acceleration_unloaded (frames, coordinates) u̇ at f = 0
+    multipliers_unloaded  (frames, 3 per constraint) λ at f = 0
+    beyond                (bodies,) which bodies the reaction joint carries
+    reaction_point        (frames, 3) origin of that joint's frame in its parent, in ground [m]
+    reaction_per_acceleration  R_a (frames, 6, coordinates)
+    reaction_unloaded     (frames, 6) R at f = 0: moment [N m] and force [N] on the joint's parent, in ground
+    """
+
+    mass_matrix: Array
+    bias_force: Array
+    constraint_jacobian: Array
+    constraint_bias: Array
+    mobility: Array
+    multiplier_per_force: Array
+    body_jacobians: Array
+    acceleration_unloaded: Array
+    multipliers_unloaded: Array
+    beyond: NDArray[np.bool_]
+    reaction_point: Array
+    reaction_per_acceleration: Array
+    reaction_unloaded: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseMaps:
+    """Accelerations and reaction as affine functions of x = (activations of the muscles, controls of the actuators).
+
+    acceleration_at_rest      (frames, coordinates) at x = 0, where muscles still pull passively [rad/s², m/s²]
+    acceleration_per_control  (frames, coordinates, controls)
+    reaction_at_rest          (frames, 6) moment [N m] and force [N] on the reaction joint's parent, in ground
+    reaction_per_control      (frames, 6, controls)
+    """
+
+    acceleration_at_rest: Array
+    acceleration_per_control: Array
+    reaction_at_rest: Array
+    reaction_per_control: Array
+
+
+def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "GlenoHumeral") -> EquationsOfMotion:
+    """The equations at a batch of postures, factored; nothing of them depends on muscles or other loads."""
+    inertia = _Inertia.of(model, state)
+    spin, center = inertia.spin_jacobian, inertia.center_jacobian
+    mass_matrix = _sum_over_bodies(spin, inertia.tensor @ spin)
+    mass_matrix += _sum_over_bodies(center, inertia.mass[:, None, None] * center)
+    bias_force = np.einsum("fbij,fbi->fj", spin, inertia.moment) + np.einsum("fbij,fbi->fj", center, inertia.force)
+    jacobian, bias = _constraints(model, state, inertia.jacobians)
+
+    inverse = np.linalg.inv(mass_matrix)
+    inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
+    stiffness: Array = np.linalg.inv(jacobian @ inverse_times)
+    gain: Array = inverse_times @ stiffness
+    mobility = inverse - gain @ np.swapaxes(inverse_times, 1, 2)
+    acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
+
+    joint = model.joint(reaction_joint)
+    beyond = _carried(model, joint.child)
+    point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
+    per_acceleration, reaction_bias = _reaction(inertia, beyond, point)
+    return EquationsOfMotion(
+        mass_matrix=mass_matrix,
+        bias_force=bias_force,
+        constraint_jacobian=jacobian,
+        constraint_bias=bias,
+        mobility=mobility,
+        multiplier_per_force=np.swapaxes(gain, 1, 2),
+        body_jacobians=inertia.jacobians,
+        acceleration_unloaded=acceleration,
+        multipliers_unloaded=rotate(stiffness, bias) - rotate(np.swapaxes(gain, 1, 2), bias_force),
+        beyond=beyond,
+        reaction_point=point,
+        reaction_per_acceleration=per_acceleration,
+        reaction_unloaded=reaction_bias - rotate(per_acceleration, acceleration),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What loads add: acceleration (frames, loads, coordinates), reaction (frames, loads, 6) as in ResponseMaps."""
+
+    acceleration: Array
+    reaction: Array
+
+
+def response_to_loads(
+    equations: EquationsOfMotion, wrenches: Array, generalised_forces: Array | float = 0.0
+) -> Response:
+    """The response to each of many loads, linear in them: scale it, add it up, and reuse one geometry for all of them.
+
+    wrenches            (frames, loads, bodies, 6) moment about the ground origin [N m] and force [N] on each body, in
+                        ground; spatial.wrench_about_origin makes them of forces at points
+    generalised_forces  (frames, loads, coordinates), what acts on coordinates without being a wrench on a body [N, N m]
+    """
+    frames, loads, bodies, _ = wrenches.shape
+    jacobian = equations.body_jacobians.reshape(frames, bodies * 6, -1)
+    force = wrenches.reshape(frames, loads, bodies * 6) @ jacobian + generalised_forces
+    acceleration = force @ equations.mobility
+    direct = wrenches[:, :, equations.beyond].sum(axis=2)
+    direct[..., :3] -= np.cross(equations.reaction_point[:, None], direct[..., 3:])
+    reaction = direct - acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2)
+    return Response(acceleration, reaction)
+
+
+def response_maps(
+    model: Model, equations: EquationsOfMotion, paths: PathState, forces: MuscleForces, wrenches: Array | None = None
+) -> ResponseMaps:
+    """The maps of the redundancy problem; wrenches (frames, bodies, 6) are loads that act besides muscles (a suit)."""
+    muscles = response_to_loads(equations, paths.wrench_per_tension, paths.mobility_per_tension)
+    actuators = _actuator_response(model, equations)
+    passive = forces.passive[..., None]
+    acceleration = equations.acceleration_unloaded + (muscles.acceleration * passive).sum(axis=1)
+    reaction = equations.reaction_unloaded + (muscles.reaction * passive).sum(axis=1)
+    if wrenches is not None:
+        worn = response_to_loads(equations, wrenches[:, None])
+        acceleration, reaction = acceleration + worn.acceleration[:, 0], reaction + worn.reaction[:, 0]
+    active = forces.active[..., None]
+    per_control = np.concatenate([muscles.acceleration * active, actuators.acceleration], axis=1)
+    reaction_per_control = np.concatenate([muscles.reaction * active, actuators.reaction], axis=1)
+    return ResponseMaps(
+        acceleration_at_rest=acceleration,
+        acceleration_per_control=np.swapaxes(per_control, 1, 2),
+        reaction_at_rest=reaction,
+        reaction_per_control=np.swapaxes(reaction_per_control, 1, 2),
+    )
+
+
+def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array:
+    """λ (frames, 3 per constraint) [N] under a generalised force f (frames, coordinates), in Simbody's sign."""
+    return equations.multipliers_unloaded + rotate(equations.multiplier_per_force, generalised_force)
+
+
+def constraint_gaps(model: Model, state: Postures) -> Array:
+    """(frames, constraints, 3) from each constraint's first point to its second, in the bodies' common ancestor [m]."""
+    gaps = [
+        _in_ancestor(model, state, constraint)
+        @ (
+            points_in_ground(state, constraint.body_2, constraint.location_2)
+            - points_in_ground(state, constraint.body_1, constraint.location_1)
+        )[..., None]
+        for constraint in model.constraints
+    ]
+    return np.stack([gap[..., 0] for gap in gaps], axis=1) if gaps else np.zeros((len(state.coordinates), 0, 3))
+
+
+@dataclass(frozen=True)
+class _Inertia:
+    """Masses at the mass centres, in ground, and what holds them on their course while u̇ = 0.
+
+    moment, force  (frames, bodies, 3) I α + w × I w and m (a − g) with the bias accelerations α and a
+    """
+
+    mass: Array
+    tensor: Array
+    center: Array
+    jacobians: Array
+    spin_jacobian: Array
+    center_jacobian: Array
+    moment: Array
+    force: Array
+
+    @staticmethod
+    def of(model: Model, state: Postures) -> _Inertia:
+        rotation = state.rotation_to_ground
+        mass = np.array([body.mass for body in model.bodies])
+        tensor = rotation @ np.array([body.inertia for body in model.bodies]) @ np.swapaxes(rotation, -1, -2)
+        lever = rotate(rotation, np.array([body.mass_center for body in model.bodies]))
+        center = state.origin_in_ground + lever
+        columns = jacobians(model, state)
+        spin = columns[..., :3, :]
+        angular, alpha = state.angular_velocity, state.bias_acceleration[..., :3]
+        velocity = state.origin_velocity + np.cross(angular, lever)
+        acceleration = _point_acceleration(alpha, state.bias_acceleration[..., 3:], angular, velocity, center)
+        return _Inertia(
+            mass=mass,
+            tensor=tensor,
+            center=center,
+            jacobians=columns,
+            spin_jacobian=spin,
+            center_jacobian=columns[..., 3:, :] - skew_matrix(center) @ spin,
+            moment=rotate(tensor, alpha) + np.cross(angular, rotate(tensor, angular)),
+            force=mass[:, None] * (acceleration - model.gravity),
+        )
+
+
+def _point_acceleration(alpha: Array, at_origin: Array, angular: Array, velocity: Array, point: Array) -> Array:
+    """Acceleration of a body's point moving with `velocity`, from the rate of change (α, v̇₀) of the body's screw."""
+    return at_origin + np.cross(alpha, point) + np.cross(angular, velocity)
+
+
+def _sum_over_bodies(left: Array, right: Array) -> Array:
+    """Σ_b L_bᵀ R_b (frames, coordinates, coordinates) of two (frames, bodies, 3, coordinates)."""
+    frames, bodies, rows, columns = left.shape
+    shape = (frames, bodies * rows, columns)
+    product: Array = np.swapaxes(left.reshape(shape), 1, 2) @ right.reshape(shape)
+    return product
+
+
+def _constraints(model: Model, state: Postures, columns: Array) -> tuple[Array, Array]:
+    """G and b. As in Simbody, both bodies are taken at the second point, which matters where the gap is not closed."""
+    frames, count = len(state.coordinates), len(model.constraints)
+    jacobian, bias = np.zeros((frames, 3 * count, columns.shape[-1])), np.zeros((frames, 3 * count))
+    for index, constraint in enumerate(model.constraints):
+        one, two = constraint.body_1, constraint.body_2
+        point = points_in_ground(state, two, constraint.location_2)
+        to_ancestor = _in_ancestor(model, state, constraint)
+        relative = columns[:, two] - columns[:, one]
+        velocity_1, acceleration_1 = _at_point(state, one, point)
+        velocity_2, acceleration_2 = _at_point(state, two, point)
+        turning = state.angular_velocity[:, _common_ancestor(model, constraint)]
+        coriolis = 2.0 * np.cross(turning, velocity_2 - velocity_1)
+        rows = slice(3 * index, 3 * index + 3)
+        jacobian[:, rows] = to_ancestor @ (relative[:, 3:] - skew_matrix(point) @ relative[:, :3])
+        bias[:, rows] = rotate(to_ancestor, acceleration_2 - acceleration_1 - coriolis)
+    return jacobian, bias
+
+
+def _at_point(state: Postures, body: int, point: Array) -> tuple[Array, Array]:
+    """Velocity and bias acceleration (frames, 3) of the material point of a body that is just at `point` in ground."""
+    angular, change = state.angular_velocity[:, body], state.bias_acceleration[:, body]
+    velocity = state.origin_velocity[:, body] + np.cross(angular, point - state.origin_in_ground[:, body])
+    return velocity, _point_acceleration(change[:, :3], change[:, 3:], angular, velocity, point)
+
+
+def _in_ancestor(model: Model, state: Postures, constraint: PointConstraint) -> Array:
+    """(frames, 3, 3) turns ground vectors into those of the nearest body that carries both of a constraint's bodies."""
+    return np.swapaxes(state.rotation_to_ground[:, _common_ancestor(model, constraint)], 1, 2)
+
+
+def _common_ancestor(model: Model, constraint: PointConstraint) -> int:
+    parents = {joint.child: joint.parent for joint in model.joints}
+    lineage = [constraint.body_1]
+    while lineage[-1] in parents:
+        lineage.append(parents[lineage[-1]])
+    body = constraint.body_2
+    while body not in lineage:
+        body = parents[body]
+    return body
+
+
+def _carried(model: Model, body: int) -> NDArray[np.bool_]:
+    """(bodies,) the body and all that hang on it."""
+    carried = np.zeros(len(model.bodies), dtype=bool)
+    carried[body] = True
+    for joint in model.joints:
+        carried[joint.child] |= carried[joint.parent]
+    return carried
+
+
+def _reaction(inertia: _Inertia, beyond: NDArray[np.bool_], point: Array) -> tuple[Array, Array]:
+    """R_a and R_b of EquationsOfMotion: minus the rate of momentum of the bodies beyond the joint, about its point."""
+    lever = inertia.center[:, beyond] - point[:, None]
+    momentum = inertia.mass[beyond, None, None] * inertia.center_jacobian[:, beyond]
+    spin = inertia.tensor[:, beyond] @ inertia.spin_jacobian[:, beyond]
+    moment_rows = (spin + skew_matrix(lever) @ momentum).sum(axis=1)
+    per_acceleration = np.concatenate([moment_rows, momentum.sum(axis=1)], axis=1)
+    force = inertia.force[:, beyond]
+    moment = inertia.moment[:, beyond] + np.cross(lever, force)
+    return per_acceleration, -np.concatenate([moment.sum(axis=1), force.sum(axis=1)], axis=1)
+
+
+def _actuator_response(model: Model, equations: EquationsOfMotion) -> Response:
+    frames, bodies = equations.body_jacobians.shape[:2]
+    push = np.zeros((len(model.actuators), len(model.coordinates)))
+    for index, actuator in enumerate(model.actuators):
+        push[index, actuator.coordinate] = actuator.optimal_force
+    none = np.zeros((frames, len(push), bodies, 6))
+    return response_to_loads(equations, none, np.broadcast_to(push, (frames, *push.shape)))
