@@ -1,0 +1,100 @@
+"""The point of an ellipsoid or an ellipse closest to a given one (Eberly, in Graphics Gems IV, p. 113).
+
+Newton stops where OpenSim 4.6 stops, short of round-off, because a wrapping plane hangs on the iterate.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from solver.segment import ROUND_OFF
+from solver.vectors import Vector, compiled
+
+STOP = 1e-9
+MOST_ITERATIONS = 64
+ANY_AXIS = -1
+
+
+@compiled
+def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int) -> Vector:
+    """The point of the ellipsoid with semi-axes a closest to `point`; all of order 1.
+
+    flat_axis  stay in the plane where this coordinate keeps its value (0 in practice); ANY_AXIS: nowhere in particular
+    """
+    axis = _flat_axis(a, point) if flat_axis == ANY_AXIS else flat_axis
+    if axis == 0:
+        y, z = closest_on_ellipse(a[1], a[2], point[1], point[2])
+        return point[0], y, z
+    if axis == 1:
+        z, x = closest_on_ellipse(a[2], a[0], point[2], point[0])
+        return x, point[1], z
+    if axis == 2:
+        x, y = closest_on_ellipse(a[0], a[1], point[0], point[1])
+        return x, y, point[2]
+    return _closest_in_space(a, point)
+
+
+@compiled
+def closest_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, float]:
+    """The point of the ellipse with semi-axes a, b closest to (u, v)."""
+    near_minor, near_major = abs(u) <= ROUND_OFF, abs(v) <= ROUND_OFF
+    if near_minor and near_major:
+        return ((-a if u < 0.0 else a), 0.0) if a < b else (0.0, (-b if v < 0.0 else b))
+    if near_minor:
+        return _closest_from_an_axis(a, b, v)
+    if near_major:
+        y, x = _closest_from_an_axis(b, a, u)
+        return x, y
+    aa, bb = a * a, b * b
+    aauu, bbvv = aa * (u * u), bb * (v * v)
+    is_inside = (u / a) * (u / a) + (v / b) * (v / b) < 1.0
+    t = 0.0 if is_inside else max(a, b) * sqrt(u * u + v * v)
+    P, Q = t + aa, t + bb
+    for _ in range(MOST_ITERATIONS):
+        P, Q = t + aa, t + bb
+        PP, QQ = P * P, Q * Q
+        f = PP * QQ - aauu * QQ - bbvv * PP
+        if abs(f) < STOP:
+            break
+        t -= f / (2.0 * (P * Q * (P + Q) - aauu * Q - bbvv * P))
+    return aa * u / P, bb * v / Q
+
+
+@compiled
+def _closest_from_an_axis(across: float, along: float, v: float) -> tuple[float, float]:
+    """From (0, v) on an axis of the ellipse: (coordinate across that axis, coordinate along it)."""
+    if across >= along or abs(v) >= along - across * across / along:
+        return 0.0, (along if v >= 0.0 else -along)
+    y = along * along * v / (along * along - across * across)
+    return across * sqrt(abs(1.0 - (y / along) * (y / along))), y
+
+
+@compiled
+def _flat_axis(a: Vector, point: Vector) -> int:
+    """The axis along which the point is zero, else ANY_AXIS; of several, the one whose ellipse is the narrowest."""
+    axis, narrowest = ANY_AXIS, 0.0
+    for i in range(3):
+        radii = a[(i + 1) % 3] + a[(i + 2) % 3]
+        if abs(point[i]) <= ROUND_OFF and (axis == ANY_AXIS or radii < narrowest):
+            axis, narrowest = i, radii
+    return axis
+
+
+@compiled
+def _closest_in_space(a: Vector, point: Vector) -> Vector:
+    u, v, w = point
+    aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
+    aauu, bbvv, ccww = aa * (u * u), bb * (v * v), cc * (w * w)
+    is_inside = (u / a[0]) * (u / a[0]) + (v / a[1]) * (v / a[1]) + (w / a[2]) * (w / a[2]) < 1.0
+    t = 0.0 if is_inside else max(a[0], a[1], a[2]) * sqrt(u * u + v * v + w * w)
+    P, Q, R = t + aa, t + bb, t + cc
+    for _ in range(MOST_ITERATIONS):
+        P, Q, R = t + aa, t + bb, t + cc
+        PP, QQ, RR = P * P, Q * Q, R * R
+        f = PP * QQ * RR - aauu * QQ * RR - bbvv * PP * RR - ccww * PP * QQ
+        if abs(f) < STOP:
+            break
+        PQ, PR, QR = P * Q, P * R, Q * R
+        slope = PQ * R * (QR + PR + PQ) - aauu * QR * (Q + R) - bbvv * PR * (P + R) - ccww * PQ * (P + Q)
+        t -= f / (2.0 * slope)
+    return aa * u / P, bb * v / Q, cc * w / R

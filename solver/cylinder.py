@@ -1,0 +1,192 @@
+"""A path over a cylinder, as OpenSim 4.6 lays it (WrapCylinder): two tangents and the spiral between them.
+
+The axis is z of the surface's frame. OpenSim slides the tangent points along the axis until the tangents meet the
+spiral smoothly, by a rule that need not converge: the rule is kept, so that the lengths are the same.
+"""
+
+from __future__ import annotations
+
+from math import acos, atan2, cos, isnan, pi, radians, sin, sqrt
+
+from solver.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
+from solver.sphere import nearest_pair
+from solver.vectors import ORIGIN, Vector, add, along, compiled, cross, distance, dot, norm, subtract, unit
+
+AXIS = (0.0, 0.0, 1.0)
+SPIRAL_STEP = 0.002
+SMOOTH_ENOUGH = radians(0.1)
+MOST_ADJUSTMENTS = 100
+OVERSHOOT = 1.5
+ALONG_THE_AXIS = 5e-7
+
+Tangents = tuple[Vector, Vector, bool, bool]
+"""Tangent points, whether the apex between them is the far one, whether the spiral goes the long way round."""
+
+
+@compiled
+def wrap_cylinder(
+    start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int, is_alone: bool
+) -> Contact:
+    """Lay the segment from start to end over a cylinder [m].
+
+    axis, allowed  the path must stay where coordinate `axis` has the sign `allowed`; 0 allows all sides
+    is_alone       the path has no other surface: OpenSim then does without the sliding
+    """
+    if _radial_square(start) < radius * radius or _radial_square(end) < radius * radius:
+        return INSIDE, ORIGIN, ORIGIN, 0.0
+    answer = _answer(start, end, radius, length, axis, allowed)
+    if answer == FREE:
+        return FREE, ORIGIN, ORIGIN, 0.0
+    r1, r2, is_far, is_long = _tangents(start, end, radius, axis, allowed)
+    r1, r2 = _slide_into_plane(start, end, r1, r2, _apex(start, end, radius, is_far))
+    if abs(r1[2]) > length / 2.0 and abs(r2[2]) > length / 2.0:
+        return FREE, ORIGIN, ORIGIN, 0.0
+    r1, r2, on_surface = _spiral(start, end, r1, r2, radius, is_long, is_alone)
+    return answer, r1, r2, on_surface
+
+
+@compiled
+def _answer(start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int) -> int:
+    top, bottom = (0.0, 0.0, 0.5 * length), (0.0, 0.0, -0.5 * length)
+    near, fraction, on_axis = nearest_on_lines(start, end, bottom, top)
+    gap = subtract(near, on_axis)
+    is_hit = dot(gap, gap) < radius * radius and 0.0 < fraction < 1.0
+    if allowed == 0:
+        return MANDATORY if is_hit else FREE
+    if side(start[axis]) != allowed and side(end[axis]) != allowed:
+        return POSSIBLE
+    if is_hit:
+        return MANDATORY
+    if side(start[axis]) != side(end[axis]) and side(near[axis]) != allowed:
+        return POSSIBLE
+    return FREE
+
+
+@compiled
+def _tangents(start: Vector, end: Vector, radius: float, axis: int, allowed: int) -> Tangents:
+    start_a, start_b = _tangent_points(start, radius)
+    end_a, end_b = _tangent_points(end, radius)
+    if allowed == 0:
+        r1, r2 = nearest_pair(_radial(start_a), _radial(start_b), _radial(end_a), _radial(end_b))
+        return (r1[0], r1[1], start[2]), (r2[0], r2[1], end[2]), False, False
+
+    angle_ab = _angle(_radial(start_a), _radial(end_b))
+    angle_ba = _angle(_radial(start_b), _radial(end_a))
+    a_on, b_on = side(start_a[axis]) == allowed, side(start_b[axis]) == allowed
+    a_on_end, b_on_end = side(end_a[axis]) == allowed, side(end_b[axis]) == allowed
+    ab_is_wider = angle_ab > angle_ba
+    nothing_on = not (a_on or b_on or a_on_end or b_on_end)
+    if nothing_on:
+        takes_ab = ab_is_wider
+    elif a_on == b_on:
+        takes_ab = not a_on_end
+    else:
+        takes_ab = a_on
+    r1, r2 = (start_a, end_b) if takes_ab else (start_b, end_a)
+    is_far = nothing_on or takes_ab == ab_is_wider
+    pull = add(subtract(r1, start), subtract(r2, end))
+    return r1, r2, is_far, dot(add(_radial(r1), _radial(r2)), pull) < 0.0
+
+
+@compiled
+def _tangent_points(point: Vector, radius: float) -> tuple[Vector, Vector]:
+    """The two points at the height of `point` where tangents from it touch."""
+    foot = (0.0, 0.0, point[2])
+    outwards = unit(_radial(point))
+    reach = radius * (radius / norm(_radial(point)))
+    chord = sqrt(radius * radius - reach * reach)
+    middle, sideways = along(foot, reach, outwards), cross(AXIS, outwards)
+    return along(middle, chord, sideways), along(middle, -chord, sideways)
+
+
+@compiled
+def _apex(start: Vector, end: Vector, radius: float, is_far: bool) -> Vector:
+    """The point of the surface over which the path bends."""
+    start_distance, end_distance = norm(_radial(start)), norm(_radial(end))
+    middle = along(start, start_distance / (start_distance + end_distance), subtract(end, start))
+    centre = (0.0, 0.0, middle[2])
+    normal = unit(cross(unit(subtract(start, centre)), unit(subtract(end, centre))))
+    towards = unit(cross(AXIS, normal))
+    one, other = along(centre, radius, towards), along(centre, -radius, towards)
+    one_is_nearer = distance(middle, one) < distance(middle, other)
+    return one if one_is_nearer != is_far else other
+
+
+@compiled
+def _slide_into_plane(start: Vector, end: Vector, r1: Vector, r2: Vector, apex: Vector) -> tuple[Vector, Vector]:
+    """Move the tangent points along the axis into the plane of start, end and apex, unless that leads past an end."""
+    normal = unit(cross(unit(subtract(start, apex)), unit(subtract(end, apex))))
+    if not abs(normal[2]) >= ALONG_THE_AXIS:
+        return r1, r2
+    offset = dot(normal, start)
+    z1 = (offset - normal[0] * r1[0] - normal[1] * r1[1]) / normal[2]
+    z2 = (offset - normal[0] * r2[0] - normal[1] * r2[1]) / normal[2]
+    if abs(z1 - end[2]) < abs(start[2] - end[2]):
+        r1 = (r1[0], r1[1], z1)
+    if abs(z2 - start[2]) < abs(start[2] - end[2]):
+        r2 = (r2[0], r2[1], z2)
+    return r1, r2
+
+
+@compiled
+def _spiral(
+    start: Vector, end: Vector, r1: Vector, r2: Vector, radius: float, is_long: bool, is_alone: bool
+) -> tuple[Vector, Vector, float]:
+    """The tangent points slid until the tangents run into the spiral, and the spiral's length."""
+    sense = -1.0 if is_long else 1.0
+    angle, rise, length = _unrolled(r1, r2, radius, is_long)
+    for _ in range(0 if is_alone else MOST_ADJUSTMENTS):
+        if not length / SPIRAL_STEP >= 2.0:
+            break
+        step = 1.0 / int(length / SPIRAL_STEP)
+        r1, moved_1 = _adjust(start, r1, _turn(r1, sense * step * angle, step * rise))
+        # As OpenSim does: the spiral already starts at the moved r1, its angle and rise are still the old ones.
+        r2, moved_2 = _adjust(end, r2, _turn(r1, sense * (1.0 - step) * angle, (1.0 - step) * rise))
+        if not (moved_1 or moved_2):
+            break
+        angle, rise, length = _unrolled(r1, r2, radius, is_long)
+    return r1, r2, length
+
+
+@compiled
+def _unrolled(r1: Vector, r2: Vector, radius: float, is_long: bool) -> tuple[float, float, float]:
+    """Angle, rise and length of the spiral from r1 to r2."""
+    angle = atan2(r1[0] * r2[1] - r1[1] * r2[0], r1[0] * r2[0] + r1[1] * r2[1])
+    if is_long:
+        angle = 2.0 * pi - angle
+    rise = r2[2] - r1[2]
+    return angle, rise, sqrt((radius * angle) * (radius * angle) + rise * rise)
+
+
+@compiled
+def _adjust(point: Vector, tangent: Vector, spiral: Vector) -> tuple[Vector, bool]:
+    """Slide `tangent` along the axis if the line from `point` kinks there before it goes on to `spiral`."""
+    arriving, leaving = unit(subtract(tangent, point)), unit(subtract(spiral, tangent))
+    if not abs(acos(arriving[2]) - acos(leaving[2])) > SMOOTH_ENOUGH:
+        return tangent, False
+    low, high = (tangent[0], tangent[1], point[2]), (tangent[0], tangent[1], spiral[2])
+    _, _, straight = nearest_on_lines(point, spiral, low, high)
+    if isnan(straight[2]):
+        return tangent, False
+    return along(tangent, OVERSHOOT, subtract(straight, tangent)), True
+
+
+@compiled
+def _turn(point: Vector, angle: float, rise: float) -> Vector:
+    c, s = cos(angle), sin(angle)
+    return (c * point[0] - s * point[1], s * point[0] + c * point[1], point[2] + rise)
+
+
+@compiled
+def _radial(point: Vector) -> Vector:
+    return (point[0], point[1], 0.0)
+
+
+@compiled
+def _radial_square(point: Vector) -> float:
+    return point[0] * point[0] + point[1] * point[1]
+
+
+@compiled
+def _angle(a: Vector, b: Vector) -> float:
+    return acos(dot(a, b) / (norm(a) * norm(b)))

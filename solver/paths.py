@@ -1,0 +1,77 @@
+"""Paths of muscles and tendons in many postures: how long, how fast, and what they pull on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.course import Pose, pack_paths, room_for
+from solver.kinematics import Postures
+from solver.model import Model, Path
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PathState:
+    """Paths in a batch of postures.
+
+    lengths               (frames, paths) [m]
+    speeds                (frames, paths) [m/s], positive while the path lengthens
+    wrench_per_tension    (frames, paths, bodies, 6) on each body for a tension of 1 N: moment about the ground's origin
+                          [m], then force [1], in ground
+    mobility_per_tension  (frames, paths, coordinates) generalised force for a tension of 1 N that is in no wrench: what
+                          the path does to the coordinates that move its points in their bodies [m]
+    """
+
+    lengths: Array
+    speeds: Array
+    wrench_per_tension: Array
+    mobility_per_tension: Array
+
+
+def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | None = None) -> PathState:
+    """Lay the paths, those of the model's muscles unless others are given, as OpenSim 4.6's GeometryPath does.
+
+    The other paths refer to the model's bodies, coordinates and surfaces. OpenSim's path jumps by up to 1 mm where the
+    number of its iterations changes, and its forces are not exactly the derivative of its lengths (by up to 0.02 m).
+    """
+    # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
+    from solver.tension import lay_all
+
+    chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
+    courses = pack_paths(chosen, model.surfaces)
+    frames, bodies = postures.origin_in_ground.shape[:2]
+    state = PathState(
+        lengths=np.zeros((frames, len(chosen))),
+        speeds=np.zeros((frames, len(chosen))),
+        wrench_per_tension=np.zeros((frames, len(chosen), bodies, 6)),
+        mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
+    )
+    lay_all(
+        courses,
+        _poses(postures),
+        room_for(courses),
+        state.lengths,
+        state.speeds,
+        state.wrench_per_tension,
+        state.mobility_per_tension,
+    )
+    for values in vars(state).values():
+        values.flags.writeable = False
+    return state
+
+
+def _poses(postures: Postures) -> Pose:
+    """With frames first, and laid out in memory in the one way the code was compiled for."""
+    return Pose(
+        rotation=np.array(postures.rotation_to_ground),
+        origin=np.array(postures.origin_in_ground),
+        angular_velocity=np.array(postures.angular_velocity),
+        origin_velocity=np.array(postures.origin_velocity),
+        coordinates=np.array(postures.coordinates),
+        speeds=np.array(postures.speeds),
+    )
