@@ -81,6 +81,11 @@ class NiDaqSimulator:
     def target(self) -> str:
         return f"127.0.0.1:{self.port}"
 
+    @property
+    def is_streaming(self) -> bool:
+        """Whether a client acquires."""
+        return self._device.is_streaming
+
     def start(self) -> None:
         """Binds and serves. Raises RuntimeError if the port is taken."""
         self.port = self._server.add_insecure_port(self.target)

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,6 @@ class ElectricalWorld(Protocol):
     def now(self) -> float: ...
     def amplifier_voltage(self, t: Array) -> Array: ...
     def sync_voltage(self, t: Array) -> Array: ...
-    def report_streaming(self, device: Literal["daq", "mocap"], is_streaming: bool) -> None: ...
 
 
 class DaqmxError(Exception):
@@ -120,9 +119,7 @@ class Usb6008:
         """Makes it the running task; one that its client has left alone gives way."""
         with self._lock:
             other = self._running
-            if other is task:
-                return
-            if other is not None:
+            if other is not None and other is not task:
                 if not other.is_abandoned:
                     raise DaqmxError(
                         -200022,
@@ -131,14 +128,17 @@ class Usb6008:
                     )
                 other.stop()
             self._running = task
-        self.world.report_streaming("daq", True)
 
     def release(self, task: AcquisitionTask) -> None:
         with self._lock:
-            if self._running is not task:
-                return
-            self._running = None
-        self.world.report_streaming("daq", False)
+            if self._running is task:
+                self._running = None
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether a task runs, or waits for its trigger, and its client is there."""
+        running = self._running
+        return running is not None and not running.is_abandoned
 
 
 class AcquisitionTask:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ class StandInWorld:
         self.edge_s = np.inf
         self.flows = threading.Event()  # cleared, the amplifier's wire answers nobody: a device that hangs
         self.flows.set()
-        self.streaming: list[bool] = []
         self._is_standing = is_standing
         self._skipped_s = 0.0
         self._wall_start_s = time.monotonic()
@@ -45,7 +43,3 @@ class StandInWorld:
 
     def cell_force(self, t: Array) -> Array:
         return np.full_like(t, 100.0)
-
-    def report_streaming(self, device: Literal["daq", "mocap"], is_streaming: bool) -> None:
-        assert device == "daq"
-        self.streaming.append(is_streaming)

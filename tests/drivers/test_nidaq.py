@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import grpc
 import numpy as np
 import pytest
 
@@ -186,6 +187,21 @@ def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
         read_until(device, lambda _: False)
     device.close()
     assert is_one_sentence(caught.value)
+
+
+def test_a_server_that_cannot_tell_what_is_there_is_read_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.simulators.nidaq._Service.GetReadAttributeUInt32", _unimplemented)
+    world = StandInWorld(speed=1.0)
+    server = NiDaqSimulator(world)
+    server.start()
+    with opened(driver(server, world)) as device:
+        items = read_until(device, lambda items: len(blocks(items, "/force")) > 4)
+    server.stop()
+    assert {block.sample_numbers.size for block in blocks(items, "/force")} == {50}
+
+
+def _unimplemented(_service: Any, _request: Any, context: grpc.ServicerContext) -> None:
+    context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
 
 
 def test_a_rate_above_the_device_s_limit_is_refused(server: NiDaqSimulator, world: StandInWorld) -> None:
