@@ -129,6 +129,8 @@ class _Server:
         server.close()
         for client in self.clients:
             client.close()
+        while self.clients:  # each leaves by itself
+            await asyncio.sleep(TICK_S)
         if pacing.done():
             pacing.result()  # it never ends but by a fault, which belongs on the screen
 

@@ -1,0 +1,195 @@
+"""What QTM's real-time protocol looks like on the wire, and what becomes of its frames."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from recordings.samples import Event, Item, Loss, Samples
+
+HEADER = struct.Struct("<II")  # size with header, type
+FRAME = struct.Struct("<qII")  # microseconds, frame number, components
+COMPONENT = struct.Struct("<II")  # size with this header, type
+MARKERS = struct.Struct("<IHH")  # count, drop rate, out-of-sync rate
+LABELLED_3D_WITH_RESIDUALS = 9
+LARGEST_PACKET_BYTES = 16_000_000
+
+
+@dataclass(frozen=True)
+class Frame:
+    """number as QTM counts, its time stamp [µs], and little-endian float32 (markers, 4): x, y, z, residual [mm]."""
+
+    number: int
+    timestamp_us: int
+    points: bytes
+
+
+def decode_frame(body: bytes) -> Frame:
+    """A data packet without its header. Raises ValueError where it holds no whole set of markers with residuals."""
+    try:
+        timestamp_us, number, components = FRAME.unpack_from(body)
+        place = FRAME.size
+        for _ in range(components):
+            size, kind = COMPONENT.unpack_from(body, place)
+            if kind == LABELLED_3D_WITH_RESIDUALS:
+                count, _drop_rate, _out_of_sync_rate = MARKERS.unpack_from(body, place + COMPONENT.size)
+                first = place + COMPONENT.size + MARKERS.size
+                points = body[first : first + 16 * count]
+                if len(points) != 16 * count:
+                    raise ValueError(f"frame {number}, which announces {count} markers and ends before the last")
+                return Frame(number, timestamp_us, points)
+            place += max(size, COMPONENT.size)
+    except struct.error as error:
+        raise ValueError(f"a frame of {len(body)} bytes, which ends within a field") from error
+    raise ValueError(f"frame {number} without labelled markers and residuals")
+
+
+def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
+    """Labels in the order of the frames, and the frame rate [Hz]. Raises ValueError where the XML lacks them."""
+    try:
+        root = ElementTree.fromstring(xml)  # noqa: S314  (expat bounds what entities grow to)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"settings that are not XML ({error})") from error
+    labels = tuple(node.text or "" for node in root.findall("The_3D/Label/Name"))
+    rate = root.findtext("General/Frequency")
+    if not labels or rate is None:
+        raise ValueError("settings without a capture frequency" if labels else "settings without labels")
+    return labels, float(rate)
+
+
+class PacketGuard(asyncio.Protocol):
+    """Stands before qtm_rt's receiver and hands it whole packets only.
+
+    By itself that receiver loops for ever on a length of zero, buffers without end on a huge one, and drops the
+    connection on an unknown type, component or event. Here a packet it cannot read is reported and passed over; a
+    length that cannot be true ends the connection, as nothing after it can be found.
+    """
+
+    def __init__(self, receiver: asyncio.Protocol, report: Callable[[str], None]) -> None:
+        self._receiver = receiver
+        self._report = report
+        self._unread = bytearray()
+        self._is_readable = True
+        self._transport: asyncio.BaseTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+        self._receiver.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        self._unread += data
+        place = 0
+        while len(self._unread) - place >= HEADER.size:
+            size, kind = HEADER.unpack_from(self._unread, place)
+            if not HEADER.size <= size <= LARGEST_PACKET_BYTES:
+                self._report(f"a packet that claims {size} bytes, expected {HEADER.size} to {LARGEST_PACKET_BYTES}")
+                self._unread.clear()
+                self.close()
+                return
+            if len(self._unread) - place < size:
+                break
+            packet = bytes(self._unread[place : place + size])
+            place += size
+            self._hand_over(packet, kind)
+        del self._unread[:place]
+
+    def _hand_over(self, packet: bytes, kind: int) -> None:
+        """Of packets in a row that cannot be read, only the first is reported."""
+        was_readable, self._is_readable = self._is_readable, True
+        try:
+            self._receiver.data_received(packet)
+        except Exception as error:
+            self._is_readable = False
+            if was_readable:
+                self._report(f"a packet of type {kind} and {len(packet)} bytes that cannot be read: {error}")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._receiver.connection_lost(exc)
+
+    def close(self) -> None:
+        """Closes the connection at once."""
+        if isinstance(self._transport, asyncio.WriteTransport):
+            self._transport.abort()
+
+
+class MarkerBlocks:
+    """Turns frames into blocks of /markers with the wanted labels in their order, and tells what is missing.
+
+    labels is the order of the markers in the frames; while it is None, frames wait.
+    """
+
+    def __init__(self, wanted: Sequence[str], source: str) -> None:
+        self.labels: tuple[str, ...] | None = None
+        self._wanted = tuple(wanted)
+        self._source = source
+        self._waiting: list[Frame] = []
+        self._arrived_ns = 0
+        self._last: Frame | None = None
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether any wait to be taken."""
+        return bool(self._waiting)
+
+    def add(self, frame: Frame, host_time_ns: int) -> None:
+        self._waiting.append(frame)
+        self._arrived_ns = host_time_ns
+
+    def take(self) -> list[Item]:
+        """Everything that waits. A jump of the numbers is a Loss; where they start again, an Event says so."""
+        if self.labels is None:
+            return []
+        waiting, self._waiting = self._waiting, []
+        items: list[Item] = []
+        block: list[Frame] = []
+        for frame in waiting:
+            if len(frame.points) != 16 * len(self.labels):
+                continue  # its number will be missing
+            notice = self._notice(frame)
+            if notice is not None:
+                items += [*self._block(block), notice]
+                block = []
+            block.append(frame)
+            self._last = frame
+        return [*items, *self._block(block)]
+
+    def _notice(self, frame: Frame) -> Item | None:
+        """What there is to say before this frame."""
+        last = self._last
+        if last is None or frame.number == last.number + 1:
+            return None
+        if frame.number <= last.number:
+            text = f"{self._source} numbers its frames anew, from {frame.number} after {last.number}"
+            return Event("numbering_restarted", text, self._arrived_ns, self._source)
+        return Loss(
+            stream="/markers",
+            cause="skipped",
+            first_missing=last.number + 1,
+            count=frame.number - last.number - 1,
+            last_device_time_ns=last.timestamp_us * 1000,
+            host_time_ns=self._arrived_ns,
+        )
+
+    def _block(self, frames: Sequence[Frame]) -> list[Item]:
+        if not frames or self.labels is None:
+            return []
+        points = np.frombuffer(b"".join(frame.points for frame in frames), dtype="<f4")
+        points = points.reshape(len(frames), len(self.labels), 4)
+        values = np.full((len(frames), len(self._wanted), 4), np.nan, dtype=np.float32)
+        for column, label in enumerate(self._wanted):
+            if label in self.labels:
+                values[:, column] = points[:, self.labels.index(label)]
+        values[np.isnan(values).any(axis=2)] = np.nan
+        samples = Samples(
+            stream="/markers",
+            sample_numbers=np.array([frame.number for frame in frames], dtype=np.uint64),
+            device_time_ns=np.array([frame.timestamp_us for frame in frames], dtype=np.int64) * 1000,
+            host_time_ns=self._arrived_ns,
+            values=values,
+        )
+        return [samples]
