@@ -83,10 +83,10 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     bias_force = np.einsum("fbij,fbi->fj", spin, inertia.moment) + np.einsum("fbij,fbi->fj", center, inertia.force)
     jacobian, bias = _constraints(model, state, inertia.jacobians)
 
-    inverse = np.linalg.inv(mass_matrix)
+    inverse = _inverse(mass_matrix)
     inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
-    stiffness: Array = np.linalg.inv(jacobian @ inverse_times)
-    gain: Array = inverse_times @ stiffness
+    stiffness = _inverse(jacobian @ inverse_times)
+    gain = inverse_times @ stiffness
     mobility = inverse - gain @ np.swapaxes(inverse_times, 1, 2)
     acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
 
@@ -230,6 +230,11 @@ def _sum_over_bodies(left: Array, right: Array) -> Array:
     shape = (frames, bodies * rows, columns)
     product: Array = np.swapaxes(left.reshape(shape), 1, 2) @ right.reshape(shape)
     return product
+
+
+def _inverse(matrix: Array) -> Array:
+    inverse: Array = np.linalg.inv(matrix)  # type: ignore[assignment]
+    return inverse
 
 
 def _constraints(model: Model, state: Postures, columns: Array) -> tuple[Array, Array]:

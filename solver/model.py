@@ -118,7 +118,6 @@ class PathPoint:
     within `range` for the location; its velocity slope · q̇ and its derivative are those of the unheld q, as in OpenSim.
     """
 
-    name: str
     body: int
     location: Array
     slope: Array

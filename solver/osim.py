@@ -194,6 +194,9 @@ class _ModelReader:
         names = [axis.word("coordinates", "") for axis in axes]
         lines = [_line(axis, driven=bool(name)) for axis, name in zip(axes, names, strict=True)]
         drivers = [self.coordinate(a, n) if n else NO_COORDINATE for a, n in zip(axes, names, strict=True)]
+        driven = [driver for driver in drivers if driver != NO_COORDINATE]
+        if len(set(driven)) != len(driven):
+            raise element.refusal("drives two axes with one coordinate; the solver gives each axis its own")
         return AxisMotion(
             axes=directions / np.linalg.norm(directions, axis=1, keepdims=True),
             coordinate=np.array(drivers),
@@ -252,7 +255,7 @@ class _ModelReader:
     def path_point(self, element: Element) -> PathPoint:
         if element.tag == "PathPoint":
             body, location = self.station(element, "socket_parent_frame", "location")
-            return PathPoint(element.name, body, location, np.zeros(3), NO_COORDINATE, (-np.inf, np.inf))
+            return PathPoint(body, location, np.zeros(3), NO_COORDINATE, (-np.inf, np.inf))
         if element.tag != "MovingPathPoint":
             raise element.refusal("is a path point the solver does not have")
         frame = self.frame(element, "socket_parent_frame")
@@ -263,7 +266,7 @@ class _ModelReader:
         lines = np.array([_straight_spline(element.child(f"{axis}_location")) for axis in "xyz"])
         rotation, translation = frame.placement.rotation, frame.placement.translation
         location, slope = translation + rotation @ lines[:, 1], rotation @ lines[:, 0]
-        return PathPoint(element.name, frame.body, location, slope, coordinate, self.coordinates[coordinate].range)
+        return PathPoint(frame.body, location, slope, coordinate, self.coordinates[coordinate].range)
 
     def path_wrap(self, element: Element) -> PathWrap:
         name = element.child("wrap_object").text

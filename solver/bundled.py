@@ -1,0 +1,156 @@
+"""The model that comes with the solver: the published thoracoscapular shoulder, read from thoracoscapular.toml."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.model import (
+    NO_COORDINATE,
+    AxisMotion,
+    Body,
+    Coordinate,
+    CoordinateActuator,
+    Joint,
+    Marker,
+    Model,
+    Muscle,
+    Path,
+    PathPoint,
+    PathWrap,
+    Placement,
+    PointConstraint,
+    ScapulothoracicMotion,
+    WrapSurface,
+)
+from solver.spatial import rotation_body_fixed_xyz
+
+Array = NDArray[np.float64]
+Table = dict[str, Any]
+
+
+def bundled_model() -> Model:
+    """The thoracoscapular model: 7 bodies, 17 coordinates, 33 muscles, 17 actuators; sources stand in the table."""
+    table = tomllib.loads(files("solver").joinpath("thoracoscapular.toml").read_text(encoding="utf-8"))
+    return _TableReader(table).model()
+
+
+class _TableReader:
+    """Turns the table's names into indices; the table's order is the model's."""
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self.bodies = ["ground", *table["bodies"]]
+        self.surfaces = list(table["surfaces"])
+        self.coordinates: list[Coordinate] = []
+
+    def model(self) -> Model:
+        table = self.table
+        joints = tuple(self.joint(name, row) for name, row in table["joints"].items())
+        ground = Body("ground", 0.0, np.zeros(3), np.zeros((3, 3)))
+        return Model(
+            name=table["name"],
+            gravity=np.array(table["gravity_m_s2"]),
+            bodies=(ground, *(_body(name, row) for name, row in table["bodies"].items())),
+            coordinates=tuple(self.coordinates),
+            joints=joints,
+            surfaces=tuple(self.surface(name, row) for name, row in table["surfaces"].items()),
+            muscles=tuple(self.muscle(name, row) for name, row in table["muscles"].items()),
+            constraints=tuple(self.constraint(name, row) for name, row in table["constraints"].items()),
+            actuators=tuple(self.actuator(name, row) for name, row in table["actuators"].items()),
+            markers=tuple(Marker(name, *self.station(row)) for name, row in table["markers"].items()),
+        )
+
+    def coordinate(self, name: str) -> int:
+        return [coordinate.name for coordinate in self.coordinates].index(name)
+
+    def station(self, row: Table) -> tuple[int, Array]:
+        """The body and the point in it of a row such as { thorax = [x, y, z] }."""
+        body = next(iter(row))
+        return self.bodies.index(body), np.array(row[body])
+
+    def joint(self, name: str, row: Table) -> Joint:
+        motion = self.gliding(row) if "thoracic_ellipsoid_m" in row else self.axes(row)
+        parent, child = self.bodies.index(row["parent"]), self.bodies.index(row["child"])
+        in_parent, in_child = _placement(row.get("frame_in_parent", {})), _placement(row.get("frame_in_child", {}))
+        return Joint(name, parent, child, in_parent, in_child, motion)
+
+    def gliding(self, row: Table) -> ScapulothoracicMotion:
+        abduction, elevation, upward_rotation, winging = (
+            self.add_coordinate(name, "rotation", figures) for name, *figures in row["coordinates"]
+        )
+        return ScapulothoracicMotion(
+            coordinates=(abduction, elevation, upward_rotation, winging),
+            radii=np.array(row["thoracic_ellipsoid_m"]),
+            winging_origin=np.array(row["winging_origin_m"]),
+            winging_direction=row["winging_direction_rad"],
+        )
+
+    def axes(self, row: Table) -> AxisMotion:
+        axes, driver = np.vstack([np.eye(3), np.eye(3)]), np.full(6, NO_COORDINATE)
+        for first, motion in ((0, "rotation"), (3, "translation")):
+            for index, (name, axis, *figures) in enumerate(row.get(f"{motion}s", []), start=first):
+                axes[index] = np.array(axis) / np.linalg.norm(axis)
+                driver[index] = self.add_coordinate(name, motion, figures)
+        return AxisMotion(axes, driver, slope=np.where(driver == NO_COORDINATE, 0.0, 1.0), offset=np.zeros(6))
+
+    def add_coordinate(self, name: str, motion: Any, figures: list[float]) -> int:
+        default, lowest, highest = figures
+        self.coordinates.append(Coordinate(name, motion, default, (lowest, highest)))
+        return len(self.coordinates) - 1
+
+    def surface(self, name: str, row: Table) -> WrapSurface:
+        body, side = self.bodies.index(row["body"]), row.get("side", "all")
+        if "ellipsoid_m" in row:
+            return WrapSurface(name, body, _placement(row), "ellipsoid", np.array(row["ellipsoid_m"]), side)
+        if "sphere_m" in row:
+            return WrapSurface(name, body, _placement(row), "sphere", np.repeat(row["sphere_m"], 3), side)
+        radius, length = row["cylinder_m"]
+        return WrapSurface(name, body, _placement(row), "cylinder", np.array([radius, radius, length]), side)
+
+    def muscle(self, name: str, row: Table) -> Muscle:
+        shared, method = self.table["every_muscle"], row.get("wrap_method", "hybrid")
+        return Muscle(
+            name=name,
+            path=Path(
+                points=tuple(map(self.path_point, row["path"])),
+                wraps=tuple(PathWrap(self.surfaces.index(surface), method) for surface in row.get("wraps", [])),
+            ),
+            max_isometric_force=row["max_isometric_force_n"],
+            optimal_fiber_length=row["optimal_fiber_length_m"],
+            tendon_slack_length=row["tendon_slack_length_m"],
+            pennation_at_optimal=row.get("pennation_rad", 0.0),
+            max_contraction_velocity=shared["max_contraction_velocity_per_s"],
+            activation_time_constant=shared["activation_time_constant_s"],
+            deactivation_time_constant=shared["deactivation_time_constant_s"],
+        )
+
+    def path_point(self, row: Table) -> PathPoint:
+        body, location = self.station(row)
+        if "moves_with" not in row:
+            return PathPoint(body, location, np.zeros(3), NO_COORDINATE, (-np.inf, np.inf))
+        coordinate = self.coordinate(row["moves_with"])
+        return PathPoint(body, location, np.array(row["by_m_per_rad"]), coordinate, self.coordinates[coordinate].range)
+
+    def constraint(self, name: str, row: Table) -> PointConstraint:
+        (body_1, location_1), (body_2, location_2) = row["points_m"].items()
+        indices = self.bodies.index(body_1), self.bodies.index(body_2)
+        return PointConstraint(name, *indices, np.array(location_1), np.array(location_2))
+
+    def actuator(self, name: str, row: Table) -> CoordinateActuator:
+        return CoordinateActuator(name, self.coordinate(row["coordinate"]), row["optimal_force"])
+
+
+def _body(name: str, row: Table) -> Body:
+    xx, yy, zz, xy, xz, yz = row["inertia_kg_m2"]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Body(name, row["mass_kg"], np.array(row["center_m"]), inertia)
+
+
+def _placement(row: Table) -> Placement:
+    angles = np.array(row.get("angles_rad", [0.0, 0.0, 0.0]))
+    return Placement(rotation_body_fixed_xyz(angles), np.array(row.get("origin_m", [0.0, 0.0, 0.0])))
