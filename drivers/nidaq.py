@@ -69,6 +69,9 @@ class NiDaq:
         self._task: Any = None
         self._reader: Any = None
         self._streams: tuple[Stream, ...] = ()
+        self._next_number = 0
+        self._last_read_ns = 0
+        self._next_read_s = 0.0
 
     @property
     def name(self) -> str:
@@ -85,22 +88,13 @@ class NiDaq:
         self.close()
         # ValueError: gRPC's "closed channel", and NumPy's about a reply of the wrong length.
         self._vendor_errors = (Error, grpc.RpcError, ValueError, AssertionError)
-        try:
-            options = self._connect()
-            self._configure(options)
-            self._streams = self._describe(options)
-            self._task.start()
-            self._tells_available = self._ask(lambda: int(self._task.in_stream.avail_samp_per_chan), -1) >= 0
-        except self._vendor_errors as error:
-            refusal = self._refusal(error)
-            self.close()
-            raise refusal from error
-        except DeviceError:
-            self.close()
-            raise
-        self._next_number = 0
-        self._last_read_ns = self._host_clock()
-        self._next_read_s = time.monotonic()
+        with contextlib.ExitStack() as undo:
+            undo.callback(self.close)
+            try:
+                self._begin()
+            except self._vendor_errors as error:
+                raise self._refusal(error) from error
+            undo.pop_all()
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         task, reader = self._task, self._reader  # close() may come from the daemon's watchdog meanwhile
@@ -124,6 +118,16 @@ class NiDaq:
             if resource is not None:
                 with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
                     resource.close()
+
+    def _begin(self) -> None:
+        options = self._connect()
+        self._configure(options)
+        self._streams = self._describe(options)
+        self._task.start()
+        self._tells_available = self._ask(lambda: int(self._task.in_stream.avail_samp_per_chan), -1) >= 0
+        self._next_number = 0
+        self._last_read_ns = self._host_clock()
+        self._next_read_s = time.monotonic()
 
     def _connect(self) -> Any:
         """The gRPC session options nidaqmx asks for, None for the local driver."""
@@ -162,7 +166,7 @@ class NiDaq:
         )
         if self._start == "pfi0":
             task.triggers.start_trigger.cfg_dig_edge_start_trig(f"/{self._device}/PFI0", trigger_edge=Edge.RISING)
-        self._true_rate_hz = self._ask(lambda: task.timing.samp_clk_rate, self._rate_hz)
+        self._true_rate_hz = float(self._ask(lambda: task.timing.samp_clk_rate, 0.0)) or self._rate_hz
         self._reader = AnalogMultiChannelReader(task.in_stream)
         self._reader.verify_array_shape = False  # costs a round trip per read
         self._block = max(1, round(self._true_rate_hz / READS_PER_S))
@@ -240,10 +244,12 @@ class NiDaq:
 
     def _refusal(self, error: Exception) -> DeviceError:
         """What the device, its driver or its server said when it was opened, as one sentence."""
+        from nidaqmx.errors import DaqNotFoundError
+
         code = _code(error)
         who = f"{self.name} at {self._where}"
         inputs = " and ".join(f"{channel} (±{range_v:g} V)" for _, channel, range_v in self._inputs)
-        if type(error).__name__ == "DaqNotFoundError":
+        if isinstance(error, DaqNotFoundError):
             return DeviceUnavailable(
                 f"{self.name} needs the NI-DAQmx driver, and this computer has none; "
                 "install it, or name an NI gRPC device server in daq.grpc_target"
@@ -282,8 +288,10 @@ def _code(error: Exception) -> int:
 
 
 def _words(error: Exception) -> str:
-    """NI's own words on one line, without the task's name and the code that follow them."""
-    text = re.split(r"\n\s*(?:Task Name|Status Code):", str(error))[0]
+    """What NI or gRPC said, on one line, without the code and the task's name."""
+    text = re.split(r"\n\s*(?:Task Name|Status Code):", str(error))[0].removeprefix("StatusCode.")
+    if text.startswith("DEADLINE_EXCEEDED"):
+        return f"no answer within {RPC_DEADLINE_S:g} s"
     return " ".join(text.split()).rstrip(".")[:300] or type(error).__name__
 
 

@@ -9,6 +9,7 @@ import contextlib
 import re
 import time
 from collections.abc import Callable, Sequence
+from itertools import groupby
 from typing import Any, Literal
 
 import numpy as np
@@ -128,23 +129,19 @@ class SerialLoadCell:
         return [line + b"\n" for line in lines]
 
     def _items(self, lines: list[bytes]) -> list[Item]:
-        """The good lines as one block; garbled ones, counted together, before it."""
-        if not lines:
-            return []
+        """Good lines in a row as a block, garbled ones in a row as a loss, in the order they came."""
         host_time_ns = self._host_clock()
-        values = [self._decode(line) for line in lines]
-        numbers = np.arange(self._next_number, self._next_number + len(lines), dtype=np.uint64)
-        is_good = np.array([value is not None for value in values])
         items: list[Item] = []
-        if not is_good.all():
-            first_missing, count = int(numbers[~is_good][0]), int((~is_good).sum())
-            items.append(Loss("/force", "garbled", first_missing, count, self._last_time_ns, host_time_ns))
-        if is_good.any():
-            good = np.array([value for value in values if value is not None])
-            times_ns = np.full(good.size, host_time_ns, dtype=np.int64)
-            items.append(Samples("/force", numbers[is_good], times_ns, host_time_ns, good[:, np.newaxis]))
+        for is_garbled, run in groupby(map(self._decode, lines), key=lambda value: value is None):
+            values = np.array(list(run), dtype=np.float64)[:, np.newaxis]
+            first, self._next_number = self._next_number, self._next_number + len(values)
+            if is_garbled:
+                items.append(Loss("/force", "garbled", first, len(values), self._last_time_ns, host_time_ns))
+                continue
+            numbers = np.arange(first, self._next_number, dtype=np.uint64)
+            device_time_ns = np.full(len(values), host_time_ns, dtype=np.int64)
+            items.append(Samples("/force", numbers, device_time_ns, host_time_ns, values))
             self._last_time_ns = host_time_ns
-        self._next_number += len(lines)
         return items
 
 
