@@ -1,0 +1,253 @@
+"""All trials of one cuff in one donning → its stiffness, damping and migration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting import frames, quality
+from fitting.curves import TrialCurves
+from fitting.damping import DampingFit, fit_damping
+from fitting.frames import CuffMotion
+from fitting.migration import fit_migration
+from fitting.plateaus import Plateau, find_plateaus
+from fitting.quality import UnusableTrial
+from fitting.result import CuffFit, TrialFit, Verdict, covariance_of
+from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness, require_positive_loads, trial_stiffness
+from fitting.trial import Trial
+from fitting.uncertainty import Estimate, combine
+
+MIN_LOADS = 3
+"""Held loads without which a donning has no stiffness."""
+OPEN = 0.5
+"""Part of its value that a standard error may reach before a quantity is called not identified."""
+
+
+@dataclass(frozen=True)
+class ReducedTrial:
+    """A trial and its displacement (frames,) [m] along the pull, in the reference posture of the donning.
+
+    plateaus are the held loads of a static trial, empty for a dynamic one.
+    """
+
+    trial: Trial
+    displacement: NDArray[np.float64]
+    plateaus: tuple[Plateau, ...]
+    notes: tuple[str, ...]
+
+
+def fit_donning(trials: Sequence[Trial]) -> tuple[CuffFit, dict[str, TrialCurves]]:
+    """The fit of one donning from its trials in time order, and by file the curves of those that were used.
+
+    Of a repeat that was recorded again, the highest run counts.
+    """
+    newest, superseded = _newest_runs(trials)
+    reasons: dict[str, str] = {}
+    reduced = _reduce(newest, reasons)
+    static = [each for each in reduced if each.trial.test == "static"]
+    stiffness = fit_stiffness([each.plateaus for each in static], max(trial.gain_sd for trial in trials))
+    lines = dict(zip([each.trial.file for each in static], stiffness.trials, strict=True))
+    swings = _fit_dampings([each for each in reduced if each.trial.test == "dynamic"], stiffness.stiffness, reasons)
+    used = {each.trial.file: each for each in reduced if each.trial.file not in reasons}
+
+    judged = (
+        _judge_stiffness(static, stiffness.stiffness),
+        _judge_damping(list(swings.values())),
+        _judge_migration(static),
+    )
+    estimates = [estimate for estimate, _ in judged]
+    cuff = trials[0].cuff
+    fit = CuffFit(
+        name=cuff.name,
+        site=cuff.site,
+        donning=trials[0].donning,
+        stiffness=estimates[0],
+        damping=estimates[1],
+        migration=estimates[2],
+        verdicts=tuple(verdict for _, verdict in judged if verdict) or (Verdict.IDENTIFIED,),
+        covariance=covariance_of(estimates),
+        sources={file: each.trial.sha256 for file, each in used.items()},
+        trials=_list_trials(trials, used, lines, swings, reasons, superseded),
+        notes=_notes(stiffness, list(swings.values())),
+        diagnostics=_diagnostics(stiffness, list(swings.values())),
+    )
+    return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
+
+
+def _newest_runs(trials: Sequence[Trial]) -> tuple[list[Trial], dict[str, str]]:
+    """The trials that count, and for every other file the sentence why not."""
+    newest: dict[tuple[str, int], Trial] = {}
+    for trial in trials:
+        key = trial.test, trial.repeat
+        if key not in newest or trial.run > newest[key].run:
+            newest[key] = trial
+    counting = [trial for trial in trials if newest[trial.test, trial.repeat] is trial]
+    superseded = {
+        trial.file: f"recorded again as {newest[trial.test, trial.repeat].file}"
+        for trial in trials
+        if newest[trial.test, trial.repeat] is not trial
+    }
+    return counting, superseded
+
+
+def _reduce(trials: Sequence[Trial], reasons: dict[str, str]) -> list[ReducedTrial]:
+    """Markers → displacement along the pull, for every trial that allows it; the others get a reason."""
+    reference, moved = None, []
+    for trial in trials:
+        try:
+            if trial.cuff != trials[0].cuff:
+                raise UnusableTrial("its markers are not those of the donning's first trial; use one configuration")
+            reference = reference or frames.reference_posture(trial)
+            motion = frames.cuff_motion(trial, reference)
+            moved.append((trial, motion, _motion_notes(trial, motion)))
+        except UnusableTrial as error:
+            reasons[trial.file] = str(error)
+    if not moved:
+        return []
+    pulls = [each for each in moved if each[0].test == "static"] or moved
+    try:
+        direction = frames.pull_direction([each[0] for each in pulls], [each[1] for each in pulls])
+    except UnusableTrial as error:
+        reasons |= {each[0].file: str(error) for each in moved}
+        return []
+    return [each for each in (_project(*each, direction, reasons) for each in moved) if each is not None]
+
+
+def _motion_notes(trial: Trial, motion: CuffMotion) -> tuple[str, ...]:
+    force = np.interp(trial.marker_time, trial.force_time, trial.force)
+    return quality.occlusion_notes(motion.displacement) + quality.anchor_note(motion.residual, force)
+
+
+def _project(
+    trial: Trial,
+    motion: CuffMotion,
+    notes: tuple[str, ...],
+    direction: NDArray[np.float64],
+    reasons: dict[str, str],
+) -> ReducedTrial | None:
+    displacement = frames.along(motion, direction)
+    plateaus: tuple[Plateau, ...] = ()
+    if trial.test == "static":
+        plateaus = find_plateaus(trial.force_time, trial.force, trial.force_step, trial.marker_time, displacement)
+        try:
+            require_positive_loads(plateaus)
+        except UnusableTrial as error:
+            reasons[trial.file] = str(error)
+            return None
+    return ReducedTrial(trial, displacement, plateaus, trial.notes + notes)
+
+
+def _fit_dampings(
+    reduced: Sequence[ReducedTrial], stiffness: Estimate | None, reasons: dict[str, str]
+) -> dict[str, DampingFit]:
+    fits = {}
+    for each in reduced:
+        try:
+            fits[each.trial.file] = fit_damping(each.trial, each.displacement, stiffness)
+        except UnusableTrial as error:
+            reasons[each.trial.file] = str(error)
+    return fits
+
+
+def _judge_stiffness(
+    static: Sequence[ReducedTrial], stiffness: Estimate | None
+) -> tuple[Estimate | None, Verdict | None]:
+    if not static:
+        return None, Verdict.NO_STATIC
+    if sum(len(each.plateaus) for each in static) < MIN_LOADS:
+        return None, Verdict.FEW_LOADS
+    if stiffness is None:
+        return None, Verdict.ONLY_ROSE
+    if _is_open(stiffness) or stiffness.value < 0 or not math.isfinite(stiffness.ci95[1]):
+        return None, Verdict.STIFFNESS_UNCERTAIN
+    return stiffness, None
+
+
+def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict | None]:
+    if not fits:
+        return None, Verdict.NO_DYNAMIC
+    damping = combine([fit.damping for fit in fits])
+    if not _is_open(damping):
+        return damping, None
+    noise = combine([replace(fit.damping, common=0.0) for fit in fits])
+    return None, Verdict.DAMPING_UNCERTAIN if _is_open(noise) else Verdict.LAG
+
+
+def _judge_migration(static: Sequence[ReducedTrial]) -> tuple[Estimate | None, Verdict | None]:
+    migration = fit_migration([each.plateaus for each in static])
+    return migration, Verdict.NOT_UNLOADED if static and migration is None else None
+
+
+def _is_open(estimate: Estimate) -> bool:
+    return estimate.standard_error > OPEN * abs(estimate.value)
+
+
+def _list_trials(
+    trials: Sequence[Trial],
+    reduced: Mapping[str, ReducedTrial],
+    static: Mapping[str, StaticFit],
+    damping: Mapping[str, DampingFit],
+    reasons: Mapping[str, str],
+    superseded: Mapping[str, str],
+) -> tuple[TrialFit, ...]:
+    """Every recording of the donning with its part in the fit."""
+    listed = []
+    for trial in trials:
+        file = trial.file
+        is_used = file in reduced
+        listed.append(
+            TrialFit(
+                file=file,
+                sha256=trial.sha256,
+                test=trial.test,
+                repeat=trial.repeat,
+                run=trial.run,
+                state="used" if is_used else "superseded" if file in superseded else "unusable",
+                reason=superseded.get(file, reasons.get(file, "")),
+                notes=reduced[file].notes if is_used else trial.notes,
+                stiffness=trial_stiffness(static[file]) if file in static else None,
+                damping=damping[file].damping.estimate if file in damping else None,
+                migration=fit_migration([reduced[file].plateaus]) if is_used else None,
+            )
+        )
+    return tuple(listed)
+
+
+def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str, ...]:
+    notes = []
+    if stiffness.slips_again:
+        notes.append("the cuff slips even under loads it carried before; stiffness is from taking weights off only")
+    if any(fit.uses_static_stiffness for fit in damping):
+        notes.append(
+            "the lag is too uncertain for damping on its own; the stiffness of the held loads was used, "
+            "which holds if the cuff is as stiff when it swings"
+        )
+    if stiffness.stiffness and damping:
+        ratio = float(np.mean([fit.stiffness.value for fit in damping])) / stiffness.stiffness.value
+        if not 0.8 < ratio < 1.25:
+            notes.append(f"the cuff is {ratio:.2f} times as stiff when it swings as under held loads")
+    return tuple(notes)
+
+
+def _diagnostics(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> dict[str, float]:
+    found = {"slip_m": stiffness.slip} if stiffness.stiffness else {}
+    if damping:
+        for key, values in {
+            "dynamic_stiffness_n_per_m": [fit.stiffness.value for fit in damping],
+            "frequency_hz": [fit.oscillation.frequency for fit in damping],
+            "force_amplitude_n": [fit.oscillation.amplitude for fit in damping],
+            "lag_s": [fit.lag for fit in damping],
+            "force_noise_n": [fit.force_noise for fit in damping],
+            "marker_noise_m": [fit.marker_noise for fit in damping],
+        }.items():
+            found[key] = float(np.mean(values))
+    return found
+
+
+def _draw(each: ReducedTrial, static: StaticFit | None, dynamic: DampingFit | None) -> TrialCurves:
+    trial = each.trial
+    return TrialCurves(trial, trial.force_time, trial.force, trial.marker_time, each.displacement, static, dynamic)

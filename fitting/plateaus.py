@@ -1,0 +1,113 @@
+"""Where the load is held: steady stretches of the force, and what force and displacement are there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from fitting.calibration import level_bias
+
+BIN = 0.05
+SIDE = 1.0
+"""Seconds of force on each side of a moment whose means are compared."""
+MIN_STEP = 3.0
+"""Newtons between the means that count as a step of the load; six times their noise if that is more."""
+SETTLING = 1.0
+MARGIN = 0.5
+MIN_HOLD = 1.0
+BATCH = 0.5
+TREND_SIGNIFICANCE = 3.0
+LATE = 2.0
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """One held load.
+
+    start, end           session time [s] of the stretch that was averaged
+    force, force_sd      N; force_sd holds noise and what the converter's codes leave unknown
+    displacement, displacement_sd  m
+    late                 displacement and its uncertainty at the hold's end, [m]: where slip had (nearly) stopped
+    """
+
+    start: float
+    end: float
+    force: float
+    force_sd: float
+    displacement: float
+    displacement_sd: float
+    late: tuple[float, float]
+
+
+def find_plateaus(
+    force_time: NDArray[np.float64],
+    force: NDArray[np.float64],
+    force_step: float,
+    marker_time: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+) -> tuple[Plateau, ...]:
+    """The held loads of a trial in time order: force (n,) [N], displacement (frames,) [m] with NaN where not seen."""
+    found = []
+    for start, end in _steady_stretches(force_time, force):
+        in_force = (force_time >= start) & (force_time <= end)
+        in_frames = (marker_time >= start) & (marker_time <= end) & np.isfinite(displacement)
+        if np.count_nonzero(in_force) < 5 or np.count_nonzero(in_frames) < 20:
+            continue
+        load, load_noise = _mean(force_time[in_force], force[in_force])
+        codes = level_bias(force_step, float(np.std(force[in_force])))
+        time, way = marker_time[in_frames], displacement[in_frames]
+        found.append(Plateau(start, end, load, math.hypot(load_noise, codes), *_mean(time, way), _at_end(time, way)))
+    return tuple(found)
+
+
+def _steady_stretches(time: NDArray[np.float64], force: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Stretches (start, end) [s] between steps of the load, settling and margin taken off."""
+    width = max(BIN, 1.01 * float(np.median(np.diff(time))))
+    index = ((time - time[0]) / width).astype(np.intp)
+    count = np.bincount(index)
+    middle = time[0] + width * (np.arange(len(count)) + 0.5)
+    binned = np.interp(middle, middle[count > 0], np.bincount(index, force)[count > 0] / count[count > 0])
+    change = _change_of_mean(median_filter(binned, 5, mode="nearest"), max(2, round(SIDE / width)))
+    noise = 1.4826 * float(np.median(np.abs(change - np.median(change))))
+    is_moving = np.abs(change) > max(MIN_STEP, 6 * noise)
+
+    bounds = np.flatnonzero(np.diff(np.concatenate(([0], is_moving.astype(np.int8), [0]))))
+    steps = [(first, last, first + int(np.argmax(np.abs(change[first:last])))) for first, last in bounds.reshape(-1, 2)]
+    starts = [time[0]] + [max(middle[peak] + SETTLING, middle[last - 1]) for _, last, peak in steps]
+    ends = [min(middle[peak] - MARGIN, middle[first]) for first, _, peak in steps] + [time[-1]]
+    return [(float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b - a >= MIN_HOLD]
+
+
+def _change_of_mean(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Mean of the next `side` values minus mean of those before, (n,); fewer at the ends."""
+    total = np.concatenate(([0.0], np.cumsum(values)))
+    here = np.arange(len(values) + 1)[1:-1]
+    before, after = np.maximum(here - side, 0), np.minimum(here + side, len(values))
+    change = (total[after] - total[here]) / (after - here) - (total[here] - total[before]) / (here - before)
+    return np.concatenate(([0.0], change))
+
+
+def _mean(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
+    """Mean and its standard error from the means of half seconds: noise may be coloured, and holds may creep."""
+    white = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    batch = ((time - time[0]) / BATCH).astype(np.intp)
+    count = np.bincount(batch)
+    means = (np.bincount(batch, values) / np.maximum(count, 1))[count > 0.5 * count.max()]
+    batched = float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) >= 4 else 0.0
+    return float(np.mean(values)), max(white, batched)
+
+
+def _at_end(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
+    """The value reached at the end of a hold, and its uncertainty: the last seconds, led on if they still move."""
+    is_last = time >= time[-1] - LATE
+    time, values = time[is_last], values[is_last]
+    mean, error = _mean(time, values)
+    half = (time[-1] - time[0]) / 2
+    slope = float(np.polyfit(time - time.mean(), values, 1)[0])
+    if abs(slope) * half < TREND_SIGNIFICANCE * math.sqrt(3) * error:
+        return mean, error
+    return mean + slope * half, math.hypot(2 * error, slope * half / 2)

@@ -1,0 +1,240 @@
+"""What a fit says about a cuff: estimates, verdicts in sentences, provenance; to and from cuffs.json."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.curves import TrialCurves
+from fitting.trial import RejectedTrial
+from fitting.uncertainty import NORMAL_95, Estimate
+from solver.cuff import CuffParameters
+
+QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
+"""Field of CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
+
+
+class Verdict(StrEnum):
+    """What was and was not identified."""
+
+    IDENTIFIED = "stiffness, damping and migration are identified"
+    GIVEN = "the figures are given, not fitted"
+    NO_STATIC = "stiffness and migration are not identified: there is no usable static trial; record --test static"
+    FEW_LOADS = "stiffness is not identified: fewer than three loads were held; hold each for at least 4 s"
+    ONLY_ROSE = (
+        "stiffness is not identified: the load only rose, which cannot tell yielding from slip; "
+        "take the weights off before the capture ends"
+    )
+    STIFFNESS_UNCERTAIN = "stiffness is not identified: its interval is wider than its value; hang more weight on"
+    NO_DYNAMIC = "damping is not identified: there is no usable dynamic trial; record --test dynamic"
+    LAG = (
+        "damping is not identified: what is not known of the lag between force and markers, times the stiffness, "
+        "is more than half of it; raise daq.sample_rate_hz or start by PFI0"
+    )
+    DAMPING_UNCERTAIN = "damping is not identified: noise leaves more than half of it open; pull faster and farther"
+    NOT_UNLOADED = (
+        "migration is not identified: the first static trial does not start, or the last does not end, unloaded"
+    )
+
+
+class NotIdentified(Exception):
+    """A cuff lacks a figure that was asked for; one sentence says which and why."""
+
+
+@dataclass(frozen=True)
+class TrialFit:
+    """One recording's part in a fit: "used", "superseded" by a later run, or "unusable" for a reason.
+
+    The estimates are from this trial alone, None where it says nothing.
+    """
+
+    file: str
+    sha256: str
+    test: str
+    repeat: int
+    run: int
+    state: Literal["used", "superseded", "unusable"]
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+    stiffness: Estimate | None = None
+    damping: Estimate | None = None
+    migration: Estimate | None = None
+
+
+@dataclass(frozen=True)
+class CuffFit:
+    """A cuff's k [N/m], c [N s/m] and migration [m] of one donning; None where not identified, and verdicts say why.
+
+    covariance  (3, 3) of (stiffness, damping, migration); zero where one is None or was given
+    sources     file → SHA-256 of every recording that was used
+    trials      every recording of the donning; not read back from cuffs.json
+    notes       sentences a reader should know; diagnostics are numbers in SI with the unit in the key
+    """
+
+    name: str
+    site: Literal["arm", "waist"]
+    donning: str
+    stiffness: Estimate | None
+    damping: Estimate | None
+    migration: Estimate | None
+    verdicts: tuple[Verdict, ...]
+    covariance: NDArray[np.float64]
+    sources: Mapping[str, str] = field(default_factory=dict)
+    trials: tuple[TrialFit, ...] = ()
+    notes: tuple[str, ...] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """All verdicts as one text."""
+        return "; ".join(self.verdicts)
+
+    def parameters(self) -> CuffParameters:
+        """For the solver. Raises NotIdentified if a figure is missing."""
+        missing = [name for name in QUANTITIES if getattr(self, name) is None]
+        if self.stiffness is None or self.damping is None or self.migration is None:
+            raise NotIdentified(
+                f"cuff {self.name} has no {' and no '.join(missing)} ({self.verdict}); measure it or write a value "
+                "into cuffs.json"
+            )
+        return CuffParameters(
+            name=self.name,
+            site=self.site,
+            stiffness=self.stiffness.value,
+            damping=self.damping.value,
+            migration=self.migration.value,
+            covariance=self.covariance,
+            source=" ".join(self.sources.values()) or Verdict.GIVEN,
+        )
+
+
+@dataclass(frozen=True)
+class SessionFit:
+    """All cuffs of a session.
+
+    donnings  cuff → donning → fit, donnings in the order they were recorded
+    rejected  recordings that could not be read as a trial at all
+    curves    file → the arrays behind the figures, for every trial that was used
+    """
+
+    donnings: Mapping[str, Mapping[str, CuffFit]]
+    rejected: tuple[RejectedTrial, ...]
+    curves: Mapping[str, TrialCurves]
+
+    @property
+    def cuffs(self) -> dict[str, CuffFit]:
+        """Each cuff as last donned."""
+        return {name: list(fits.values())[-1] for name, fits in self.donnings.items()}
+
+    def to_json(self) -> str:
+        """The text of cuffs.json; the same fit gives the same bytes."""
+        cuffs = {
+            name: {
+                **_plain_cuff(fit),
+                "donnings": {donning: _plain_cuff(each) for donning, each in self.donnings[name].items()},
+            }
+            for name, fit in self.cuffs.items()
+        }
+        rejected = [{"file": trial.file, "reason": trial.reason} for trial in self.rejected]
+        return json.dumps({"cuffs": cuffs, "rejected": rejected}, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
+    """Diagonal covariance of independent estimates, 0 where there is none."""
+    return np.diag([estimate.standard_error**2 if estimate else 0.0 for estimate in estimates])
+
+
+def read_cuffs(path: Path) -> dict[str, CuffFit]:
+    """Reads cuffs.json, also one written by hand that holds only values. Raises ValueError in one sentence."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        cuffs = data["cuffs"].items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}: {error or type(error).__name__}; '
+            "make one with `station fit`"
+        ) from error
+    return {name: _cuff_from(name, cuff, path) for name, cuff in cuffs}
+
+
+def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
+    return {
+        **_plain_estimates(fit),
+        "verdict": fit.verdict,
+        "site": fit.site,
+        "donning": fit.donning,
+        "covariance": fit.covariance.tolist(),
+        "notes": list(fit.notes),
+        "diagnostics": dict(fit.diagnostics),
+        "sources": dict(fit.sources),
+        "trials": [_plain_trial(trial) for trial in fit.trials],
+    }
+
+
+def _plain_trial(trial: TrialFit) -> dict[str, Any]:
+    return {
+        "file": trial.file,
+        "sha256": trial.sha256,
+        "test": trial.test,
+        "repeat": trial.repeat,
+        "run": trial.run,
+        "state": trial.state,
+        "reason": trial.reason,
+        "notes": list(trial.notes),
+        **_plain_estimates(trial),
+    }
+
+
+def _plain_estimates(fit: CuffFit | TrialFit) -> dict[str, Any]:
+    """Three objects of value, standard_error and ci95, each null where the quantity is not identified."""
+    nothing = {"value": None, "standard_error": None, "ci95": None}
+    return {key: _plain_estimate(getattr(fit, name)) or nothing for name, key in QUANTITIES.items()}
+
+
+def _plain_estimate(estimate: Estimate | None) -> dict[str, Any] | None:
+    if estimate is None:
+        return None
+    return {"value": estimate.value, "standard_error": estimate.standard_error, "ci95": list(estimate.ci95)}
+
+
+def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
+    if not isinstance(cuff, dict):
+        raise ValueError(f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}")
+    estimates = [_estimate_from(cuff.get(key), f"{path}: {name}.{key}") for key in QUANTITIES.values()]
+    site = cuff.get("site", "waist" if name == "waist" else "arm")
+    if site not in ("arm", "waist"):
+        raise ValueError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
+    said = str(cuff.get("verdict", ""))
+    return CuffFit(
+        name=name,
+        site=site,
+        donning=str(cuff.get("donning", "")),
+        stiffness=estimates[0],
+        damping=estimates[1],
+        migration=estimates[2],
+        verdicts=tuple(verdict for verdict in Verdict if verdict in said) or (Verdict.GIVEN,),
+        covariance=np.asarray(cuff.get("covariance", covariance_of(estimates)), dtype=np.float64),
+        sources=cuff.get("sources", {}),
+        notes=tuple(cuff.get("notes", ())),
+        diagnostics=cuff.get("diagnostics", {}),
+    )
+
+
+def _estimate_from(entry: Any, where: str) -> Estimate | None:
+    """An estimate from an object of which only "value" must be there, or from a bare number."""
+    plain = entry if isinstance(entry, dict) else {"value": entry}
+    if plain.get("value") is None:
+        return None
+    value, error = plain["value"], plain.get("standard_error") or 0.0
+    if not all(isinstance(number, int | float) and math.isfinite(number) for number in (value, error)):
+        raise ValueError(f"{where} is {entry!r}, expected a finite number as value")
+    low, high = plain.get("ci95") or (value - NORMAL_95 * error, value + NORMAL_95 * error)
+    return Estimate(float(value), float(error), (float(low), float(high)))

@@ -1,0 +1,27 @@
+"""All trials of a session → the fit of every cuff, donning by donning; donnings are never pooled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fitting.curves import TrialCurves
+from fitting.donning import fit_donning
+from fitting.result import CuffFit, SessionFit
+from fitting.trial import RejectedTrial, Trial
+
+
+def fit_session(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ()) -> SessionFit:
+    """Fits every cuff of a session; `rejected` are recordings that were none, and are listed with their reason.
+
+    A trial that cannot be used is listed with its reason under its cuff, and the others are fitted.
+    """
+    together: dict[tuple[str, str], list[Trial]] = {}
+    for trial in sorted(trials, key=lambda trial: (trial.start_utc_ns, trial.file)):
+        together.setdefault((trial.cuff.name, trial.donning), []).append(trial)
+    donnings: dict[str, dict[str, CuffFit]] = {}
+    curves: dict[str, TrialCurves] = {}
+    for (cuff, donning), of_donning in together.items():
+        fit, drawn = fit_donning(of_donning)
+        donnings.setdefault(cuff, {})[donning] = fit
+        curves |= drawn
+    return SessionFit(donnings, tuple(rejected), curves)

@@ -1,0 +1,56 @@
+"""A uniform B-spline as sparse matrices: position, velocity, acceleration, jerk of an unknown motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array, diags_array
+
+DEGREE = 4
+
+
+@dataclass(frozen=True)
+class Spline:
+    """Degree-4 splines on [start, end] s with knots every `step` s; coefficients are (size,)."""
+
+    start: float
+    end: float
+    step: float
+
+    @property
+    def size(self) -> int:
+        return self._intervals + DEGREE
+
+    def design(self, time: NDArray[np.float64]) -> tuple[csr_array, ...]:
+        """Matrices (len(time), size) that take coefficients to position and its first three derivatives.
+
+        Times outside the spline count as its ends.
+        """
+        inside = np.clip(time, self.start, self.end)
+        knots = self.start + self.step * np.arange(-DEGREE, self._intervals + DEGREE + 1)
+        matrices = []
+        reduce: csr_array = csr_array(diags_array(np.ones(self.size)))
+        for order in range(4):
+            basis = csr_array(BSpline.design_matrix(inside, knots[order : len(knots) - order], DEGREE - order))
+            matrices.append(csr_array(basis @ reduce))
+            rows = self.size - order - 1
+            difference = diags_array([-1 / self.step, 1 / self.step], offsets=[0, 1], shape=(rows, rows + 1))
+            reduce = csr_array(csr_array(difference) @ reduce)
+        return tuple(matrices)
+
+    @property
+    def _intervals(self) -> int:
+        return max(1, int(np.ceil((self.end - self.start) / self.step)))
+
+
+def solve_banded(matrix: csr_array, right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """matrix⁻¹ right for a symmetric positive definite matrix with the bandwidth of the spline."""
+    bands = np.zeros((DEGREE + 1, matrix.shape[0]))
+    for offset in range(DEGREE + 1):
+        bands[DEGREE - offset, offset:] = matrix.diagonal(offset)
+    bands[DEGREE] += 1e-9 * bands[DEGREE].max()  # a coefficient that no sample touches stays where it is
+    return np.asarray(solveh_banded(bands, right))

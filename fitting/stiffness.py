@@ -1,0 +1,169 @@
+"""Stiffness from held loads: the slope of force over displacement where the cuff did not slip.
+
+A cuff slips while the load rises beyond what it has carried, and holds below. So the plateaus of a trial fall into
+segments, each with an offset of its own; a new one begins when the load exceeds all loads before in the donning. The
+slope within the segments is the stiffness, the way from one offset to the next is slip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.plateaus import Plateau
+from fitting.quality import UnusableTrial
+from fitting.uncertainty import Estimate, Repeat, combine
+
+SAME_LOAD = 0.3
+"""Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
+INCONSISTENT = 3.0
+"""Combined standard errors between unloading and reloading beyond which reloading slips, too."""
+
+
+@dataclass(frozen=True)
+class StaticFit:
+    """What one static trial says.
+
+    plateaus  in time order
+    segment   (plateaus,) number of each plateau's segment
+    offset    (plateaus,) N: force = k x + offset along the plateau's segment
+    repeat    compliance 1/k [m/N] of this trial, None if no segment holds two different loads
+    """
+
+    plateaus: tuple[Plateau, ...]
+    segment: NDArray[np.intp]
+    offset: NDArray[np.float64]
+    repeat: Repeat | None
+
+
+@dataclass(frozen=True)
+class StiffnessFit:
+    """k [N/m] of a donning from all its static trials, None if no load was taken off or put on again.
+
+    slip        m by which the cuff gave way for good while the load rose, summed over the donning
+    slips_again is True if even loads carried before made it slip, so that only unloading was used
+    """
+
+    stiffness: Estimate | None
+    trials: tuple[StaticFit, ...]
+    slip: float
+    slips_again: bool
+
+
+def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
+    """Raises UnusableTrial if hanging weights on made the force fall: the load cell's sign is wrong."""
+    if not plateaus:
+        return
+    start = plateaus[0].force
+    largest = max(plateaus, key=lambda plateau: abs(plateau.force - start))
+    if largest.force < start - 5 * max(largest.force_sd, 0.1) and largest.force < 0:
+        raise UnusableTrial(
+            f"force falls from {start:.1f} N to {largest.force:.1f} N when the load is put on, expected a rise; "
+            "set load_cell.polarity to the other sign"
+        )
+
+
+def fit_stiffness(trials: Sequence[Sequence[Plateau]], gain_sd: float) -> StiffnessFit:
+    """k of one donning from the plateaus of its static trials in time order.
+
+    gain_sd is the relative standard uncertainty of the load cell's scale.
+    """
+    above_all = _fit_trials(trials, gain_sd, starts_segment_at_every_rise=False)
+    every_rise = _fit_trials(trials, gain_sd, starts_segment_at_every_rise=True)
+    slips_again = _contradict(above_all, every_rise)
+    fits = every_rise if slips_again else above_all
+    repeats = [fit.repeat for fit in fits if fit.repeat is not None]
+    stiffness = _inverse(combine(repeats)) if repeats else None
+    slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness else 0.0
+    return StiffnessFit(stiffness, tuple(fits), slip, slips_again)
+
+
+def trial_stiffness(fit: StaticFit) -> Estimate | None:
+    """k [N/m] from this trial alone."""
+    return _inverse(fit.repeat.estimate) if fit.repeat else None
+
+
+def _fit_trials(
+    trials: Sequence[Sequence[Plateau]], gain_sd: float, starts_segment_at_every_rise: bool
+) -> list[StaticFit]:
+    highest = -math.inf
+    fits = []
+    for plateaus in trials:
+        rises = np.zeros(len(plateaus), bool)
+        for i, plateau in enumerate(plateaus):
+            rises[i] = plateau.force > highest + SAME_LOAD
+            highest = max(highest, plateau.force)
+            if starts_segment_at_every_rise and i and plateau.force > plateaus[i - 1].force + SAME_LOAD:
+                rises[i] = True
+        if len(rises):
+            rises[0] = False
+        fits.append(_fit_trial(tuple(plateaus), rises, gain_sd))
+    return fits
+
+
+def _fit_trial(plateaus: tuple[Plateau, ...], rises: NDArray[np.bool_], gain_sd: float) -> StaticFit:
+    """Weighted regression of displacement on force within segments: force is by far the better known of the two.
+
+    Weights are of the effective variance u(x)² + u(F)²/k² (York), with 1/k from the round before.
+    """
+    segment = np.cumsum(rises, dtype=np.intp)
+    force = np.array([plateau.force for plateau in plateaus])
+    force_sd = np.array([plateau.force_sd for plateau in plateaus])
+    read = [
+        plateau.late if rise else (plateau.displacement, plateau.displacement_sd)
+        for plateau, rise in zip(plateaus, rises, strict=True)
+    ]
+    x, x_sd = np.array(read).reshape(-1, 2).T
+    dof = len(plateaus) - len(np.unique(segment)) - 1
+    if dof < 0 or not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
+        return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None)
+    compliance = 0.0
+    for _ in range(4):
+        weight = 1 / (x_sd**2 + (compliance * force_sd) ** 2)
+        way, load = _within(x, segment, weight), _within(force, segment, weight)
+        information = float(weight @ load**2)
+        compliance = float(weight @ (load * way)) / information
+    chi_square = float(weight @ (way - compliance * load) ** 2)
+    white = 1 / x_sd**2
+    noise = 1 / math.sqrt(float(white @ _within(force, segment, white) ** 2))
+    common = math.hypot(math.sqrt(max(0.0, 1 / information - noise**2)), gain_sd * abs(compliance))
+    repeat = Repeat(compliance, noise, common, chi_square, max(dof, 0))
+    offset = (force - load) - (x - way) / compliance
+    return StaticFit(plateaus, segment, offset, repeat)
+
+
+def _within(values: NDArray[np.float64], segment: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values minus their weighted mean in their segment."""
+    mean = np.bincount(segment, weight * values) / np.bincount(segment, weight)
+    return values - mean[segment]
+
+
+def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool:
+    """Whether loads that were carried before give another compliance going up than coming down (Hausman's test)."""
+    tight = [fit.repeat for fit in above_all if fit.repeat is not None]
+    safe = [fit.repeat for fit in every_rise if fit.repeat is not None]
+    if not tight or not safe:
+        return False
+    one, other = combine(tight), combine(safe)
+    error = math.sqrt(max(other.standard_error**2 - one.standard_error**2, (0.3 * other.standard_error) ** 2))
+    return abs(one.value - other.value) > INCONSISTENT * error
+
+
+def _slip(fit: StaticFit, stiffness: float) -> float:
+    """How far the offsets wandered in a trial [m]."""
+    if not len(fit.plateaus):
+        return 0.0
+    x = np.array([plateau.late[0] - plateau.force / stiffness for plateau in fit.plateaus])
+    return float(sum(x[i] - x[i - 1] for i in np.flatnonzero(np.diff(fit.segment)) + 1))
+
+
+def _inverse(compliance: Estimate) -> Estimate:
+    """1/k → k: the interval's ends are inverted, the standard error to first order."""
+    low, high = compliance.ci95
+    stiffness = 1 / compliance.value
+    upper = 1 / low if low > 0 else math.inf
+    return Estimate(stiffness, compliance.standard_error * stiffness**2, (1 / high, upper))
