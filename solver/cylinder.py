@@ -10,7 +10,20 @@ from math import acos, atan2, cos, isnan, pi, radians, sin, sqrt
 
 from solver.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
 from solver.sphere import nearest_pair
-from solver.vectors import ORIGIN, Vector, add, along, compiled, cross, distance, dot, norm, subtract, unit
+from solver.vectors import (
+    ORIGIN,
+    SMALLEST_LENGTH,
+    Vector,
+    add,
+    along,
+    compiled,
+    cross,
+    distance,
+    dot,
+    norm,
+    subtract,
+    unit,
+)
 
 AXIS = (0.0, 0.0, 1.0)
 SPIRAL_STEP = 0.002
@@ -121,9 +134,12 @@ def _slide_into_plane(start: Vector, end: Vector, r1: Vector, r2: Vector, apex: 
     offset = dot(normal, start)
     z1 = (offset - normal[0] * r1[0] - normal[1] * r1[1]) / normal[2]
     z2 = (offset - normal[0] * r2[0] - normal[1] * r2[1]) / normal[2]
-    if abs(z1 - end[2]) < abs(start[2] - end[2]):
+    # OpenSim takes the foot of `end` on the axis for the axis' direction; at z = 0 it has none and nothing is measured.
+    has_direction = abs(end[2]) >= SMALLEST_LENGTH
+    at_1, at_2 = (z1, z2) if has_direction else (start[2], start[2])
+    if abs(at_1 - end[2]) < abs(start[2] - end[2]):
         r1 = (r1[0], r1[1], z1)
-    if abs(z2 - start[2]) < abs(start[2] - end[2]):
+    if abs(at_2 - start[2]) < abs(start[2] - end[2]):
         r2 = (r2[0], r2[1], z2)
     return r1, r2
 
