@@ -20,7 +20,7 @@ from tests.drivers.stand_in_world import StandInWorld
 
 @pytest.fixture
 def world() -> StandInWorld:
-    return StandInWorld(speed=30.0)
+    return StandInWorld(speed=5.0)
 
 
 @pytest.fixture
