@@ -148,6 +148,8 @@ def _parse(opcode: int, body: bytes) -> list[McapRecord]:
         if opcode == Opcode.HEADER:
             return [Header.read(stream)]
         chunk = Chunk.read(stream)
+        if stream.count != len(body):
+            raise ValueError(f"a chunk of {stream.count} bytes in a record of {len(body)}")
         if chunk.uncompressed_size > LARGEST_CHUNK:
             raise ValueError(f"a chunk announces {chunk.uncompressed_size} bytes")
         # The compressed bytes state their size too, and it is theirs that would be allocated.

@@ -95,7 +95,7 @@ def contents_of(path: Path) -> Contents:
             case Stream() as stream:
                 tallies[stream.name].stream = stream
             case Samples() as block:
-                tallies.setdefault(block.stream, _Tally(_UNKNOWN)).add(block, entry.sequence)
+                tallies.setdefault(block.stream, _undescribed(block.stream)).add(block, entry.sequence)
             case Loss() as loss:
                 losses.append(loss)
     return Contents(
@@ -107,10 +107,6 @@ def contents_of(path: Path) -> Contents:
         gaps=_explained([gap for tally in tallies.values() for gap in tally.gaps], losses),
         missing=survey.missing,
     )
-
-
-_UNKNOWN = Stream(name="", unit="", labels=(), rate_hz=0.0, source="")
-"""Stands in where the description of a stream was in a damaged chunk."""
 
 
 @dataclass
@@ -167,6 +163,11 @@ class _Tally:
             rate_hz=(self.samples - 1) / seconds if seconds > 0 else None,
             occluded={label: self.occlusions[label] / frames for label, frames in self.frames.items()},
         )
+
+
+def _undescribed(name: str) -> _Tally:
+    """For a stream whose description was in a damaged chunk."""
+    return _Tally(Stream(name=name, unit="", labels=(), rate_hz=0.0, source=""))
 
 
 def _explained(jumps: list[Loss], ledger: list[Loss]) -> tuple[Loss, ...]:

@@ -113,29 +113,28 @@ def open_recording(path: Path) -> Recording:
 class Survey:
     """What a file holds beside its samples; manifest is None where both its copies are damaged.
 
-    messages counts the readable ones of our topics; streams are as first described.
+    messages  how many of our topics' messages can be read, by topic
+    expected  how many there were: what the outcome counted, or what the last sequence number before the cut tells
+    streams   as first described
     """
 
     manifest: Manifest | None
     streams: tuple[Stream, ...]
     outcome: Outcome | None
     messages: Mapping[str, int]
+    expected: Mapping[str, int]
     damage: tuple[Damage, ...]
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Every damage and every lost message, in sentences; empty for a whole recording."""
-        sentences = [str(damage) for damage in self.damage]
-        if self.outcome is None:
-            return (*sentences, "there is no outcome: the recording was cut, and what came after is unknown")
-        return (
-            *sentences,
-            *(
-                f"{topic} holds {self.messages.get(topic, 0)} of {count} messages"
-                for topic, count in self.outcome.messages.items()
-                if self.messages.get(topic, 0) != count
-            ),
+        cut = () if self.outcome else ("there is no outcome: the recording was cut, and what came after is unknown",)
+        lost = (
+            f"{topic} holds {self.messages.get(topic, 0)} of {count} messages"
+            for topic, count in self.expected.items()
+            if self.messages.get(topic, 0) != count
         )
+        return (*(str(damage) for damage in self.damage), *cut, *lost)
 
 
 def survey_file(path: Path) -> Survey:
@@ -144,12 +143,14 @@ def survey_file(path: Path) -> Survey:
     outcome: Outcome | None = None
     streams: dict[str, Stream] = {}
     messages: Counter[str] = Counter()
+    expected: dict[str, int] = {}
     damage: list[Damage] = []
     for entry in read_entries(path):
         if isinstance(entry, Damage):
             damage.append(entry)
         elif is_ours(entry):
             messages[entry.topic] += 1
+            expected[entry.topic] = entry.sequence + 1
             if entry.topic not in (topics.MANIFEST, topics.STREAMS, topics.OUTCOME):
                 continue
             match read(entry):
@@ -161,7 +162,8 @@ def survey_file(path: Path) -> Survey:
                     outcome = found
     if not messages:
         raise RecordingError(_why_nothing_is_ours(path, damage))
-    return Survey(manifest, tuple(streams.values()), outcome, messages, tuple(damage))
+    expected |= outcome.messages if outcome else {}
+    return Survey(manifest, tuple(streams.values()), outcome, messages, expected, tuple(damage))
 
 
 def is_ours(entry: Entry) -> bool:

@@ -1,0 +1,90 @@
+"""Framing, byte by byte: what stands before a cut is read, what is broken is named, and nothing is made up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from recordings.chunks import Damage, Entry, read_entries
+from tests.recordings.trials import chunk_ends, record, trial
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("whole") / "a.mcap", list(trial(0.04, 0.01)))
+
+
+def test_a_whole_file_has_no_damage_and_every_message_in_its_chunk(whole: Path) -> None:
+    entries, damage = _read(whole)
+    assert damage == []
+    assert len({entry.chunk_offset for entry in entries}) == len(chunk_ends(whole))
+    assert [entry.topic for entry in entries[:4]] == ["/manifest", "/streams", "/streams", "/streams"]
+    assert entries[-1].topic == "/outcome"
+
+
+def test_a_cut_at_every_byte_keeps_the_messages_of_every_whole_chunk(whole: Path, tmp_path: Path) -> None:
+    data, ends = whole.read_bytes(), chunk_ends(whole)
+    entries, _ = _read(whole)
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(data)
+    for cut in reversed(range(1, len(data))):
+        with path.open("r+b") as file:
+            file.truncate(cut)
+        found, damage = _read(path)
+        last_whole = max((end for end in ends if end <= cut), default=0)
+        assert found == [entry for entry in entries if entry.chunk_offset < last_whole], f"cut at byte {cut}"
+        assert len(damage) == 1
+        assert last_whole <= damage[0].offset <= damage[0].end == cut
+
+
+def test_the_damage_names_its_bytes(whole: Path, tmp_path: Path) -> None:
+    data, ends = bytearray(whole.read_bytes()), chunk_ends(whole)
+    offsets = sorted({entry.chunk_offset for entry in _read(whole)[0]})
+    data[ends[2] - 3] ^= 1
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(data)
+    _, damage = _read(path)
+    assert [(found.offset, found.end) for found in damage] == [(offsets[2], offsets[3])]
+    assert str(damage[0]).startswith(f"damage at bytes {offsets[2]} to {offsets[3]}: the record here is damaged (")
+
+
+def test_damage_that_costs_nothing_is_seen_and_nothing_is_lost(whole: Path, tmp_path: Path) -> None:
+    """The index records between the chunks may be broken: they are not needed."""
+    data, ends = bytearray(whole.read_bytes()), chunk_ends(whole)
+    data[ends[1] + 1 : ends[1] + 9] = (2**40).to_bytes(8, "little")
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(data)
+    found, damage = _read(path)
+    assert found == _read(whole)[0]
+    assert len(damage) == 1
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(at=st.integers(0, 7000), replaced=st.integers(0, 60), junk=st.binary(max_size=60))
+def test_junk_in_the_middle_makes_up_no_message(
+    whole: Path, tmp_path: Path, at: int, replaced: int, junk: bytes
+) -> None:
+    data = whole.read_bytes()
+    path = tmp_path / "junk.mcap"
+    path.write_bytes(data[:at] + junk + data[at + replaced :])
+    known = {(entry.topic, entry.sequence, entry.data) for entry in _read(whole)[0]}
+    assert {(entry.topic, entry.sequence, entry.data) for entry in _read(path)[0]} <= known
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(junk=st.binary(max_size=3000))
+def test_any_bytes_after_a_right_beginning_are_read_to_their_end(whole: Path, tmp_path: Path, junk: bytes) -> None:
+    path = tmp_path / "junk.mcap"
+    path.write_bytes(whole.read_bytes()[:8] + junk)
+    entries, damage = _read(path)
+    assert not entries
+    assert damage
+
+
+def _read(path: Path) -> tuple[list[Entry], list[Damage]]:
+    found = list(read_entries(path))
+    entries = [item for item in found if isinstance(item, Entry)]
+    return entries, [item for item in found if isinstance(item, Damage)]

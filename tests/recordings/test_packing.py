@@ -1,0 +1,145 @@
+"""Every bit that goes in comes out, and forged bytes come to nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from recordings import topics
+from recordings.errors import RecordingError
+from recordings.packing import pack, unpack
+from recordings.samples import Event, Loss, Samples, Stream
+from recordings.topics import wire_classes
+from tests.recordings.trials import ACCEPTED, FORCE, MANIFEST, START_NS, frames, scalars
+
+INT64 = st.integers(-(2**63), 2**63 - 1)
+UINT64 = st.integers(0, 2**64 - 1)
+
+
+@st.composite
+def clocks(draw: st.DrawFn, count: int, kind: type) -> np.ndarray:
+    """Numbers or times of a block: a run from anywhere with any step, or any numbers at all."""
+    if draw(st.booleans()):
+        first, step = draw(UINT64), draw(UINT64)
+        return (np.arange(count, dtype=np.uint64) * np.uint64(step) + np.uint64(first)).view(kind)
+    return draw(hnp.arrays(kind, count))
+
+
+@st.composite
+def blocks(draw: st.DrawFn) -> Samples:
+    topic = draw(st.sampled_from(topics.SAMPLE_TOPICS))
+    count = draw(st.integers(1, 12))
+    if topic == topics.MARKERS:
+        # Bits rather than numbers: every NaN that a camera system may send must come back as it was.
+        patterns = draw(hnp.arrays(np.uint32, (count, draw(st.integers(0, 5)), 4)))
+        values = patterns.view(np.float32)
+    else:
+        values = draw(hnp.arrays(np.uint64, (count, 1))).view(np.float64)
+    numbers, times = draw(clocks(count, np.uint64)), draw(clocks(count, np.int64))
+    return Samples(topic, numbers, times, draw(st.integers(0, 2**63)), values)
+
+
+@given(blocks())
+def test_a_block_comes_back_bit_for_bit(block: Samples) -> None:
+    topic, data = pack(block)
+    back = unpack(topic, block.host_time_ns, data)
+    assert isinstance(back, Samples)
+    assert (back.stream, back.host_time_ns) == (block.stream, block.host_time_ns)
+    for found, expected in (
+        (back.sample_numbers, block.sample_numbers),
+        (back.device_time_ns, block.device_time_ns),
+        (back.values, block.values),
+    ):
+        assert found.dtype == expected.dtype
+        assert found.shape == expected.shape
+        assert found.tobytes() == expected.tobytes()
+        assert not found.flags.writeable
+
+
+@given(
+    st.one_of(
+        st.builds(Event, st.text(), st.text(), UINT64, st.text()),
+        st.builds(Loss, st.text(), st.text(), UINT64, UINT64, INT64, UINT64),
+        st.builds(
+            Stream,
+            st.text(),
+            st.text(),
+            st.lists(st.text()).map(tuple),
+            st.floats(allow_nan=False),
+            st.text(),
+            st.text(),
+        ),
+        st.just(MANIFEST),
+        st.just(ACCEPTED),
+    )
+)
+def test_every_other_message_comes_back_equal(message: Event | Loss | Stream) -> None:
+    topic, data = pack(message)
+    assert unpack(topic, getattr(message, "host_time_ns", 0), data) == message
+
+
+def test_a_steady_block_costs_a_few_bytes_beside_its_values() -> None:
+    block = scalars("/force", 5000, 100)
+    assert len(pack(block)[1]) < block.values.nbytes + 40
+
+
+def test_a_jump_within_a_block_keeps_every_number_and_time() -> None:
+    block = frames(0, 4)
+    numbers = np.array([7, 8, 11, 12], dtype=np.uint64)
+    times = np.array([70, 80, 111, 120], dtype=np.int64)
+    jumped = Samples(block.stream, numbers, times, START_NS, block.values)
+    back = unpack("/markers", START_NS, pack(jumped)[1])
+    assert isinstance(back, Samples)
+    assert back.sample_numbers.tolist() == [7, 8, 11, 12]
+    assert back.device_time_ns.tolist() == [70, 80, 111, 120]
+
+
+def test_values_that_would_lose_bits_are_refused() -> None:
+    block = frames(0, 3)
+    wide = Samples("/markers", block.sample_numbers, block.device_time_ns, 0, block.values.astype(np.float64))
+    with pytest.raises(RecordingError, match="holds float64 values, expected float32"):
+        pack(wide)
+
+
+def test_a_block_of_unequal_arrays_is_refused() -> None:
+    block = scalars("/force", 0, 10)
+    with pytest.raises(RecordingError, match="10 sample numbers, 9 device times and 10 values"):
+        pack(Samples("/force", block.sample_numbers, block.device_time_ns[1:], 0, block.values))
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"sample_count": 2**32 - 1, "values": b""},
+        {"sample_count": 0, "values": bytes(8)},
+        {"sample_count": 3, "values": bytes(16)},
+        {"sample_count": 2, "values": bytes(16), "sample_numbers": bytes(8)},
+        {"sample_count": 1, "values": bytes(8), "device_times_ns": bytes(9)},
+    ],
+)
+def test_a_forged_block_is_refused_before_anything_is_allocated(fields: dict[str, object]) -> None:
+    data = wire_classes()["cuffstation.ScalarBlock"](**fields).SerializeToString()
+    with pytest.raises(RecordingError, match="a block"):
+        unpack("/force", 0, data)
+
+
+@given(st.sampled_from(list(topics.SCHEMA_OF_TOPIC)), st.binary(max_size=200))
+def test_any_other_bytes_are_refused_or_mean_something(topic: str, data: bytes) -> None:
+    try:
+        unpack(topic, 0, data)
+    except RecordingError as error:
+        assert str(error)
+
+
+def test_a_newer_format_is_refused_with_the_way_out() -> None:
+    data = wire_classes()["cuffstation.Manifest"](format_version=2, json="{}").SerializeToString()
+    with pytest.raises(RecordingError, match=r"format version 2, expected at most 1; update cuffstation"):
+        unpack("/manifest", 0, data)
+
+
+def test_two_streams_of_one_kind_share_a_schema_and_not_a_topic() -> None:
+    assert pack(scalars("/force", 0, 5))[0] == FORCE.name
+    assert pack(scalars("/sync", 0, 5))[0] == "/sync"

@@ -1,0 +1,147 @@
+"""A recovery keeps all that can be read, adds nothing, harms nothing and says what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+
+from recordings.errors import RecordingError
+from recordings.reader import open_recording
+from recordings.recovery import recover, recovered_path
+from tests.recordings.trials import chunk_ends, items_of, record, trial
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("whole") / "a.mcap", list(trial(1.0)))
+
+
+def test_a_whole_file_is_copied_byte_for_byte(whole: Path, tmp_path: Path) -> None:
+    report = recover(whole, tmp_path / "b.mcap")
+    assert report.lossless
+    assert report.sentences() == ()
+    assert report.output.read_bytes() == whole.read_bytes()
+
+
+def test_a_file_cut_in_its_index_loses_nothing(whole: Path, tmp_path: Path) -> None:
+    cut = _cut(whole, tmp_path, chunk_ends(whole)[-1] + 10)
+    report = recover(cut)
+    assert report.output == tmp_path / "cut.recovered.mcap" == recovered_path(cut)
+    assert report.lossless
+    assert report.output.read_bytes() == whole.read_bytes()
+
+
+def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Path, tmp_path: Path) -> None:
+    size, ends = whole.stat().st_size, chunk_ends(whole)
+    random = np.random.default_rng(3).integers(ends[0], size, 60).tolist()
+    for cut_at in {*random, *(end + step for end in ends for step in (-1, 0, 1) if end + step >= ends[0])}:
+        cut = _cut(whole, tmp_path, cut_at)
+        before = cut.read_bytes()
+        report = recover(cut, tmp_path / f"{cut_at}.mcap")
+        assert cut.read_bytes() == before
+        assert items_of(open_recording(report.output)) == items_of(open_recording(cut))
+        with report.output.open("rb") as file:
+            summary = make_reader(file, validate_crcs=True).get_summary()
+            assert summary is not None
+            assert summary.statistics is not None
+            file.seek(0)
+            messages = list(make_reader(file, validate_crcs=True).iter_messages())
+        assert summary.statistics.message_count == len(messages)
+        assert len(messages) == sum(topic.messages for topic in report.contents.topics.values())
+        with report.output.open("rb") as file:
+            assert len(list(StreamReader(file, validate_crcs=True).records)) > len(messages)
+
+
+def test_what_is_missing_is_said_exactly(whole: Path, tmp_path: Path) -> None:
+    ends = chunk_ends(whole)
+    damaged = bytearray(whole.read_bytes()[: ends[6]])
+    damaged[ends[3] - 3] ^= 1  # this chunk holds markers, the first mark, and force
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(damaged)
+    report = recover(path)
+    assert not report.lossless
+    sentences = "\n".join(report.sentences())
+    assert "the record here is damaged" in sentences
+    assert "the file ends before its index" in sentences
+    assert "there is no outcome: the recording was cut" in sentences
+    for gap in report.contents.gaps:
+        assert gap.cause == "file_damage"
+        assert f"{gap.stream} lost samples {gap.first_missing} to {gap.first_missing + gap.count - 1}" in sentences
+    assert {gap.stream for gap in report.contents.gaps} == {"/force", "/markers"}
+    assert "/force holds 5 of 6 messages" in sentences
+    kept = report.contents.streams["/force"]
+    last_s = kept.last_sample_number / 1000
+    expected = f"/force keeps {kept.samples} samples, the last is number {kept.last_sample_number} at {last_s:.3f} s"
+    assert expected in sentences
+
+
+def test_recovering_again_changes_nothing(whole: Path, tmp_path: Path) -> None:
+    cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
+    first = recover(cut)
+    data = first.output.read_bytes()
+    assert recover(cut) == first
+    assert first.output.read_bytes() == data
+    assert recover(first.output, tmp_path / "twice.mcap").output.read_bytes() == data
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap", "twice.mcap"]
+
+
+def test_a_recovered_file_goes_on_saying_that_it_was_cut(whole: Path, tmp_path: Path) -> None:
+    report = recover(_cut(whole, tmp_path, whole.stat().st_size // 2))
+    assert not open_recording(report.output).complete
+
+
+def test_a_damaged_first_chunk_costs_neither_manifest_nor_samples(whole: Path, tmp_path: Path) -> None:
+    damaged = bytearray(whole.read_bytes())
+    damaged[chunk_ends(whole)[0] - 3] ^= 1
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(damaged)
+    report = recover(path)
+    assert items_of(open_recording(report.output)) == items_of(open_recording(whole))
+    assert open_recording(report.output).manifest == open_recording(whole).manifest
+
+
+def test_without_any_manifest_the_samples_are_kept_all_the_same(whole: Path, tmp_path: Path) -> None:
+    ends = chunk_ends(whole)
+    damaged = bytearray(whole.read_bytes()[: ends[-3]])
+    damaged[ends[0] - 3] ^= 1
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(damaged)
+    with pytest.raises(RecordingError, match="has lost its manifest"):
+        open_recording(path)
+    report = recover(path)
+    assert report.contents.manifest is None
+    assert report.contents.streams["/force"].samples > 0
+
+
+def test_a_different_file_in_the_way_is_left_alone(whole: Path, tmp_path: Path) -> None:
+    cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
+    (tmp_path / "b.mcap").write_bytes(b"precious")
+    with pytest.raises(RecordingError, match="exists and holds something else"):
+        recover(cut, tmp_path / "b.mcap")
+    assert (tmp_path / "b.mcap").read_bytes() == b"precious"
+    with pytest.raises(RecordingError, match="exists and holds something else"):
+        recover(cut, cut)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.mcap", "cut.mcap"]
+
+
+def test_a_file_with_nothing_to_keep_leaves_no_output(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("time,force\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
+        recover(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_output_that_cannot_be_written_is_named(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="cannot be written"):
+        recover(whole, tmp_path / "no_such_folder" / "b.mcap")
+
+
+def _cut(whole: Path, folder: Path, size: int) -> Path:
+    path = folder / "cut.mcap"
+    path.write_bytes(whole.read_bytes()[:size])
+    return path

@@ -1,0 +1,227 @@
+"""What the writer promises: it never overwrites, never waits, and never calls stored what is not."""
+
+from __future__ import annotations
+
+import errno
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pytest
+
+from recordings.errors import RecordingError, WriteFailed
+from recordings.manifest import Outcome
+from recordings.reader import open_recording
+from recordings.samples import Event, Samples, Stream
+from recordings.writer import RecordingWriter
+from tests.recordings.trials import (
+    ACCEPTED,
+    MANIFEST,
+    STREAMS,
+    WallClock,
+    bits,
+    frames,
+    items_of,
+    record,
+    scalars,
+    skipped,
+    trial,
+)
+
+
+class DiskThatFills(io.FileIO):
+    """A file on a disk with room for so many bytes; the last write may get a part of its bytes down, as in life."""
+
+    def __init__(self, path: Path, room: int) -> None:
+        super().__init__(path, "xb")
+        self._room = room
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        written = super().write(memoryview(data)[: self._room])
+        self._room -= written
+        if not written and len(data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return written
+
+
+def disk_with_room(room: int) -> Callable[[Path], BinaryIO]:
+    return lambda path: io.BufferedWriter(DiskThatFills(path, room))  # type: ignore[return-value]
+
+
+def test_what_is_written_comes_back_in_order(tmp_path: Path) -> None:
+    items = [*trial(1.0), skipped(100, 3), Event("mark", "ä漢", 0, "operator")]
+    recording = open_recording(record(tmp_path / "a.mcap", items))
+    assert items_of(recording) == bits(items)
+    assert (recording.manifest, recording.streams, recording.missing) == (MANIFEST, STREAMS, ())
+
+
+def test_the_outcome_counts_what_came_before(tmp_path: Path) -> None:
+    outcome = open_recording(record(tmp_path / "a.mcap", list(trial(1.0)))).outcome
+    assert outcome is not None
+    assert (outcome.accepted, outcome.state, outcome.sentence) == (True, "closed", "the mocap capture ended")
+    assert outcome.samples == {"/force": 1000, "/sync": 1000, "/markers": 100}
+    assert outcome.messages["/events"] == 2
+    assert outcome.messages["/manifest"] == 2
+
+
+def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"precious")
+    with pytest.raises(RecordingError, match="never overwritten"):
+        RecordingWriter(path, MANIFEST, STREAMS)
+    assert path.read_bytes() == b"precious"
+
+
+def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="cannot be made"):
+        RecordingWriter(tmp_path / "no_such_folder" / "a.mcap", MANIFEST, STREAMS)
+
+
+def test_the_manifest_is_in_the_file_before_anything_else_happens(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS)
+    opened = open_recording(tmp_path / "a.mcap")
+    assert (opened.manifest, opened.streams, opened.outcome) == (MANIFEST, STREAMS, None)
+    writer.discard()
+
+
+def test_no_message_waits_longer_than_a_fifth_of_a_second_for_the_operating_system(tmp_path: Path) -> None:
+    path, wall = tmp_path / "a.mcap", WallClock()
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall)
+    written: list[tuple[float, int]] = []
+    for i in range(100):
+        wall.now = i * 0.0333
+        writer.write(scalars("/force", i * 10, 10))
+        written.append((wall.now, i * 10 + 9))
+        readable = len(open_recording(path).load("/force").sample_numbers)
+        waiting = [time for time, last in written if last >= readable]
+        assert all(wall.now - time <= 0.2 for time in waiting)
+        assert writer.stored["/force"].samples == readable if readable else not writer.stored
+    writer.discard()
+
+
+def test_the_last_item_is_flushed_without_a_further_one(tmp_path: Path) -> None:
+    path, wall = tmp_path / "a.mcap", WallClock()
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall)
+    writer.write(scalars("/force", 0, 10))
+    wall.now = 0.1
+    writer.flush_if_due()
+    assert len(open_recording(path).load("/force").sample_numbers) == 10
+    writer.discard()
+
+
+def test_no_message_waits_longer_than_a_second_for_the_disk(tmp_path: Path) -> None:
+    wall, syncs = WallClock(), list[float]()
+    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS, clock=wall, sync=lambda _: syncs.append(wall.now))
+    for i in range(1, 200):
+        wall.now = i * 0.05
+        if i < 150:
+            writer.write(scalars("/force", i * 10, 10))
+        writer.flush_if_due()
+    assert max(np.diff(syncs)) <= 1.0
+    assert syncs[-1] >= 149 * 0.05
+    assert len(syncs) < 15
+    writer.discard()
+
+
+@pytest.mark.parametrize("room", [*range(0, 6000, 61), *range(6000, 30_000, 997)])
+def test_wherever_the_disk_fills_nothing_stored_is_missing(tmp_path: Path, room: int) -> None:
+    path, wall = tmp_path / "a.mcap", WallClock()
+    stored: dict[str, int] = {}
+    with pytest.raises(WriteFailed, match="No space left on device"):
+        writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, create=disk_with_room(room))
+        try:
+            for item in trial(4.0):
+                wall.now += 0.05
+                writer.write(item)
+            writer.close(ACCEPTED)
+        finally:
+            stored = {name: kept.samples for name, kept in writer.stored.items()}
+            with pytest.raises(WriteFailed):
+                writer.close(ACCEPTED)
+    if stored:
+        recording = open_recording(path)
+        assert not recording.complete
+        for name, count in stored.items():
+            assert len(recording.load(name).sample_numbers) >= count
+
+
+def test_the_first_failed_write_is_final_and_names_the_last_stored_samples(tmp_path: Path) -> None:
+    path, wall = tmp_path / "a.mcap", WallClock()
+    room = len(record(tmp_path / "whole.mcap", []).read_bytes()) + 3000
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, create=disk_with_room(room))
+    failures = 0
+    stored = {}
+    for i in range(60):
+        wall.now += 0.2
+        try:
+            writer.write(scalars("/force", i * 100, 100))
+        except WriteFailed as error:
+            failures += 1
+            stored = stored or dict(writer.stored)
+            assert f"the last stored samples are /force {stored['/force'].last_sample_number}" in str(error)
+    assert failures > 1
+    assert writer.stored == stored
+    with pytest.raises(WriteFailed):
+        writer.flush_if_due()
+    with pytest.raises(WriteFailed):
+        writer.close(ACCEPTED)
+    assert open_recording(path).outcome is None
+
+
+def test_a_failed_fsync_is_a_failed_write(tmp_path: Path) -> None:
+    wall, broken = WallClock(), False
+
+    def sync(_: int) -> None:
+        if broken:
+            raise OSError(errno.EIO, "Input/output error")
+
+    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS, clock=wall, sync=sync)
+    broken = True
+    writer.write(scalars("/force", 0, 10))
+    wall.now = 1.0
+    with pytest.raises(WriteFailed, match="Input/output error"):
+        writer.flush_if_due()
+    assert not writer.stored
+    writer.discard()
+
+
+def test_a_discarded_recording_leaves_no_file(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS)
+    writer.write(scalars("/force", 0, 10))
+    writer.discard()
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(WriteFailed, match="is closed"):
+        writer.write(scalars("/force", 10, 10))
+
+
+def test_a_rejected_trial_keeps_its_data_and_the_reason(tmp_path: Path) -> None:
+    items = list(trial(0.2))
+    path = record(tmp_path / "a.mcap", items, Outcome(False, "failed", "NI Dev1 is gone: unplugged"))
+    recording = open_recording(path)
+    assert recording.complete
+    assert recording.outcome is not None
+    assert (recording.outcome.accepted, recording.outcome.sentence) == (False, "NI Dev1 is gone: unplugged")
+    assert items_of(recording) == bits(items)
+
+
+def test_an_empty_block_is_nothing_to_store(tmp_path: Path) -> None:
+    block = scalars("/force", 0, 1)
+    nothing = Samples("/force", block.sample_numbers[1:], block.device_time_ns[1:], 0, block.values[1:])
+    assert items_of(open_recording(record(tmp_path / "a.mcap", [nothing, block]))) == bits([block])
+
+
+def test_a_block_that_its_stream_did_not_announce_is_refused(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS)
+    with pytest.raises(RecordingError, match=r"shape \(2, 7, 4\), announced was 4 columns"):
+        writer.write(frames(0, 2, markers=7))
+    writer.write(frames(0, 2))
+    writer.close(ACCEPTED)
+    assert len(open_recording(tmp_path / "a.mcap").load("/markers").values) == 2
+
+
+def test_a_stream_of_another_name_is_refused(tmp_path: Path) -> None:
+    gyroscope = Stream("/gyroscope", "rad/s", ("x",), 100.0, "IMU")
+    with pytest.raises(RecordingError, match="IMU sends '/gyroscope', expected one of /force, /sync, /markers"):
+        RecordingWriter(tmp_path / "a.mcap", MANIFEST, [gyroscope])
