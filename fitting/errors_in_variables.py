@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from fitting.spline import Spline, solve_banded
+from fitting.spline import Spline, grounded, solve_banded
 
 KNOT_STEP = 0.08
 OUTLIER = 5.0
@@ -101,9 +101,7 @@ class _Step:
 
     def updated_noise(self, seen: NDArray[np.bool_]) -> tuple[float, float]:
         """Standard deviations (marker, force) of the residuals; θ's degrees of freedom shared as the data share θ."""
-        dense = self.normal.toarray()
-        dense[np.diag_indices_from(dense)] *= 1 + 1e-9
-        used_by_force = float(np.trace(np.linalg.solve(dense, self.normal_of_force.toarray())))
+        used_by_force = float(np.trace(np.linalg.solve(self.normal.toarray(), self.normal_of_force.toarray())))
         used_by_markers = len(self.theta) - used_by_force
         markers, force = self.marker_residual[seen], self.force_residual
         s_x = np.sqrt(markers @ markers / max(len(markers) - used_by_markers, 1.0))
@@ -147,7 +145,7 @@ def _linearise(
     G = csr_array(k * position + c * velocity + record.mass * acceleration)
     normal_of_force = csr_array(csr_array(G.T @ G) / s_f**2)
     seen_markers = csr_array(markers[seen])
-    normal = csr_array(normal_of_force + csr_array(seen_markers.T @ seen_markers) / s_x**2)
+    normal = grounded(csr_array(normal_of_force + csr_array(seen_markers.T @ seen_markers) / s_x**2))
     load = record.force - f0 - f1 * u
     theta = solve_banded(normal, seen_markers.T @ record.displacement[seen] / s_x**2 + G.T @ load / s_f**2)
     residual = load - G @ theta
@@ -190,8 +188,7 @@ def _solution(step: _Step) -> Solution:
 def _start(record: Record, spline: Spline) -> NDArray[np.float64]:
     """Least squares of the force on the spline that follows the markers alone: near enough for Gauss-Newton."""
     markers = spline.design(record.marker_time)[0]
-    normal = csr_array(markers.T @ markers + 1e-6 * csr_array(np.eye(spline.size)))
-    theta = solve_banded(normal, markers.T @ record.displacement)
+    theta = solve_banded(grounded(csr_array(markers.T @ markers)), markers.T @ record.displacement)
     position, velocity, _, _ = spline.design(record.force_time)
     columns = np.column_stack((position @ theta, velocity @ theta, np.ones(len(record.force)), _ramp(record)))
     return np.append(np.linalg.lstsq(columns, record.force, rcond=None)[0], 0.0)

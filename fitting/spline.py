@@ -47,10 +47,15 @@ class Spline:
         return max(1, int(np.ceil((self.end - self.start) / self.step)))
 
 
+def grounded(matrix: csr_array) -> csr_array:
+    """The matrix plus a billionth of its largest diagonal: a coefficient that no sample touches stays at 0."""
+    diagonal = matrix.diagonal()
+    return csr_array(matrix + csr_array(diags_array(np.full(len(diagonal), 1e-9 * diagonal.max()))))
+
+
 def solve_banded(matrix: csr_array, right: NDArray[np.float64]) -> NDArray[np.float64]:
     """matrix⁻¹ right for a symmetric positive definite matrix with the bandwidth of the spline."""
     bands = np.zeros((DEGREE + 1, matrix.shape[0]))
     for offset in range(DEGREE + 1):
         bands[DEGREE - offset, offset:] = matrix.diagonal(offset)
-    bands[DEGREE] += 1e-9 * bands[DEGREE].max()  # a coefficient that no sample touches stays where it is
     return np.asarray(solveh_banded(bands, right))
