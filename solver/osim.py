@@ -93,14 +93,14 @@ class _ModelReader:
             path = f"/bodyset/{body.name}" if index else "/ground"
             self.frames[path] = _Frame(index, Placement(np.eye(3), np.zeros(3)))
             self.surface_elements += [(index, surface) for surface in body.objects("WrapObjectSet")]
-            self.add_offset_frames(body.find("components"), path)
+            self.add_offset_frames(body.members("components"), path)
         self.coordinates: list[Coordinate] = []
 
     def model(self) -> Model:
         element = self.element
-        for tag in ("ControllerSet", "ComponentSet"):
-            for member in element.objects(tag):
-                raise member.refusal("is not something the solver has; remove it from the model")
+        foreign = element.objects("ControllerSet") + element.objects("ComponentSet") + element.members("components")
+        for member in foreign:
+            raise member.refusal("is not something the solver has; remove it from the model")
         joints = tuple(map(self.joint, element.objects("JointSet")))
         self.check_tree(joints)
         surfaces = tuple(_surface(body, surface) for body, surface in self.surface_elements)
@@ -123,8 +123,8 @@ class _ModelReader:
             markers=tuple(map(self.marker, element.objects("MarkerSet"))),
         )
 
-    def add_offset_frames(self, container: Element | None, owner: str) -> None:
-        for offset in container.children if container is not None else []:
+    def add_offset_frames(self, offsets: list[Element], owner: str) -> None:
+        for offset in offsets:
             if offset.tag != "PhysicalOffsetFrame":
                 raise offset.refusal("is a component the solver does not have")
             path = f"{owner}/{offset.name}"
@@ -158,15 +158,14 @@ class _ModelReader:
 
     def joint(self, element: Element) -> Joint:
         path = f"/jointset/{element.name}"
-        self.add_offset_frames(element.find("frames"), path)
+        self.add_offset_frames(element.members("frames"), path)
         parent = self.frame(element, "socket_parent_frame", path)
         child = self.frame(element, "socket_child_frame", path)
         motion = self.motion(element)
         return Joint(element.name, parent.body, child.body, parent.placement, child.placement, motion)
 
     def motion(self, element: Element) -> AxisMotion | ScapulothoracicMotion:
-        held = element.find("coordinates")
-        coordinates = held.children if held is not None else []
+        coordinates = element.members("coordinates")
         first = len(self.coordinates)
         if element.tag == "WeldJoint":
             still = np.full(6, NO_COORDINATE)
@@ -192,7 +191,10 @@ class _ModelReader:
             raise element.refusal(f"has not the six axes {', '.join(expected)} in this order")
         directions = np.array([axis.numbers("axis", 3) for axis in axes])
         names = [axis.word("coordinates", "") for axis in axes]
-        lines = [_line(axis, driven=bool(name)) for axis, name in zip(axes, names, strict=True)]
+        lines = [_line(axis) for axis in axes]
+        for axis, name, (slope, _) in zip(axes, names, lines, strict=True):
+            if slope and not name:
+                raise axis.refusal("has a sloping function but no coordinate")
         drivers = [self.coordinate(a, n) if n else NO_COORDINATE for a, n in zip(axes, names, strict=True)]
         driven = [driver for driver in drivers if driver != NO_COORDINATE]
         if len(set(driven)) != len(driven):
@@ -263,7 +265,7 @@ class _ModelReader:
         if len(drivers) != 1:
             raise element.refusal("follows several coordinates; the solver's moving points follow one")
         coordinate = self.coordinate(element, drivers.pop())
-        lines = np.array([_straight_spline(element.child(f"{axis}_location")) for axis in "xyz"])
+        lines = np.array([_line(element.child(f"{axis}_location")) for axis in "xyz"])
         rotation, translation = frame.placement.rotation, frame.placement.translation
         location, slope = translation + rotation @ lines[:, 1], rotation @ lines[:, 0]
         return PathPoint(frame.body, location, slope, coordinate, self.coordinates[coordinate].range)
@@ -319,26 +321,21 @@ def _surface(body: int, element: Element) -> WrapSurface:
     return WrapSurface(element.name, body, placement, "cylinder", dimensions, quadrant)
 
 
-def _line(axis: Element, driven: bool) -> tuple[float, float]:
-    """Slope and offset of the function that drives a joint's axis."""
-    function, scale = _unscaled(_function(axis))
-    if function.tag == "Constant":
-        return 0.0, scale * function.number("value")
-    if function.tag == "LinearFunction" and driven:
-        slope, offset = function.numbers("coefficients", 2)
-        return scale * slope, scale * offset
-    raise function.refusal(f"drives {axis.name}; the solver has LinearFunction of a coordinate and Constant")
-
-
-def _straight_spline(holder: Element) -> tuple[float, float]:
-    """Slope and value at zero of a spline with two knots, which is a straight line also outside them."""
+def _line(holder: Element) -> tuple[float, float]:
+    """Slope and offset of a function that is a straight line; a spline with two knots is one, also outside them."""
     function, scale = _unscaled(_function(holder))
-    knots = function.child("x").text.split() if function.tag == "SimmSpline" else []
-    if len(knots) != 2:
-        raise function.refusal("moves a path point; the solver has SimmSpline with two knots only")
-    (x0, x1), (y0, y1) = function.numbers("x", 2), function.numbers("y", 2)
-    slope = (y1 - y0) / (x1 - x0)
-    return float(scale * slope), float(scale * (y0 - slope * x0))
+    slope, offset = 0.0, 0.0
+    if function.tag == "Constant":
+        offset = function.number("value")
+    elif function.tag == "LinearFunction":
+        slope, offset = function.numbers("coefficients", 2)
+    elif function.tag == "SimmSpline" and len(function.child("x").text.split()) == 2:
+        (x0, x1), (y0, y1) = function.numbers("x", 2), function.numbers("y", 2)
+        slope = (y1 - y0) / (x1 - x0)
+        offset = y0 - slope * x0
+    else:
+        raise function.refusal("is not a function the solver has: Constant, LinearFunction, SimmSpline with two knots")
+    return float(scale * slope), float(scale * offset)
 
 
 def _function(holder: Element) -> Element:

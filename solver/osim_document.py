@@ -46,10 +46,15 @@ class Element:
             raise self.refusal(f"has no <{tag}>")
         return found
 
-    def objects(self, set_tag: str) -> list[Element]:
-        """The members of one of OpenSim's sets; an absent set is an empty one."""
-        found = self.find(set_tag)
-        return found.child("objects").children if found is not None else []
+    def members(self, tag: str) -> list[Element]:
+        """What a list property holds; an absent one holds nothing."""
+        found = self.find(tag)
+        return found.children if found is not None else []
+
+    def objects(self, tag: str) -> list[Element]:
+        """What one of OpenSim's sets holds; an absent one holds nothing."""
+        found = self.find(tag)
+        return found.members("objects") if found is not None else []
 
     def numbers(self, tag: str, count: int, default: str | None = None) -> Array:
         found = self.find(tag)
