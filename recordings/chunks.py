@@ -175,4 +175,4 @@ def _find_chunk(file: BinaryIO, start: int, size: int) -> int:
 
 _CHUNK_START = re.compile(rb"\x06.{36}\x04\0\0\0zstd", re.DOTALL)  # opcode, length, times, size, CRC, "zstd"
 _CHUNK_HEAD = 45
-_SEARCH_WINDOW = 2**20
+_SEARCH_WINDOW = 2**16

@@ -113,8 +113,8 @@ def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
 
 def _compact(numbers: NDArray[Any]) -> tuple[int, int, bytes]:
     """(first, step, b"") of an arithmetic run, (0, 0, every number) of any other; exact modulo 2^64."""
-    steps = np.diff(numbers)
-    if np.all(steps == steps[:1]):
+    steps = numbers[1:] - numbers[:-1]
+    if (steps == steps[:1]).all():
         return int(numbers[0]), int(steps[0].astype(np.int64)) if len(steps) else 0, b""
     return 0, 0, numbers.tobytes()
 

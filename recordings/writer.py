@@ -145,7 +145,10 @@ class RecordingWriter:
     def discard(self) -> None:
         """Releases and deletes the file, where nothing worth keeping was recorded."""
         self._release()
-        self._path.unlink(missing_ok=True)
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError as error:
+            raise RecordingError(f"{self._path} cannot be deleted: {error.strerror or error}") from error
 
     def _write_samples(self, block: Samples) -> None:
         count = len(block.sample_numbers)
@@ -207,7 +210,7 @@ class RecordingWriter:
         last = ", ".join(f"{name} {stored.last_sample_number}" for name, stored in self._stored.items())
         return (
             f"{self._path} could not be written ({reason}): the last stored samples are {last or 'none'}; "
-            "make room on the disk and record the trial again"
+            "see to the disk and record the trial again"
         )
 
     def _release(self) -> None:
