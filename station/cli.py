@@ -55,7 +55,7 @@ def main() -> NoReturn:
 
 @app.command()
 def demo(
-    output: Annotated[Path, typer.Option(help="Folder for the session and the report.")] = Path("demo"),
+    output: Annotated[Path | None, typer.Option(help="Folder for the session; default: demo, or demo-2, …")] = None,
     speed: Speed = 30.0,
     seed: Seed = 1,
 ) -> None:
@@ -70,12 +70,14 @@ def simulate(
     config: ConfigPath = Path("station.toml"),
     speed: Speed = 1.0,
     seed: Seed = 1,
+    cuff: Annotated[str | None, typer.Option(help="Play trials of this cuff; default: the plan, in order.")] = None,
+    test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, in order.")] = None,
 ) -> None:
     """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C."""
     from station.config import load_config
     from station.simulation import serve_until_stopped
 
-    serve_until_stopped(load_config(config), speed, seed)
+    serve_until_stopped(load_config(config), speed, seed, cuff, None if test is None else test.value)
 
 
 @app.command()
@@ -162,11 +164,81 @@ def fit(
     format: Annotated[Format, typer.Option(help="What to print.")] = Format.table,  # noqa: A002
 ) -> None:
     """Stiffness, damping and migration of every cuff in a session, with their uncertainty."""
+    from rich.console import Console
+
     from station.pipeline import fit_session_folder
+    from station.progress import progress_bars
     from station.tables import print_cuffs
 
-    fitted = fit_session_folder(session, output or session / "cuffs.json")
-    print_cuffs(fitted, as_json=format is Format.json)
+    with progress_bars(Console(stderr=True)) as progress:
+        fitted = fit_session_folder(session, output or session / "cuffs.json", progress)
+    if format is Format.json:
+        print(fitted.to_json(), end="")
+    else:
+        print_cuffs(fitted, Console())
+
+
+@app.command()
+def rmr(
+    motion: Annotated[Path, typer.Option(help="Coordinates over time: .mot, .sto, or .csv in radians and metres.")],
+    output: Annotated[Path, typer.Option(help="Activations: time and one column per muscle; .csv or .sto.")],
+    model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    no_glenoid: Annotated[bool, typer.Option(help="Without keeping the joint reaction inside the glenoid.")] = False,
+    free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
+    cutoff_hz: Annotated[float, typer.Option(min=0.01, help="Low-pass filter of the motion.")] = 3.0,
+    start: Annotated[float | None, typer.Option("--from", help="First second that is solved.")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="Last second that is solved.")] = None,
+    every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
+) -> None:
+    """Solve the muscle-redundancy problem of a motion: which muscles do the work."""
+    from rich.console import Console
+
+    from solver.redundancy import RedundancyOptions
+    from station.pipeline import MotionCut, solve_muscles
+    from station.progress import progress_bars
+
+    free = tuple(name for name in free_coordinates.split(",") if name)
+    options = RedundancyOptions(has_glenoid_cone=not no_glenoid, free_coordinates=free)
+    with progress_bars(Console(stderr=True)) as progress:
+        solution = solve_muscles(model, motion, output, MotionCut(cutoff_hz, start, end, every), options, progress)
+    _say(f"Butterworth low-pass at {cutoff_hz:g} Hz, order 4, forwards and backwards")
+    for outcome in sorted({each.value for each in solution.outcomes if each.name != "SOLVED"}):
+        frames = sum(each.value == outcome for each in solution.outcomes)
+        _say(f"{frames} of {len(solution.outcomes)} frames: {outcome}")
+    print(output)
+    raise typer.Exit(LOSSY if solution.unsolved else 0)
+
+
+@app.command()
+def assess(
+    cuffs: Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")],
+    output: Annotated[Path, typer.Option(help="Folder for assessment.json and report.html.")],
+    motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
+    suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
+) -> None:
+    """What the suit with these cuffs does for the muscles, over its rest length."""
+    from rich.console import Console
+
+    from station.pipeline import assess_file
+    from station.progress import progress_bars
+    from station.report import write_report
+    from station.tables import assessment_table
+
+    with progress_bars(Console(stderr=True)) as progress:
+        assessed = assess_file(cuffs, output, motion, suit, progress)
+    write_report(output)
+    Console().print(assessment_table(assessed.assessment))
+    raise typer.Exit(LOSSY if assessed.assessment.unsolved else 0)
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(help="A folder with recordings, cuffs.json or assessment.json.")],
+) -> None:
+    """Write report.html, one self-contained page, of all that a folder holds. Prints its path."""
+    from station.report import write_report
+
+    print(write_report(folder))
 
 
 def _stop_on_signals(daemon: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from rich.console import Console
@@ -25,13 +26,11 @@ def show_contents(path: Path, as_json: bool) -> int:
 
 def recover_recording(path: Path, output: Path | None) -> int:
     """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing."""
-    target = output or path.with_name(f"{path.stem}_recovered.mcap")
-    report = recover(path, target)
-    talk = Console(stderr=True, highlight=False)
-    for sentence in report.missing:
-        talk.print(sentence)
-    print(target)
-    return LOSSY if report.missing else 0
+    report = recover(path, output)
+    for sentence in report.sentences():
+        print(sentence, file=sys.stderr)
+    print(report.output)
+    return 0 if report.lossless else LOSSY
 
 
 def _print_tables(contents: Contents, console: Console) -> None:

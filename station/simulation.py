@@ -1,14 +1,20 @@
-"""The simulated bench as a child process: started, told which trial comes next, and gone when we are."""
+"""The simulated bench: served on the configuration's ports for any client, or as a child process that goes with us."""
 
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
+import threading
 from types import TracebackType
 from typing import Any
 
+from recordings.manifest import TestKind
 from station.config import StationConfig, parse_config
+
+NI_PORT = 31763
+"""Where NI's own gRPC device server listens unless told otherwise."""
 
 
 class SimulationError(Exception):
@@ -74,3 +80,55 @@ class SimulatedBench:
         data["daq"]["grpc_target"] = f"127.0.0.1:{self.ready['ports']['ni']}"
         data["mocap"] |= {"host": "127.0.0.1", "port": self.ready["ports"]["qtm"]}
         return parse_config(data, "the simulated bench")
+
+
+def simulator_settings(config: StationConfig) -> dict[str, Any]:
+    """[simulation] of the configuration, with what follows from its other sections; what [simulation] says wins."""
+    cell = config.load_cell
+    follows = {
+        "amplifier": {"capacity_kg": cell.capacity_kg, "full_scale_v": cell.full_scale_v},
+        "protocol": {"repeats": config.protocol.repeats},
+    }
+    return _laid_over(follows, config.simulation)
+
+
+def serve_until_stopped(
+    config: StationConfig, speed: float, seed: int, cuff: str | None, test: TestKind | None
+) -> None:
+    """Serves the devices on the configuration's ports until Ctrl-C or SIGTERM; says on stderr which trial it plays.
+
+    Raises SimulationError where the settings or a port cannot be used.
+    """
+    from drivers.simulators.bench import Bench
+    from drivers.simulators.settings import settings_from_dict
+
+    ni_port = int(config.daq.grpc_target.rpartition(":")[2]) if config.daq.grpc_target else NI_PORT
+    ports = {"ports": {"ni": ni_port, "qtm": config.mocap.port}}
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
+    try:
+        settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
+        with Bench(settings, speed, seed) as bench:
+            if cuff is not None or test is not None:
+                bench.world.select_trial(cuff or bench.world.trial.cuff, test or bench.world.trial.test)
+            _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
+            _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
+            _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
+            _say("each capture plays the next trial; stop with Ctrl-C")
+            while not stopped.wait(0.2):
+                pass
+    except (ValueError, OSError, RuntimeError) as error:
+        raise SimulationError(f"the devices cannot be simulated: {error}") from error
+
+
+def _laid_over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    both = {**below, **above}
+    for key in below.keys() & above.keys():
+        if isinstance(below[key], dict) and isinstance(above[key], dict):
+            both[key] = _laid_over(below[key], above[key])
+    return both
+
+
+def _say(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)

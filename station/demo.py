@@ -1,0 +1,99 @@
+"""The whole way on simulated devices: 24 trials recorded over real wires, fitted, assessed, reported."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from rich.console import Console
+
+from drivers.simulators.settings import PUBLISHED_CUFFS
+from station.clock import RealClock
+from station.config import StationConfig, parse_config
+from station.daemon import Daemon, TrialResult
+from station.pipeline import assess_cuffs, fit_session_folder, write_assessment, write_whole
+from station.progress import Progress, progress_bars
+from station.protocol import TrialSpec, published_plan
+from station.report import TRUTH_FILE, write_report
+from station.simulation import SimulatedBench, simulator_settings
+from station.tables import assessment_table, cuff_table
+
+LOSSY = 3
+MUSCLE_FRAMES = 60
+"""At most so many frames of the bundled motion are solved; the solver's own verb takes them all."""
+
+
+class DemoError(Exception):
+    """The demo cannot go on; one sentence."""
+
+
+def demo_config() -> StationConfig:
+    """The bench of the example configuration, its captures started by the station."""
+    markers = {
+        "anchor_markers": ["anchor_1", "anchor_2", "anchor_3", "anchor_4"],
+        "cuff_markers": ["cuff_1"],
+        "rope_markers": ["rope_1", "rope_2"],
+    }
+    cuffs = dict.fromkeys(PUBLISHED_CUFFS, markers)
+    return parse_config({"cuffs": cuffs, "mocap": {"control": "start"}}, "the demo")
+
+
+def run_demo(folder: Path | None, speed: float, seed: int) -> int:
+    """Returns the exit code; the report's path goes to stdout last."""
+    folder = folder or _free_folder()
+    if any(folder.glob("*.mcap")):
+        raise DemoError(f"{folder} holds recordings already, and the demo overwrites none; give another --output")
+    talk, data = Console(stderr=True), Console()
+    with progress_bars(talk) as progress:
+        results, truth = record_session(folder, demo_config(), speed, seed, progress)
+        write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
+        fitted = fit_session_folder(folder, folder / "cuffs.json", progress)
+        assessed = assess_cuffs(fitted.cuffs, folder / "cuffs.json", most_frames=MUSCLE_FRAMES, progress=progress)
+        write_assessment(assessed, folder)
+        page = write_report(folder, fitted, progress)
+    data.print(cuff_table(fitted.cuffs, truth))
+    data.print(assessment_table(assessed.assessment))
+    print(page)
+    is_whole = all(result.accepted and not result.lost_samples for result in results)
+    return 0 if is_whole and not assessed.assessment.unsolved else LOSSY
+
+
+def record_session(
+    folder: Path, config: StationConfig, speed: float, seed: int, progress: Progress
+) -> tuple[list[TrialResult], dict[str, dict[str, float]]]:
+    """Walks the published plan on a simulated bench; returns what became of each trial, and the cuffs' truth.
+
+    The truth of migration is what the simulated cuff slipped, not what its friction was laid out for.
+    """
+    plan = list(published_plan(config.cuffs, config.protocol.repeats))
+    results: list[TrialResult] = []
+    truth: dict[str, dict[str, float]] = {}
+    with SimulatedBench(simulator_settings(config), speed, seed) as bench:
+        pointed = bench.pointed_at(config)
+        for done, spec in enumerate(plan):
+            progress("recording trials", done, len(plan))
+            _prepare(bench, plan[done - 1] if done else None, spec, config.protocol.pause_s)
+            result = Daemon(pointed, RealClock(speed)).record(folder, spec)
+            if result.path is None:
+                raise DemoError(f"{spec.cuff} {spec.test} {spec.repeat} was not recorded: {result.sentence}")
+            results.append(result)
+            slipped = bench.tell({"truth": True})["truth"]["slip_m"]
+            truth[spec.cuff] = {**bench.ready["truth"]["cuffs"][spec.cuff], "migration_m": slipped[spec.cuff]}
+        progress("recording trials", len(plan), len(plan))
+    return results, truth
+
+
+def _prepare(bench: SimulatedBench, before: TrialSpec | None, spec: TrialSpec, pause_s: float) -> None:
+    """What happens at the bench between two trials: another cuff is donned, or the wearer rests between repeats."""
+    if before is None or before.cuff != spec.cuff:
+        bench.tell({"don": spec.cuff})
+    elif before.repeat != spec.repeat:
+        bench.tell({"pause_s": pause_s})
+    bench.tell({"trial": {"cuff": spec.cuff, "test": spec.test}})
+
+
+def _free_folder() -> Path:
+    number = 1
+    while any((folder := Path("demo" if number == 1 else f"demo-{number}")).glob("*")):
+        number += 1
+    return folder

@@ -1,0 +1,141 @@
+"""The report's figures, drawn by matplotlib and returned as PNG bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fitting.curves import TrialCurves
+from fitting.result import CuffFit
+
+FORCE, MOTION, LINE, MARK = "#1f5f8b", "#c2571a", "#1b1b1b", "#8a8a8a"
+SHADES = ("#1f5f8b", "#3f9c6b", "#b8860b", "#8b3a62", "#5a5a9a")
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "legend.frameon": False,
+}
+MOST_POINTS = 4000
+"""Of a curve that is drawn; more only makes the page heavy."""
+
+
+def trial_figure(static: TrialCurves | None, dynamic: TrialCurves | None) -> bytes:
+    """Force and displacement over session time with the sync edge and the trial's start and end marked."""
+    shown = [curves for curves in (static, dynamic) if curves is not None]
+    figure, axes = _page(len(shown), height=2.6)
+    for axis, curves in zip(axes, shown, strict=True):
+        _draw_trial(axis, curves)
+    return _png(figure)
+
+
+def static_figure(fit: CuffFit, static: Sequence[TrialCurves]) -> bytes:
+    """Force over displacement of all static trials, the held loads, and the lines of the common stiffness."""
+    figure, (axis,) = _page(1)
+    for curves, shade in zip(static, SHADES * 8, strict=False):
+        force = np.interp(curves.marker_time, curves.force_time, curves.force)
+        axis.plot(1e3 * curves.displacement, force, color=shade, alpha=0.18, linewidth=0.7)
+        _draw_held_loads(axis, curves, fit, shade)
+    axis.set_xlabel("displacement of the cuff along the rope [mm]")
+    axis.set_ylabel("force [N]")
+    axis.legend(loc="upper left")
+    return _png(figure)
+
+
+def dynamic_figure(fit: CuffFit, dynamic: Sequence[TrialCurves]) -> bytes:
+    """F − k x (less inertia, offset and drift) over ẋ of all dynamic trials, and the line of the common damping."""
+    figure, (axis,) = _page(1)
+    reach = 0.0
+    for curves, shade in zip(dynamic, SHADES * 8, strict=False):
+        if curves.dynamic is not None:
+            thin = _thinned(len(curves.dynamic.velocity), 1500)
+            velocity = 1e3 * curves.dynamic.velocity[thin]
+            label = f"repeat {curves.trial.repeat}"
+            axis.plot(velocity, curves.dynamic.damper_force[thin], ".", color=shade, ms=1.6, alpha=0.5, label=label)
+            reach = max(reach, float(np.abs(curves.dynamic.velocity).max()))
+    if fit.damping is not None and reach:
+        ends = np.array([-reach, reach])
+        words = f"c = {fit.damping.value:.0f} N s/m"
+        axis.plot(1e3 * ends, fit.damping.value * ends, color=LINE, linewidth=1.4, label=words)
+    axis.set_xlabel("velocity of the cuff [mm/s]")
+    axis.set_ylabel("F − k x [N]")
+    axis.legend(loc="upper left", markerscale=4)
+    return _png(figure)
+
+
+def cost_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
+    """Normalised muscle cost over the cord's rest length, in every condition with one arm cuff; 1 is a slack cord."""
+    figure, (axis,) = _page(1, height=3.2)
+    lengths = assessment["rest_lengths_m"]
+    axis.axhline(1.0, color=MARK, linewidth=1.0, label="slack cord")
+    axis.plot(lengths, assessment["cost"]["rigid"], color=LINE, linewidth=1.6, label="rigid cuffs")
+    for (condition, cost), shade in zip(assessment["cost"][cuff].items(), SHADES, strict=False):
+        axis.plot(lengths, cost, color=shade, marker="o", markersize=3, label=condition.replace("_", "-"))
+    axis.axvline(assessment["reference_rest_length_m"], color=MARK, linestyle=":", linewidth=1.0)
+    axis.set_xlabel("rest length of the exotendon [m]")
+    axis.set_ylabel("muscle cost / slack cord")
+    axis.legend(loc="best", ncols=2)
+    return _png(figure)
+
+
+def _draw_trial(axis: Axes, curves: TrialCurves) -> None:
+    trial = curves.trial
+    axis.set_title(f"{trial.test}, repeat {trial.repeat}", loc="left")
+    thin = _thinned(len(curves.force), MOST_POINTS)
+    axis.plot(curves.force_time[thin], curves.force[thin], color=FORCE, linewidth=0.8)
+    axis.set_ylabel("force [N]", color=FORCE)
+    axis.set_xlabel("session time [s]")
+    right = axis.twinx()
+    right.spines["right"].set_visible(True)
+    right.grid(visible=False)
+    right.plot(curves.marker_time, 1e3 * curves.displacement, color=MOTION, linewidth=0.8)
+    right.set_ylabel("displacement [mm]", color=MOTION)
+    axis.axvline(0.0, color=LINE, linewidth=1.0)
+    axis.annotate("sync edge = start", (0.0, 0.98), xycoords=("data", "axes fraction"), va="top", fontsize=7.5)
+    axis.axvline(trial.end, color=LINE, linewidth=1.0, linestyle="--")
+    axis.annotate("end", (trial.end, 0.98), xycoords=("data", "axes fraction"), va="top", ha="right", fontsize=7.5)
+    if curves.dynamic is not None:
+        fitted = curves.dynamic.time
+        axis.axvspan(float(fitted[0]), float(fitted[-1]), color="#f1efe4", zorder=0, label="fitted")
+
+
+def _draw_held_loads(axis: Axes, curves: TrialCurves, fit: CuffFit, shade: str) -> None:
+    if curves.static is None:
+        return
+    x = np.array([plateau.displacement for plateau in curves.static.plateaus])
+    force = np.array([plateau.force for plateau in curves.static.plateaus])
+    axis.plot(1e3 * x, force, "o", color=shade, markersize=4, label=f"held loads, repeat {curves.trial.repeat}")
+    if fit.stiffness is None:
+        return
+    for segment in np.unique(curves.static.segment):
+        inside = curves.static.segment == segment
+        if inside.sum() > 1:
+            ends = np.array([x[inside].min(), x[inside].max()])
+            line = fit.stiffness.value * ends + curves.static.offset[inside][0]
+            axis.plot(1e3 * ends, line, color=LINE, linewidth=1.1)
+
+
+def _thinned(count: int, most: int) -> slice:
+    return slice(None, None, max(1, -(-count // most)))
+
+
+def _page(columns: int, height: float = 3.4) -> tuple[Figure, list[Axes]]:
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(5.2 * columns, height), layout="constrained")
+        axes = figure.subplots(1, columns, squeeze=False)
+    return figure, list(axes[0])
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(buffer, format="png", dpi=120)
+    return buffer.getvalue()

@@ -1,0 +1,74 @@
+"""Results as tables for a terminal; the JSON beside them is for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rich.console import Console
+from rich.table import Table
+
+from fitting.result import CuffFit, SessionFit
+from fitting.uncertainty import Estimate
+from solver.assessment import Assessment, Figure
+
+Truth = Mapping[str, Mapping[str, float]]
+"""Cuff → quantity → what the simulated cuff carries, keys as in cuffs.json."""
+
+
+def print_cuffs(fitted: SessionFit, console: Console) -> None:
+    """One row per cuff as last donned, then what could not be used and what should be known."""
+    console.print(cuff_table(fitted.cuffs))
+    for name, donnings in fitted.donnings.items():
+        for donning, fit in donnings.items():
+            for trial in fit.trials:
+                if trial.state != "used":
+                    console.print(f"{trial.file}: {trial.state}: {trial.reason}", highlight=False)
+                for note in trial.notes:
+                    console.print(f"{trial.file}: {note}", highlight=False)
+            for note in fit.notes:
+                console.print(f"{name}, donning {donning}: {note}", highlight=False)
+    for rejected in fitted.rejected:
+        console.print(f"{rejected.file}: {rejected.reason}", highlight=False)
+
+
+def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Table:
+    """Value ± half-width of the 95 % interval; with the truth of simulated cuffs, that in brackets."""
+    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [cm]", "verdict")
+    for name, fit in cuffs.items():
+        true = (truth or {}).get(name, {})
+        table.add_row(
+            name,
+            _spoken(fit.stiffness, 1.0, ".0f", true.get("stiffness_n_per_m")),
+            _spoken(fit.damping, 1.0, ".0f", true.get("damping_n_s_per_m")),
+            _spoken(fit.migration, 100.0, ".2f", true.get("migration_m")),
+            fit.verdict,
+        )
+    return table
+
+
+def assessment_table(assessment: Assessment) -> Table:
+    """Normalised muscle cost of every condition at the reference rest length and at its own best one."""
+    reference = f"cost at {assessment.reference_rest_length:.2f} m"
+    table = Table("condition", "arm cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]")
+    for curve in assessment.curves:
+        table.add_row(
+            curve.condition.replace("_", "-"),
+            curve.cuff or "",
+            _figure(curve.at_reference),
+            _figure(curve.optimum.rest_length),
+            _figure(curve.optimum.normalised_cost),
+            _figure(curve.optimum.permissible_error, 100.0, ".1f"),
+        )
+    return table
+
+
+def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | None) -> str:
+    if estimate is None:
+        return "not identified"
+    half = (estimate.ci95[1] - estimate.ci95[0]) / 2
+    words = f"{estimate.value * scale:{form}} ± {half * scale:{form}}"
+    return words if true is None else f"{words} (true {true * scale:{form}})"
+
+
+def _figure(figure: Figure, scale: float = 1.0, form: str = ".3f") -> str:
+    return "-" if figure.value is None else f"{figure.value * scale:{form}}"
