@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.course import Pose, pack_paths, room_for
 from solver.kinematics import Postures
 from solver.model import Model, Path
+from solver.wrapping.course import pack_bodies, pack_paths
 
 Array = NDArray[np.float64]
 
@@ -40,21 +40,21 @@ def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | Non
     number of its iterations changes, and its forces are not exactly the derivative of its lengths (by up to 0.02 m).
     """
     # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
-    from solver.tension import lay_all
+    from solver.wrapping.tension import lay_all
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
-    courses = pack_paths(chosen, model.surfaces)
     frames, bodies = postures.origin_in_ground.shape[:2]
     state = PathState(
-        lengths=np.zeros((frames, len(chosen))),
-        speeds=np.zeros((frames, len(chosen))),
+        lengths=np.empty((frames, len(chosen))),
+        speeds=np.empty((frames, len(chosen))),
         wrench_per_tension=np.zeros((frames, len(chosen), bodies, 6)),
         mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
     )
     lay_all(
-        courses,
-        _poses(postures),
-        room_for(courses),
+        *pack_paths(chosen, model.surfaces),
+        pack_bodies(postures),
+        np.array(postures.coordinates),
+        np.array(postures.speeds),
         state.lengths,
         state.speeds,
         state.wrench_per_tension,
@@ -63,15 +63,3 @@ def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | Non
     for values in vars(state).values():
         values.flags.writeable = False
     return state
-
-
-def _poses(postures: Postures) -> Pose:
-    """With frames first, and laid out in memory in the one way the code was compiled for."""
-    return Pose(
-        rotation=np.array(postures.rotation_to_ground),
-        origin=np.array(postures.origin_in_ground),
-        angular_velocity=np.array(postures.angular_velocity),
-        origin_velocity=np.array(postures.origin_velocity),
-        coordinates=np.array(postures.coordinates),
-        speeds=np.array(postures.speeds),
-    )

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from math import acos, cos, pi, sin, sqrt
 
-from solver.closest import ANY_AXIS, closest_on_ellipsoid
-from solver.course import AXIAL, MIDPOINT
-from solver.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
-from solver.tangent import ON_THE_SURFACE, level, tangent_point
-from solver.vectors import (
+from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid
+from solver.wrapping.course import AXIAL, MIDPOINT
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
+from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
+from solver.wrapping.vectors import (
     ORIGIN,
     Vector,
     add,

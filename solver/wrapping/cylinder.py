@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from math import acos, atan2, cos, isnan, pi, radians, sin, sqrt
 
-from solver.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
-from solver.sphere import nearest_pair
-from solver.vectors import (
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
+from solver.wrapping.sphere import nearest_pair
+from solver.wrapping.vectors import (
     ORIGIN,
     SMALLEST_LENGTH,
     Vector,

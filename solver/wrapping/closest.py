@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from solver.segment import ROUND_OFF
-from solver.vectors import Vector, compiled
+from solver.wrapping.segment import ROUND_OFF
+from solver.wrapping.vectors import Vector, compiled
 
 STOP = 1e-9
 MOST_ITERATIONS = 64

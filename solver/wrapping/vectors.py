@@ -6,8 +6,11 @@ from collections.abc import Callable
 from math import sqrt
 from typing import TypeVar, cast
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -16,8 +19,13 @@ SMALLEST_LENGTH = 2.220446049250313e-16
 
 
 def compiled(function: Function) -> Function:
-    """The function as machine code, kept on disk between runs; division by zero gives inf or NaN, as in C."""
-    return cast(Function, njit(cache=True, error_model="numpy", nogil=True)(function))
+    """The function as machine code; division by zero gives inf or NaN, as in C."""
+    return cast(Function, njit(error_model="numpy", nogil=True)(function))
+
+
+def compiled_once(function: Function) -> Function:
+    """Like compiled, and kept on disk between runs until its file or one of its closure's variables changes."""
+    return cast(Function, njit(error_model="numpy", nogil=True, cache=True)(function))
 
 
 @compiled
@@ -76,3 +84,35 @@ def unit(a: Vector) -> Vector:
 @compiled
 def distance(a: Vector, b: Vector) -> float:
     return norm(subtract(a, b))
+
+
+@compiled
+def turn(rotation: Array, a: Vector) -> Vector:
+    """Rotation (3, 3) times a."""
+    return (
+        rotation[0, 0] * a[0] + rotation[0, 1] * a[1] + rotation[0, 2] * a[2],
+        rotation[1, 0] * a[0] + rotation[1, 1] * a[1] + rotation[1, 2] * a[2],
+        rotation[2, 0] * a[0] + rotation[2, 1] * a[1] + rotation[2, 2] * a[2],
+    )
+
+
+@compiled
+def turn_back(rotation: Array, a: Vector) -> Vector:
+    """The transpose of rotation (3, 3) times a."""
+    return (
+        rotation[0, 0] * a[0] + rotation[1, 0] * a[1] + rotation[2, 0] * a[2],
+        rotation[0, 1] * a[0] + rotation[1, 1] * a[1] + rotation[2, 1] * a[2],
+        rotation[0, 2] * a[0] + rotation[1, 2] * a[1] + rotation[2, 2] * a[2],
+    )
+
+
+@compiled
+def read(array: Array) -> Vector:
+    """A vector out of an array (3,)."""
+    return array[0], array[1], array[2]
+
+
+@compiled
+def write(array: Array, a: Vector) -> None:
+    """A vector into an array (3,)."""
+    array[0], array[1], array[2] = a

@@ -1,0 +1,136 @@
+"""Paths and bodies as the compiled code reads them: rows of records, few arrays to hand from function to function."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import accumulate
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.kinematics import Postures
+from solver.model import Path, PathPoint, PathWrap, WrapSurface
+
+Indices = NDArray[np.int64]
+Record = np.void
+Records = NDArray[np.void]
+
+KINDS = ("ellipsoid", "sphere", "cylinder")
+ELLIPSOID, SPHERE, CYLINDER = 0, 1, 2
+METHODS = ("hybrid", "midpoint", "axial")
+HYBRID, MIDPOINT, AXIAL = 0, 1, 2
+NO_SURFACE = -1
+
+# A point of a path, as in PathPoint; coordinate is −1 where it is fixed.
+POINT = np.dtype(
+    [
+        ("body", np.int64),
+        ("coordinate", np.int64),
+        ("location", np.float64, (3,)),
+        ("slope", np.float64, (3,)),
+        ("lowest", np.float64),
+        ("highest", np.float64),
+    ]
+)
+
+# A surface of a path, as in WrapSurface. The path stays where coordinate `axis` of the surface's frame has the sign
+# `allowed`, or anywhere if that is 0. Two wraps with the same `surface` are on the same one.
+WRAP = np.dtype(
+    [
+        ("surface", np.int64),
+        ("kind", np.int64),
+        ("method", np.int64),
+        ("body", np.int64),
+        ("rotation", np.float64, (3, 3)),
+        ("translation", np.float64, (3,)),
+        ("dimensions", np.float64, (3,)),
+        ("axis", np.int64),
+        ("allowed", np.int64),
+    ]
+)
+
+# A body in a posture, as in Postures.
+BODY = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),
+        ("origin", np.float64, (3,)),
+        ("angular_velocity", np.float64, (3,)),
+        ("origin_velocity", np.float64, (3,)),
+    ]
+)
+
+# What a path can go through: its points, then two tangent points for each of its wraps. `location` is the latest place
+# in the body, `ground` the place in ground at the first use in this posture, if it is_placed; `on_surface`, at a second
+# tangent point, is the length of the path over the surface before it.
+NODE = np.dtype(
+    [
+        ("body", np.int64),
+        ("surface", np.int64),
+        ("location", np.float64, (3,)),
+        ("ground", np.float64, (3,)),
+        ("is_placed", np.int64),
+        ("on_surface", np.float64),
+    ]
+)
+
+
+class Courses(NamedTuple):
+    """Several paths: path i has the points (POINT) first_point[i] to first_point[i + 1] − 1, wraps (WRAP) alike."""
+
+    points: Records
+    wraps: Records
+    first_point: Indices
+    first_wrap: Indices
+
+
+@lru_cache(maxsize=32)
+def pack_paths(paths: tuple[Path, ...], surfaces: tuple[WrapSurface, ...]) -> Courses:
+    points = [_point(point) for path in paths for point in path.points]
+    wraps = [_wrap(wrap, surfaces[wrap.surface]) for path in paths for wrap in path.wraps]
+    return Courses(
+        np.array(points, POINT),
+        np.array(wraps, WRAP),
+        _starts([len(path.points) for path in paths]),
+        _starts([len(path.wraps) for path in paths]),
+    )
+
+
+def pack_bodies(postures: Postures) -> Records:
+    """(frames, bodies) of BODY."""
+    bodies = np.empty(postures.origin_in_ground.shape[:2], BODY)
+    bodies["rotation"] = postures.rotation_to_ground
+    bodies["origin"] = postures.origin_in_ground
+    bodies["angular_velocity"] = postures.angular_velocity
+    bodies["origin_velocity"] = postures.origin_velocity
+    return bodies
+
+
+def _starts(counts: Sequence[int]) -> Indices:
+    return np.array([0, *accumulate(counts)], dtype=np.int64)
+
+
+def _point(point: PathPoint) -> tuple[object, ...]:
+    return (point.body, point.coordinate, point.location, point.slope, *point.range)
+
+
+def _wrap(wrap: PathWrap, surface: WrapSurface) -> tuple[object, ...]:
+    placement = surface.placement
+    return (
+        wrap.surface,
+        KINDS.index(surface.kind),
+        METHODS.index(wrap.method),
+        surface.body,
+        placement.rotation,
+        placement.translation,
+        surface.dimensions,
+        *_side(surface.quadrant),
+    )
+
+
+def _side(quadrant: str) -> tuple[int, int]:
+    """Axis and sign: "-y" is (1, −1), "x" or "+x" is (0, 1), "all" is (0, 0)."""
+    if quadrant == "all":
+        return 0, 0
+    return "xyz".index(quadrant[-1]), -1 if quadrant[0] == "-" else 1
