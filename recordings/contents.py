@@ -115,7 +115,7 @@ class _Tally:
 
     stream: Stream
     samples: int = 0
-    messages: int = 0
+    next_sequence: int = 0
     first: tuple[int, int] | None = None  # sample number and device time
     last: tuple[int, int] | None = None
     gaps: list[Loss] = field(default_factory=list)
@@ -124,11 +124,11 @@ class _Tally:
 
     def add(self, block: Samples, sequence: int) -> None:
         times = block.device_time_ns
-        self._find_gaps(block, "unexplained" if sequence == self.messages else "file_damage")
+        self._find_gaps(block, "unexplained" if sequence == self.next_sequence else "file_damage")
         self.first = self.first or (int(block.sample_numbers[0]), int(times[0]))
         self.last = (int(block.sample_numbers[-1]), int(times[-1]))
         self.samples += len(times)
-        self.messages = sequence + 1
+        self.next_sequence = sequence + 1
         if block.values.ndim == 3 and block.values.shape[1] == len(self.stream.labels):
             missing = np.isnan(block.values).any(axis=2).sum(axis=0)
             self.occlusions.update(dict(zip(self.stream.labels, missing.tolist(), strict=True)))
