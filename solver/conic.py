@@ -23,6 +23,7 @@ clarabel: Any = importlib.import_module("clarabel")  # compiled, without type st
 
 VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
+LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is looked for
 
 
 class Outcome(Enum):
@@ -56,7 +57,7 @@ class ConicProblem:
 class ConicSolution:
     """Unknowns (problems, n), NaN where infeasible, with an outcome for each problem.
 
-    violation   (problems,) largest violation of an equality, a bound or the cone, in the units of their rows
+    violation   (problems,) largest one of an equality, a bound or the cone where the solver stopped, in the rows' units
     optimality  (problems,) larger of the stationarity residual and the duality gap over max(1, objective)
     """
 
@@ -78,21 +79,20 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
         [problem.equality_target, problem.upper[:, bounded], -problem.lower[:, bounded], problem.cone_offset]
     )
     solver = _clarabel_solver(problem, matrix, targets[0], 2 * int(bounded.sum()))
-    x = np.full(problem.lower.shape, np.nan)
-    violation, optimality = np.full((2, len(x)), np.inf)
-    outcomes = []
+    x = np.empty(problem.lower.shape)
+    violation, optimality = np.empty((2, len(x)))
+    outcomes: list[Outcome] = []
     for i, target in enumerate(targets):
         solver.update(b=target)
         answer = solver.solve()
         primal, dual = np.array(answer.x), np.array(answer.z)
-        if _is_certificate(matrix, target, dual):
-            outcomes.append(Outcome.INFEASIBLE)
-            continue
-        x[i] = primal
         violation[i] = _violation(problem, i, primal)
         optimality[i] = _optimality(problem.weights, matrix, target, primal, dual)
-        is_solved = violation[i] <= VIOLATION_LIMIT and optimality[i] <= OPTIMALITY_LIMIT
-        outcomes.append(Outcome.SOLVED if is_solved else Outcome.NOT_CONVERGED)
+        if violation[i] <= VIOLATION_LIMIT and optimality[i] <= OPTIMALITY_LIMIT:
+            outcomes.append(Outcome.SOLVED)
+        else:
+            outcomes.append(Outcome.INFEASIBLE if _is_certificate(matrix, target, dual) else Outcome.NOT_CONVERGED)
+        x[i] = np.nan if outcomes[i] is Outcome.INFEASIBLE else primal
     return ConicSolution(x=x, outcomes=tuple(outcomes), violation=violation, optimality=optimality)
 
 
@@ -137,9 +137,12 @@ def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds
 
 
 def _is_certificate(matrix: Array, target: Array, dual: Array) -> bool:
-    """Farkas: z in the dual cone with Aᵀz = 0 and b·z < 0 proves that nothing satisfies A x + s = b."""
+    """Farkas: z in the dual cone with Aᵀz = 0 and b·z < 0 proves that nothing satisfies A x + s = b.
+
+    With |Aᵀz| up to a share of −b·z it proves that no x with Σ |x| below the inverse of that share does.
+    """
     depth = -float(target @ dual)
-    return depth > 0 and float(np.abs(matrix.T @ dual).max()) <= 1e-6 * depth
+    return depth > 0 and float(np.abs(matrix.T @ dual).max()) <= depth / LARGEST_SOLUTION
 
 
 def _violation(problem: ConicProblem, i: int, x: Array) -> float:

@@ -1,0 +1,51 @@
+"""The glenoid's cone: its published angle, and rows that say the same as the angle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.glenoid import angle_to_axis, cone_rows, glenoid_cone
+from solver.model import ModelError
+from solver.spatial import rotation_body_fixed_xyz
+
+MODEL = bundled_model()
+CONE = glenoid_cone(MODEL)
+
+
+def test_the_cone_is_that_of_the_published_markers():
+    assert np.degrees(CONE.half_angle) == pytest.approx(19.033794314488, abs=1e-9)
+    toward_glenoid = np.array([-0.01995036627856, -0.00364826527646, -0.02767297723668])
+    np.testing.assert_allclose(CONE.axis, toward_glenoid / np.linalg.norm(toward_glenoid), atol=1e-9)
+    assert MODEL.bodies[CONE.body].name == "scapula"
+
+
+def test_a_force_meets_the_rows_exactly_where_its_angle_is_within_the_cone():
+    generator = np.random.default_rng(0)
+    rotations = rotation_body_fixed_xyz(generator.uniform(-1, 1, (500, 3)))
+    forces = 100 * (2 * rotations @ CONE.axis + generator.normal(size=(500, 3)))
+    rays = np.einsum("fij,fj->fi", cone_rows(CONE, rotations), forces)
+    is_inside = rays[:, 0] >= np.linalg.norm(rays[:, 1:], axis=1)
+    np.testing.assert_array_equal(is_inside, angle_to_axis(CONE, rotations, forces) <= CONE.half_angle)
+    assert 0.1 < is_inside.mean() < 0.9
+
+
+def test_a_force_away_from_the_glenoid_is_outside_though_on_the_axis():
+    rotation = np.eye(3)[None]
+    assert angle_to_axis(CONE, rotation, -CONE.axis[None])[0] == pytest.approx(np.pi)
+    assert (cone_rows(CONE, rotation) @ -CONE.axis)[0, 0] < 0
+
+
+def test_a_marker_that_makes_no_cone_is_refused():
+    markers = tuple(
+        replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker
+        for marker in MODEL.markers
+    )
+    with pytest.raises(ModelError, match=r"HumHead_Center at the centre of the joint GlenoHumeral"):
+        glenoid_cone(replace(MODEL, markers=markers))
+
+
+def test_a_model_without_the_markers_is_refused_by_name():
+    with pytest.raises(ModelError, match="Glenoid_Center"):
+        glenoid_cone(replace(MODEL, markers=()))

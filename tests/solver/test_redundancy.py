@@ -1,0 +1,166 @@
+"""The redundancy problem: sharing by hand, the rank a constraint takes, activation dynamics, and a whole motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.dynamics import response_to_loads
+from solver.glenoid import angle_to_axis, glenoid_cone
+from solver.model import ModelError
+from solver.motion import differentiate, thin
+from solver.raise_arm import raise_arm
+from solver.redundancy import (
+    FrameOutcome,
+    LoadResponse,
+    RedundancyOptions,
+    RedundancyProblem,
+    build_redundancy,
+    go_through,
+    solve_motion,
+    solve_redundancy,
+)
+
+MODEL = bundled_model()
+SLOW = thin(differentiate(raise_arm(MODEL)), 40)
+
+
+def two_muscles(target, interval=1.0, cone=None):
+    """Two muscles with moment arms 3 and 1 and a reserve of weight 10 on one coordinate, seen by two equal rows.
+
+    The reaction is (muscle 1, muscle 2, 0) in the force's x, y, z.
+    """
+    target = np.asarray(target, dtype=float)
+    frames = len(target)
+    matrix = np.tile([[3.0, 1.0, 1.0], [3.0, 1.0, 1.0]], (frames, 1, 1))
+    left, size, right = np.linalg.svd(matrix[0])
+    reaction = np.zeros((frames, 6, 3))
+    reaction[:, 3, 0] = reaction[:, 4, 1] = 1.0
+    return RedundancyProblem(
+        time=np.arange(frames) * interval,
+        interval=interval,
+        weights=np.array([1.0, 1.0, 10.0]),
+        time_constants=np.array([[0.01, 0.01], [0.04, 0.04]]),
+        acceleration_matrix=matrix,
+        acceleration_target=target,
+        tracked=np.ones(2, dtype=bool),
+        rows=np.tile(right[:1], (frames, 1, 1)),
+        to_rows=np.tile(left[:, 0] / size[0], (frames, 1, 1)),
+        reaction_matrix=reaction,
+        reaction_at_rest=np.zeros((frames, 6)),
+        cone=np.zeros((frames, 0, 3)) if cone is None else np.tile(cone, (frames, 1, 1)),
+    )
+
+
+def test_muscles_share_in_proportion_to_their_moment_arms_and_the_reserve_to_its_weight():
+    solution = solve_redundancy(two_muscles([[1.01, 1.01]]))
+    np.testing.assert_allclose(solution.controls[0, 0], np.array([3, 1, 0.1]) / 10.1 * 1.01, atol=1e-7)
+    assert solution.equality_residual[0, 0] == pytest.approx(0, abs=1e-7)
+
+
+def test_what_the_constraint_forbids_is_left_out_and_reported():
+    solution = solve_redundancy(two_muscles([[1.0, 1.2]]))
+    assert solution.outcomes[0, 0] is FrameOutcome.SOLVED
+    np.testing.assert_allclose(solution.controls[0, 0] @ [3, 1, 1], 1.1, atol=1e-7)
+    assert solution.equality_residual[0, 0] == pytest.approx(0.1, abs=1e-7)
+
+
+def test_activation_changes_no_faster_than_the_muscle_can():
+    solution = solve_redundancy(two_muscles([[3.0, 3.0], [0.0, 0.0]], interval=0.01))
+    before, after = solution.controls[0, :, :2]
+    np.testing.assert_allclose(after, before - before * (0.5 + 1.5 * before) * 0.01 / 0.04, atol=1e-6)
+
+
+CONE_ALONG_X = np.array([[0.5, 0, 0], [0, 1, 0], [0, 0, 1]])  # muscle 2 at most half of muscle 1
+CONE_ALONG_Y = np.array([[0, 0.1, 0], [1, 0, 0], [0, 0, 1]])  # muscle 1 at most a tenth of muscle 2
+
+
+def test_the_cone_makes_muscles_share_otherwise():
+    free = solve_redundancy(two_muscles([[1.0, 1.0]])).controls[0, 0]
+    held = solve_redundancy(two_muscles([[1.0, 1.0]], cone=CONE_ALONG_Y))
+    assert free[0] > free[1]
+    assert held.controls[0, 0, 0] == pytest.approx(0.1 * held.controls[0, 0, 1], abs=1e-5)
+    assert held.cone_slack[0, 0] == pytest.approx(0, abs=1e-2)
+
+
+def test_where_only_the_rate_forbids_it_the_frame_is_solved_and_says_so():
+    # the cone turns by a right angle between two frames: muscle 1 cannot let go within a millisecond
+    problem = two_muscles([[3.0, 3.0], [1.0, 1.0]], interval=0.001, cone=CONE_ALONG_X)
+    solution = solve_redundancy(replace(problem, cone=np.stack([CONE_ALONG_X, CONE_ALONG_Y])))
+    assert list(solution.outcomes[0]) == [FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE]
+    assert np.isfinite(solution.controls).all()
+    assert "cannot change their activation" in solution.outcomes[0, 1].value
+
+
+def test_an_infeasible_frame_is_an_outcome_and_the_next_one_is_solved():
+    problem = two_muscles([[1.0, 1.0], [1.0, 1.0]], cone=CONE_ALONG_X)
+    pushed_out = np.zeros((1, 2, 6))
+    pushed_out[0, 0, 3] = -50.0  # more than the muscles can make good
+    solution = solve_redundancy(problem, LoadResponse(np.zeros((1, 2, 2)), pushed_out))
+    assert list(solution.outcomes[0]) == [FrameOutcome.INFEASIBLE, FrameOutcome.SOLVED]
+    assert np.isnan(solution.controls[0, 0]).all()
+    assert np.isfinite(solution.controls[0, 1]).all()
+
+
+def test_scenarios_solved_together_are_those_solved_alone():
+    problem = two_muscles([[1.0, 1.0], [2.0, 2.0]], cone=CONE_ALONG_X)
+    loads = LoadResponse(np.random.default_rng(2).uniform(0, 1, (3, 2, 2)), np.zeros((3, 2, 6)))
+    together = solve_redundancy(problem, loads)
+    for i in range(3):
+        alone = solve_redundancy(problem, LoadResponse(loads.acceleration[[i]], loads.reaction[[i]]))
+        np.testing.assert_allclose(together.controls[i], alone.controls[0], atol=1e-6)
+
+
+def test_a_raised_arm_keeps_its_head_in_the_socket_and_its_equations():
+    mechanics = go_through(MODEL, SLOW)
+    result = solve_motion(MODEL, SLOW)
+    cone = glenoid_cone(MODEL)
+    angle = angle_to_axis(cone, mechanics.state.rotation_to_ground[:, cone.body], result.reaction[:, 3:])
+    assert result.unsolved == 0
+    assert angle.max() <= cone.half_angle + 1e-6
+    assert result.cone_slack.min() > -1e-2
+    tension = mechanics.forces.active * result.activations + mechanics.forces.passive
+    np.testing.assert_allclose(result.muscle_forces, tension)
+    assert 0.001 < result.equality_residual.max() < 0.3  # what the acromioclavicular joint forbids of u := dq/dt
+
+
+def test_without_the_cone_the_effort_is_smaller_and_the_head_leaves():
+    held, loose = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, RedundancyOptions(has_glenoid_cone=False))
+    assert (loose.activations**2).sum() < (held.activations**2).sum()
+    assert np.isinf(loose.cone_slack).all()
+
+
+def test_a_free_coordinate_is_not_tracked_and_saves_effort():
+    options = RedundancyOptions(free_coordinates=("plane_elv", "axial_rot"))
+    problem = build_redundancy(MODEL, go_through(MODEL, SLOW), options)
+    assert problem.rows.shape[1] == 12
+    assert problem.acceleration_matrix.shape[1] == 15
+    tracked, free = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, options)
+    assert (free.activations**2).sum() < (tracked.activations**2).sum()
+
+
+def test_the_published_problem_has_rank_14():
+    assert build_redundancy(MODEL, go_through(MODEL, SLOW), RedundancyOptions()).rows.shape[1] == 14
+
+
+def test_an_unknown_free_coordinate_is_named():
+    with pytest.raises(ModelError, match="elbow_twist"):
+        solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))
+
+
+def test_a_load_that_lifts_the_arm_saves_effort():
+    mechanics = go_through(MODEL, SLOW)
+    wrench = np.zeros((len(SLOW.time), 1, len(MODEL.bodies), 6))
+    hand = MODEL.body_index("hand")
+    lift = np.array([0.0, 2.0, 0.0])
+    wrench[:, 0, hand] = np.concatenate(
+        [np.cross(mechanics.state.origin_in_ground[:, hand], lift), np.tile(lift, (len(SLOW.time), 1))], axis=1
+    )
+    response = response_to_loads(mechanics.equations, wrench)
+    loads = LoadResponse(
+        *(np.stack([0 * part, part], axis=0) for part in (response.acceleration[:, 0], response.reaction[:, 0]))
+    )
+    plain, lifted = solve_redundancy(build_redundancy(MODEL, mechanics, RedundancyOptions()), loads).controls[:, :, :33]
+    assert (lifted**2).sum() < 0.9 * (plain**2).sum()
+    np.testing.assert_allclose(plain, solve_motion(MODEL, SLOW).activations, atol=1e-6)
