@@ -252,7 +252,7 @@ class _Conversation:
         from qtm_rt.qrt import QRTConnection
 
         client = QTMProtocol(on_event=self._on_event, on_disconnect=self._on_disconnect)
-        self._guard = guard = PacketGuard(client, self._on_unreadable)
+        self._guard = guard = PacketGuard(client, _check, self._on_unreadable)
         await self._loop.create_connection(lambda: guard, self._wishes.host, self._wishes.port)
         await client.set_version(PROTOCOL_VERSION)
         self._connection = QRTConnection(client, timeout=COMMAND_TIMEOUT_S)
@@ -291,11 +291,20 @@ class _Conversation:
         with suppress(TimeoutError, QRTCommandException):
             async with asyncio.timeout(LEAVE_TIMEOUT_S):
                 if self._has_captured:
-                    with suppress(QRTCommandException):  # it has stopped by itself, or cannot save
-                        if self._is_capturing:
-                            await self._connection.stop()
-                        await self._connection.save(CAPTURE_NAME)
+                    await self._save_capture()
                 await self._connection.release_control()
+
+    async def _save_capture(self) -> None:
+        """Where QTM cannot, it says why on its own screen."""
+        from qtm_rt.protocol import QRTCommandException
+
+        with suppress(QRTCommandException):
+            if self._is_capturing:
+                with suppress(QRTCommandException):  # it has been stopped, and the event is on its way
+                    await self._connection.stop()
+            while self._is_capturing:
+                await asyncio.sleep(0.01)
+            await self._connection.save(CAPTURE_NAME)
 
     def _on_packet(self, packet: Any) -> None:
         frame = decode_frame(packet.data)
@@ -345,6 +354,17 @@ _ADVICE = {
     "settings": "open a measurement in QTM",
     "frames": "open a measurement in QTM",
 }
+
+
+def _check(kind: int, body: bytes) -> None:
+    """Raises ValueError or struct.error for a packet that qtm_rt or this driver could not read."""
+    from qtm_rt.packet import QRTEvent, QRTPacket, QRTPacketType, RTEvent
+
+    if QRTPacketType(kind) is QRTPacketType.PacketData:
+        QRTPacket(body)
+        decode_frame(body)
+    elif kind == QRTPacketType.PacketEvent.value:
+        QRTEvent(ord(RTEvent.unpack(body)[0]))
 
 
 def _words(error: Any) -> str:

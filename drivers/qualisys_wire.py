@@ -63,18 +63,22 @@ def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
 
 
 class PacketGuard(asyncio.Protocol):
-    """Stands before qtm_rt's receiver and hands it whole packets only.
+    """Stands before qtm_rt's receiver and hands it whole packets that it can read.
 
-    By itself that receiver loops for ever on a length of zero, buffers without end on a huge one, and drops the
-    connection on an unknown type, component or event. Here a packet it cannot read is reported and passed over; a
-    length that cannot be true ends the connection, as nothing after it can be found.
+    By itself that receiver loops for ever on a length of zero, buffers without end on a huge one, and chokes on an
+    unknown type, component or event. Here a packet that does not pass check(type, body), which raises ValueError or
+    struct.error, is reported and passed over; of several in a row only the first is reported. A length that cannot be
+    true ends the connection, as nothing after it can be found.
     """
 
-    def __init__(self, receiver: asyncio.Protocol, report: Callable[[str], None]) -> None:
+    def __init__(
+        self, receiver: asyncio.Protocol, check: Callable[[int, bytes], None], report: Callable[[str], None]
+    ) -> None:
         self._receiver = receiver
+        self._check = check
         self._report = report
         self._unread = bytearray()
-        self._is_readable = True
+        self._was_readable = True
         self._transport: asyncio.BaseTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -93,20 +97,9 @@ class PacketGuard(asyncio.Protocol):
                 return
             if len(self._unread) - place < size:
                 break
-            packet = bytes(self._unread[place : place + size])
+            self._hand_over(bytes(self._unread[place : place + size]), kind)
             place += size
-            self._hand_over(packet, kind)
         del self._unread[:place]
-
-    def _hand_over(self, packet: bytes, kind: int) -> None:
-        """Of packets in a row that cannot be read, only the first is reported."""
-        was_readable, self._is_readable = self._is_readable, True
-        try:
-            self._receiver.data_received(packet)
-        except Exception as error:
-            self._is_readable = False
-            if was_readable:
-                self._report(f"a packet of type {kind} and {len(packet)} bytes that cannot be read: {error}")
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._receiver.connection_lost(exc)
@@ -115,6 +108,17 @@ class PacketGuard(asyncio.Protocol):
         """Closes the connection at once."""
         if isinstance(self._transport, asyncio.WriteTransport):
             self._transport.abort()
+
+    def _hand_over(self, packet: bytes, kind: int) -> None:
+        try:
+            self._check(kind, packet[HEADER.size :])
+        except (ValueError, struct.error) as error:
+            if self._was_readable:
+                self._report(f"a packet of type {kind} and {len(packet)} bytes that cannot be read: {error}")
+            self._was_readable = False
+        else:
+            self._was_readable = True
+            self._receiver.data_received(packet)
 
 
 class MarkerBlocks:

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.simulators.markers import MarkerCloud, Wearer
+from drivers.simulators.settings import Settings, settings_from_dict
+
+T = np.arange(0.0, 60.0, 0.05)
+
+
+def cloud(bench: Settings | None = None, seed: int = 3) -> MarkerCloud:
+    bench = bench or Settings()
+    return MarkerCloud(bench, Wearer(bench, np.random.default_rng(seed)), seed)
+
+
+def at(points: NDArray[np.float64], markers: MarkerCloud, label: str) -> NDArray[np.float64]:
+    return points[:, markers.labels.index(label)]
+
+
+def test_the_default_labels_are_those_of_the_example_configuration() -> None:
+    assert cloud().labels == ("anchor_1", "anchor_2", "anchor_3", "anchor_4", "cuff_1", "rope_1", "rope_2")
+
+
+def test_the_anchor_sways_as_a_rigid_body() -> None:
+    markers = cloud()
+    points = markers.true_points(T, np.zeros_like(T))
+    anchor = points[:, :4]
+    distances = np.linalg.norm(anchor[:, :, None] - anchor[:, None], axis=-1)
+    assert np.ptp(distances, axis=0).max() < 1e-9
+    assert 1.0 < anchor[:, 0].std(axis=0).mean() < 3.0
+
+
+def test_the_anchor_markers_span_all_directions() -> None:
+    points = cloud().true_points(np.zeros(1), np.zeros(1))[0, :4]
+    assert np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] > 50.0
+
+
+def test_a_displaced_cuff_moves_along_the_rope_by_that_much() -> None:
+    markers = cloud()
+    away = at(markers.true_points(T, np.full_like(T, 0.01)), markers, "cuff_1")
+    home = at(markers.true_points(T, np.zeros_like(T)), markers, "cuff_1")
+    points = markers.true_points(T, np.zeros_like(T))
+    rope = at(points, markers, "rope_2") - at(points, markers, "rope_1")
+    rope /= np.linalg.norm(rope, axis=1, keepdims=True)
+    assert away - home == pytest.approx(10.0 * rope, abs=1e-9)
+
+
+def test_the_rope_points_at_its_pulley() -> None:
+    bench = Settings()
+    markers = cloud(bench)
+    points = markers.true_points(T, np.zeros_like(T))
+    near, far = at(points, markers, "rope_1"), at(points, markers, "rope_2")
+    to_pulley = np.array(bench.rig.pulley_mm) - near
+    assert np.linalg.norm(np.cross(far - near, to_pulley), axis=1).max() < 1e-6
+
+
+def test_sway_along_the_rope_is_what_the_physics_is_told() -> None:
+    bench = Settings()
+    wearer = Wearer(bench, np.random.default_rng(3))
+    place, _ = wearer.rope(T)
+    mean = place.mean(axis=0)
+    direction = np.array(bench.rig.pulley_mm) - mean
+    along = (place - mean) @ (direction / np.linalg.norm(direction)) * 1e-3
+    told = wearer.along_rope().value(T)[:, 0]
+    assert along - along.mean() == pytest.approx(told - told.mean(), abs=3e-5)
+
+
+def test_marker_noise_has_the_configured_size_on_every_axis() -> None:
+    markers = cloud()
+    still = np.zeros_like(T)
+    noise = markers.seen(T, still) - markers.true_points(T, still)
+    assert np.nanstd(noise, axis=(0, 1)) == pytest.approx(np.full(3, 0.2), rel=0.03)
+
+
+def test_markers_are_hidden_now_and_then_the_same_whoever_asks() -> None:
+    bench = settings_from_dict({"mocap": {"occlusions_per_minute": 3.0}})
+    markers = cloud(bench)
+    hidden = np.isnan(markers.seen(T, np.zeros_like(T))[..., 0])
+    again = np.isnan(markers.seen(T[300:400], np.zeros(100))[..., 0])
+    assert 0.0005 < hidden.mean() < 0.02
+    assert np.array_equal(hidden[300:400], again)
+
+
+def test_a_rope_may_carry_no_markers() -> None:
+    markers = cloud(settings_from_dict({"mocap": {"rope_markers_mm": {}}}))
+    assert markers.labels[-1] == "cuff_1"
+    assert markers.seen(T[:5], np.zeros(5)).shape == (5, 5, 3)

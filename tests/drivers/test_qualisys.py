@@ -1,0 +1,363 @@
+"""The driver, through unmodified qtm_rt, against the simulated QTM and against sockets that misbehave."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers import qualisys
+from drivers.device import CaptureControl, Device
+from drivers.errors import DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.qualisys import Qualisys
+from drivers.simulators.qualisys import QualisysSimulator
+from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.world import World
+from recordings.samples import Event, Item, Loss, Samples
+from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
+
+WELCOME = b"QTM RT Interface connected\0"
+PARAMETERS = (
+    b"<QTM_Parameters_Ver_1.25><General><Frequency>100</Frequency></General>"
+    b"<The_3D><Label><Name>a</Name></Label><Label><Name>b</Name></Label></The_3D></QTM_Parameters_Ver_1.25>\0"
+)
+SWAPPED = PARAMETERS.replace(b">a<", b">x<").replace(b">b<", b">a<").replace(b">x<", b">b<")
+COMMAND, XML, DATA, EVENT = 1, 2, 3, 6
+SETTINGS_CHANGED = b"\x0b"
+
+
+def driver(port: int, **options: Any) -> Qualisys:
+    return Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, **options)
+
+
+@contextmanager
+def simulator(**mocap: Any) -> Iterator[QualisysSimulator]:
+    settings = settings_from_dict({"operator": {"capture": "remote"}, "mocap": mocap})
+    qtm = QualisysSimulator(World(settings, speed=30.0))
+    qtm.start()
+    try:
+        yield qtm
+    finally:
+        qtm.stop()
+
+
+class TestTheContract(DeviceContract):
+    @pytest.fixture
+    def bench(self) -> Iterator[Bench]:
+        with simulator() as quiet, simulator(has_preview=True) as streaming, socket.socket() as unused:
+            unused.bind(("127.0.0.1", 0))
+            yield Bench(
+                device=lambda: driver(streaming.port),
+                quiet_device=lambda: driver(quiet.port),
+                unreachable_device=lambda: driver(unused.getsockname()[1]),
+                lose=lambda: hang_up_on_everyone(streaming),
+            )
+
+
+def hang_up_on_everyone(qtm: QualisysSimulator) -> None:
+    for client in qtm._server.clients:
+        qtm._server.loop.call_soon_threadsafe(client.close)
+
+
+class OtherQtm:
+    """A server that says what the test wants; talks to one client at a time."""
+
+    def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        self._answer = answer
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self.client: socket.socket | None = None
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def __enter__(self) -> OtherQtm:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # Wakes a thread that still waits for its client.
+        socket.create_connection(("127.0.0.1", self.port)).close()
+        self._listener.close()
+        if self.client is not None:
+            self.client.close()
+        self._thread.join()
+
+    def send(self, data: bytes) -> None:
+        assert self.client is not None
+        self.client.sendall(data)
+
+    def _serve(self) -> None:
+        try:
+            self.client, _ = self._listener.accept()
+            self.client.sendall(packet(COMMAND, WELCOME))
+            while header := self.client.recv(8):
+                command = self.client.recv(struct.unpack("<II", header)[0] - 8)
+                self.client.sendall(self._answer(command.rstrip(b"\0")))
+        except OSError:
+            return
+
+
+def packet(kind: int, body: bytes) -> bytes:
+    return struct.pack("<II", 8 + len(body), kind) + body
+
+
+def frame(number: int, *markers: tuple[float, float, float, float]) -> bytes:
+    points = np.array(markers, dtype="<f4").tobytes()
+    component = struct.pack("<IIIHH", 16 + len(points), 9, len(markers), 0, 0) + points
+    return packet(DATA, struct.pack("<qII", number * 10_000, number, 1) + component)
+
+
+def two(number: int) -> bytes:
+    """A frame of a at 1 mm and b at 2 mm."""
+    return frame(number, (1, 0, 0, 0.5), (2, 0, 0, 0.5))
+
+
+def proper(command: bytes) -> bytes:
+    """The answers of a QTM that begins to stream with frame 1."""
+    answers = {b"version": packet(COMMAND, b"Version set to 1.25\0"), b"getparameters": packet(XML, PARAMETERS)}
+    return answers.get(command.split()[0], two(1))
+
+
+def without_events(items: list[Item]) -> list[Item]:
+    return [item for item in items if not isinstance(item, Event)]
+
+
+def values(items: list[Item]) -> np.ndarray:
+    return np.concatenate([block.values for block in blocks(items, "/markers")])
+
+
+def numbers(items: list[Item]) -> list[int]:
+    return [int(n) for block in blocks(items, "/markers") for n in block.sample_numbers]
+
+
+def received(device: Device, frames: int) -> list[Item]:
+    return read_until(device, lambda items: len(numbers(items)) >= frames)
+
+
+@contextmanager
+def opened(device: Qualisys) -> Iterator[Qualisys]:
+    device.open()
+    try:
+        yield device
+    finally:
+        device.close()
+
+
+# Against the simulator
+
+
+def test_a_capture_it_starts_is_recorded_from_its_first_frame_to_its_last() -> None:
+    with simulator() as qtm, opened(driver(qtm.port, control="start")) as device:
+        assert isinstance(device, CaptureControl)
+        device.start_capture()
+        items = received(device, 300)
+        device.stop_capture()
+        items += read_until(device, lambda items: any(is_event(item, "capture_stopped") for item in items))
+    assert numbers(items) == list(range(1, len(numbers(items)) + 1))
+    assert [item.kind for item in items if isinstance(item, Event)] == [
+        "connected",
+        "capture_started",
+        "capture_stopped",
+    ]
+    assert is_event(items[-1], "capture_stopped")
+    assert blocks(items, "/markers")[0].device_time_ns[:3].tolist() == [0, 10_000_000, 20_000_000]
+
+
+def is_event(item: Item, kind: str) -> bool:
+    return isinstance(item, Event) and item.kind == kind
+
+
+def test_it_gives_control_back_and_leaves_the_capture_saved() -> None:
+    with simulator() as qtm:
+        for _ in range(2):  # the second finds nothing in its way
+            with opened(driver(qtm.port, control="start")) as device:
+                device.start_capture()
+                received(device, 10)
+            assert not qtm.is_controlled
+
+
+def test_stopping_what_does_not_run_is_no_error() -> None:
+    with simulator() as qtm, opened(driver(qtm.port, control="start")) as device:
+        device.stop_capture()
+
+
+def test_wanted_labels_come_in_the_order_they_were_asked_for() -> None:
+    with simulator(has_preview=True, occlusions_per_minute=0, noise_mm=0) as qtm:
+        with opened(driver(qtm.port)) as device:
+            every = values(received(device, 1))[0]
+            labels = device.streams[0].labels
+        with opened(driver(qtm.port, wanted_labels=("cuff_1", "anchor_2", "cuff_1"))) as device:
+            chosen = values(received(device, 1))[0]
+            assert device.streams[0].labels == ("cuff_1", "anchor_2")
+    expected = every[[labels.index("cuff_1"), labels.index("anchor_2")], :3]
+    assert chosen[:, :3] == pytest.approx(expected, abs=20.0)  # the body has swayed meanwhile
+
+
+def test_a_hidden_marker_is_nan_in_all_four_columns() -> None:
+    with (
+        simulator(has_preview=True, occlusions_per_minute=60.0, mean_occlusion_s=1.0) as qtm,
+        opened(driver(qtm.port)) as device,
+    ):
+        seen = values(received(device, 1500))
+    is_missing = np.isnan(seen)
+    assert is_missing.any()
+    assert np.array_equal(is_missing.any(axis=2), is_missing.all(axis=2))
+
+
+def test_where_numbers_begin_anew_after_a_preview_an_event_says_so_and_nothing_is_called_lost() -> None:
+    with simulator(has_preview=True) as qtm, opened(driver(qtm.port, control="start")) as device:
+        items = received(device, 200)
+        device.start_capture()
+        items += read_until(device, lambda items: any(is_event(item, "numbering_restarted") for item in items))
+    assert not any(isinstance(item, Loss) for item in items)
+    for block in blocks(items, "/markers"):
+        assert np.all(np.diff(block.sample_numbers.astype(int)) == 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"wanted_labels": ("cuff_1", "cuff_9")}, "no marker cuff_9; it has anchor_1, .*cuff_1"),
+        ({"control": "start", "password": "guess"}, '"Wrong or missing password"; correct mocap.password'),
+    ],
+)
+def test_what_qtm_cannot_do_is_refused_in_a_sentence(options: dict[str, Any], words: str) -> None:
+    with simulator(password="secret") as qtm:  # noqa: S106
+        device = driver(qtm.port, **options)
+        with pytest.raises(DeviceMisconfigured, match=words) as caught:
+            device.open()
+        assert is_one_sentence(caught.value)
+
+
+def test_starting_without_control_is_refused_with_what_to_set() -> None:
+    with (
+        simulator() as qtm,
+        opened(driver(qtm.port)) as device,
+        pytest.raises(DeviceMisconfigured, match=r'"You must be master.*mocap.control = "start"'),
+    ):
+        device.start_capture()
+
+
+# Against servers that misbehave
+
+
+def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qualisys, "CONNECT_TIMEOUT_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        with pytest.raises(DeviceUnavailable, match="did not answer in time") as caught:
+            driver(mute.getsockname()[1]).open()
+        assert is_one_sentence(caught.value)
+
+
+def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.2)
+    with (
+        OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
+        pytest.raises(DeviceUnavailable, match="asked for its settings"),
+    ):
+        driver(qtm.port).open()
+
+
+def test_settings_without_labels_are_refused() -> None:
+    bare = packet(XML, b"<Q><General><Frequency>100</Frequency></General></Q>\0")
+    with (
+        OtherQtm(lambda command: bare if command.startswith(b"getparameters") else proper(command)) as qtm,
+        pytest.raises(DeviceMisconfigured, match="settings without labels"),
+    ):
+        driver(qtm.port).open()
+
+
+def test_skipped_frames_are_a_loss_between_the_blocks_they_parted() -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(two(2) + two(6) + two(7))
+        items = received(device, 4)
+    before, loss, after = without_events(items)[-3:]
+    assert isinstance(before, Samples)
+    assert isinstance(after, Samples)
+    assert isinstance(loss, Loss)
+    assert (loss.cause, loss.first_missing, loss.count, loss.last_device_time_ns) == ("skipped", 3, 3, 20_000_000)
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        packet(77, b"what is this"),
+        packet(EVENT, b"\xc8"),
+        packet(DATA, struct.pack("<qII", 20_000, 2, 1) + struct.pack("<II", 8, 99)),
+        packet(DATA, struct.pack("<qII", 20_000, 2, 1) + struct.pack("<IIIHH", 16, 9, 40, 0, 0)),
+        packet(DATA, b"short"),
+    ],
+    ids=["unknown packet", "unknown event", "unknown component", "fewer markers than announced", "cut field"],
+)
+def test_a_packet_that_cannot_be_read_is_told_and_passed_over(nonsense: bytes) -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(nonsense + nonsense + two(3))
+        items = received(device, 2)
+    assert numbers(items) == [1, 3]
+    assert sum(is_event(item, "unreadable_packet") for item in items) == 1
+
+
+@pytest.mark.parametrize("size", [0, 7, 0x7FFFFFFF])
+def test_a_length_that_cannot_be_true_ends_the_connection(size: int) -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(struct.pack("<II", size, DATA))
+        with pytest.raises(DeviceLost, match="closed the connection"):
+            read_until(device, lambda _: False)
+
+
+def test_packets_that_arrive_in_pieces_are_put_together() -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        for byte in two(2) + two(3):
+            qtm.send(bytes([byte]))
+        assert numbers(received(device, 3)) == [1, 2, 3]
+
+
+def test_when_qtm_reorders_its_labels_every_marker_keeps_its_name() -> None:
+    asked: list[bytes] = []
+
+    def answer(command: bytes) -> bytes:
+        asked.append(command)
+        again = len([c for c in asked if c.startswith(b"getparameters")]) > 1
+        return packet(XML, SWAPPED) if command.startswith(b"getparameters") and again else proper(command)
+
+    with OtherQtm(answer) as qtm, opened(driver(qtm.port)) as device:
+        swapped = frame(2, (2, 0, 0, 0.5), (1, 0, 0, 0.5))
+        qtm.send(packet(EVENT, SETTINGS_CHANGED) + swapped)
+        assert values(received(device, 2))[:, :, 0].tolist() == [[1, 2], [1, 2]]
+
+
+def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qualisys, "LONGEST_QUEUE", 100)
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        for first in range(2, 302, 50):
+            qtm.send(b"".join(two(number) for number in range(first, first + 50)))
+            qtm.send(packet(EVENT, b"\x0d"))  # an event delivers what came before it
+        inbox = device._conversation.inbox  # type: ignore[union-attr]
+        with inbox._changed:
+            assert inbox._changed.wait_for(lambda: sum(is_event(i, "capture_saved") for i in inbox._items) == 6, 10)
+        items = list(device.read(0))
+        qtm.send(two(302))
+        later = received(device, 1)
+    lost = [item for item in items if isinstance(item, Loss)]
+    assert {loss.cause for loss in lost} == {"queue_overflow"}
+    assert len(numbers(items)) + sum(loss.count for loss in lost) == 301
+    assert len(numbers(items)) <= 100
+    assert numbers(later) == [302]
+    assert not any(isinstance(item, Loss) for item in later)
+
+
+def test_a_connection_that_breaks_delivers_first_what_had_come() -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(two(2))
+        assert qtm.client is not None
+        qtm.client.shutdown(socket.SHUT_RDWR)
+        assert numbers(received(device, 2)) == [1, 2]
+        with pytest.raises(DeviceLost, match="closed the connection") as caught:
+            device.read(5.0)
+    assert is_one_sentence(caught.value)
