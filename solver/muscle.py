@@ -7,12 +7,12 @@ Millard2012EquilibriumMuscle: chains of quintic Bézier corners (SmoothSegmented
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import Model
-from solver.vectors import compiled
 
 Array = NDArray[np.float64]
 
@@ -60,21 +60,22 @@ def muscle_forces(model: Model, lengths: Array, lengthening_speeds: Array) -> Mu
 
 def active_force_length(length: Array) -> Array:
     """Active force over its greatest, at fibre length over optimal; any shape."""
-    return _evaluate(_ACTIVE_FORCE_LENGTH, np.ascontiguousarray(length))
+    return _evaluate(_active_force_length_curve(), length)
 
 
 def force_velocity(speed: Array) -> Array:
     """Force over the isometric one, at fibre speed over the fastest, lengthening positive; any shape."""
-    return _evaluate(_FORCE_VELOCITY, np.ascontiguousarray(speed))
+    return _evaluate(_force_velocity_curve(), speed)
 
 
 def passive_force_length(length: Array) -> Array:
     """Passive force over the greatest active one, at fibre length over optimal; any shape."""
-    return _evaluate(_PASSIVE_FORCE_LENGTH, np.ascontiguousarray(length))
+    return _evaluate(_passive_force_length_curve(), length)
 
 
 _STEEPEST_PENNATION = np.arccos(0.1)
 _SHORTEST_ACTIVE = 0.4441
+_NEWTON_STEPS = 2  # from a node 1/512 away; each squares the error
 
 
 def _parameters(model: Model) -> tuple[Array, Array, Array, Array, Array]:
@@ -91,9 +92,25 @@ def _parameters(model: Model) -> tuple[Array, Array, Array, Array, Array]:
 _Knot = tuple[float, float, float]
 
 
-def _chain(*knots: _Knot, curviness: tuple[float, ...]) -> Array:
-    """(corners, 2, 6) control points (x, y) of the corners between knots (x, y, slope)."""
-    return np.array([_corner(a, b, c) for a, b, c in zip(knots[:-1], knots[1:], curviness, strict=True)])
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """A chain of Bézier corners (X(s), Y(s)), s in [0, 1], with X increasing.
+
+    corners            (corners, 2, 6) control points (x, y)
+    nodes_x, nodes_s   points to start the search for s from: X and number of the corner + s
+    """
+
+    corners: Array
+    nodes_x: Array
+    nodes_s: Array
+
+
+def _curve(*knots: _Knot, curviness: tuple[float, ...]) -> _Curve:
+    """The chain of corners between knots (x, y, slope)."""
+    corners = np.array([_corner(a, b, c) for a, b, c in zip(knots[:-1], knots[1:], curviness, strict=True)])
+    s = np.linspace(0.0, len(corners), 512 * len(corners) + 1)
+    index = np.minimum(s.astype(int), len(corners) - 1)
+    return _Curve(corners, _bezier(corners[index, 0].T, s - index), s)
 
 
 def _corner(start: _Knot, end: _Knot, curviness: float) -> Array:
@@ -106,11 +123,12 @@ def _corner(start: _Knot, end: _Knot, curviness: float) -> Array:
     return np.column_stack([first, inner_first, inner_first, inner_last, inner_last, last])
 
 
-def _active_force_length_curve() -> Array:
+@cache
+def _active_force_length_curve() -> _Curve:
     shortest, shallow, optimal, longest, slope, plateau = _SHORTEST_ACTIVE, 0.73, 1.0, 1.8123, 0.8616, 0.05
     shoulder = optimal - plateau
     height = 1.0 - slope * (shoulder - shallow)
-    return _chain(
+    return _curve(
         (shortest, 0.0, 0.0),
         ((shortest + shallow) / 2, height / 2, 1.25 * height / (shallow - shortest)),
         ((shallow + shoulder) / 2, (height + 1.0) / 2, slope),
@@ -121,9 +139,10 @@ def _active_force_length_curve() -> Array:
     )
 
 
-def _force_velocity_curve() -> Array:
+@cache
+def _force_velocity_curve() -> _Curve:
     slow_slope, fast_slope, isometric_slope, strongest = 0.25, 0.15, 5.0, 1.4
-    return _chain(
+    return _curve(
         (-1.0, 0.0, 0.0),
         (-0.9, 0.5 * slow_slope * 0.1, slow_slope),
         (0.0, 1.0, isometric_slope),
@@ -133,81 +152,44 @@ def _force_velocity_curve() -> Array:
     )
 
 
-def _passive_force_length_curve() -> Array:
+@cache
+def _passive_force_length_curve() -> _Curve:
     strain, low_slope = 0.7, 0.2
     slope = 2.0 / strain
     toe = min(0.1 / slope, 0.1 * strain)
-    return _chain(
+    return _curve(
         (1.0, 0.0, 0.0), (1.0 + toe, low_slope * toe / 2, low_slope), (1.0 + strain, 1.0, slope), curviness=(0.75, 0.75)
     )
 
 
-_ACTIVE_FORCE_LENGTH = _active_force_length_curve()
-_FORCE_VELOCITY = _force_velocity_curve()
-_PASSIVE_FORCE_LENGTH = _passive_force_length_curve()
+def _evaluate(curve: _Curve, x: Array) -> Array:
+    """y of the curve at x; beyond its ends a straight line with the end's slope."""
+    corners = curve.corners
+    first, last = corners[0, :, :2], corners[-1, :, 4:]
+    inside = np.clip(x, first[0, 0], last[0, 1])
+    index = np.searchsorted(corners[1:, 0, 0], inside, side="right")
+    points_x, points_y = np.moveaxis(corners, 0, -1)[..., index]
+    s = np.interp(inside, curve.nodes_x, curve.nodes_s) - index
+    for _ in range(_NEWTON_STEPS):
+        s -= (_bezier(points_x, s) - inside) / _bezier_slope(points_x, s)
+    before, beyond = np.minimum(x - first[0, 0], 0.0), np.maximum(x - last[0, 1], 0.0)
+    (dx0, dy0), (dx1, dy1) = np.diff(first)[:, 0], np.diff(last)[:, 0]
+    value: Array = _bezier(points_y, s) + before * (dy0 / dx0) + beyond * (dy1 / dx1)
+    return value
 
 
-@compiled
-def _evaluate(corners: Array, abscissae: Array) -> Array:
-    values = np.empty_like(abscissae)
-    for place, x in np.ndenumerate(abscissae):
-        values[place] = _ordinate(corners, x)
-    return values
-
-
-@compiled
-def _ordinate(corners: Array, x: float) -> float:
-    """y of the chain at x; beyond its ends a straight line with the end's slope."""
-    first, last = corners[0], corners[-1]
-    if x < first[0, 0]:
-        return float(first[1, 0] + (x - first[0, 0]) * (first[1, 1] - first[1, 0]) / (first[0, 1] - first[0, 0]))
-    if x >= last[0, 5]:
-        return float(last[1, 5] + (x - last[0, 5]) * (last[1, 5] - last[1, 4]) / (last[0, 5] - last[0, 4]))
-    index = 0
-    while x >= corners[index, 0, 5]:
-        index += 1
-    return _bezier(corners[index, 1], _parameter(corners[index, 0], x))
-
-
-@compiled
-def _parameter(points: Array, x: float) -> float:
-    """The s in [0, 1] with X(s) = x for increasing X: Newton's steps, halving where they leave the bracket."""
-    low, high = 0.0, 1.0
-    s = float((x - points[0]) / (points[5] - points[0]))
-    for _ in range(60):
-        error = _bezier(points, s) - x
-        if error > 0.0:
-            high = s
-        else:
-            low = s
-        step = error / _bezier_slope(points, s)
-        following = s - step if low <= s - step <= high else 0.5 * (low + high)
-        if abs(following - s) <= 1e-16:
-            break
-        s = following
-    return s
-
-
-@compiled
-def _bezier(p: Array, s: float) -> float:
+def _bezier(p: Array, s: Array) -> Array:
+    """Σ (5 over k) sᵏ (1 − s)⁵⁻ᵏ p_k, p (6, …)."""
     t = 1.0 - s
-    return float(
-        t**5 * p[0]
-        + 5.0 * s * t**4 * p[1]
-        + 10.0 * s**2 * t**3 * p[2]
-        + 10.0 * s**3 * t**2 * p[3]
-        + 5.0 * s**4 * t * p[4]
-        + s**5 * p[5]
-    )
+    ss, tt = s * s, t * t
+    value: Array = tt * t * (tt * p[0] + 5.0 * s * t * p[1] + 10.0 * ss * p[2])
+    value += ss * s * (10.0 * tt * p[3] + 5.0 * s * t * p[4] + ss * p[5])
+    return value
 
 
-@compiled
-def _bezier_slope(p: Array, s: float) -> float:
+def _bezier_slope(p: Array, s: Array) -> Array:
     t = 1.0 - s
-    return 5.0 * float(
-        t**4 * (p[1] - p[0])
-        + 4.0 * s * t**3 * (p[2] - p[1])
-        + 6.0 * s**2 * t**2 * (p[3] - p[2])
-        + 4.0 * s**3 * t * (p[4] - p[3])
-        + s**4 * (p[5] - p[4])
-    )
+    d = 5.0 * np.diff(p, axis=0)
+    slope: Array = t * t * (t * t * d[0] + 4.0 * s * t * d[1] + 6.0 * s * s * d[2])
+    slope += s * s * s * (4.0 * t * d[3] + s * d[4])
+    return slope

@@ -1,0 +1,107 @@
+"""The solver's numbers are OpenSim's: the same claims on certified.json (always) and golden.npz (where it is there)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.dynamics import (
+    EquationsOfMotion,
+    ResponseMaps,
+    constraint_gaps,
+    equations_of_motion,
+    multipliers,
+    response_maps,
+)
+from solver.kinematics import Postures, postures, speeds_from_rates
+from solver.muscle import MuscleForces, muscle_forces
+from solver.osim import read_osim
+from solver.paths import PathState, evaluate_paths
+from tests.solver.references import NO_WEIGHT, certified, golden, greatest_difference, relative_difference
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """OpenSim's values and everything the solver computes at the same states."""
+
+    expected: dict[str, Array]
+    state: Postures
+    equations: EquationsOfMotion
+    paths: PathState
+    forces: MuscleForces
+    maps: ResponseMaps
+
+    def force_per_tension(self) -> Array:
+        wrench, columns = self.paths.wrench_per_tension, self.equations.body_jacobians
+        return np.einsum("fmbi,fbij->fmj", wrench, columns) + self.paths.mobility_per_tension
+
+
+@pytest.fixture(scope="module", params=["certified", pytest.param("golden", marks=pytest.mark.shared)])
+def compared(request: pytest.FixtureRequest) -> Comparison:
+    is_bundled = request.param == "certified"
+    model = bundled_model() if is_bundled else read_osim(NO_WEIGHT)
+    expected = certified() if is_bundled else golden()
+    state = postures(model, expected["q"], expected["u"])
+    equations, paths = equations_of_motion(model, state), evaluate_paths(model, state)
+    forces = muscle_forces(model, paths.lengths, paths.speeds)
+    return Comparison(expected, state, equations, paths, forces, maps=response_maps(model, equations, paths, forces))
+
+
+def test_poses_and_velocities_of_bodies(compared: Comparison) -> None:
+    state, expected = compared.state, compared.expected
+    velocity = np.concatenate([state.angular_velocity, state.origin_velocity], axis=-1)
+    assert greatest_difference(state.rotation_to_ground[:, 1:], expected["rotation"]) < 1e-13
+    assert greatest_difference(state.origin_in_ground[:, 1:], expected["origin"]) < 1e-13
+    assert relative_difference(velocity[:, 1:], expected["velocity"]) < 1e-13
+
+
+def test_mass_matrix_and_constraint(compared: Comparison) -> None:
+    equations, expected = compared.equations, compared.expected
+    assert relative_difference(equations.mass_matrix, expected["mass_matrix"]) < 1e-12
+    assert relative_difference(equations.constraint_jacobian, expected["constraint_jacobian"]) < 1e-12
+    assert relative_difference(equations.constraint_bias, expected["constraint_bias"]) < 1e-12
+
+
+def test_path_lengths_and_speeds(compared: Comparison) -> None:
+    assert greatest_difference(compared.paths.lengths, compared.expected["length"]) < 1e-12
+    assert greatest_difference(compared.paths.speeds, compared.expected["speed"]) < 1e-11
+
+
+def test_generalised_forces_of_a_unit_tension(compared: Comparison) -> None:
+    assert greatest_difference(compared.force_per_tension(), compared.expected["force_per_tension"]) < 1e-11
+
+
+def test_force_factors_of_muscles(compared: Comparison) -> None:
+    forces = compared.forces
+    factors = [forces.length_factor, forces.velocity_factor, forces.passive_factor, forces.cos_pennation]
+    assert greatest_difference(np.stack(factors, axis=-1), compared.expected["factors"]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["acceleration_at_rest", "acceleration_per_control", "reaction_at_rest", "reaction_per_control"],
+)
+def test_maps_of_the_redundancy_problem(compared: Comparison, name: str) -> None:
+    assert relative_difference(getattr(compared.maps, name), compared.expected[name]) < 1e-10
+
+
+def test_constraint_forces() -> None:
+    model, expected = bundled_model(), certified()
+    state = postures(model, expected["q"], expected["u"])
+    force = np.einsum("fm,fmj->fj", expected["passive_force"], expected["force_per_tension"])
+    found = multipliers(equations_of_motion(model, state), force)
+    assert relative_difference(found, expected["multipliers_at_rest"]) < 1e-11
+
+
+@pytest.mark.shared
+def test_gap_of_the_constraint_and_speeds_of_the_scapula() -> None:
+    model, expected = read_osim(NO_WEIGHT), golden()
+    state = postures(model, expected["q"], expected["u"])
+    assert greatest_difference(constraint_gaps(model, state)[:, 0], expected["constraint_gap"]) < 1e-15
+    assert greatest_difference(speeds_from_rates(model, expected["q"], expected["rates"]), expected["u"]) < 1e-14
