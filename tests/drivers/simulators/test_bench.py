@@ -1,0 +1,185 @@
+"""The bench as a whole: both drivers on one trial, and the process that is spoken to in lines of JSON."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.nidaq import NiDaq
+from drivers.qualisys import Qualisys
+from drivers.simulators.bench import Bench
+from drivers.simulators.settings import settings_from_dict
+from recordings.samples import Event, Item
+from tests.drivers.contract import blocks
+
+SPEED = 30.0
+PATIENCE_S = 20.0
+SHORT = {
+    "protocol": {"repeats": 1, "static": {"hold_s": 3.0, "lead_in_s": 1.0, "step_masses_kg": [2.0, 2.0, 2.0]}},
+    "slip": {"first_slip_n": 20.0},
+    "wearer": {"sway_deg": 0.0},  # so that a line through the raw markers is enough
+    "mocap": {"occlusions_per_minute": 0},
+    "daq_clock": {"offset_ppm": 0.0, "drift_ppm_per_hour": 0.0},
+}
+
+
+def recorded(ports: dict[str, int]) -> list[Item]:
+    """What both drivers deliver from before the capture until it is over."""
+    ni = NiDaq(
+        device="Dev1",
+        force_channel="ai0",
+        sync_channel="ai1",
+        sample_rate_hz=1000.0,
+        grpc_target=f"127.0.0.1:{ports['ni']}",
+        host_clock=time.time_ns,
+    )
+    qtm = Qualisys(host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
+    items: list[Item] = []
+    give_up = time.monotonic() + PATIENCE_S
+    try:
+        ni.open()
+        qtm.open()
+        while not any(isinstance(item, Event) and item.kind == "capture_stopped" for item in items):
+            assert time.monotonic() < give_up, "the capture did not end"
+            items += [*ni.read(0.1), *qtm.read(0.0)]
+        items += ni.read(0.5)
+    finally:
+        ni.close()
+        qtm.close()
+    return items
+
+
+def joined(items: list[Item], stream: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Device time [s] and values of a whole stream."""
+    found = blocks(items, stream)
+    times = np.concatenate([block.device_time_ns for block in found]) * 1e-9
+    return times, np.concatenate([block.values for block in found]).astype(float)
+
+
+@pytest.fixture(scope="module")
+def trial() -> list[Item]:
+    """A short static test of the elbow cuff, its captures started by the simulated operator."""
+    with Bench(settings_from_dict(SHORT), SPEED, seed=4) as bench:
+        bench.world.select_trial("elbow", "static")
+        return recorded(bench.ports)
+
+
+def test_the_sync_line_rises_some_seconds_after_both_devices_stream_and_falls_with_the_capture(
+    trial: list[Item],
+) -> None:
+    t, sync = joined(trial, "/sync")
+    is_high = sync[:, 0] > 2.5
+    rise, fall = t[np.flatnonzero(np.diff(is_high.astype(int)))[:2] + 1]
+    frames = joined(trial, "/markers")[0]
+    assert rise > 2.0
+    assert fall - rise == pytest.approx(len(frames) / 100, abs=0.012)
+
+
+def test_force_at_the_edge_and_markers_from_frame_one_tell_the_cuffs_stiffness_while_unloading(
+    trial: list[Item],
+) -> None:
+    t, sync = joined(trial, "/sync")
+    rise = t[np.flatnonzero(sync[:, 0] > 2.5)[0]]
+    force_t, volts = joined(trial, "/force")
+    frame_t, markers = joined(trial, "/markers")
+    newtons = volts[:, 0] * 50 * 9.80665 / 5
+    along = (markers[:, 6, :3] - markers[:, 5, :3]).mean(axis=0)
+    x = (markers[:, 4, :3] - markers[:, 0, :3]) @ (along / np.linalg.norm(along)) * 1e-3
+    force = np.interp(frame_t, force_t - rise, newtons)
+    unloading = frame_t > frame_t[-1] / 2 + 2
+    assert np.polyfit(x[unloading], force[unloading], 1)[0] == pytest.approx(2530, rel=0.03)
+
+
+def test_one_device_can_be_left_out_and_the_operator_waits_for_the_others_only() -> None:
+    settings = settings_from_dict({**SHORT, "ports": {"ni": None, "serial": None}})
+    with Bench(settings, SPEED) as bench:
+        assert set(bench.ports) == {"qtm"}
+        qtm = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
+        qtm.open()
+        items: list[Item] = []
+        give_up = time.monotonic() + PATIENCE_S
+        while not blocks(items, "/markers") and time.monotonic() < give_up:
+            items += qtm.read(0.1)
+        qtm.close()
+    assert blocks(items, "/markers")
+
+
+def test_a_taken_port_stops_what_had_started() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        settings = settings_from_dict({"ports": {"ni": None, "qtm": 0, "serial": taken.getsockname()[1]}})
+        bench = Bench(settings)
+        with pytest.raises(OSError, match=r"in use|10048"), bench:
+            pass
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", bench.ports["qtm"])).close()
+
+
+class Child:
+    """The bench in its process."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "drivers.simulators"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def ask(self, request: Any) -> dict[str, Any]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write((request if isinstance(request, str) else json.dumps(request)) + "\n")
+        self.process.stdin.flush()
+        answer: dict[str, Any] = json.loads(self.process.stdout.readline())
+        return answer
+
+    def end(self) -> int:
+        """Closes its standard input; the exit code."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.close()
+        code = self.process.wait(PATIENCE_S)
+        self.process.stdout.close()
+        return code
+
+
+@pytest.fixture
+def child() -> Iterator[Child]:
+    child = Child()
+    yield child
+    if child.process.poll() is None:
+        child.process.kill()
+        child.process.wait()
+
+
+def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: Child) -> None:
+    ready = child.ask({"speed": 600, "seed": 1, "cuffs": {"hand": {"migration_m": 0.02}}, "ports": {"ni": None}})
+    assert ready["truth"]["cuffs"]["hand"]["migration_m"] == 0.02
+    assert ready["labels"][0] == "anchor_1"
+    socket.create_connection(("127.0.0.1", ready["ports"]["qtm"])).close()
+    assert child.ask({"trial": {"cuff": "hand", "test": "dynamic"}}) == {"trial": {"cuff": "hand", "test": "dynamic"}}
+    assert child.ask({"don": "tube"}) == {"trial": {"cuff": "tube", "test": "static"}}
+    assert child.ask({"pause_s": 60}) == {"pause_s": 60}
+    assert child.ask({"truth": True})["truth"]["slip_m"]["hand"] == 0.0
+    assert "cuffs are waist" in child.ask({"don": "foot"})["error"]
+    assert "known are trial, don" in child.ask({"dance": 1})["error"]
+    assert "expected a JSON object" in child.ask("no json")["error"]
+    assert child.end() == 0
+
+
+def test_an_endless_pause_ends_with_the_parent(child: Child) -> None:
+    child.ask({"ports": {"ni": None, "serial": None}})
+    assert child.process.stdin is not None
+    child.process.stdin.write('{"pause_s": 1e9}\n')
+    assert child.end() == 0
+
+
+def test_settings_that_cannot_be_used_end_it_with_a_sentence(child: Child) -> None:
+    assert child.ask({"sped": 3}) == {"error": "simulated bench: unknown key sped"}
+    assert child.end() == 2
