@@ -22,6 +22,7 @@ from solver.spatial import rotate
 
 Array = NDArray[np.float64]
 
+PARTS = ("waist", "shoulder", "arm")
 BUNDLED_SUIT = Path(__file__).with_name("suit.toml")
 EQUILIBRIUM_RESIDUAL = 1e-9  # N
 MOST_STEPS = 50
@@ -110,24 +111,19 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
     reference, lengths, cord, masses = _take(
         document, path.name, "reference_rest_length_m", "rest_lengths_m", "exotendon", "masses"
     )
-    stiffness, damping, *points = _take(
-        cord, "exotendon", "stiffness_n_per_m", "damping_n_s_per_m", "waist", "shoulder", "arm"
+    stiffness, damping, *points = _take(cord, "exotendon", "stiffness_n_per_m", "damping_n_s_per_m", *PARTS)
+    waist, shoulder, arm = (_point(table, f"exotendon.{part}") for part, table in zip(PARTS, points, strict=True))
+    worn = zip(PARTS, _take(masses, "masses", *PARTS), strict=True)
+    return Suit(
+        waist=waist,
+        shoulder=shoulder,
+        arm=arm,
+        stiffness=_number(stiffness, "exotendon.stiffness_n_per_m"),
+        damping=_number(damping, "exotendon.damping_n_s_per_m"),
+        masses=tuple(_worn_mass(table, f"masses.{part}") for part, table in worn),
+        rest_lengths=_rest_lengths(lengths),
+        reference_rest_length=_number(reference, "reference_rest_length_m"),
     )
-    first, last, count = _take(lengths, "rest_lengths_m", "first", "last", "count")
-    if stiffness < 0 or damping < 0:
-        raise SuitError(
-            f"the exotendon's stiffness and damping should not be negative and are {stiffness:g} N/m, {damping:g} N s/m"
-        )
-    if not 0 < first < last or count < 5:
-        raise SuitError(
-            f"rest_lengths_m should be at least 5 rising lengths above 0 and is {count} from {first:g} to {last:g} m"
-        )
-    waist, shoulder, arm = (
-        SuitPoint(body, np.array(location, dtype=float))
-        for body, location in (_take(point, "a point of the exotendon", "body", "point_m") for point in points)
-    )
-    worn = tuple(_worn_mass(name, entry) for name, entry in masses.items())
-    return Suit(waist, shoulder, arm, stiffness, damping, worn, np.linspace(first, last, count), reference)
 
 
 def with_suit_masses(model: Model, suit: Suit) -> Model:
@@ -198,18 +194,54 @@ def suit_forces(
     )
 
 
-def _worn_mass(name: str, table: dict[str, Any]) -> WornMass:
-    body, mass, center, inertia = _take(table, f"masses.{name}", "body", "mass_kg", "center_m", "inertia_kg_m2")
-    return WornMass(body, mass, np.array(center), np.array(inertia))
+def _point(table: Any, where: str) -> SuitPoint:
+    body, location = _take(table, where, "body", "point_m")
+    return SuitPoint(str(body), _vector(location, f"{where}.point_m"))
 
 
-def _take(table: dict[str, Any], where: str, *keys: str) -> list[Any]:
+def _worn_mass(table: Any, where: str) -> WornMass:
+    body, mass, center, inertia = _take(table, where, "body", "mass_kg", "center_m", "inertia_kg_m2")
+    return WornMass(
+        body=str(body),
+        mass=_number(mass, f"{where}.mass_kg"),
+        center=_vector(center, f"{where}.center_m"),
+        inertia=_vector(inertia, f"{where}.inertia_kg_m2"),
+    )
+
+
+def _rest_lengths(table: Any) -> Array:
+    first, last, count = (
+        _number(value, "rest_lengths_m") for value in _take(table, "rest_lengths_m", "first", "last", "count")
+    )
+    if not 0 < first < last or count < 5 or count % 1:
+        raise SuitError(
+            f"the suit's rest_lengths_m should be 5 or more, rising from above 0, and are {count:g} from {first:g} to "
+            f"{last:g} m; correct it"
+        )
+    return np.linspace(first, last, int(count))
+
+
+def _take(table: Any, where: str, *keys: str) -> list[Any]:
     """The values of exactly these keys, in this order."""
+    if not isinstance(table, dict):
+        raise SuitError(f"the suit's {where} should be a table with {', '.join(keys)} and is {table!r}; correct it")
     missing, unknown = [key for key in keys if key not in table], [key for key in table if key not in keys]
     if missing or unknown:
         fault = f"lacks {', '.join(missing)}" if missing else f"has an unknown {', '.join(unknown)}"
         raise SuitError(f"the suit's {where} should have {', '.join(keys)} and {fault}; correct it")
     return [table[key] for key in keys]
+
+
+def _number(value: Any, where: str) -> float:
+    if not isinstance(value, int | float) or not 0 <= value < np.inf:
+        raise SuitError(f"the suit's {where} should be a number that is not negative and is {value!r}; correct it")
+    return float(value)
+
+
+def _vector(value: Any, where: str) -> Array:
+    if not (isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value)):
+        raise SuitError(f"the suit's {where} should be three numbers and is {value!r}; correct it")
+    return np.array(value, dtype=float)
 
 
 def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
