@@ -149,7 +149,7 @@ def info(
 @app.command()
 def recover(
     file: Annotated[Path, typer.Argument(help="A recording that was cut.")],
-    output: Annotated[Path | None, typer.Option(help="Where to; default: FILE_recovered.mcap beside it.")] = None,
+    output: Annotated[Path | None, typer.Option(help="Where to; default: FILE.recovered.mcap beside it.")] = None,
 ) -> None:
     """Make a whole file of what a killed recording left. Never touches the original."""
     from station.info import recover_recording

@@ -15,6 +15,10 @@ class Clock(Protocol):
         """UTC of the station [ns]: what recordings carry as arrival time."""
         ...
 
+    def wall_utc_ns(self) -> int:
+        """UTC on the wall [ns]: which trial came first, also across processes whose station time runs fast."""
+        ...
+
     def station_s(self) -> float:
         """Station seconds since some fixed moment: durations of the configuration and the protocol."""
         ...
@@ -40,6 +44,9 @@ class RealClock:
     def utc_ns(self) -> int:
         return self._start_utc_ns + int((time.monotonic_ns() - self._start_ns) * self.speed)
 
+    def wall_utc_ns(self) -> int:
+        return self._start_utc_ns + time.monotonic_ns() - self._start_ns
+
     def station_s(self) -> float:
         return self.wall_s() * self.speed
 
@@ -60,6 +67,9 @@ class ManualClock:
 
     def utc_ns(self) -> int:
         return self._start_utc_ns + round(self.station_s() * 1e9)
+
+    def wall_utc_ns(self) -> int:
+        return self._start_utc_ns + round(self._wall_s * 1e9)
 
     def station_s(self) -> float:
         return self._wall_s * self.speed

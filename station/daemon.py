@@ -209,7 +209,7 @@ class Daemon:
             start=self._config.daq.start,
             sync_threshold_v=self._config.sync.threshold_v,
             load_cell=self._config.calibration(),
-            start_utc_ns=self._clock.utc_ns(),
+            start_utc_ns=self._clock.wall_utc_ns(),
             effective_config=self._config.model_dump(mode="json"),
             versions=_versions(),
         )

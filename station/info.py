@@ -30,7 +30,7 @@ def recover_recording(path: Path, output: Path | None) -> int:
     for sentence in report.sentences():
         print(sentence, file=sys.stderr)
     print(report.output)
-    return 0 if report.lossless else LOSSY
+    return 0 if report.lossless and not report.damage else LOSSY
 
 
 def _print_tables(contents: Contents, console: Console) -> None:
