@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.model import AxisMotion, Model, ScapulothoracicMotion
+from solver.osim import read_osim
+from tests.solver.references import NO_WEIGHT
+
+MODEL = bundled_model()
+
+
+@pytest.fixture(scope="module")
+def published() -> Model:
+    return read_osim(NO_WEIGHT)
+
+
+def test_the_table_names_its_sources_and_says_that_it_is_a_modification() -> None:
+    head = files("solver").joinpath("thoracoscapular.toml").read_text(encoding="utf-8")[:1500]
+    for part in ("Seth", "Front. Neurorobot. 13:90", "Belli", "e0295003", "CC BY 4.0", "modification"):
+        assert part in head
+
+
+def test_it_has_the_parts_of_the_published_model() -> None:
+    assert len(MODEL.bodies) == 1 + 7
+    assert (len(MODEL.coordinates), len(MODEL.muscles), len(MODEL.actuators)) == (17, 33, 17)
+    assert MODEL.coordinate_names[:6] == tuple(
+        f"ground_thorax_{c}" for c in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")
+    )
+    assert [c.motion for c in MODEL.coordinates] == ["rotation"] * 3 + ["translation"] * 3 + ["rotation"] * 11
+
+
+@pytest.mark.shared
+def test_bodies_and_joints_are_the_published_ones(published: Model) -> None:
+    assert np.array_equal(MODEL.gravity, published.gravity)
+    assert MODEL.coordinates == published.coordinates
+    for ours, theirs in zip(MODEL.bodies, published.bodies, strict=True):
+        assert (ours.name, ours.mass) == (theirs.name, theirs.mass)
+        assert np.array_equal(ours.mass_center, theirs.mass_center)
+        assert np.array_equal(ours.inertia, theirs.inertia)
+    for ours_, theirs_ in zip(MODEL.joints, published.joints, strict=True):
+        assert (ours_.name, ours_.parent, ours_.child) == (theirs_.name, theirs_.parent, theirs_.child)
+        assert np.array_equal(ours_.frame_in_parent.rotation, theirs_.frame_in_parent.rotation)
+        assert np.array_equal(ours_.frame_in_parent.translation, theirs_.frame_in_parent.translation)
+        assert np.array_equal(ours_.frame_in_child.rotation, theirs_.frame_in_child.rotation)
+        assert np.array_equal(ours_.frame_in_child.translation, theirs_.frame_in_child.translation)
+        assert _driven_axes(ours_.motion) == _driven_axes(theirs_.motion)
+
+
+@pytest.mark.shared
+def test_muscles_and_their_paths_are_the_published_ones(published: Model) -> None:
+    for ours, theirs in zip(MODEL.muscles, published.muscles, strict=True):
+        assert vars(ours) | {"path": None} == vars(theirs) | {"path": None}
+        for point, other in zip(ours.path.points, theirs.path.points, strict=True):
+            assert (point.body, point.coordinate, point.range) == (other.body, other.coordinate, other.range)
+            assert np.array_equal(point.location, other.location)
+            assert np.array_equal(point.slope, other.slope)
+        for wrap, other_wrap in zip(ours.path.wraps, theirs.path.wraps, strict=True):
+            surface, same = MODEL.surfaces[wrap.surface], published.surfaces[other_wrap.surface]
+            assert wrap.method == other_wrap.method
+            assert (surface.name, surface.body, surface.kind) == (same.name, same.body, same.kind)
+            assert surface.quadrant == same.quadrant
+            assert np.array_equal(surface.dimensions, same.dimensions)
+            assert np.array_equal(surface.placement.rotation, same.placement.rotation)
+            assert np.array_equal(surface.placement.translation, same.placement.translation)
+
+
+@pytest.mark.shared
+def test_constraint_actuators_and_markers_are_the_published_ones(published: Model) -> None:
+    assert MODEL.actuators == published.actuators
+    for ours, theirs in zip(MODEL.constraints, published.constraints, strict=True):
+        assert (ours.name, ours.body_1, ours.body_2) == (theirs.name, theirs.body_1, theirs.body_2)
+        assert np.array_equal([ours.location_1, ours.location_2], [theirs.location_1, theirs.location_2])
+    for marker, other in zip(MODEL.markers, published.markers, strict=True):
+        assert (marker.name, marker.body) == (other.name, other.body)
+        assert np.array_equal(marker.location, other.location)
+
+
+def _driven_axes(motion: AxisMotion | ScapulothoracicMotion) -> list[object]:
+    """What moves, in order; an axis that nothing drives leaves no trace."""
+    if isinstance(motion, ScapulothoracicMotion):
+        return [motion.coordinates, motion.radii.tolist(), motion.winging_origin.tolist(), motion.winging_direction]
+    driven = motion.coordinate >= 0
+    assert not motion.offset[~driven].any()
+    rows = zip(motion.coordinate, motion.axes.tolist(), motion.slope, motion.offset, np.arange(6) // 3, strict=True)
+    return [(int(c), axis, slope, offset, int(kind)) for c, axis, slope, offset, kind in rows if c >= 0]

@@ -1,0 +1,88 @@
+"""Derivatives against finite differences along a true motion: q moves with the rates that belong to u."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.kinematics import Postures, jacobians, points_in_ground, postures, speeds_from_rates
+from solver.model import GROUND, ModelError
+from solver.spatial import rotate, skew_matrix
+
+Array = NDArray[np.float64]
+
+MODEL = bundled_model()
+RANDOM = np.random.default_rng(11)
+Q = MODEL.default_coordinates + 0.3 * RANDOM.normal(size=(6, len(MODEL.coordinates)))
+RATES = RANDOM.normal(size=Q.shape)
+STEP = 1e-5
+
+
+def _moving(time: float, acceleration: Array | float = 0.0) -> Postures:
+    q, rates = Q + time * RATES + time**2 / 2 * acceleration, RATES + time * acceleration
+    return postures(MODEL, q, speeds_from_rates(MODEL, q, rates))
+
+
+def _screws(state: Postures) -> Array:
+    origin_at_ground = state.origin_velocity - np.cross(state.angular_velocity, state.origin_in_ground)
+    return np.concatenate([state.angular_velocity, origin_at_ground], axis=-1)
+
+
+def test_velocities_are_the_derivatives_of_poses() -> None:
+    now, before, after = _moving(0.0), _moving(-STEP), _moving(STEP)
+    velocity = (after.origin_in_ground - before.origin_in_ground) / (2 * STEP)
+    turning = (after.rotation_to_ground - before.rotation_to_ground) / (2 * STEP)
+    spin = turning @ np.swapaxes(now.rotation_to_ground, -1, -2)
+    assert np.allclose(now.origin_velocity, velocity, atol=1e-8)
+    assert np.allclose(skew_matrix(now.angular_velocity), spin, atol=1e-8)
+
+
+def test_accelerations_are_the_derivatives_of_velocities() -> None:
+    acceleration = RANDOM.normal(size=Q.shape)
+    now, before, after = _moving(0.0, acceleration), _moving(-STEP, acceleration), _moving(STEP, acceleration)
+    speed_change = (after.speeds - before.speeds) / (2 * STEP)
+    expected = (_screws(after) - _screws(before)) / (2 * STEP)
+    found = now.bias_acceleration + rotate(jacobians(MODEL, now), speed_change[:, None])
+    assert np.allclose(found, expected, atol=1e-7)
+
+
+def test_jacobians_give_the_velocities_of_all_bodies() -> None:
+    state = _moving(0.0)
+    assert np.allclose(rotate(jacobians(MODEL, state), state.speeds[:, None]), _screws(state), atol=1e-13)
+
+
+def test_the_ground_stays() -> None:
+    state = _moving(0.0)
+    assert np.array_equal(state.rotation_to_ground[:, GROUND], np.broadcast_to(np.eye(3), (len(Q), 3, 3)))
+    assert not jacobians(MODEL, state)[:, GROUND].any()
+
+
+def test_a_shoulder_coordinate_moves_the_arm_and_nothing_before_it() -> None:
+    elevation = MODEL.coordinate_index("shoulder_elv")
+    moved = jacobians(MODEL, _moving(0.0))[..., elevation].any(axis=(0, 2))
+    assert [body.name for body, does in zip(MODEL.bodies, moved, strict=True) if does] == [
+        "humerus",
+        "ulna",
+        "radius",
+        "hand",
+    ]
+
+
+def test_the_scapula_keeps_to_its_ellipsoid() -> None:
+    joint = MODEL.joint("scapulothoracic")
+    state = _moving(0.0)
+    contact = points_in_ground(state, joint.child, joint.frame_in_child.translation)
+    thorax, placement = joint.parent, joint.frame_in_parent
+    in_thorax = rotate(
+        np.swapaxes(state.rotation_to_ground[:, thorax], 1, 2), contact - state.origin_in_ground[:, thorax]
+    )
+    in_joint = (in_thorax - placement.translation) @ placement.rotation
+    radii = np.array([0.0829975, 0.199991, 0.083001])
+    assert np.allclose(((in_joint / radii) ** 2).sum(axis=1), 1.0, atol=1e-12)
+
+
+def test_coordinates_of_the_wrong_number_are_refused() -> None:
+    with pytest.raises(ModelError, match=r"expected q and u of shape \(6, 17\), found \(6, 16\)"):
+        postures(MODEL, Q[:, :16], RATES)
