@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from solver.cuff import CuffParameters
 from solver.dynamics import response_to_loads
@@ -298,6 +297,8 @@ def _figure(value: float, deviated: Array) -> Figure:
 
 def _optimum(rest_lengths: Array, cost: Array) -> Optimum:
     """The lowest point of a cubic spline through the lengths tried, and where it keeps 90 % of the saving."""
+    from scipy.interpolate import CubicSpline  # slow to import, and needed only here
+
     best = int(np.argmin(cost))
     if np.isnan(cost).any() or best in {0, len(cost) - 1}:
         return Optimum(Figure(None), Figure(None), Figure(None))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from solver.model import Model
 
@@ -166,6 +165,8 @@ def _ensure_even_time(path: Path, time: Array) -> None:
 
 
 def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
+    from scipy import signal  # half a second to import, which who only solves should not wait for
+
     padding = 12
     if len(coordinates) <= padding:
         raise MotionError(f"the filter needs more than {padding} frames and the motion has {len(coordinates)}")
