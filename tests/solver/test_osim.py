@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.model import NO_COORDINATE, AxisMotion, Model, ModelError
+from solver.osim import read_osim
+from solver.spatial import rotation_body_fixed_xyz
+from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
+
+CURVES = """<ActiveForceLengthCurve name="length"><minimum_value>0</minimum_value></ActiveForceLengthCurve>
+<ForceVelocityCurve name="speed"/><FiberForceLengthCurve name="passive"/><TendonForceLengthCurve name="tendon"/>"""
+
+STILL_AXES = "".join(
+    f'<TransformAxis name="{name}"><coordinates/><axis>{axis}</axis><Constant><value>0</value></Constant>'
+    "</TransformAxis>"
+    for name, axis in (
+        ("rotation2", "0 1 0"),
+        ("rotation3", "1 0 0"),
+        ("translation1", "1 0 0"),
+        ("translation2", "0 1 0"),
+        ("translation3", "0 0 1"),
+    )
+)
+
+DOOR = f"""<?xml version="1.0" encoding="UTF-8"?>
+<OpenSimDocument Version="40000">
+<Model name="door">
+<gravity>0 0 -9.81</gravity>
+<BodySet name="bodyset"><objects>
+<Body name="leaf">
+<mass>20</mass>
+<mass_center>0.4 0 1</mass_center>
+<inertia>7 8 1 0.1 0.2 0.3</inertia>
+<WrapObjectSet name="wrapobjectset"><objects>
+<WrapCylinder name="hinge">
+<active>true</active>
+<xyz_body_rotation>0.1 0.2 0.3</xyz_body_rotation>
+<translation>0 0 1</translation>
+<quadrant>-y</quadrant>
+<radius>0.02</radius>
+<length>0.1</length>
+</WrapCylinder>
+</objects></WrapObjectSet>
+</Body>
+</objects></BodySet>
+<JointSet name="jointset"><objects>
+<CustomJoint name="swing">
+<socket_parent_frame>frame</socket_parent_frame>
+<socket_child_frame>/bodyset/leaf</socket_child_frame>
+<coordinates>
+<Coordinate name="angle">
+<default_value>0.5</default_value>
+<range>-1 2</range>
+<locked>false</locked>
+<prescribed>false</prescribed>
+</Coordinate>
+</coordinates>
+<frames>
+<PhysicalOffsetFrame name="frame">
+<socket_parent>/ground</socket_parent>
+<translation>1 2 3</translation>
+<orientation>0 0 0.7</orientation>
+</PhysicalOffsetFrame>
+</frames>
+<SpatialTransform>
+<TransformAxis name="rotation1">
+<coordinates>angle</coordinates>
+<axis>0 0 2</axis>
+<LinearFunction name="function"><coefficients>3 0.25</coefficients></LinearFunction>
+</TransformAxis>
+{STILL_AXES}
+</SpatialTransform>
+</CustomJoint>
+</objects></JointSet>
+<ForceSet name="forceset"><objects>
+<Millard2012EquilibriumMuscle name="closer">
+<appliesForce>true</appliesForce>
+<GeometryPath name="path">
+<PathPointSet><objects>
+<PathPoint name="a">
+<socket_parent_frame>/jointset/swing/frame</socket_parent_frame>
+<location>0.1 0 0</location>
+</PathPoint>
+<MovingPathPoint name="b">
+<socket_parent_frame>/bodyset/leaf</socket_parent_frame>
+<socket_x_coordinate>/jointset/swing/angle</socket_x_coordinate>
+<socket_y_coordinate>/jointset/swing/angle</socket_y_coordinate>
+<socket_z_coordinate>/jointset/swing/angle</socket_z_coordinate>
+<x_location><SimmSpline><x>1 3</x><y>0.2 0.6</y></SimmSpline></x_location>
+<y_location><Constant><value>0.3</value></Constant></y_location>
+<z_location>
+<MultiplierFunction><function><LinearFunction><coefficients>1 2</coefficients></LinearFunction></function>
+<scale>0.5</scale></MultiplierFunction>
+</z_location>
+</MovingPathPoint>
+</objects></PathPointSet>
+<PathWrapSet><objects>
+<PathWrap name="wrap"><wrap_object>hinge</wrap_object><method>midpoint</method><range>-1 -1</range></PathWrap>
+</objects></PathWrapSet>
+</GeometryPath>
+<max_isometric_force>500</max_isometric_force>
+<optimal_fiber_length>0.1</optimal_fiber_length>
+<tendon_slack_length>0.2</tendon_slack_length>
+{CURVES}
+</Millard2012EquilibriumMuscle>
+<CoordinateActuator name="motor">
+<min_control>-Inf</min_control>
+<coordinate>angle</coordinate>
+<optimal_force>40</optimal_force>
+</CoordinateActuator>
+</objects></ForceSet>
+<MarkerSet name="markerset"><objects>
+<Marker name="handle"><socket_parent_frame>/bodyset/leaf</socket_parent_frame><location>0.7 0 1</location></Marker>
+</objects></MarkerSet>
+</Model>
+</OpenSimDocument>
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "door.osim"
+
+
+def _read(file: Path, text: str) -> Model:
+    file.write_text(text, encoding="utf-8")
+    return read_osim(file)
+
+
+def test_bodies_carry_mass_and_the_whole_inertia_tensor(file: Path) -> None:
+    leaf = _read(file, DOOR).bodies[1]
+    assert (leaf.name, leaf.mass) == ("leaf", 20.0)
+    assert np.array_equal(leaf.inertia, [[7, 0.1, 0.2], [0.1, 8, 0.3], [0.2, 0.3, 1]])
+
+
+def test_a_joint_axis_is_a_unit_vector_with_the_line_that_drives_it(file: Path) -> None:
+    model = _read(file, DOOR)
+    joint = model.joint("swing")
+    assert (joint.parent, joint.child) == (0, 1)
+    assert np.array_equal(joint.frame_in_parent.translation, [1, 2, 3])
+    assert np.allclose(joint.frame_in_parent.rotation, rotation_body_fixed_xyz([0, 0, 0.7]))
+    assert isinstance(joint.motion, AxisMotion)
+    assert np.array_equal(joint.motion.axes[0], [0, 0, 1])
+    assert joint.motion.coordinate.tolist() == [0] + [NO_COORDINATE] * 5
+    assert (joint.motion.slope[0], joint.motion.offset[0]) == (3.0, 0.25)
+
+
+def test_path_points_in_offset_frames_are_placed_in_their_body(file: Path) -> None:
+    point = _read(file, DOOR).muscles[0].path.points[0]
+    assert point.body == 0
+    assert np.allclose(point.location, [1 + 0.1 * np.cos(0.7), 2 + 0.1 * np.sin(0.7), 3])
+
+
+def test_a_moving_point_is_a_straight_line_over_its_coordinate(file: Path) -> None:
+    point = _read(file, DOOR).muscles[0].path.points[1]
+    assert (point.coordinate, point.range) == (0, (-1.0, 2.0))
+    assert np.allclose(point.location, [0.0, 0.3, 1.0])
+    assert np.allclose(point.slope, [0.2, 0.0, 0.5])
+
+
+def test_surfaces_actuators_and_markers(file: Path) -> None:
+    model = _read(file, DOOR)
+    surface = model.surfaces[model.muscles[0].path.wraps[0].surface]
+    assert (surface.name, surface.kind, surface.quadrant) == ("hinge", "cylinder", "-y")
+    assert surface.dimensions.tolist() == [0.02, 0.02, 0.1]
+    assert np.allclose(surface.placement.rotation, rotation_body_fixed_xyz([0.1, 0.2, 0.3]))
+    assert model.actuators[0].optimal_force == 40.0
+    assert model.marker("handle").location.tolist() == [0.7, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("WrapCylinder", "WrapTorus", "line 11: WrapTorus hinge is a wrap object the solver does not have"),
+        ("-y</quadrant>", "+z</quadrant>", "WrapCylinder hinge has the quadrant"),
+        ("CustomJoint", "PinJoint", "line 23: PinJoint swing is a joint the solver does not have"),
+        ("Constant>", "PiecewiseConstantFunction>", "PiecewiseConstantFunction is not a function the solver has"),
+        ("MovingPathPoint", "ConditionalPathPoint", "ConditionalPathPoint b is a path point the solver does not have"),
+        ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "Thelen2003Muscle closer is a force the solver does not"),
+        (">midpoint<", ">spiral<", "PathWrap wrap has the method spiral"),
+        ("<range>-1 -1</range>", "<range>1 2</range>", "PathWrap wrap wraps only a range of points"),
+        ("<locked>false", "<locked>true", "Coordinate angle has <locked> true; the solver has only false"),
+        ("<min_control>-Inf", "<min_control>-1", "CoordinateActuator motor has <min_control> -1"),
+        ("<minimum_value>0<", "<minimum_value>0.1<", "minimum_value of length is 0.1; the solver's curve has 0.0"),
+        ("<minimum_value>0</minimum_value>", "", "ActiveForceLengthCurve length has no <minimum_value>"),
+        ("<x>1 3</x>", "<x>1 2 3</x>", "SimmSpline is not a function the solver has"),
+        ("angle</socket_y_coordinate>", "other</socket_y_coordinate>", "MovingPathPoint b follows several coordinates"),
+        ("/jointset/swing/frame<", "/jointset/swing/hook<", "names an unknown frame /jointset/swing/hook"),
+        ("<coordinate>angle", "<coordinate>width", "CoordinateActuator motor names an unknown coordinate width"),
+        ("<wrap_object>hinge", "<wrap_object>knob", "PathWrap wrap names an unknown wrap object knob"),
+        ("<mass>20<", "<mass>heavy<", "mass should hold numbers, not 'heavy'"),
+        ("<mass_center>0.4 0 1<", "<mass_center>0.4 0<", "mass_center should hold 3 numbers, not 2"),
+        ("<mass>20</mass>", "", "line 6: Body leaf has no <mass>"),
+        ('Version="40000"', 'Version="30000"', "OpenSimDocument is not an OpenSim 4 document"),
+        (
+            "</Model>",
+            '<ControllerSet><objects><PrescribedController name="plan"/></objects></ControllerSet></Model>',
+            "PrescribedController plan is not something the solver has",
+        ),
+        (
+            "</Model>",
+            '<ConstraintSet><objects><WeldConstraint name="lock"/></objects></ConstraintSet></Model>',
+            "WeldConstraint lock is a constraint the solver does not have",
+        ),
+    ],
+)
+def test_what_the_solver_lacks_is_refused_by_name_and_line(file: Path, old: str, new: str, complaint: str) -> None:
+    assert old in DOOR
+    with pytest.raises(ModelError) as refusal:
+        _read(file, DOOR.replace(old, new))
+    assert complaint in str(refusal.value)
+    assert str(refusal.value).startswith("door.osim, line ")
+
+
+def test_a_body_without_a_joint_is_refused(file: Path) -> None:
+    loose = '<Body name="mat"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia></Body>'
+    with pytest.raises(ModelError, match="Model door has no joint for body mat"):
+        _read(file, DOOR.replace("</objects></BodySet>", f"{loose}</objects></BodySet>"))
+
+
+def test_a_file_that_is_no_xml_and_one_that_is_not_there_are_refused(file: Path) -> None:
+    with pytest.raises(ModelError, match=r"door.osim is not a model: not well-formed XML in line 1"):
+        _read(file, "time,angle\n0,1\n")
+    with pytest.raises(ModelError, match=r"cannot read the model .*absent.osim"):
+        read_osim(file.with_name("absent.osim"))
+
+
+@pytest.mark.shared
+def test_the_loaded_model_differs_in_the_hand_only() -> None:
+    bare, loaded = read_osim(NO_WEIGHT), read_osim(TWO_KILOGRAM_WEIGHT)
+    heavier = [
+        b.name
+        for a, b in zip(bare.bodies, loaded.bodies, strict=True)
+        if (a.mass, a.inertia.tolist()) != (b.mass, b.inertia.tolist())
+    ]
+    assert heavier == ["hand"]
+    assert loaded.bodies[-1].mass == pytest.approx(bare.bodies[-1].mass + 2.0, abs=1e-12)
+    assert bare.muscle_names == loaded.muscle_names
