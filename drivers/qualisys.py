@@ -331,9 +331,13 @@ class _Conversation:
 
     async def _relabel(self) -> None:
         try:
-            self._blocks.labels, _ = await self._ask_parameters()
+            labels, _ = await self._ask_parameters()
         except Exception as error:
             self.inbox.end(f"{self._name} changed its settings and did not tell its labels again ({error})")
+            return
+        if set(self.streams[0].labels) - set(labels):
+            self._say("labels_lost", f"{self._name} has {', '.join(labels)} only; what it lost is recorded as missing")
+        self._blocks.labels = labels
         self._deliver()
 
     def _on_unreadable(self, what: str) -> None:

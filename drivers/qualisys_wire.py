@@ -134,6 +134,7 @@ class MarkerBlocks:
         self._waiting: list[Frame] = []
         self._arrived_ns = 0
         self._last: Frame | None = None
+        self._fits = True
 
     @property
     def has_frames(self) -> bool:
@@ -153,7 +154,9 @@ class MarkerBlocks:
         block: list[Frame] = []
         for frame in waiting:
             if len(frame.points) != 16 * len(self.labels):
-                continue  # its number will be missing
+                items += self._misfit(frame, len(self.labels))
+                continue
+            self._fits = True
             notice = self._notice(frame)
             if notice is not None:
                 items += [*self._block(block), notice]
@@ -161,6 +164,15 @@ class MarkerBlocks:
             block.append(frame)
             self._last = frame
         return [*items, *self._block(block)]
+
+    def _misfit(self, frame: Frame, expected: int) -> list[Item]:
+        """What there is to say of a frame without place for its markers, once in a row; its number will be missing."""
+        did_fit, self._fits = self._fits, False
+        found = len(frame.points) // 16
+        text = (
+            f"{self._source} sent frame {frame.number} with {found} markers, expected the {expected} it has labels for"
+        )
+        return [Event("unreadable_packet", text, self._arrived_ns, self._source)] if did_fit else []
 
     def _notice(self, frame: Frame) -> Item | None:
         """What there is to say before this frame."""

@@ -27,7 +27,7 @@ VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
 MOST_CLIENTS = 10
 MOST_UNSENT_BYTES = 8_000_000  # a client further behind loses frames, as in QTM
 LONGEST_COMMAND_BYTES = 65_536
-TICK_S = 0.004  # wall
+TICK_S = 0.008  # wall
 MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
 
 

@@ -2,6 +2,9 @@
 
 Time is world time: seconds since the world began, running `speed` times as fast as the wall clock. The mocap
 system's crystal is the world's clock; a DAQ has its own (settings.daq_clock).
+
+Does not imitate: creep, stiffening and anisotropy of the tissue, skin that moves under the anchor's markers, ghost
+markers, friction of the pulley, drift and lag of the amplifier, the person between two trials.
 """
 
 from __future__ import annotations
@@ -83,8 +86,7 @@ class World:
     def cell_force(self, t: Floats) -> Floats:
         """(n,) [N] on the load cell at world times t (n,), without noise."""
         with self._lock:
-            self._live(float(t.max()))
-            return self._pull.at(t)[:, 2]
+            return self._moved(t)[:, 2]
 
     def amplifier_voltage(self, t: Floats) -> Floats:
         """(n,) [V] at the load cell's amplifier at t (n,), with its zero and its noise."""
@@ -108,8 +110,7 @@ class World:
     def markers(self, t: Floats) -> Floats:
         """(n, labels, 3) [mm] in the laboratory at t (n,), as the cameras see them; NaN where a marker is hidden."""
         with self._lock:
-            self._live(float(t.max()))
-            return self._cloud.seen(t, self._pull.at(t)[:, 0])
+            return self._cloud.seen(t, self._moved(t)[:, 0])
 
     # The mocap system's capture
 
@@ -126,6 +127,7 @@ class World:
             self._live(self.now())
             if self._is_capturing:
                 raise ValueError("a capture is running; stop it before starting another")
+            self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
             self._capture = Capture(number, self._seen, self._pull.begin(self._seen), self._trial)
             self._is_capturing = True
@@ -165,6 +167,7 @@ class World:
         """What a fit should find: the parameters by cuff, and how far each has slipped since it was donned [m]."""
         with self._lock:
             self._live(self.now())
+            self._pull.advance(self._seen)
             self._slips[self._trial.cuff] = self._pull.slip
             cuffs = {name: cuff.model_dump() for name, cuff in self.settings.cuffs.items()}
             return {"cuffs": cuffs, "slip_m": dict(self._slips)}
@@ -183,15 +186,21 @@ class World:
 
     # Everything below is called with the lock held
 
+    def _moved(self, t: Floats) -> Floats:
+        """(n, 3) at t (n,): displacement [m], slip [m], load [N]."""
+        until = float(t.max())
+        self._live(until)
+        self._pull.advance(until)
+        return self._pull.at(t)
+
     def _live(self, until: float) -> None:
-        """Lets everything happen that happens up to `until`: physics, the capture's end, the next trial."""
+        """Up to `until`, the capture may end and the next trial be set up."""
         self._seen = max(self._seen, until)
         if self._is_capturing and self._capture is not None and self._capture.end <= until:
             self._pull.advance(self._capture.end)
             self._is_capturing = False
             following = self._trial if self._plan is None else next(self._plan)
             self._set_up(following, is_donning=following.cuff != self._trial.cuff)
-        self._pull.advance(until)
 
     def _set_up(self, trial: Trial, is_donning: bool) -> None:
         self._slips[self._trial.cuff] = self._pull.slip

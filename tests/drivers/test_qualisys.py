@@ -318,18 +318,37 @@ def test_packets_that_arrive_in_pieces_are_put_together() -> None:
         assert numbers(received(device, 3)) == [1, 2, 3]
 
 
+def relabelling(parameters: bytes) -> Callable[[bytes], bytes]:
+    """A QTM that answers otherwise when it is asked for its settings again."""
+    replies = iter([PARAMETERS, parameters])
+    return lambda command: packet(XML, next(replies)) if command.startswith(b"getparameters") else proper(command)
+
+
 def test_when_qtm_reorders_its_labels_every_marker_keeps_its_name() -> None:
-    asked: list[bytes] = []
-
-    def answer(command: bytes) -> bytes:
-        asked.append(command)
-        again = len([c for c in asked if c.startswith(b"getparameters")]) > 1
-        return packet(XML, SWAPPED) if command.startswith(b"getparameters") and again else proper(command)
-
-    with OtherQtm(answer) as qtm, opened(driver(qtm.port)) as device:
+    with OtherQtm(relabelling(SWAPPED)) as qtm, opened(driver(qtm.port)) as device:
         swapped = frame(2, (2, 0, 0, 0.5), (1, 0, 0, 0.5))
         qtm.send(packet(EVENT, SETTINGS_CHANGED) + swapped)
-        assert values(received(device, 2))[:, :, 0].tolist() == [[1, 2], [1, 2]]
+        items = received(device, 2)
+    assert values(items)[:, :, 0].tolist() == [[1, 2], [1, 2]]
+    assert not any(is_event(item, "labels_lost") for item in items)
+
+
+def test_a_label_that_qtm_loses_is_missing_from_then_on_and_said_to_be() -> None:
+    only_b = PARAMETERS.replace(b"<Label><Name>a</Name></Label>", b"")
+    with OtherQtm(relabelling(only_b)) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(packet(EVENT, SETTINGS_CHANGED) + frame(2, (2, 0, 0, 0.5)))
+        items = received(device, 2)
+    assert np.isnan(values(items)[1]).tolist() == [[True] * 4, [False] * 4]
+    assert any(is_event(item, "labels_lost") for item in items)
+
+
+def test_a_frame_with_another_number_of_markers_than_labels_is_told_and_missing() -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        odd = (1.0, 0.0, 0.0, 0.5)
+        qtm.send(frame(2, odd, odd, odd) + frame(3, odd, odd, odd) + two(4))
+        items = received(device, 2)
+    assert sum(is_event(item, "unreadable_packet") for item in items) == 1
+    assert [(item.first_missing, item.count) for item in items if isinstance(item, Loss)] == [(2, 2)]
 
 
 def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
