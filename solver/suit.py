@@ -8,6 +8,7 @@ by that much. The waist cuff is anchored to the thorax: the model has no pelvis.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -157,7 +158,7 @@ def suit_forces(
     suit: Suit,
     line: CordLine,
     rest_lengths: Array,
-    cuffs: tuple[CuffParameters | None, CuffParameters | None] = (None, None),
+    cuffs: Sequence[CuffParameters | None] = (None, None),
     *,
     is_shifted: bool = False,
     yields: bool = False,
@@ -166,8 +167,9 @@ def suit_forces(
 
     cuffs are those at waist and arm, None a rigid one; is_shifted moves them by their migration, yields lets them give
     way. The rates of cuffs and cord are backward differences, zero in the first frame, as published. Raises SuitError
-    where a cuff does not find its equilibrium.
+    where a cuff is no spring or does not find its equilibrium.
     """
+    _ensure_springs(cuffs)
     migration = np.array([cuff.migration if cuff and is_shifted else 0.0 for cuff in cuffs])
     stiffness = np.array([cuff.stiffness if cuff and yields else np.inf for cuff in cuffs])
     span = line.shoulder[:, None] - line.anchors
@@ -242,6 +244,15 @@ def _vector(value: Any, where: str) -> Array:
     if not (isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value)):
         raise SuitError(f"the suit's {where} should be three numbers and is {value!r}; correct it")
     return np.array(value, dtype=float)
+
+
+def _ensure_springs(cuffs: Sequence[CuffParameters | None]) -> None:
+    for cuff in cuffs:
+        if cuff and not (0 < cuff.stiffness < np.inf and np.isfinite([cuff.damping, cuff.migration]).all()):
+            raise SuitError(
+                f"the cuff {cuff.name} should have a stiffness above 0 and finite damping and migration and has "
+                f"{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; fit it again or leave it out"
+            )
 
 
 def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:

@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
-from solver.suit import BUNDLED_SUIT, CordLine, SuitError, read_suit, suit_forces
+from solver.kinematics import postures
+from solver.model import ModelError
+from solver.suit import BUNDLED_SUIT, CordLine, SuitError, cord_line, read_suit, suit_forces, with_suit_masses
 
+MODEL = bundled_model()
 SUIT = read_suit()
 ARM = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
 WAIST = CuffParameters("waist", "waist", stiffness=2140.0, damping=124.0, migration=0.012)
@@ -147,6 +151,48 @@ def test_the_bundled_suit_is_the_published_one_where_it_was_published():
         square = inner**2 + (inner + 0.002) ** 2
         along, across = 0.2 * square / 2, 0.2 * (3 * square + height**2) / 12
         np.testing.assert_allclose(masses[body].inertia, [across, along, across], rtol=1e-3)
+
+
+def test_the_suits_masses_move_the_bodies_centres_and_resist_turning():
+    bare, worn = MODEL, with_suit_masses(MODEL, SUIT)
+    humerus, thorax = MODEL.body_index("humerus"), MODEL.body_index("thorax")
+    assert worn.bodies[humerus].mass - bare.bodies[humerus].mass == pytest.approx(0.2)
+    assert worn.bodies[thorax].mass - bare.bodies[thorax].mass == pytest.approx(0.4)
+    # about the body's origin, inertias simply add up
+    arm = SUIT.masses[2]
+    added = _about_origin(worn.bodies[humerus]) - _about_origin(bare.bodies[humerus])
+    offset = arm.center
+    expected = np.diag(arm.inertia) + arm.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    np.testing.assert_allclose(added, expected, atol=1e-12)
+
+
+def _about_origin(body):
+    c = body.mass_center
+    return body.inertia + body.mass * (c @ c * np.eye(3) - np.outer(c, c))
+
+
+def test_the_cords_points_ride_on_their_bodies():
+    q = np.tile(MODEL.default_coordinates, (2, 1))
+    q[1, MODEL.coordinate_index("shoulder_elv")] += 1.0
+    line = cord_line(SUIT, MODEL, postures(MODEL, q, np.zeros_like(q)), interval=0.1)
+    np.testing.assert_allclose(line.shoulder[0], line.shoulder[1])
+    np.testing.assert_allclose(line.anchors[0, 0], line.anchors[1, 0])
+    assert line.length[1] < line.length[0]  # the raised arm gives the cord slack
+    apart = np.linalg.norm(SUIT.waist.location - SUIT.shoulder.location)
+    np.testing.assert_allclose(np.linalg.norm(line.anchors[:, 0] - line.shoulder, axis=1), apart)
+
+
+def test_a_point_on_an_unknown_body_is_named():
+    lost = replace(SUIT, waist=replace(SUIT.waist, body="pelvis"))
+    q = MODEL.default_coordinates[None]
+    with pytest.raises(ModelError, match="no body pelvis"):
+        cord_line(lost, MODEL, postures(MODEL, q, 0 * q), interval=0.1)
+
+
+@pytest.mark.parametrize("broken", [{"stiffness": -3.0}, {"stiffness": 0.0}, {"damping": np.nan}])
+def test_a_cuff_that_is_no_spring_is_refused(line, broken):
+    with pytest.raises(SuitError, match="the cuff hand should have a stiffness above 0"):
+        suit_forces(SUIT, line, REST_LENGTHS, (WAIST, replace(ARM, **broken)), yields=True)
 
 
 @pytest.mark.parametrize(
