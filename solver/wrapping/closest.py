@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
+
 from solver.wrapping.segment import ROUND_OFF
-from solver.wrapping.vectors import Vector, compiled
+from solver.wrapping.vectors import Array, Vector, compiled
 
 STOP = 1e-9
 MOST_ITERATIONS = 64
@@ -61,6 +63,29 @@ def closest_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, f
 
 
 @compiled
+def multipliers(a: Vector, points: Array) -> Array:
+    """For each of points (3, n), away from the coordinate planes, the t with which a² x / (t + a²) is closest.
+
+    All points take their Newton steps together, so that the compiler can put several into one instruction.
+    """
+    aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
+    t = np.empty(points.shape[1])
+    for i in range(t.size):
+        t[i] = _first_multiplier(a, points[0, i], points[1, i], points[2, i])
+    for _ in range(MOST_ITERATIONS):
+        unfinished = 0
+        for i in range(t.size):
+            u, v, w = points[0, i], points[1, i], points[2, i]
+            f, slope = _condition(t[i], aa, bb, cc, aa * (u * u), bb * (v * v), cc * (w * w))
+            is_close = abs(f) < STOP
+            unfinished += 0 if is_close else 1
+            t[i] -= 0.0 if is_close else f / slope
+        if unfinished == 0:
+            break
+    return t
+
+
+@compiled
 def _closest_from_an_axis(across: float, along: float, v: float) -> tuple[float, float]:
     """From (0, v) on an axis of the ellipse: (coordinate across that axis, coordinate along it)."""
     if across >= along or abs(v) >= along - across * across / along:
@@ -84,17 +109,27 @@ def _flat_axis(a: Vector, point: Vector) -> int:
 def _closest_in_space(a: Vector, point: Vector) -> Vector:
     u, v, w = point
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
-    aauu, bbvv, ccww = aa * (u * u), bb * (v * v), cc * (w * w)
-    is_inside = (u / a[0]) * (u / a[0]) + (v / a[1]) * (v / a[1]) + (w / a[2]) * (w / a[2]) < 1.0
-    t = 0.0 if is_inside else max(a[0], a[1], a[2]) * sqrt(u * u + v * v + w * w)
-    P, Q, R = t + aa, t + bb, t + cc
+    t = _first_multiplier(a, u, v, w)
     for _ in range(MOST_ITERATIONS):
-        P, Q, R = t + aa, t + bb, t + cc
-        PP, QQ, RR = P * P, Q * Q, R * R
-        f = PP * QQ * RR - aauu * QQ * RR - bbvv * PP * RR - ccww * PP * QQ
+        f, slope = _condition(t, aa, bb, cc, aa * (u * u), bb * (v * v), cc * (w * w))
         if abs(f) < STOP:
             break
-        PQ, PR, QR = P * Q, P * R, Q * R
-        slope = PQ * R * (QR + PR + PQ) - aauu * QR * (Q + R) - bbvv * PR * (P + R) - ccww * PQ * (P + Q)
-        t -= f / (2.0 * slope)
-    return aa * u / P, bb * v / Q, cc * w / R
+        t -= f / slope
+    return aa * u / (t + aa), bb * v / (t + bb), cc * w / (t + cc)
+
+
+@compiled
+def _first_multiplier(a: Vector, u: float, v: float, w: float) -> float:
+    is_inside = (u / a[0]) * (u / a[0]) + (v / a[1]) * (v / a[1]) + (w / a[2]) * (w / a[2]) < 1.0
+    return 0.0 if is_inside else max(a[0], a[1], a[2]) * sqrt(u * u + v * v + w * w)
+
+
+@compiled
+def _condition(t: float, aa: float, bb: float, cc: float, aauu: float, bbvv: float, ccww: float) -> tuple[float, float]:
+    """Zero where a² x / (t + a²) is on the ellipsoid, and its derivative; the terms in OpenSim's order."""
+    P, Q, R = t + aa, t + bb, t + cc
+    PP, QQ, RR = P * P, Q * Q, R * R
+    PQ, PR, QR = P * Q, P * R, Q * R
+    f = PP * QQ * RR - aauu * QQ * RR - bbvv * PP * RR - ccww * PP * QQ
+    slope = PQ * R * (QR + PR + PQ) - aauu * QR * (Q + R) - bbvv * PR * (P + R) - ccww * PQ * (P + Q)
+    return f, 2.0 * slope

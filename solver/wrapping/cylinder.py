@@ -26,7 +26,7 @@ from solver.wrapping.vectors import (
 )
 
 AXIS = (0.0, 0.0, 1.0)
-SPIRAL_STEP = 0.002
+PIECE = 0.002
 SMOOTH_ENOUGH = radians(0.1)
 MOST_ADJUSTMENTS = 100
 OVERSHOOT = 1.5
@@ -149,36 +149,39 @@ def _spiral(
     start: Vector, end: Vector, r1: Vector, r2: Vector, radius: float, is_long: bool, is_alone: bool
 ) -> tuple[Vector, Vector, float]:
     """The tangent points slid until the tangents run into the spiral, and the spiral's length."""
-    sense = -1.0 if is_long else 1.0
-    angle, rise, length = _unrolled(r1, r2, radius, is_long)
+    angle = atan2(r1[0] * r2[1] - r1[1] * r2[0], r1[0] * r2[0] + r1[1] * r2[1])
+    if is_long:
+        angle = 2.0 * pi - angle
+    rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
+    pieces, step, first, last = 0, 0.0, r1, r1
     for _ in range(0 if is_alone else MOST_ADJUSTMENTS):
-        if not length / SPIRAL_STEP >= 2.0:
+        if not length / PIECE >= 2.0:
             break
-        step = 1.0 / int(length / SPIRAL_STEP)
-        r1, moved_1 = _adjust(start, r1, _turn(r1, sense * step * angle, step * rise))
-        # As OpenSim does: the spiral already starts at the moved r1, its angle and rise are still the old ones.
-        r2, moved_2 = _adjust(end, r2, _turn(r1, sense * (1.0 - step) * angle, (1.0 - step) * rise))
-        if not (moved_1 or moved_2):
+        if int(length / PIECE) != pieces:
+            pieces = int(length / PIECE)
+            step = 1.0 / pieces
+            first, last = _turned(r1, step * angle, is_long), _turned(r1, (1.0 - step) * angle, is_long)
+        r1, has_moved_1 = _adjust(start, r1, (first[0], first[1], r1[2] + step * rise))
+        # As OpenSim does: the spiral already starts at the moved r1, its rise is still the old one.
+        r2, has_moved_2 = _adjust(end, r2, (last[0], last[1], r1[2] + (1.0 - step) * rise))
+        if not (has_moved_1 or has_moved_2):
             break
-        angle, rise, length = _unrolled(r1, r2, radius, is_long)
+        rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
     return r1, r2, length
 
 
 @compiled
-def _unrolled(r1: Vector, r2: Vector, radius: float, is_long: bool) -> tuple[float, float, float]:
-    """Angle, rise and length of the spiral from r1 to r2."""
-    angle = atan2(r1[0] * r2[1] - r1[1] * r2[0], r1[0] * r2[0] + r1[1] * r2[1])
-    if is_long:
-        angle = 2.0 * pi - angle
-    rise = r2[2] - r1[2]
-    return angle, rise, sqrt((radius * angle) * (radius * angle) + rise * rise)
+def _spiral_length(arc: float, rise: float) -> float:
+    return sqrt(arc * arc + rise * rise)
 
 
 @compiled
 def _adjust(point: Vector, tangent: Vector, spiral: Vector) -> tuple[Vector, bool]:
     """Slide `tangent` along the axis if the line from `point` kinks there before it goes on to `spiral`."""
-    arriving, leaving = unit(subtract(tangent, point)), unit(subtract(spiral, tangent))
-    if not abs(acos(arriving[2]) - acos(leaving[2])) > SMOOTH_ENOUGH:
+    arriving, leaving = unit(subtract(tangent, point))[2], unit(subtract(spiral, tangent))[2]
+    # The angles differ by at least as much as their cosines, which spares most of the arc cosines.
+    is_kinked = abs(arriving - leaving) > 1.001 * SMOOTH_ENOUGH or abs(acos(arriving) - acos(leaving)) > SMOOTH_ENOUGH
+    if not is_kinked:
         return tangent, False
     low, high = (tangent[0], tangent[1], point[2]), (tangent[0], tangent[1], spiral[2])
     _, _, straight = nearest_on_lines(point, spiral, low, high)
@@ -188,9 +191,9 @@ def _adjust(point: Vector, tangent: Vector, spiral: Vector) -> tuple[Vector, boo
 
 
 @compiled
-def _turn(point: Vector, angle: float, rise: float) -> Vector:
-    c, s = cos(angle), sin(angle)
-    return (c * point[0] - s * point[1], s * point[0] + c * point[1], point[2] + rise)
+def _turned(point: Vector, angle: float, is_backwards: bool) -> Vector:
+    c, s = cos(angle), -sin(angle) if is_backwards else sin(angle)
+    return c * point[0] - s * point[1], s * point[0] + c * point[1], point[2]
 
 
 @compiled
