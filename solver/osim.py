@@ -43,6 +43,8 @@ def read_osim(path: str | FilePath) -> Model:
     return _ModelReader(document.child("Model")).model()
 
 
+_FORCES = ("Millard2012EquilibriumMuscle", "CoordinateActuator")
+
 # The solver has one shape of each curve (muscle.py). It is what OpenSim takes where a file is silent, but for
 # minimum_value, which therefore must be written.
 _CURVES = {
@@ -107,8 +109,8 @@ class _ModelReader:
         self.surface_index = {surface.name: index for index, surface in enumerate(surfaces)}
         forces = element.objects("ForceSet")
         for force in forces:
-            if force.tag not in ("Millard2012EquilibriumMuscle", "CoordinateActuator"):
-                raise force.refusal("is a force the solver does not have")
+            if force.tag not in _FORCES:
+                raise force.unsupported("force", ", ".join(_FORCES))
             force.require("appliesForce", "true")
         return Model(
             name=element.name,
@@ -126,7 +128,7 @@ class _ModelReader:
     def add_offset_frames(self, offsets: list[Element], owner: str) -> None:
         for offset in offsets:
             if offset.tag != "PhysicalOffsetFrame":
-                raise offset.refusal("is a component the solver does not have")
+                raise offset.unsupported("component", "PhysicalOffsetFrame")
             path = f"{owner}/{offset.name}"
             parent = self.frame(offset, "socket_parent", path)
             rotation = rotation_body_fixed_xyz(offset.numbers("orientation", 3, "0 0 0"))
@@ -183,7 +185,7 @@ class _ModelReader:
                 winging_origin=element.numbers("scapula_winging_axis_origin", 2),
                 winging_direction=element.number("scapula_winging_axis_direction"),
             )
-        raise element.refusal("is a joint the solver does not have")
+        raise element.unsupported("joint", "CustomJoint, ScapulothoracicJoint, WeldJoint")
 
     def axis_motion(self, element: Element, axes: list[Element]) -> AxisMotion:
         expected = [f"{kind}{number}" for kind in ("rotation", "translation") for number in (1, 2, 3)]
@@ -220,7 +222,7 @@ class _ModelReader:
 
     def constraint(self, element: Element) -> PointConstraint:
         if element.tag != "PointConstraint":
-            raise element.refusal("is a constraint the solver does not have")
+            raise element.unsupported("constraint", "PointConstraint")
         element.require("isEnforced", "true")
         body_1, location_1 = self.station(element, "socket_body_1", "location_body_1")
         body_2, location_2 = self.station(element, "socket_body_2", "location_body_2")
@@ -259,7 +261,7 @@ class _ModelReader:
             body, location = self.station(element, "socket_parent_frame", "location")
             return PathPoint(body, location, np.zeros(3), NO_COORDINATE, (-np.inf, np.inf))
         if element.tag != "MovingPathPoint":
-            raise element.refusal("is a path point the solver does not have")
+            raise element.unsupported("path point", "PathPoint, MovingPathPoint")
         frame = self.frame(element, "socket_parent_frame")
         drivers = {element.child(f"socket_{axis}_coordinate").text for axis in "xyz"}
         if len(drivers) != 1:
@@ -305,7 +307,7 @@ _SIDES = {
 
 def _surface(body: int, element: Element) -> WrapSurface:
     if element.tag not in _SIDES:
-        raise element.refusal("is a wrap object the solver does not have")
+        raise element.unsupported("wrap object", ", ".join(_SIDES))
     element.require("active", "true")
     quadrant = element.word("quadrant", "all")
     if quadrant not in _SIDES[element.tag]:
@@ -334,7 +336,7 @@ def _line(holder: Element) -> tuple[float, float]:
         slope = (y1 - y0) / (x1 - x0)
         offset = y0 - slope * x0
     else:
-        raise function.refusal("is not a function the solver has: Constant, LinearFunction, SimmSpline with two knots")
+        raise function.unsupported("function", "Constant, LinearFunction, SimmSpline with two knots")
     return float(scale * slope), float(scale * offset)
 
 

@@ -37,6 +37,9 @@ class Element:
         title = f"{self.tag} {self.name}".strip()
         return ModelError(f"{self.file.name}, line {self.line}: {title} {complaint}")
 
+    def unsupported(self, kind: str, supported: str) -> ModelError:
+        return self.refusal(f"is a {kind} the solver does not have; replace it ({supported}) or remove it")
+
     def find(self, tag: str) -> Element | None:
         return next((child for child in self.children if child.tag == tag), None)
 

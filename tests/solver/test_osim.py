@@ -176,8 +176,12 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
     [
         ("WrapCylinder", "WrapTorus", "line 11: WrapTorus hinge is a wrap object the solver does not have"),
         ("-y</quadrant>", "+z</quadrant>", "WrapCylinder hinge has the quadrant"),
-        ("CustomJoint", "PinJoint", "line 23: PinJoint swing is a joint the solver does not have"),
-        ("Constant>", "PiecewiseConstantFunction>", "PiecewiseConstantFunction is not a function the solver has"),
+        (
+            "CustomJoint",
+            "PinJoint",
+            "line 23: PinJoint swing is a joint the solver does not have; replace it (CustomJoint",
+        ),
+        ("Constant>", "PiecewiseConstantFunction>", "PiecewiseConstantFunction is a function the solver does not have"),
         ("MovingPathPoint", "ConditionalPathPoint", "ConditionalPathPoint b is a path point the solver does not have"),
         ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "Thelen2003Muscle closer is a force the solver does not"),
         (">midpoint<", ">spiral<", "PathWrap wrap has the method spiral"),
@@ -186,7 +190,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ("<min_control>-Inf", "<min_control>-1", "CoordinateActuator motor has <min_control> -1"),
         ("<minimum_value>0<", "<minimum_value>0.1<", "minimum_value of length is 0.1; the solver's curve has 0.0"),
         ("<minimum_value>0</minimum_value>", "", "ActiveForceLengthCurve length has no <minimum_value>"),
-        ("<x>1 3</x>", "<x>1 2 3</x>", "SimmSpline is not a function the solver has"),
+        ("<x>1 3</x>", "<x>1 2 3</x>", "SimmSpline is a function the solver does not have"),
         ("angle</socket_y_coordinate>", "other</socket_y_coordinate>", "MovingPathPoint b follows several coordinates"),
         ("/jointset/swing/frame<", "/jointset/swing/hook<", "names an unknown frame /jointset/swing/hook"),
         ("<coordinate>angle", "<coordinate>width", "CoordinateActuator motor names an unknown coordinate width"),
