@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kinematics import Postures, jacobians, points_in_ground
-from solver.model import Model, PointConstraint
+from solver.model import Model, ModelError, PointConstraint
 from solver.muscle import MuscleForces
 from solver.paths import PathState
 from solver.spatial import rotate, skew_matrix
 
 Array = NDArray[np.float64]
+
+_SINGULAR = 1e14  # greatest element of a matrix times that of its inverse; the arm reaches 1e6, odd postures 1e10
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,10 @@ class ResponseMaps:
 
 
 def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "GlenoHumeral") -> EquationsOfMotion:
-    """The equations at a batch of postures, factored; nothing of them depends on muscles or other loads."""
+    """The equations at a batch of postures, factored; nothing of them depends on muscles or other loads.
+
+    ModelError where the mass matrix or the constraints are singular, or the model has no such joint.
+    """
     inertia = _Inertia.of(model, state)
     spin, center = inertia.spin_jacobian, inertia.center_jacobian
     mass_matrix = _sum_over_bodies(spin, inertia.tensor @ spin)
@@ -83,9 +88,9 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     bias_force = np.einsum("fbij,fbi->fj", spin, inertia.moment) + np.einsum("fbij,fbi->fj", center, inertia.force)
     jacobian, bias = _constraints(model, state, inertia.jacobians)
 
-    inverse = _inverse(mass_matrix)
+    inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
     inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
-    stiffness = _inverse(jacobian @ inverse_times)
+    stiffness = _inverse(jacobian @ inverse_times, f"the constraints of {model.name}, of which one may be redundant,")
     gain = inverse_times @ stiffness
     mobility = inverse - gain @ np.swapaxes(inverse_times, 1, 2)
     acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
@@ -232,8 +237,14 @@ def _sum_over_bodies(left: Array, right: Array) -> Array:
     return product
 
 
-def _inverse(matrix: Array) -> Array:
-    inverse: Array = np.linalg.inv(matrix)  # type: ignore[assignment]
+def _inverse(matrix: Array, whose: str) -> Array:
+    try:
+        inverse: Array = np.linalg.inv(matrix)  # type: ignore[assignment]
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(matrix, np.inf)
+    magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
+    if np.any(magnified > _SINGULAR):
+        raise ModelError(f"{whose} cannot be solved for: singular in at least one of {len(matrix)} postures")
     return inverse
 
 

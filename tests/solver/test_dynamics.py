@@ -3,12 +3,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.dynamics import equations_of_motion, multipliers, response_maps, response_to_loads
 from solver.kinematics import Postures, points_in_ground, postures, speeds_from_rates
-from solver.model import Model
+from solver.model import Model, ModelError
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
 from solver.spatial import rotate, wrench_about_origin
@@ -90,6 +91,21 @@ def test_without_constraints_the_mass_matrix_alone_resists() -> None:
     free = equations_of_motion(replace(MODEL, constraints=()), STATE)
     assert free.constraint_jacobian.shape == (FRAMES, 0, len(MODEL.coordinates))
     assert np.allclose(rotate(free.mass_matrix, free.acceleration_unloaded), -free.bias_force, atol=1e-10)
+
+
+def test_a_doubled_constraint_is_named() -> None:
+    doubled = replace(MODEL, constraints=MODEL.constraints * 2)
+    with pytest.raises(ModelError, match="the constraints of thoracoscapular, of which one may be redundant"):
+        equations_of_motion(doubled, STATE)
+
+
+def test_a_moving_body_without_mass_is_named() -> None:
+    hand, radius = MODEL.body_index("hand"), MODEL.body_index("radius")
+    light = [
+        replace(b, mass=0.0, inertia=np.zeros((3, 3))) if i in (hand, radius) else b for i, b in enumerate(MODEL.bodies)
+    ]
+    with pytest.raises(ModelError, match="the mass matrix of thoracoscapular, where a moving body may lack mass"):
+        equations_of_motion(replace(MODEL, bodies=tuple(light)), STATE)
 
 
 def _moving(time: float, second: Array) -> Postures:
