@@ -163,14 +163,6 @@ def assess(
     without_suit = solve_redundancy(build_redundancy(model, bare, options))
     costs = _costs(problem, solution)
     slack_cost = costs[0, 0]
-    parts = np.cumsum([len(force.tension) for force in forces])[:-1]
-    normalised = iter(np.split(costs[1:] / slack_cost, parts))
-    undisturbed = [next(normalised) for _ in wearings]
-    disturbed = [np.array([next(normalised)[0, 0] for _ in group]) for group in deviations]
-    curves = [
-        _curve(suit, wearing, cost, off, force)
-        for wearing, cost, off, force in zip(wearings, undisturbed, disturbed, forces[: len(wearings)], strict=True)
-    ]
     outcomes = np.concatenate([solution.outcomes, without_suit.outcomes])
     return Assessment(
         rest_lengths=suit.rest_lengths,
@@ -178,7 +170,7 @@ def assess(
         bare_body_cost=float(_costs(problem, without_suit)[0, 0] / slack_cost),
         longest_cord=float(line.length.max()),
         waist_cuff=waist.name if waist else None,
-        curves=tuple(curves),
+        curves=_curves(suit, wearings, deviations, forces, costs[1:] / slack_cost),
         frames=outcomes.shape[1],
         scenarios=len(outcomes),
         unsolved=int((outcomes != FrameOutcome.SOLVED).sum()),
@@ -272,6 +264,18 @@ def _costs(problem: RedundancyProblem, solution: RedundancySolution) -> Array:
     muscles = problem.time_constants.shape[1]
     effort = (problem.weights * solution.controls**2).sum(axis=1)
     return np.column_stack([effort[:, :muscles].sum(axis=1), effort[:, muscles:].sum(axis=1)])
+
+
+def _curves(
+    suit: Suit, wearings: list[_Wearing], deviations: list[list[_Wearing]], forces: list[SuitForces], costs: Array
+) -> tuple[Curve, ...]:
+    """costs (scenarios, 2) of muscles and reserves follow the forces: all wearings, then the deviations of each."""
+    parts = np.cumsum([len(force.tension) for force in forces])[:-1]
+    remaining = iter(np.split(costs, parts))
+    intended = [next(remaining) for _ in wearings]
+    deviated = [np.array([next(remaining)[0, 0] for _ in group]) for group in deviations]
+    worn = zip(wearings, intended, deviated, forces[: len(wearings)], strict=True)
+    return tuple(_curve(suit, wearing, cost, off, force) for wearing, cost, off, force in worn)
 
 
 def _curve(suit: Suit, wearing: _Wearing, cost: Array, deviated: Array, force: SuitForces) -> Curve:

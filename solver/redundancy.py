@@ -24,7 +24,7 @@ from solver.dynamics import EquationsOfMotion, ResponseMaps, equations_of_motion
 from solver.glenoid import cone_rows, glenoid_cone
 from solver.kinematics import Postures, postures
 from solver.model import Model
-from solver.motion import Kinematics
+from solver.motion import Kinematics, MotionError
 from solver.muscle import MuscleForces, muscle_forces
 from solver.paths import PathState, evaluate_paths
 
@@ -175,7 +175,8 @@ def solve_motion(
 ) -> Redundancy:
     """Activations of a whole motion; progress(done, total) counts frames.
 
-    Raises ModelError where a free coordinate or, with the cone, a glenoid marker is not in the model.
+    Raises ModelError where a free coordinate or, with the cone, a glenoid marker is not in the model, MotionError where
+    the model cannot be evaluated.
     """
     mechanics = go_through(model, kinematics)
     solution = solve_redundancy(build_redundancy(model, mechanics, options or RedundancyOptions()), progress=progress)
@@ -194,12 +195,23 @@ def solve_motion(
 
 
 def go_through(model: Model, kinematics: Kinematics, paths: PathState | None = None) -> Mechanics:
-    """Evaluate a motion; paths may be given where another model of the same geometry has laid them already."""
+    """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
+
+    Raises MotionError naming the time of a posture in which the model cannot be evaluated.
+    """
     state = postures(model, kinematics.positions, kinematics.speeds)
     paths = paths or evaluate_paths(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     equations = equations_of_motion(model, state)
-    return Mechanics(kinematics, state, paths, forces, equations, response_maps(model, equations, paths, forces))
+    maps = response_maps(model, equations, paths, forces)
+    is_finite = np.isfinite(maps.acceleration_at_rest + maps.acceleration_per_control.sum(axis=-1)).all(axis=-1)
+    if not is_finite.all():
+        time = kinematics.time[int(np.argmin(is_finite))]
+        raise MotionError(
+            f"the model {model.name} should have finite accelerations in every posture and has not at {time:g} s; "
+            "leave that part of the motion out"
+        )
+    return Mechanics(kinematics, state, paths, forces, equations, maps)
 
 
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:

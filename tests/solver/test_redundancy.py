@@ -9,7 +9,7 @@ from solver.bundled import bundled_model
 from solver.dynamics import response_to_loads
 from solver.glenoid import angle_to_axis, glenoid_cone
 from solver.model import ModelError
-from solver.motion import differentiate, thin
+from solver.motion import MotionError, differentiate, thin
 from solver.raise_arm import raise_arm
 from solver.redundancy import (
     FrameOutcome,
@@ -147,6 +147,13 @@ def test_the_published_problem_has_rank_14():
 def test_an_unknown_free_coordinate_is_named():
     with pytest.raises(ModelError, match="elbow_twist"):
         solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))
+
+
+def test_a_posture_that_cannot_be_evaluated_is_named_by_its_time():
+    positions = SLOW.positions.copy()
+    positions[3] = np.nan
+    with pytest.raises(MotionError, match=r"at 1\.2 s"):
+        solve_motion(MODEL, replace(SLOW, positions=positions))
 
 
 def test_a_load_that_lifts_the_arm_saves_effort():
