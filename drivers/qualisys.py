@@ -204,6 +204,7 @@ class _Conversation:
         self._ending = asyncio.Event()
         self._cameras_are_connected = asyncio.Event()
         self._guard: PacketGuard | None = None
+        self._relabelling: asyncio.Task[None] | None = None
         try:
             await self._open()
         except DeviceError as error:
@@ -327,6 +328,8 @@ class _Conversation:
             self._is_capturing = kind == "capture_started"
         elif kind == "camera_settings_changed" and self.streams:
             self._blocks.labels = None  # the frames wait until their order is known again
+            if self._relabelling is not None:
+                self._relabelling.cancel()  # its answer would be of yesterday
             self._relabelling = self._loop.create_task(self._relabel())
 
     async def _relabel(self) -> None:

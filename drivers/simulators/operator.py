@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from drivers.simulators.world import World
 
@@ -41,5 +42,6 @@ class Operator:
             elif since is None:
                 since = self._world.now()
             elif not is_done and self._world.now() >= since + self._delay_s:
-                self._world.start_capture()
-                is_done = True
+                with suppress(ValueError):  # an earlier capture still runs: its end is waited for
+                    self._world.start_capture()
+                    is_done = True

@@ -280,17 +280,19 @@ class _Server:
         return "Creating new connection"
 
     def _on_start(self, _client: _Client, _rest: str) -> str:
-        if self._capture:
-            raise _RefusedError("Measurement is already running")
         if not self._is_connected:
             raise _RefusedError("Not connected. Create connection with new")
-        self._world.start_capture()
+        try:
+            self._world.start_capture()
+        except ValueError as error:
+            raise _RefusedError("Measurement is already running") from error
         return "Starting measurement"
 
     def _on_stop(self, _client: _Client, _rest: str) -> str:
-        if not self._capture:
-            raise _RefusedError("No measurement is running")
-        self._world.stop_capture()
+        try:
+            self._world.stop_capture()
+        except ValueError as error:
+            raise _RefusedError("No measurement is running") from error
         return "Stopping measurement"
 
     def _on_save(self, _client: _Client, _rest: str) -> str:

@@ -235,6 +235,17 @@ def test_what_qtm_cannot_do_is_refused_in_a_sentence(options: dict[str, Any], wo
         assert is_one_sentence(caught.value)
 
 
+def test_when_ten_clients_are_there_already_it_is_told_so() -> None:
+    with simulator() as qtm:
+        others = [socket.create_connection(("127.0.0.1", qtm.port)) for _ in range(10)]
+        for other in others:
+            other.recv(100)  # the welcome: it is counted
+        with pytest.raises(DeviceMisconfigured, match="Max number of clients"):
+            driver(qtm.port).open()
+        for other in others:
+            other.close()
+
+
 def test_starting_without_control_is_refused_with_what_to_set() -> None:
     with (
         simulator() as qtm,

@@ -80,3 +80,12 @@ def test_one_capture_for_each_time_that_streaming_begins(world: World) -> None:
         comes_true(lambda: world.now() > began + 20.0)
         mocap.set()
         assert comes_true(lambda: world.capture is not None and world.capture.number == 2)
+
+
+def test_a_capture_that_still_runs_is_waited_for(world: World) -> None:
+    world.start_capture()
+    with at_the_pc(world, stream(), delay_s=0.0):
+        began = world.now()
+        comes_true(lambda: world.now() > began + 5.0)
+        world.stop_capture()
+        assert comes_true(lambda: world.capture is not None and world.capture.number == 2)
