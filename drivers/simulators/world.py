@@ -58,10 +58,11 @@ class World:
         self.speed = speed
         self._wall = wall
         self._lock = threading.RLock()
-        self._rng = np.random.default_rng((seed, 0))
-        wearer = Wearer(settings, self._rng)
+        body_and_hands = np.random.default_rng((seed, 0))
+        self._noise = np.random.default_rng((seed, 3))  # of its own: how often a device looks must not move a hand
+        wearer = Wearer(settings, body_and_hands)
         self._cloud = MarkerCloud(settings, wearer, seed)
-        self._pull = Pull(settings, wearer.along_rope(), self._rng)
+        self._pull = Pull(settings, wearer.along_rope(), body_and_hands)
         self._slips = dict.fromkeys(settings.cuffs, 0.0)
         self._plan: Iterator[Trial] | None = _plan(settings)
         self._trial = next(self._plan)
@@ -93,7 +94,7 @@ class World:
         amplifier = self.settings.amplifier
         with self._lock:
             newtons = self.cell_force(t)
-            noise = self._rng.normal(0.0, amplifier.noise_v, t.shape)
+            noise = self._noise.normal(0.0, amplifier.noise_v, t.shape)
         scale = amplifier.full_scale_v / (amplifier.capacity_kg * STANDARD_GRAVITY)
         volts: Floats = amplifier.zero_v + newtons * scale + noise
         return volts
