@@ -49,6 +49,10 @@ class NotIdentified(Exception):
     """A cuff lacks a figure that was asked for; one sentence says which and why."""
 
 
+class CuffsFileError(Exception):
+    """A cuffs.json that cannot be used; one sentence says where and what was expected."""
+
+
 @dataclass(frozen=True)
 class TrialFit:
     """One recording's part in a fit: "used", "superseded" by a later run, or "unusable" for a reason.
@@ -153,12 +157,12 @@ def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
 
 
 def read_cuffs(path: Path) -> dict[str, CuffFit]:
-    """Reads cuffs.json, also one written by hand that holds only values. Raises ValueError in one sentence."""
+    """Reads cuffs.json, also one written by hand that holds only values. Raises CuffsFileError."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         cuffs = data["cuffs"].items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(
+        raise CuffsFileError(
             f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}: {error or type(error).__name__}; '
             "make one with `station fit`"
         ) from error
@@ -207,11 +211,11 @@ def _plain_estimate(estimate: Estimate | None) -> dict[str, Any] | None:
 
 def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
     if not isinstance(cuff, dict):
-        raise ValueError(f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}")
+        raise CuffsFileError(f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}")
     estimates = [_estimate_from(cuff.get(key), f"{path}: {name}.{key}") for key in QUANTITIES.values()]
     site = cuff.get("site", "waist" if name == "waist" else "arm")
     if site not in ("arm", "waist"):
-        raise ValueError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
+        raise CuffsFileError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
     said = str(cuff.get("verdict", ""))
     return CuffFit(
         name=name,
@@ -235,6 +239,6 @@ def _estimate_from(entry: Any, where: str) -> Estimate | None:
         return None
     value, error = plain["value"], plain.get("standard_error") or 0.0
     if not all(isinstance(number, int | float) and math.isfinite(number) for number in (value, error)):
-        raise ValueError(f"{where} is {entry!r}, expected a finite number as value")
+        raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value")
     low, high = plain.get("ci95") or (value - NORMAL_95 * error, value + NORMAL_95 * error)
     return Estimate(float(value), float(error), (float(low), float(high)))

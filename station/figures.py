@@ -24,6 +24,8 @@ STYLE: dict[Any, Any] = {
     "grid.color": "#e4e4e4",
     "legend.frameon": False,
 }
+COSTLIEST = 1.3
+"""Where cost curves leave the figure: far too short a cord costs double, and would hide what matters."""
 MOST_POINTS = 4000
 """Of a curve that is drawn; more only makes the page heavy."""
 
@@ -80,6 +82,8 @@ def cost_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
     for (condition, cost), shade in zip(assessment["cost"][cuff].items(), SHADES, strict=False):
         axis.plot(lengths, cost, color=shade, marker="o", markersize=3, label=condition.replace("_", "-"))
     axis.axvline(assessment["reference_rest_length_m"], color=MARK, linestyle=":", linewidth=1.0)
+    lowest = min([min(assessment["cost"]["rigid"])] + [min(cost) for cost in assessment["cost"][cuff].values()])
+    axis.set_ylim(lowest - 0.03, COSTLIEST)
     axis.set_xlabel("rest length of the exotendon [m]")
     axis.set_ylabel("muscle cost / slack cord")
     axis.legend(loc="best", ncols=2)

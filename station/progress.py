@@ -18,14 +18,19 @@ def silent(what: str, done: int, total: int) -> None:
 
 @contextmanager
 def progress_bars(console: Console) -> Iterator[Progress]:
-    """Yields a Progress that draws."""
+    """Yields a Progress that draws, from the first call on."""
     columns = (bars.TextColumn("{task.description}"), bars.BarColumn(), bars.MofNCompleteColumn())
     tasks: dict[str, bars.TaskID] = {}
-    with bars.Progress(*columns, bars.TimeElapsedColumn(), console=console) as drawn:
+    drawn = bars.Progress(*columns, bars.TimeElapsedColumn(), console=console)
 
-        def report(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = drawn.add_task(what, total=total)
-            drawn.update(tasks[what], completed=done, total=total)
+    def report(what: str, done: int, total: int) -> None:
+        drawn.start()
+        if what not in tasks:
+            tasks[what] = drawn.add_task(what, total=total)
+        drawn.update(tasks[what], completed=done, total=total)
 
+    try:
         yield report
+    finally:
+        if tasks:
+            drawn.stop()

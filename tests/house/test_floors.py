@@ -1,0 +1,57 @@
+"""What the house stands on: the walls between rooms, the example configuration, the promises of the README."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from importlinter.cli import lint_imports
+
+from station.config import load_config
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
+SOURCES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+DRAWERS = {"utils", "util", "misc", "helpers", "common", "core", "base", "manager"}
+
+
+def test_the_walls_between_the_rooms_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True) == 0
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_file_is_small_enough_to_hold_in_the_head_and_named_by_its_noun(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.count("\n") <= 400
+    assert path.stem not in DRAWERS
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert (node.end_lineno or 0) - node.lineno < 60, f"{node.name} is long"
+
+
+@pytest.mark.parametrize("room", [*ROOMS, "drivers/simulators"])
+def test_a_package_s_init_is_empty_so_that_every_file_is_named(room: str) -> None:
+    assert (ROOT / room / "__init__.py").read_text(encoding="utf-8") == ""
+
+
+def test_every_section_of_the_example_is_understood_and_the_four_cuffs_are_there() -> None:
+    config = load_config(ROOT / "station.toml")
+    assert {config.cuff_site(name).site for name in ("hand", "tube", "elbow")} == {"arm"}
+    assert config.cuff_site("waist").site == "waist"
+
+
+def test_the_readme_sets_up_and_tests_in_its_first_two_blocks_of_one_line_each() -> None:
+    blocks = re.findall(r"^```\w*\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    assert [block.strip().count("\n") for block in blocks[:2]] == [0, 0]
+    assert "station demo" in blocks[0]
+    assert "pytest" in blocks[1]
+
+
+def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["setuptools"]["packages"]["find"]["include"] == [f"{room}*" for room in ROOMS]
+    assert project["project"]["scripts"] == {"station": "station.cli:main"}

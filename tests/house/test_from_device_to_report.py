@@ -1,0 +1,74 @@
+"""The one test to run: from simulated devices on real wires to the report, with cuffs nobody has published."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from station.clock import RealClock
+from station.config import parse_config
+from station.daemon import Daemon
+from station.demo import demo_config, record_session
+from station.pipeline import assess_cuffs, fit_session_folder, write_assessment
+from station.progress import silent
+from station.protocol import TrialSpec
+from station.report import write_report
+from station.simulation import SimulatedBench, simulator_settings
+
+SPEED = 20.0
+TRUTH = {
+    "waist": {"stiffness_n_per_m": 2140.0, "damping_n_s_per_m": 124.0, "migration_m": 0.012},
+    "hand": {"stiffness_n_per_m": 8520.0, "damping_n_s_per_m": 210.0, "migration_m": 0.012},
+    "tube": {"stiffness_n_per_m": 5510.0, "damping_n_s_per_m": 38.0, "migration_m": 0.009},
+    "elbow": {"stiffness_n_per_m": 3300.0, "damping_n_s_per_m": 95.0, "migration_m": 0.006},
+}
+"""Three cuffs as published; the elbow is our own, so that no result can be a memory of the published figures."""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of one repeat per cuff, with shorter holds than a person would take."""
+    folder = tmp_path_factory.mktemp("session")
+    plain = demo_config().model_dump()
+    plain["protocol"] = {"repeats": 1, "pause_s": 0}
+    plain["simulation"] = {"cuffs": TRUTH, "protocol": {"static": {"hold_s": 5.0}}}
+    results, _ = record_session(folder, parse_config(plain, "test"), SPEED, 7, silent)
+    assert [result.sentence for result in results if not result.accepted or result.lost_samples] == []
+    return folder
+
+
+def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do(session: Path) -> None:
+    fitted = fit_session_folder(session, session / "cuffs.json")
+    for name, truth in TRUTH.items():
+        fit = fitted.cuffs[name]
+        assert fit.stiffness and fit.damping and fit.migration, fit.verdict
+        assert fit.stiffness.value == pytest.approx(truth["stiffness_n_per_m"], rel=0.02)
+        assert fit.migration.value == pytest.approx(truth["migration_m"], abs=0.0008)
+        low, high = fit.damping.ci95
+        assert low - 0.5 * (high - low) < truth["damping_n_s_per_m"] < high + 0.5 * (high - low)
+
+    assessed = assess_cuffs(fitted.cuffs, session / "cuffs.json", most_frames=12)
+    write_assessment(assessed, session)
+    plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
+    assert assessed.assessment.unsolved == 0
+    assert plain["at_rigid_optimum"]["rigid"]["value"] < 1, "a suit with rigid cuffs saves effort at its rest length"
+    assert set(plain["optimum"]) == {"rigid", "hand", "tube", "elbow"}
+
+    page = write_report(session, fitted).read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 3 * 4 + 3, "three figures per cuff, a cost figure per arm cuff"
+    assert "http://" not in page and "https://" not in page, "self-contained"
+
+
+def test_a_rerecording_of_one_repeat_supersedes_it(session: Path) -> None:
+    config = demo_config()
+    settings = {**simulator_settings(config), "cuffs": TRUTH}
+    with SimulatedBench(settings, SPEED, 8) as bench:
+        bench.tell({"trial": {"cuff": "hand", "test": "dynamic"}})
+        spec = TrialSpec("hand", "dynamic", 1)
+        result = Daemon(bench.pointed_at(config), RealClock(SPEED)).record(session, spec, duration_s=15.0)
+    assert result.path is not None and result.path.name == "cuff-hand_test-dynamic_run-2.mcap"
+    trials = {trial.file: trial.state for trial in fit_session_folder(session, None).cuffs["hand"].trials}
+    assert trials["cuff-hand_test-dynamic_run-1.mcap"] == "superseded"
+    assert trials["cuff-hand_test-dynamic_run-2.mcap"] != "superseded"

@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+
+from station.cli import main
+from tests.station.test_daemon import Rig
+
+EXAMPLE = Path(__file__).parents[2] / "station.toml"
+CONFIG = str(EXAMPLE)
+
+
+class Ran:
+    def __init__(self, code: int, out: str, err: str) -> None:
+        self.code, self.out, self.err = code, out, err
+
+
+@pytest.fixture
+def station(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def run(*words: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["station", *(str(word) for word in words)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        captured = capsys.readouterr()
+        return Ran(int(caught.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+def assert_one_sentence(ran: Ran, code: int, *words: str) -> None:
+    assert ran.code == code, ran.err
+    assert ran.out == ""
+    assert ran.err.startswith("station: ")
+    assert ran.err.count("\n") == 1
+    for word in words:
+        assert word in ran.err
+
+
+def trial_file(folder: Path) -> Path:
+    from station.protocol import TrialSpec
+
+    path = Rig().daemon().record(folder, TrialSpec("hand", "static", 1)).path
+    assert path is not None
+    return path
+
+
+RECORD = ("record", "--session", "s", "--cuff", "hand", "--test", "static", "--repeat", "1")
+
+
+def test_help_tells_the_way_from_left_to_right(station) -> None:
+    ran = station("--help")
+    commands = ran.out[ran.out.index("Commands") :]
+    places = [commands.index(f" {verb} ") for verb in ("simulate", "check", "record", "info", "fit", "assess", "report")]
+    assert ran.code == 0
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("words", [["recrod"], ["record"], [*RECORD, "--config", CONFIG, "--test", "slow"], ["info"]])
+def test_wrong_usage_is_code_2(station, words: list[str]) -> None:
+    assert station(*words).code == 2
+
+
+def test_a_configuration_that_cannot_be_used_is_code_2(station, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[daq]\nsample_rate_hz = 6000\n")
+    assert_one_sentence(station(*RECORD, "--config", bad), 2, "at most 5000")
+    assert_one_sentence(station(*RECORD, "--config", tmp_path / "none.toml"), 2, "cannot read")
+    assert_one_sentence(station(*RECORD[:3], "--cuff", "knee", *RECORD[5:], "--config", CONFIG), 2, "[cuffs.knee]")
+
+
+def test_devices_that_are_not_there_are_one_sentence_and_leave_nothing(station, tmp_path: Path) -> None:
+    config = tmp_path / "station.toml"
+    text = EXAMPLE.read_text(encoding="utf-8")
+    config.write_text(text.replace("31763", "9").replace("22223", "9"), encoding="utf-8")
+    ran = station("record", "--session", tmp_path / "s", *RECORD[3:], "--config", config)
+    assert ran.code == 1
+    assert ran.err.strip().splitlines()[-1].startswith("station: ")
+    assert not list((tmp_path / "s").glob("*.mcap"))
+
+
+def test_check_names_every_device_that_does_not_answer(station, tmp_path: Path) -> None:
+    config = tmp_path / "station.toml"
+    text = EXAMPLE.read_text(encoding="utf-8")
+    config.write_text(text.replace("31763", "9").replace("22223", "9"), encoding="utf-8")
+    ran = station("check", "--config", config)
+    assert ran.code == 1
+    assert "NI Dev1" in ran.out and "QTM" in ran.out and "disk" in ran.out
+
+
+def test_a_recording_is_shown_as_a_table_and_as_json(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    table, plain = station("info", path), station("info", path, "--format", "json")
+    assert (table.code, plain.code) == (0, 0)
+    assert "/markers" in table.out
+    content = json.loads(plain.out)
+    assert content["complete"] is True and content["gaps"] == []
+    assert set(content["topics"]["/force"]) == {"messages", "first_ns", "last_ns"}
+
+
+def test_a_cut_recording_is_code_3_in_info_and_recover_and_the_original_stays(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) * 2 // 3])
+    info, recovered = station("info", path, "--format", "json"), station("recover", path)
+    assert (info.code, recovered.code) == (3, 3)
+    assert json.loads(info.out)["complete"] is False
+    assert path.read_bytes() == content[: len(content) * 2 // 3]
+    assert Path(recovered.out.strip()).is_file()
+
+
+def test_a_foreign_file_is_one_sentence(station, tmp_path: Path) -> None:
+    text, foreign, empty = (tmp_path / name for name in ("text.mcap", "foreign.mcap", "empty.mcap"))
+    text.write_text("not a recording\n")
+    empty.touch()
+    writer = Writer(str(foreign))
+    writer.start()
+    writer.finish()
+    for path in (text, foreign, empty, tmp_path / "missing.mcap"):
+        assert_one_sentence(station("info", path), 1, path.name)
+
+
+def test_fitting_what_cannot_be_fitted_is_one_sentence(station, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert_one_sentence(station("fit", tmp_path / "none"), 1, "is not a folder")
+    ran = station("fit", tmp_path / "empty")
+    assert ran.code == 1 and "holds no recording" in ran.err
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"cuffs": 3}', '{"cuffs": {"hand": {"stiffness_n_per_m": "soft"}}}'])
+def test_a_broken_cuffs_file_is_one_sentence(station, tmp_path: Path, text: str) -> None:
+    cuffs = tmp_path / "cuffs.json"
+    cuffs.write_text(text)
+    ran = station("assess", "--cuffs", cuffs, "--output", tmp_path)
+    assert ran.code == 1
+    assert ran.err.strip().splitlines()[-1].startswith("station: ")
+    assert "Traceback" not in ran.err
+
+
+def test_a_motion_without_a_coordinate_is_one_sentence(station, tmp_path: Path) -> None:
+    motion = tmp_path / "short.mot"
+    motion.write_text("m\nnRows=2\nnColumns=2\ninDegrees=yes\nendheader\ntime\tclav_prot\n0\t1\n0.01\t1\n")
+    ran = station("rmr", "--motion", motion, "--output", tmp_path / "a.csv")
+    assert ran.code == 1 and "lacks" in ran.err and "Traceback" not in ran.err
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_a_folder_with_nothing_to_report_is_one_sentence(station, tmp_path: Path) -> None:
+    assert_one_sentence(station("report", tmp_path), 1, "holds no recording")
