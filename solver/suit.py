@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters, cuff_force
-from solver.kinematics import Postures
+from solver.kinematics import Postures, points_in_ground
 from solver.model import Model, with_point_mass
 from solver.spatial import rotate
 
@@ -141,8 +141,7 @@ def with_suit_masses(model: Model, suit: Suit) -> Model:
 def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> CordLine:
     """Where the cord runs in each posture; raises ModelError where a point's body is not in the model."""
     waist, shoulder, arm = (
-        postures.origin_in_ground[:, model.body_index(point.body)]
-        + rotate(postures.rotation_to_ground[:, model.body_index(point.body)], point.location)
+        points_in_ground(postures, model.body_index(point.body), point.location)
         for point in (suit.waist, suit.shoulder, suit.arm)
     )
     holding = [model.body_index(suit.waist.body), model.body_index(suit.arm.body)]
