@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -276,10 +276,7 @@ class _Named(Protocol):
     def name(self) -> str: ...
 
 
-_Item = TypeVar("_Item", bound=_Named)
-
-
-def _index(items: Sequence[_Item], name: str, kind: str, model: str) -> int:
+def _index(items: Sequence[_Named], name: str, kind: str, model: str) -> int:
     for index, item in enumerate(items):
         if item.name == name:
             return index

@@ -88,15 +88,14 @@ class _ModelReader:
         self.element = element
         bodies = element.objects("BodySet")
         self.bodies = (Body("ground", 0.0, np.zeros(3), np.zeros((3, 3))), *map(_body, bodies))
-        self.frames = {"/ground": _Frame(GROUND, Placement(np.eye(3), np.zeros(3)))}
-        self.surface_elements: list[tuple[int, Element]] = []
-        ground = element.find("Ground")
-        for index, body in enumerate([*([ground] if ground else []), *bodies], start=0 if ground else 1):
-            path = f"/bodyset/{body.name}" if index else "/ground"
-            self.frames[path] = _Frame(index, Placement(np.eye(3), np.zeros(3)))
-            self.surface_elements += [(index, surface) for surface in body.objects("WrapObjectSet")]
-            self.add_offset_frames(body.members("components"), path)
+        self.frames: dict[str, _Frame] = {}
+        self.surfaces: list[WrapSurface] = []
         self.coordinates: list[Coordinate] = []
+        for index, body in enumerate([element.child("Ground"), *bodies]):
+            path = "/ground" if index == GROUND else f"/bodyset/{body.name}"
+            self.frames[path] = _Frame(index, Placement(np.eye(3), np.zeros(3)))
+            self.surfaces += [_surface(index, surface) for surface in body.objects("WrapObjectSet")]
+            self.add_offset_frames(body.members("components"), path)
 
     def model(self) -> Model:
         element = self.element
@@ -105,8 +104,6 @@ class _ModelReader:
             raise member.refusal("is not something the solver has; remove it from the model")
         joints = tuple(map(self.joint, element.objects("JointSet")))
         self.check_tree(joints)
-        surfaces = tuple(_surface(body, surface) for body, surface in self.surface_elements)
-        self.surface_index = {surface.name: index for index, surface in enumerate(surfaces)}
         forces = element.objects("ForceSet")
         for force in forces:
             if force.tag not in _FORCES:
@@ -118,7 +115,7 @@ class _ModelReader:
             bodies=self.bodies,
             coordinates=tuple(self.coordinates),
             joints=joints,
-            surfaces=surfaces,
+            surfaces=tuple(self.surfaces),
             muscles=tuple(self.muscle(f) for f in forces if f.tag == "Millard2012EquilibriumMuscle"),
             constraints=tuple(map(self.constraint, element.objects("ConstraintSet"))),
             actuators=tuple(self.actuator(f) for f in forces if f.tag == "CoordinateActuator"),
@@ -274,14 +271,15 @@ class _ModelReader:
 
     def path_wrap(self, element: Element) -> PathWrap:
         name = element.child("wrap_object").text
-        if name not in self.surface_index:
+        names = [surface.name for surface in self.surfaces]
+        if name not in names:
             raise element.refusal(f"names an unknown wrap object {name}")
         if not np.all(element.numbers("range", 2, "-1 -1") == -1.0):
             raise element.refusal("wraps only a range of points; the solver wraps whole paths (range -1 -1)")
         method = element.word("method", "hybrid")
         if method not in ("hybrid", "midpoint", "axial"):
             raise element.refusal(f"has the method {method}; the solver has hybrid, midpoint and axial")
-        return PathWrap(self.surface_index[name], method)  # type: ignore[arg-type]
+        return PathWrap(names.index(name), method)  # type: ignore[arg-type]
 
 
 def _body(element: Element) -> Body:

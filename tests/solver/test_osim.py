@@ -27,7 +27,7 @@ STILL_AXES = "".join(
 
 DOOR = f"""<?xml version="1.0" encoding="UTF-8"?>
 <OpenSimDocument Version="40000">
-<Model name="door">
+<Model name="door"><Ground name="ground"/>
 <gravity>0 0 -9.81</gravity>
 <BodySet name="bodyset"><objects>
 <Body name="leaf">
