@@ -163,10 +163,7 @@ class SerialLine(_Section):
 
 
 class Operator(_Section):
-    """Who starts a capture: "auto" is a person at the mocap PC, delay_s after all of a client's devices stream;
-
-    "remote" is a client that takes control.
-    """
+    """Who starts a capture: "auto", a person at the mocap PC, delay_s after all devices stream; "remote", a client."""
 
     capture: Literal["auto", "remote"] = "auto"
     delay_s: NotNegative = 3.0
