@@ -37,7 +37,11 @@ class SimulatedBench:
             text=True,
             encoding="utf-8",
         )
-        self.ready = self.tell(self._request)
+        try:
+            self.ready = self.tell(self._request)
+        except BaseException:
+            self.close()
+            raise
         return self
 
     def tell(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -61,6 +65,10 @@ class SimulatedBench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the child by closing its standard input; kills it if it has not gone within 5 s."""
         child = self._child
         if child is None:
             return
@@ -84,8 +92,9 @@ class SimulatedBench:
 
 def simulator_settings(config: StationConfig) -> dict[str, Any]:
     """[simulation] of the configuration, with what follows from its other sections; what [simulation] says wins."""
-    cell = config.load_cell
+    daq, cell = config.daq, config.load_cell
     follows = {
+        "wiring": {"device": daq.device, "force_channel": daq.force_channel, "sync_channel": daq.sync_channel},
         "amplifier": {"capacity_kg": cell.capacity_kg, "full_scale_v": cell.full_scale_v},
         "protocol": {"repeats": config.protocol.repeats},
     }

@@ -45,7 +45,8 @@ class Bench:
         if wanted.ni is not None:
             from drivers.simulators.nidaq import NiDaqSimulator  # gRPC and nidaqmx take their time to import
 
-            ni = NiDaqSimulator(self.world, port=wanted.ni, clock=settings.daq_clock, seed=self._seed)
+            wiring = settings.wiring.model_dump()
+            ni = NiDaqSimulator(self.world, port=wanted.ni, clock=settings.daq_clock, seed=self._seed, **wiring)
             self._run("ni", ni)
             watched.append(lambda: ni.is_streaming)
         if wanted.qtm is not None:

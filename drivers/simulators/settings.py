@@ -148,6 +148,14 @@ class SyncLine(_Section):
     is_inverted: bool = False
 
 
+class Wiring(_Section):
+    """The DAQ by name, and what is wired to its inputs."""
+
+    device: str = "Dev1"
+    force_channel: str = "ai0"
+    sync_channel: str = "ai1"
+
+
 class DaqClock(_Section):
     """The DAQ's crystal against the world's clock, which is the mocap's: it runs fast by offset_ppm, and drifts."""
 
@@ -189,6 +197,7 @@ class Settings(_Section):
     mocap: Mocap = Mocap()
     amplifier: Amplifier = Amplifier()
     sync: SyncLine = SyncLine()
+    wiring: Wiring = Wiring()
     daq_clock: DaqClock = DaqClock()
     serial: SerialLine = SerialLine()
     operator: Operator = Operator()
