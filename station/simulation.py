@@ -69,7 +69,7 @@ class SimulatedBench:
 
     def close(self) -> None:
         """Ends the child by closing its standard input; kills it if it has not gone within 5 s."""
-        child = self._child
+        child, self._child = self._child, None
         if child is None:
             return
         if child.stdin is not None:
