@@ -54,7 +54,10 @@ def lay_all_from(sources: str) -> Callable[..., str]:
         coordinates). Fills lengths and speeds (frames, paths), wrenches (frames, paths, bodies, 6) and mobilities
         (frames, paths, coordinates); the last two must be zero before. Returns the digest of the sources it came from.
         """
-        longest = np.max(np.diff(first_point) + 2 * np.diff(first_wrap))
+        longest = 0
+        for path in range(lengths.shape[1]):
+            its_nodes = first_point[path + 1] - first_point[path] + 2 * (first_wrap[path + 1] - first_wrap[path])
+            longest = max(longest, its_nodes)
         nodes, sequence = np.empty(longest, NODE), np.empty(longest, np.int64)
         for frame in range(len(poses)):
             bodies, q, u = poses[frame], coordinates[frame], rates[frame]
