@@ -38,6 +38,7 @@ def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | Non
 
     The other paths refer to the model's bodies, coordinates and surfaces. OpenSim's path jumps by up to 1 mm where the
     number of its iterations changes, and its forces are not exactly the derivative of its lengths (by up to 0.02 m).
+    Raises ModelError where a path refers to what the model has not.
     """
     # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
     from solver.wrapping.tension import lay_all
@@ -51,10 +52,10 @@ def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | Non
         mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
     )
     lay_all(
-        *pack_paths(chosen, model.surfaces),
+        *pack_paths(model, chosen),
         pack_bodies(postures),
-        np.array(postures.coordinates),
-        np.array(postures.speeds),
+        np.array(postures.coordinates, order="C"),
+        np.array(postures.speeds, order="C"),
         state.lengths,
         state.speeds,
         state.wrench_per_tension,

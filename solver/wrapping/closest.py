@@ -10,7 +10,7 @@ from math import sqrt
 import numpy as np
 
 from solver.wrapping.segment import ROUND_OFF
-from solver.wrapping.vectors import Array, Vector, compiled
+from solver.wrapping.vectors import Array, Vector, compiled, read, write
 
 STOP = 1e-9
 MOST_ITERATIONS = 64
@@ -37,6 +37,21 @@ def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int) -> Vector:
 
 
 @compiled
+def closest_to_each(a: Vector, points: Array) -> Array:
+    """The same for each of points (3, n), bit for bit, several times as fast."""
+    aa, t = (a[0] * a[0], a[1] * a[1], a[2] * a[2]), _multipliers(a, points)
+    feet = np.empty_like(points)
+    for axis in range(3):
+        for i in range(t.size):
+            feet[axis, i] = aa[axis] * points[axis, i] / (t[i] + aa[axis])
+    for i in range(t.size):
+        point = read(points[:, i])
+        if _flat_axis(a, point) != ANY_AXIS:
+            write(feet[:, i], closest_on_ellipsoid(a, point, ANY_AXIS))
+    return feet
+
+
+@compiled
 def closest_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, float]:
     """The point of the ellipse with semi-axes a, b closest to (u, v)."""
     near_minor, near_major = abs(u) <= ROUND_OFF, abs(v) <= ROUND_OFF
@@ -60,29 +75,6 @@ def closest_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, f
             break
         t -= f / (2.0 * (P * Q * (P + Q) - aauu * Q - bbvv * P))
     return aa * u / P, bb * v / Q
-
-
-@compiled
-def multipliers(a: Vector, points: Array) -> Array:
-    """For each of points (3, n), away from the coordinate planes, the t with which a² x / (t + a²) is closest.
-
-    All points take their Newton steps together, so that the compiler can put several into one instruction.
-    """
-    aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
-    t = np.empty(points.shape[1])
-    for i in range(t.size):
-        t[i] = _first_multiplier(a, points[0, i], points[1, i], points[2, i])
-    for _ in range(MOST_ITERATIONS):
-        unfinished = 0
-        for i in range(t.size):
-            u, v, w = points[0, i], points[1, i], points[2, i]
-            f, slope = _condition(t[i], aa, bb, cc, aa * (u * u), bb * (v * v), cc * (w * w))
-            is_close = abs(f) < STOP
-            unfinished += 0 if is_close else 1
-            t[i] -= 0.0 if is_close else f / slope
-        if unfinished == 0:
-            break
-    return t
 
 
 @compiled
@@ -116,6 +108,28 @@ def _closest_in_space(a: Vector, point: Vector) -> Vector:
             break
         t -= f / slope
     return aa * u / (t + aa), bb * v / (t + bb), cc * w / (t + cc)
+
+
+@compiled
+def _multipliers(a: Vector, points: Array) -> Array:
+    """For each of points (3, n), away from the coordinate planes, the t with which a² x / (t + a²) is closest. All take
+    their Newton steps together, so that the compiler can put several into one instruction.
+    """
+    aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
+    t = np.empty(points.shape[1])
+    for i in range(t.size):
+        t[i] = _first_multiplier(a, points[0, i], points[1, i], points[2, i])
+    for _ in range(MOST_ITERATIONS):
+        unfinished = 0
+        for i in range(t.size):
+            u, v, w = points[0, i], points[1, i], points[2, i]
+            f, slope = _condition(t[i], aa, bb, cc, aa * (u * u), bb * (v * v), cc * (w * w))
+            is_close = abs(f) < STOP
+            unfinished += 0 if is_close else 1
+            t[i] -= 0.0 if is_close else f / slope
+        if unfinished == 0:
+            break
+    return t
 
 
 @compiled

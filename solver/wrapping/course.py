@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kinematics import Postures
-from solver.model import Path, PathPoint, PathWrap, WrapSurface
+from solver.model import NO_COORDINATE, Model, ModelError, Path, PathPoint, PathWrap, WrapSurface
 
 Indices = NDArray[np.int64]
 Record = np.void
@@ -86,9 +86,12 @@ class Courses(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def pack_paths(paths: tuple[Path, ...], surfaces: tuple[WrapSurface, ...]) -> Courses:
+def pack_paths(model: Model, paths: tuple[Path, ...]) -> Courses:
+    """Raises ModelError where a path refers to what the model has not: compiled code would read beyond its arrays."""
+    for k, path in enumerate(paths):
+        _check(model, k, path)
     points = [_point(point) for path in paths for point in path.points]
-    wraps = [_wrap(wrap, surfaces[wrap.surface]) for path in paths for wrap in path.wraps]
+    wraps = [_wrap(wrap, model.surfaces[wrap.surface]) for path in paths for wrap in path.wraps]
     return Courses(
         np.array(points, POINT),
         np.array(wraps, WRAP),
@@ -105,6 +108,22 @@ def pack_bodies(postures: Postures) -> Records:
     bodies["angular_velocity"] = postures.angular_velocity
     bodies["origin_velocity"] = postures.origin_velocity
     return bodies
+
+
+def _check(model: Model, k: int, path: Path) -> None:
+    if len(path.points) < 2:
+        raise ModelError(f"path {k} has {len(path.points)} points, expected at least 2: its beginning and its end")
+    for point in path.points:
+        if not 0 <= point.body < len(model.bodies):
+            known = f"{model.name} has the bodies 0 to {len(model.bodies) - 1}"
+            raise ModelError(f"path {k} has a point on body {point.body}, but {known}; ask Model.body_index")
+        if not NO_COORDINATE <= point.coordinate < len(model.coordinates):
+            known = f"{model.name} has the coordinates 0 to {len(model.coordinates) - 1}"
+            raise ModelError(f"path {k} moves with coordinate {point.coordinate}, but {known}")
+    for wrap in path.wraps:
+        if not 0 <= wrap.surface < len(model.surfaces):
+            known = f"{model.name} has {len(model.surfaces)} surfaces"
+            raise ModelError(f"path {k} wraps over surface {wrap.surface}, but {known}, counted from 0")
 
 
 def _starts(counts: Sequence[int]) -> Indices:

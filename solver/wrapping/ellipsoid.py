@@ -11,9 +11,9 @@ from math import acos, cos, pi, sin, sqrt
 
 import numpy as np
 
-from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, multipliers
+from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
 from solver.wrapping.course import AXIAL, MIDPOINT
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, ROUND_OFF, Contact, pierces, side
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
 from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 from solver.wrapping.vectors import (
     ORIGIN,
@@ -109,20 +109,10 @@ def _fan_direction(r1: Vector, inner: Vector, a: Vector) -> Vector:
     for i in range(BLADES - 2):
         for axis in range(3):
             handles[axis, i] = r1[axis] + (i + 1) / BLADES * inner[axis]
-    blades = np.empty((3, BLADES - 2))
-    t = multipliers(a, handles)
-    aa = (a[0] * a[0], a[1] * a[1], a[2] * a[2])
-    for i in range(BLADES - 2):
-        x = aa[0] * handles[0, i] / (t[i] + aa[0]) - handles[0, i]
-        y = aa[1] * handles[1, i] / (t[i] + aa[1]) - handles[1, i]
-        z = aa[2] * handles[2, i] / (t[i] + aa[2]) - handles[2, i]
-        blades[0, i], blades[1, i], blades[2, i] = unit((x, y, z))
+    feet = closest_to_each(a, handles)
     total = ORIGIN
     for i in range(BLADES - 2):
-        blade, handle = read(blades[:, i]), read(handles[:, i])
-        if min(abs(handle[0]), abs(handle[1]), abs(handle[2])) <= ROUND_OFF:
-            blade = unit(subtract(closest_on_ellipsoid(a, handle, ANY_AXIS), handle))
-        total = add(total, blade)
+        total = add(total, unit(subtract(read(feet[:, i]), read(handles[:, i]))))
     return unit(total)
 
 

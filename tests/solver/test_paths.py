@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.kinematics import jacobians, postures, speeds_from_rates
-from solver.model import GROUND, Path, PathPoint
+from solver.model import GROUND, ModelError, Path, PathPoint, PathWrap
 from solver.paths import evaluate_paths
 from solver.wrapping.course import pack_bodies, pack_paths
 from solver.wrapping.tension import digest_of_sources, lay_all
@@ -94,6 +94,19 @@ def test_points_on_one_body_pull_on_nothing() -> None:
     assert np.abs(state.speeds).max() < 1e-15
 
 
+def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
+    beginning, nowhere = point(GROUND, (0.0, 0.0, 0.0)), point(99, (0.0, 0.0, 0.0))
+    stranger = PathPoint(GROUND, np.zeros(3), np.ones(3), 99, (0.0, 1.0))
+    for path, complaint in (
+        (Path((beginning,), ()), "path 0 has 1 points, expected at least 2"),
+        (Path((beginning, nowhere), ()), "body 99, but .* has the bodies 0 to 7"),
+        (Path((beginning, stranger), ()), "coordinate 99, but .* has the coordinates 0 to 16"),
+        (Path((beginning, beginning), (PathWrap(99, "hybrid"),)), "surface 99, but .* surfaces"),
+    ):
+        with pytest.raises(ModelError, match=complaint):
+            evaluate_paths(MODEL, STATE, [path])
+
+
 def test_results_cannot_be_changed_by_whoever_holds_them() -> None:
     state = evaluate_paths(MODEL, STATE, [CORD])
     with pytest.raises(ValueError, match="read-only"):
@@ -104,7 +117,7 @@ def test_the_code_kept_on_disk_is_that_of_the_sources() -> None:
     frames, bodies = STATE.origin_in_ground.shape[:2]
     lengths, speeds = np.zeros((frames, 1)), np.zeros((frames, 1))
     wrenches, mobilities = np.zeros((frames, 1, bodies, 6)), np.zeros((frames, 1, Q.shape[1]))
-    courses, poses = pack_paths((CORD,), MODEL.surfaces), pack_bodies(STATE)
+    courses, poses = pack_paths(MODEL, (CORD,)), pack_bodies(STATE)
     origin = lay_all(*courses, poses, Q, STATE.speeds.copy(), lengths, speeds, wrenches, mobilities)
     assert origin == digest_of_sources()
     assert np.array_equal(lengths, evaluate_paths(MODEL, STATE, [CORD]).lengths)
