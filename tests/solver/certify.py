@@ -56,11 +56,14 @@ def chosen_states(model: Model) -> tuple[Array, Array]:
 
 
 class Oracle:
-    """The model in OpenSim, and everything the solver is compared with, at one state after the other."""
+    """The model in OpenSim, and everything the solver is compared with, at one state after the other.
 
-    def __init__(self, model: Model) -> None:
+    OpenSim's model is built of ours, or read from a file.
+    """
+
+    def __init__(self, model: Model, file: Path | None = None) -> None:
         opensim.Logger.setLevelString("error")
-        self.model, self.osim = model, build(model)
+        self.model, self.osim = model, build(model) if file is None else _read(file)
         self.state = self.osim.initSystem()
         self.matter = self.osim.getMatterSubsystem()
         indices = [self.osim.getBodySet().get(body.name).getMobilizedBodyIndex() for body in model.bodies[1:]]
@@ -75,6 +78,11 @@ class Oracle:
         ]
         for muscle in self.muscles:
             muscle.overrideActuation(self.state, True)
+
+    def evaluate_all(self, q: Array, u: Array) -> dict[str, Array]:
+        """Each quantity (states, …) at q and u (states, coordinates)."""
+        states = [self.evaluate(*state) for state in zip(q, u, strict=True)]
+        return {name: np.array([state[name] for state in states]) for name in states[0]}
 
     def evaluate(self, q: Array, u: Array) -> dict[str, Any]:
         state = self.state
@@ -201,6 +209,15 @@ def build(model: Model) -> Any:
         pusher.setOptimalForce(actuator.optimal_force)
         osim.addForce(_given(pusher))
     osim.finalizeConnections()
+    return osim
+
+
+def _read(file: Path) -> Any:
+    osim = opensim.Model(str(file))
+    for muscle in osim.getMuscles():
+        millard = opensim.Millard2012EquilibriumMuscle.safeDownCast(muscle)
+        millard.set_ignore_tendon_compliance(True)
+        millard.set_ignore_activation_dynamics(True)
     return osim
 
 
