@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, TypeVar
@@ -29,7 +30,7 @@ CONNECT_TIMEOUT_S = 3.0
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
 RPC_DEADLINE_S = LONGEST_WAIT_S + 2.0  # nidaqmx sets none: a frozen server would hold the caller for ever
-BUFFER_S = 60.0  # device seconds the PC buffer holds while nobody reads
+BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB, and half a minute at speed 20
 LARGEST_READ_S = 10.0
 
 T = TypeVar("T")
@@ -70,7 +71,7 @@ class NiDaq:
         self._reader: Any = None
         self._streams: tuple[Stream, ...] = ()
         self._next_number = 0
-        self._last_read_ns = 0
+        self._zero_ns = 0
         self._next_read_s = 0.0
 
     @property
@@ -126,7 +127,7 @@ class NiDaq:
         self._task.start()
         self._tells_available = self._ask(lambda: int(self._task.in_stream.avail_samp_per_chan), -1) >= 0
         self._next_number = 0
-        self._last_read_ns = self._host_clock()
+        self._zero_ns = sys.maxsize  # when sample 0 was taken, by the block that came with the least delay
         self._next_read_s = time.monotonic()
 
     def _connect(self) -> Any:
@@ -209,7 +210,7 @@ class NiDaq:
         numbers = self._next_number + np.arange(volts.shape[1], dtype=np.uint64)
         device_time_ns = np.rint(numbers * (1e9 / self._true_rate_hz)).astype(np.int64)
         self._next_number += volts.shape[1]
-        self._last_read_ns = host_time_ns
+        self._zero_ns = min(self._zero_ns, host_time_ns - int(device_time_ns[-1]))
         return [
             Samples(stream.name, numbers, device_time_ns, host_time_ns, row[:, np.newaxis].copy())
             for stream, row in zip(self._streams, volts, strict=True)
@@ -225,11 +226,11 @@ class NiDaq:
         except self._vendor_errors as error:
             raise self._lost(error) from error
         host_time_ns = self._host_clock()
-        count = max(1, round((host_time_ns - self._last_read_ns) * 1e-9 * self._true_rate_hz))
+        due = round((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
+        count = max(1, due - self._next_number)
         last_device_time_ns = round(max(self._next_number - 1, 0) * 1e9 / self._true_rate_hz)
         first_missing = self._next_number
         self._next_number += count
-        self._last_read_ns = host_time_ns
         return [
             Loss(stream.name, "overrun", first_missing, count, last_device_time_ns, host_time_ns)
             for stream in self._streams

@@ -152,7 +152,7 @@ def test_an_overrun_is_a_loss_of_known_length_and_the_stream_goes_on() -> None:
     with opened(driver(server, world)) as device:
         world.advance(0.1)
         last = blocks(device.read(0.1), "/force")[0]
-        world.advance(200)
+        world.advance(700)
         losses = [item for item in device.read(0.1) if isinstance(item, Loss)]
         world.advance(0.1)
         following = blocks(device.read(0.1), "/force")[0]
@@ -161,9 +161,9 @@ def test_an_overrun_is_a_loss_of_known_length_and_the_stream_goes_on() -> None:
     assert losses[0].first_missing == last.sample_numbers[-1] + 1
     assert losses[0].first_missing + losses[0].count == following.sample_numbers[0]
     assert losses[0].last_device_time_ns == last.device_time_ns[-1]
-    # The numbers still tell the time, to a sample: 200 s lie between them, in which the ramp rose by 2 V.
-    assert following.device_time_ns[0] - last.device_time_ns[-1] == pytest.approx(200e9, abs=2e6)
-    assert following.values[0, 0] - last.values[-1, 0] == pytest.approx(2.0, abs=0.02)
+    # The numbers still tell the time, to a sample: 700 s lie between them, in which the ramp rose by 7 V.
+    assert following.device_time_ns[0] - last.device_time_ns[-1] == pytest.approx(700e9, abs=2e6)
+    assert following.values[0, 0] - last.values[-1, 0] == pytest.approx(7.0, abs=0.02)
 
 
 def test_after_an_overrun_a_pfi0_task_does_not_wait_for_another_edge(
@@ -172,7 +172,7 @@ def test_after_an_overrun_a_pfi0_task_does_not_wait_for_another_edge(
     with opened(driver(server, world, start="pfi0")) as device:
         world.edge_s = world.now() + 5
         read_until(device, lambda items: bool(blocks(items, "/force")))
-        world.advance(200)
+        world.advance(700)
         after = read_until(device, lambda items: len(blocks(items, "/force")) > 1)
     assert any(isinstance(item, Loss) for item in after)
 
