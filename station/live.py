@@ -54,7 +54,7 @@ class LiveView:
         self._console = console or Console(stderr=True)
         self._backlog: deque[Item] = deque(maxlen=BACKLOG)
         self._snapshot = Snapshot(State.IDLE, "opening the devices")
-        self._said: State | None = None
+        self._changes: deque[Snapshot] = deque()
         self._tallies: dict[str, StreamTally] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
@@ -65,6 +65,8 @@ class LiveView:
         self._backlog.append(item)
 
     def show(self, snapshot: Snapshot) -> None:
+        if snapshot.state is not self._snapshot.state:
+            self._changes.append(snapshot)
         self._snapshot = snapshot
 
     def __enter__(self) -> LiveView:
@@ -89,18 +91,20 @@ class LiveView:
                 live.update(self._table())
 
     def _drain(self) -> None:
-        snapshot = self._snapshot
-        if snapshot.state is not self._said and snapshot.state is not State.IDLE:
-            self._said = snapshot.state
-            self._console.print(f"{self._title}: {snapshot.state.value}, {snapshot.sentence}", highlight=False)
+        while self._changes:
+            change = self._changes.popleft()
+            self._say(f"{self._title}: {change.state.value}: {change.sentence}")
         while self._backlog:
             item = self._backlog.popleft()
             if isinstance(item, Samples):
                 self._tallies.setdefault(item.stream, StreamTally()).add(item)
             elif isinstance(item, Event):
-                self._console.print(f"  {item.source}: {item.text}", highlight=False)
+                self._say(f"  {item.text}")
             elif isinstance(item, Loss):
-                self._console.print(f"  lost {item.count} samples of {item.stream}: {item.cause}", style="red")
+                self._say(f"  lost {item.count} samples of {item.stream}: {item.cause}")
+
+    def _say(self, words: str) -> None:
+        self._console.print(words, highlight=False, markup=False, soft_wrap=True)
 
     def _table(self) -> Table:
         snapshot, now = self._snapshot, self._clock.station_s()
