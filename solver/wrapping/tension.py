@@ -20,7 +20,7 @@ from solver.wrapping.vectors import (
     Vector,
     add,
     compiled,
-    compiled_once,
+    compiled_for_python,
     cross,
     dot,
     norm,
@@ -36,7 +36,7 @@ def lay_all_from(sources: str) -> Callable[..., str]:
     `sources`, their digest, is a variable of its closure and so part of the key under which it is kept.
     """
 
-    @compiled_once
+    @compiled_for_python
     def lay_all(
         points: Records,
         wraps: Records,

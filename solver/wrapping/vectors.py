@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import sqrt
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -19,12 +19,21 @@ SMALLEST_LENGTH = 2.220446049250313e-16
 
 
 def compiled(function: Function) -> Function:
-    """The function as machine code; division by zero gives inf or NaN, as in C."""
-    return cast(Function, njit(error_model="numpy", nogil=True)(function))
+    """The function as machine code for other compiled functions; division by zero gives inf or NaN, as in C.
+
+    It cannot be called from Python: to leave out the door saves a third of the time to compile.
+    """
+    options: dict[str, Any] = {
+        "error_model": "numpy",
+        "nogil": True,
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+    }
+    return cast(Function, njit(**options)(function))
 
 
-def compiled_once(function: Function) -> Function:
-    """Like compiled, and kept on disk between runs until its file or one of its closure's variables changes."""
+def compiled_for_python(function: Function) -> Function:
+    """Like compiled, with a door, and kept on disk until its file or one of its closure's variables changes."""
     return cast(Function, njit(error_model="numpy", nogil=True, cache=True)(function))
 
 
