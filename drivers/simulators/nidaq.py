@@ -43,7 +43,9 @@ from drivers.simulators.usb6008 import (
 )
 
 TIMED_OUT = -200284
+NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
 EVENT_POLL_S = 0.1
+FROZEN_GLANCE_S = 0.002  # wall
 DRIVER_VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update
 
 Value = TypeVar("Value")
@@ -101,6 +103,7 @@ def _rpc(method: Callable[[_Service, Any], Any]) -> Callable[[_Service, Any, grp
 
     @functools.wraps(method)
     def answer(self: _Service, request: Any, context: grpc.ServicerContext) -> Any:
+        self.wait_while_frozen(context)
         try:
             return method(self, request)
         except DaqmxError as error:
@@ -124,10 +127,18 @@ class _Service(NiDAQmxServicer):
         for name in list(self._tasks):
             self._tasks.pop(name).stop()
 
+    def wait_while_frozen(self, context: grpc.ServicerContext) -> None:
+        """Returns at once unless the server is frozen; a call that its client has given up does not happen later."""
+        while self._device.world.faults.active("ni", "freeze"):
+            if not context.is_active():
+                context.abort(grpc.StatusCode.CANCELLED, "frozen")
+            time.sleep(FROZEN_GLANCE_S)
+
     def _task(self, request: Any) -> AcquisitionTask:
         task = self._tasks.get(request.task.name)
         if task is None:
-            raise DaqmxError(-200088, "Task specified is invalid or does not exist.")
+            raise DaqmxError(*NO_SUCH_TASK)
+        task.ensure_alive()
         task.hear()
         return task
 
@@ -188,8 +199,10 @@ class _Service(NiDAQmxServicer):
 
     @_rpc
     def ClearTask(self, request: Any) -> Any:
-        self._task(request).stop()
-        self._tasks.pop(request.task.name, None)
+        task = self._tasks.pop(request.task.name, None)  # also one whose device is gone
+        if task is None:
+            raise DaqmxError(*NO_SUCH_TASK)
+        task.stop()
         return wire.ClearTaskResponse()
 
     # --- Samples
@@ -217,7 +230,11 @@ class _Service(NiDAQmxServicer):
         context.send_initial_metadata(())  # the client blocks on it
         due = request.n_samples
         while context.is_active() and self._tasks.get(request.task.name) is task:
-            if not task.wait_until_acquired(due, EVENT_POLL_S):
+            try:
+                has_come = task.wait_until_acquired(due, EVENT_POLL_S)
+            except DaqmxError:  # the device is gone, and the client's next call is told so
+                return
+            if not has_come:
                 time.sleep(EVENT_POLL_S / 10)  # it may not have been started yet
             else:
                 due += request.n_samples
@@ -282,7 +299,8 @@ class _Service(NiDAQmxServicer):
 
     @_rpc
     def GetSystemInfoAttributeString(self, request: Any) -> Any:
-        return wire.GetSystemInfoAttributeStringResponse(value=_attribute(request, {0x193B: self._device.name}))
+        names = self._device.name if self._device.is_plugged_in else ""
+        return wire.GetSystemInfoAttributeStringResponse(value=_attribute(request, {0x193B: names}))
 
     @_rpc
     def GetDeviceAttributeString(self, request: Any) -> Any:
@@ -327,8 +345,7 @@ class _Service(NiDAQmxServicer):
         return wire.GetErrorStringResponse(error_string=text)
 
     def _known_device(self, request: Any) -> str:
-        if request.device_name.lower() != self._device.name.lower():
-            raise DaqmxError(-200220, f"Device identifier is invalid.\n\nDevice Specified: {request.device_name}")
+        self._device.ensure_known(request.device_name)
         return self._device.name
 
 

@@ -13,14 +13,18 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.simulators.faults import Faults
 from drivers.simulators.settings import STANDARD_GRAVITY, SerialLine
 
 NEWTONS_PER_POUND = 4.4482216152605
 SEND_TIMEOUT_S = 1.0  # wall; a client that takes nothing for so long is left
+RUBBISH = b"\x00\xff\x80?;+0.\r\n"
 
 
 class ForceWorld(Protocol):
     """What a load cell feels of the World, in world seconds."""
+
+    faults: Faults
 
     @property
     def speed(self) -> float: ...
@@ -76,15 +80,23 @@ class SerialLoadCellSimulator:
 
     def _talk(self, client: Any) -> None:
         client.settimeout(SEND_TIMEOUT_S)
-        encode = ENCODERS[self._line.line_format]
         due = self._world.now()
         while not self._is_stopping.wait(max(0.0, (due - self._world.now()) / self._world.speed)):
-            force = self._world.cell_force(np.array([due]))
+            if self._world.faults.active("serial", "unplug", due):
+                return
             try:
-                client.sendall(encode(float(force[0])))
+                client.sendall(self._said(due))
             except OSError:
                 return
             due += 1 / self._line.rate_hz
+
+    def _said(self, due: float) -> bytes:
+        """The line of that moment, world seconds."""
+        if self._world.faults.active("serial", "silence", due):
+            return b""
+        if self._world.faults.active("serial", "garbage", due):
+            return RUBBISH
+        return ENCODERS[self._line.line_format](float(self._world.cell_force(np.array([due]))[0]))
 
 
 class _Server(socketserver.ThreadingTCPServer):

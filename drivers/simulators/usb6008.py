@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.simulators.faults import Faults
 from drivers.simulators.settings import DaqClock
 
 Array = NDArray[np.float64]
@@ -31,9 +32,29 @@ TRIGGER_GRID_S = 1e-4  # how finely the trigger line is watched
 LONGEST_SLEEP_S = 0.02  # wall, while waiting for samples
 ABANDONED_AFTER_S = 2.0  # wall, without a word from the client
 
+# The faults of the "ni" device, as NI words them.
+OVERWRITTEN = {
+    "overrun": (
+        -200279,
+        "The application is not able to keep up with the hardware acquisition: samples were overwritten before they "
+        "were read.",
+    ),
+    "fifo_overflow": (-200361, "Onboard device memory overflow: the USB bus did not take the samples in time."),
+}
+DEADLY = {
+    "unplug": (-200045, "Device was removed or is not present, and the task was aborted."),
+    "transfer_aborted": (-50405, "No transfer is in progress because the transfer was aborted by the client."),
+}
+REFUSALS = {
+    "refuse": (-50103, "The specified resource is reserved. The operation could not be completed as specified."),
+    "transfer_aborted": DEADLY["transfer_aborted"],
+}
+
 
 class ElectricalWorld(Protocol):
     """What an analog input can see of the World: its voltages, at any moment up to now (world seconds)."""
+
+    faults: Faults
 
     @property
     def speed(self) -> float: ...
@@ -96,10 +117,18 @@ class Usb6008:
         self._lock = threading.RLock()  # taken before a task's own, never after
         self._running: AcquisitionTask | None = None
 
+    @property
+    def is_plugged_in(self) -> bool:
+        return self.world.faults.active("ni", "unplug") is None
+
+    def ensure_known(self, name: str) -> None:
+        """Raises the error of a device that is not there."""
+        if name.lower() != self.name.lower() or not self.is_plugged_in:
+            raise DaqmxError(-200220, f"Device identifier is invalid.\n\nDevice Specified: {name}")
+
     def input(self, physical_channel: str, lowest_v: float, highest_v: float) -> Input:
         device, _, channel = physical_channel.strip().partition("/")
-        if device.lower() != self.name.lower():
-            raise DaqmxError(-200220, f"Device identifier is invalid.\n\nDevice Specified: {device}")
+        self.ensure_known(device)
         if channel not in {f"ai{number}" for number in range(DIFFERENTIAL_INPUTS)}:
             raise DaqmxError(
                 -200170, f"Physical channel specified does not exist on this device.\n\nPhysical Channel: {channel}"
@@ -117,6 +146,10 @@ class Usb6008:
 
     def reserve(self, task: AcquisitionTask) -> None:
         """Makes it the running task; one that its client has left alone gives way."""
+        self.ensure_known(self.name)
+        for kind, (code, text) in REFUSALS.items():
+            if self.world.faults.active("ni", kind):
+                raise DaqmxError(code, text)
         with self._lock:
             other = self._running
             if other is not None and other is not task:
@@ -151,6 +184,7 @@ class AcquisitionTask:
         self.buffer_size = 0
         self.waits_for_trigger = False
         self._device = device
+        self._made_at = device.world.now()
         self._changed = threading.Condition()
         self._watched_until: float | None = None  # world seconds; None while the task is stopped
         self._started_at: float | None = None  # world seconds of sample 0; None while the trigger is awaited
@@ -164,6 +198,12 @@ class AcquisitionTask:
     def hear(self) -> None:
         """Its client is alive."""
         self._heard_at = time.monotonic()
+
+    def ensure_alive(self) -> None:
+        """Raises what a task says for ever once its device was taken from under it."""
+        for kind, (code, text) in DEADLY.items():
+            if self._device.world.faults.has_begun("ni", kind, since=self._made_at):
+                raise DaqmxError(code, text)
 
     def set_clock(self, rate_hz: float, samples_per_channel: int) -> None:
         self.rate_hz = rate_hz
@@ -209,11 +249,11 @@ class AcquisitionTask:
         with self._changed:
             available = self.acquired() - self._position
             if available > self.buffer_size:
-                raise DaqmxError(
-                    -200279,
-                    "The application is not able to keep up with the hardware acquisition: samples were overwritten "
-                    "before they were read.",
-                )
+                raise DaqmxError(*OVERWRITTEN["overrun"])
+            for kind, (code, text) in OVERWRITTEN.items():
+                started_at = self._started_at
+                if started_at is not None and self._device.world.faults.has_begun("ni", kind, since=started_at):
+                    raise DaqmxError(code, text)
             return available
 
     def wait_until_acquired(self, count: int, timeout_s: float) -> bool:
@@ -221,6 +261,7 @@ class AcquisitionTask:
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
             while (missing := count - self.acquired()) > 0:
+                self.ensure_alive()
                 left_s = deadline_s - time.monotonic() if timeout_s >= 0 else LONGEST_SLEEP_S
                 if left_s <= 0 or self._watched_until is None:
                     return False

@@ -12,13 +12,14 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.load_script import TestKind
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.pull import Pull
@@ -49,10 +50,16 @@ class World:
     """Thread-safe. Devices ask for voltages, forces and markers at times up to now(); asking moves the world on.
 
     Without select_trial the plan is played: every cuff donned once, protocol.repeats × (static, dynamic), then anew.
+    The faults of the bench are kept with its time; the devices ask for theirs, and those of the sync line are its own.
     """
 
     def __init__(
-        self, settings: Settings, speed: float = 1.0, seed: int = 0, wall: Callable[[], float] = time.monotonic
+        self,
+        settings: Settings,
+        speed: float = 1.0,
+        seed: int = 0,
+        wall: Callable[[], float] = time.monotonic,
+        fault_plan: Iterable[Fault] = (),
     ) -> None:
         self.settings = settings
         self.speed = speed
@@ -70,6 +77,7 @@ class World:
         self._pull.advance(0.0)  # compiles the physics before the clock runs
         self._capture: Capture | None = None
         self._is_capturing = False
+        self.faults = Faults(self.now, fault_plan)
         self._seen = 0.0  # the latest world time any device was told about
         self._wall_start = wall()
 
@@ -105,7 +113,14 @@ class World:
         with self._lock:
             self._live(float(t.max()))
             capture = self._capture
-        is_active = np.zeros(t.shape, dtype=bool) if capture is None else (t >= capture.start) & (t < capture.end)
+        is_active = np.zeros(t.shape, dtype=bool)
+        if capture is not None:
+            is_active = (t >= capture.start) & (t < capture.end)
+            for stuck in self.faults.of("sync", "no_stop_edge"):
+                if capture.start <= stuck.begin:
+                    is_active |= (t >= capture.end) & (t < capture.end + stuck.fault.for_s)
+        for turned in self.faults.of("sync", *INVERSIONS):
+            is_active ^= (t >= turned.begin) & (t < turned.end)
         return np.where(is_active != line.is_inverted, line.high_v, line.low_v)
 
     def markers(self, t: Floats) -> Floats:
@@ -132,6 +147,7 @@ class World:
             number = 1 if self._capture is None else self._capture.number + 1
             self._capture = Capture(number, self._seen, self._pull.begin(self._seen), self._trial)
             self._is_capturing = True
+            self.faults.capture_started(number, self._seen)
             return self._capture
 
     def stop_capture(self) -> Capture:

@@ -8,6 +8,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.simulators.faults import Faults
+
 Array = NDArray[np.float64]
 
 
@@ -19,6 +21,7 @@ class StandInWorld:
         self.edge_s = np.inf
         self.flows = threading.Event()  # cleared, the amplifier's wire answers nobody: a device that hangs
         self.flows.set()
+        self.faults = Faults(self.now)
         self._is_standing = is_standing
         self._skipped_s = 0.0
         self._wall_start_s = time.monotonic()

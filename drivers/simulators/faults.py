@@ -1,0 +1,177 @@
+"""What goes wrong on the simulated bench, and when: a plan read from TOML, and faults added while it runs.
+
+A plan is a list of tables; times are world seconds:
+
+    [[faults]]
+    device = "ni"        # "ni", "qtm", "serial" or "sync"
+    fault = "unplug"     # one of FAULTS
+    at_s = 3.0           # after the start of the capture …
+    capture = 1          # … of this number; 0: after the start of the world
+    for_s = 2.0          # how long; without it as long as FAULTS says
+    labels = ["cuff_1"]  # for drop_labels and rename_labels; without it the last label
+"""
+
+from __future__ import annotations
+
+import threading
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from math import inf
+from pathlib import Path
+from typing import Any
+
+FAULTS: Mapping[str, Mapping[str, float]] = {
+    "ni": {
+        "overrun": 0.0,  # the PC buffer was overwritten (-200279), until the task is stopped and started
+        "fifo_overflow": 0.0,  # the on-board FIFO was overwritten (-200361), likewise
+        "transfer_aborted": 1.0,  # USB transfer aborted (-50405); the task is dead, no other starts for so long
+        "unplug": 1.0,  # the device is gone (-200045) and comes back; tasks of before stay dead
+        "refuse": 1.0,  # no task starts: reserved by another program (-50103)
+        "freeze": 1.0,  # no call is answered
+    },
+    "qtm": {
+        "skip_frames": 0.05,  # frames are exposed, numbered and not sent
+        "drop_labels": inf,  # labels leave the list, announced
+        "reorder_labels": inf,  # the list is turned round, announced
+        "rename_labels": inf,  # labels become "… (old)", announced
+        "half_packet": 0.0,  # a frame's packet stops in its middle, the next follows
+        "zero_length": 0.0,  # a packet that says it has no bytes
+        "huge_length": 0.0,  # a packet that says it has two billion
+        "unknown_packet": 0.0,  # of type 77
+        "unknown_component": 0.05,  # frames carry a component of type 99 before the markers
+        "unknown_event": 0.0,  # number 200
+        "silent": 1.0,  # the connection stays, nothing is said, no command is answered
+        "restart": 1.0,  # every connection is closed and the port refuses; the capture goes on
+        "renumber": 0.0,  # frames and time stamps count anew
+        "full": 1.0,  # new clients are told that ten are there
+        "no_more_data": 1.0,  # says so, and sends no frames
+    },
+    "serial": {
+        "garbage": 0.5,  # lines are rubbish
+        "silence": 0.5,  # no lines
+        "unplug": 1.0,  # hangs up, and does so on everyone who comes
+    },
+    "sync": {
+        "glitch": 0.003,  # the line is on its other level
+        "early_edge": 0.1,  # the line rises so long before the first frame is exposed; at_s is ignored
+        "double_edge": 0.05,  # the line falls back, to rise a second time
+        "no_stop_edge": inf,  # the line stays up after the capture's end; at_s is ignored
+        "wrong_polarity": inf,  # the line is low where it should be high
+    },
+}
+"""By device and fault how long it lasts unless said otherwise [world s]; 0: a moment."""
+
+INVERSIONS = ("glitch", "double_edge", "wrong_polarity")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One entry of a plan, as the module's first lines describe it."""
+
+    device: str
+    fault: str
+    at_s: float
+    for_s: float
+    capture: int = 1
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Happening:
+    """A fault with its place in time: [begin, end) in world seconds."""
+
+    fault: Fault
+    begin: float
+    end: float
+
+
+def fault_from_dict(data: Mapping[str, Any]) -> Fault:
+    """One entry. Raises ValueError in one sentence that names what is wrong."""
+    device, kind = data.get("device"), data.get("fault")
+    if not isinstance(device, str) or device not in FAULTS:
+        raise ValueError(f"a fault names the device {device!r}, expected one of {', '.join(FAULTS)}")
+    if not isinstance(kind, str) or kind not in FAULTS[device]:
+        raise ValueError(f"{device} has no fault {kind!r}; it has {', '.join(FAULTS[device])}")
+    who = f"fault {kind} of {device}"
+    unknown = set(data) - {"device", "fault", "at_s", "for_s", "capture", "labels"}
+    if unknown:
+        raise ValueError(f"{who} has the unknown key {min(map(str, unknown))}")
+    labels = data.get("labels", ())
+    if not isinstance(labels, list | tuple) or not all(isinstance(label, str) for label in labels):
+        raise ValueError(f"{who}: labels is {labels!r}, expected a list of names")
+    capture = data.get("capture", 1)
+    if not isinstance(capture, int) or isinstance(capture, bool) or capture < 0:
+        raise ValueError(f"{who}: capture is {capture!r}, expected a whole number from 0")
+    at_s = _seconds(who, "at_s", data.get("at_s", 0.0))
+    for_s = _seconds(who, "for_s", data.get("for_s", FAULTS[device][kind]))
+    return Fault(device, kind, at_s, for_s, capture, tuple(labels))
+
+
+def read_fault_plan(path: Path) -> tuple[Fault, ...]:
+    """The plan in a TOML file. Raises ValueError in one sentence that names the file and what is wrong in it."""
+    try:
+        content = tomllib.loads(path.read_bytes().decode())
+        unknown = set(content) - {"faults"}
+        entries = content.get("faults", [])
+        if unknown or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise ValueError("expected a list of [[faults]] and nothing else")
+        return tuple(fault_from_dict(entry) for entry in entries)
+    except OSError as error:
+        raise ValueError(f"the fault plan {path} cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:  # what is not TOML, or no UTF-8, is a ValueError, too
+        raise ValueError(f"the fault plan {path} cannot be used: {' '.join(str(error).split())}") from error
+
+
+class Faults:
+    """The plan against the world's time. Thread-safe; answers do not depend on who asked before."""
+
+    def __init__(self, now: Callable[[], float], plan: Iterable[Fault] = ()) -> None:
+        self._now = now
+        self._lock = threading.Lock()
+        self._waiting = [fault for fault in plan if fault.capture > 0]
+        self._happenings = tuple(_happening(fault, 0.0) for fault in plan if fault.capture == 0)
+
+    def inject(self, fault: Fault) -> dict[str, Any]:
+        """Lets it happen at_s from now, whatever its capture; returns it as plain data."""
+        self._add([_happening(fault, self._now())])
+        return asdict(fault)
+
+    def capture_started(self, number: int, start: float) -> None:
+        """Gives the faults of this capture their place in time."""
+        with self._lock:
+            due = [fault for fault in self._waiting if fault.capture == number]
+            self._waiting = [fault for fault in self._waiting if fault.capture != number]
+        self._add([_happening(fault, start) for fault in due])
+
+    def active(self, device: str, kind: str, at: float | None = None) -> Fault | None:
+        """The fault of that kind that goes on at a world time, by default now."""
+        moment = self._now() if at is None else at
+        for one in self.of(device, kind):
+            if one.begin <= moment < one.end:
+                return one.fault
+        return None
+
+    def has_begun(self, device: str, kind: str, since: float) -> bool:
+        """Whether a fault of that kind began after the world time since, and up to now."""
+        now = self._now()
+        return any(since < one.begin <= now for one in self.of(device, kind))
+
+    def of(self, device: str, *kinds: str) -> list[Happening]:
+        """All of these kinds whose place in time is known."""
+        return [one for one in self._happenings if one.fault.device == device and one.fault.fault in kinds]
+
+    def _add(self, happenings: list[Happening]) -> None:
+        with self._lock:
+            self._happenings = (*self._happenings, *happenings)
+
+
+def _happening(fault: Fault, origin: float) -> Happening:
+    return Happening(fault, origin + fault.at_s, origin + fault.at_s + fault.for_s)
+
+
+def _seconds(who: str, key: str, value: Any) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0 <= value <= (inf if isinstance(value, float) else 10**9):
+        raise ValueError(f"{who}: {key} is {value!r}, expected seconds from 0")
+    return float(value)
