@@ -1,11 +1,12 @@
 """The simulated bench in a process of its own, spoken to in lines of JSON.
 
-The first line on standard input is the settings (settings.py), with "speed" and "seed" beside them; the answer tells
-"ports", "labels", "trial" and "truth". Each further line is one request, answered by one line:
+The first line on standard input is the settings (settings.py), with "speed", "seed" and "faults" (a list, faults.py)
+beside them; the answer tells "ports", "labels", "trial" and "truth". Each further line is one request, answered by one line:
 
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
     {"don": "hand"}                                 dons the cuff anew
     {"pause_s": 60}                                 answers when so many seconds of the world have passed
+    {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
     {"truth": true}                                 parameters by cuff, and what each has slipped since it was donned
     {"quit": true}                                  ends; so does the end of standard input
 
@@ -23,6 +24,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from drivers.simulators.bench import Bench
+from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.settings import settings_from_dict
 
 
@@ -33,7 +35,8 @@ def main() -> int:
     try:
         options = requests.next() or {}
         speed, seed = float(options.pop("speed", 1.0)), int(options.pop("seed", 0))
-        bench = Bench(settings_from_dict(options), speed, seed)
+        plan = [fault_from_dict(entry) for entry in options.pop("faults", [])]
+        bench = Bench(settings_from_dict(options), speed, seed, plan)
         with bench:
             world = bench.world
             _answer(ports=bench.ports, labels=world.labels, trial=asdict(world.trial), truth=world.truth())
@@ -95,12 +98,14 @@ def _obeyed(bench: Bench, request: dict[str, Any], ended: threading.Event) -> di
         case {"pause_s": int() | float() as seconds}:
             ended.wait(seconds / bench.world.speed)
             return {"pause_s": seconds}
+        case {"fault": dict(fault)}:
+            return {"fault": bench.world.faults.inject(fault_from_dict(fault))}
         case {"truth": True}:
             return {"truth": bench.world.truth()}
         case {"quit": True}:
             return {"quit": True}
         case _:
-            raise ValueError(f"no request is {json.dumps(request)}; known are trial, don, pause_s, truth and quit")
+            raise ValueError(f"no request is {json.dumps(request)}; known are trial, don, fault, pause_s, truth, quit")
 
 
 def _answer(**content: Any) -> None:

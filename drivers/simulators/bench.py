@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Protocol
 
+from drivers.simulators.faults import Fault
 from drivers.simulators.operator import Operator
 from drivers.simulators.qualisys import QualisysSimulator
 from drivers.simulators.settings import Settings
@@ -16,10 +18,11 @@ class Bench:
     """A context manager: within it the devices answer on 127.0.0.1, at `ports` by name ("ni", "qtm", "serial").
 
     A port of None in settings.ports leaves its device out. Raises OSError or RuntimeError where a port is taken.
+    What goes wrong follows the plan, and world.faults.inject().
     """
 
-    def __init__(self, settings: Settings, speed: float = 1.0, seed: int = 0) -> None:
-        self.world = World(settings, speed, seed)
+    def __init__(self, settings: Settings, speed: float = 1.0, seed: int = 0, fault_plan: Iterable[Fault] = ()) -> None:
+        self.world = World(settings, speed, seed, fault_plan=fault_plan)
         self.ports: dict[str, int] = {}
         self._settings = settings
         self._seed = seed

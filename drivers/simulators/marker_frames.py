@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,11 +31,19 @@ _HEADER = (
 
 @dataclass(frozen=True)
 class Frames:
-    """numbers (n,) from 1; timestamps (n,) [µs] from frame 1; points (n, labels, 4): x, y, z, residual [mm]."""
+    """numbers (n,) from 1; timestamps (n,) [µs] from frame 1; points (n, labels, 4): x, y, z, residual [mm].
 
+    times (n,) are the world seconds of their exposure.
+    """
+
+    times: NDArray[np.float64]
     numbers: NDArray[np.uint32]
     timestamps: NDArray[np.int64]
     points: NDArray[np.float32]
+
+    def chosen(self, mask: NDArray[np.bool_], columns: Sequence[int]) -> Frames:
+        """Only these frames, (n,), with only these labels in this order."""
+        return Frames(self.times[mask], self.numbers[mask], self.timestamps[mask], self.points[mask][:, columns])
 
 
 class Camera:
@@ -54,30 +63,35 @@ class Camera:
             return None
         index = np.arange(self._exposed, due)
         self._exposed = due
-        markers = self._world.markers(self._first_exposure + index / self._rate)
+        times = self._first_exposure + index / self._rate
+        markers = self._world.markers(times)
         points = np.zeros((*markers.shape[:2], 4), dtype="<f4")
         points[..., :3] = markers
         is_missing = np.isnan(points[..., 0])
         points[..., 3] = self._random.rayleigh(_TYPICAL_RESIDUAL_MM, is_missing.shape)
         points[is_missing, 3] = 0
         points.view("<u4")[is_missing, :3] = MISSING
-        return Frames((index + 1).astype(np.uint32), np.rint(index * (1e6 / self._rate)).astype(np.int64), points)
+        numbers, timestamps = index + 1, np.rint(index * (1e6 / self._rate))
+        return Frames(times, numbers.astype(np.uint32), timestamps.astype(np.int64), points)
+
+    def renumbered(self) -> Camera:
+        """Goes on with the next exposure as frame 1."""
+        return Camera(self._world, self._first_exposure + self._exposed / self._rate)
 
 
-def packed(frames: Frames, component: str, divisor: int) -> bytes:
-    """The packets of every divisor-th frame, back to back."""
+def packed(frames: Frames, component: str) -> bytes:
+    """The packets of the frames, back to back."""
     kind, columns = COMPONENTS[component]
-    chosen = (frames.numbers - 1) % divisor == 0
     count = frames.points.shape[1]
     layout = np.dtype([*_HEADER, ("points", "<f4", (count, columns))])
-    packets = np.zeros(int(chosen.sum()), dtype=layout)
+    packets = np.zeros(frames.numbers.size, dtype=layout)
     packets["size"] = layout.itemsize
     packets["packet"] = DATA_PACKET
-    packets["timestamp"] = frames.timestamps[chosen]
-    packets["number"] = frames.numbers[chosen]
+    packets["timestamp"] = frames.timestamps
+    packets["number"] = frames.numbers
     packets["components"] = 1
     packets["component_size"] = layout.itemsize - 24
     packets["component"] = kind
     packets["markers"] = count
-    packets["points"] = frames.points[chosen, :, :columns]
+    packets["points"] = frames.points[..., :columns]
     return packets.tobytes()

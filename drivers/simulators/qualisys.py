@@ -4,8 +4,8 @@ Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, a
 With a preview, frames flow between captures too; their numbers begin anew with every capture and every preview.
 
 Does not imitate: the ports of other versions and byte orders, discovery, UDP and OSC, components other than labelled 3D
-with and without residuals, polled frames, changing settings, triggers, transfer of files, calibration, real time from
-file, skipped frames and delays of QTM's own processing.
+with and without residuals, polled frames, changing settings but by a fault, triggers, transfer of files, calibration,
+real time from file, delays of QTM's own processing, labels that change without an event.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
-from drivers.simulators.marker_frames import COMPONENTS, Camera, packed
+from drivers.simulators.marker_frames import COMPONENTS, Camera
+from drivers.simulators.qtm_faults import QtmFaults
 from drivers.simulators.world import Capture, World
 
 ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
-CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, CAPTURE_SAVED = 1, 2, 3, 4, 13
+CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, SETTINGS_CHANGED, CAPTURE_SAVED = 1, 2, 3, 4, 11, 13
+PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that are no state
 VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
 MOST_CLIENTS = 10
 MOST_UNSENT_BYTES = 8_000_000  # a client further behind loses frames, as in QTM
@@ -90,7 +92,7 @@ class _Client:
     def send_text(self, kind: int, text: str) -> None:
         self.send(kind, text.encode() + b"\0")
 
-    def send_frames(self, packets: bytes) -> None:
+    def send_bytes(self, packets: bytes) -> None:
         if self._writer.transport.get_write_buffer_size() < MOST_UNSENT_BYTES:
             self._writer.write(packets)
 
@@ -114,59 +116,94 @@ class _Server:
         self._capture: Capture | None = None  # the one that runs
         self._captures = 0
         self._camera: Camera | None = None
+        self._trouble = QtmFaults(world.faults, world.labels, self._mocap.rate_hz)
+        self._told_until = 0.0  # world seconds
+        self._port = 0
+        self._listener: asyncio.Server | None = None
         self._start_preview(0.0)
 
     async def serve(self, port: int, bound: Future[int]) -> None:
         try:
-            server = await asyncio.start_server(self._talk, "127.0.0.1", port)
+            self._listener = await asyncio.start_server(self._talk, "127.0.0.1", port)
         except OSError as error:
             bound.set_exception(error)
             return
-        bound.set_result(server.sockets[0].getsockname()[1])
+        self._port = self._listener.sockets[0].getsockname()[1]
+        bound.set_result(self._port)
         pacing = asyncio.create_task(self._pace())
         ending = asyncio.create_task(self.ending.wait())
         await asyncio.wait((pacing, ending), return_when=asyncio.FIRST_COMPLETED)
-        server.close()
-        for client in self.clients:
-            client.close()
+        pacing.cancel()
+        self._hang_up()
         while self.clients:  # each leaves by itself
             await asyncio.sleep(TICK_S)
-        if pacing.done():
+        if not ending.done():
             pacing.result()  # it never ends but by a fault, which belongs on the screen
+
+    def _hang_up(self) -> None:
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+        for client in self.clients:
+            client.close()
 
     # Frames
 
     async def _pace(self) -> None:
         while True:
             now = self._world.now()
+            if self._trouble.is_now("restart"):
+                self._hang_up()
+            elif self._listener is None:
+                self._listener = await asyncio.start_server(self._talk, "127.0.0.1", self._port)
+            before = self._told_until
             capture = self._world.capture
             if capture is not None and capture.number > self._captures:
-                self._send_before(capture.start)
+                self._tell_until(capture.start)
                 self._begin(capture)
             if self._capture is None:
-                self._send_before(now)
+                self._tell_until(now)
             elif capture is not None:
-                self._send_before(min(now, capture.end))
+                self._tell_until(min(now, capture.end))
                 if now >= capture.end:
                     self._end(capture)
+            self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._told_until)))
             await asyncio.sleep(TICK_S)
+
+    def _tell_until(self, until: float) -> None:
+        """Sends the frames exposed before until, and announces what changes between them."""
+        for moment, what in self._trouble.turns(self._told_until, until):
+            self._send_before(moment)
+            self._told_until = moment
+            if what == "settings":
+                self._announce(SETTINGS_CHANGED)
+            elif self._camera is not None:
+                self._camera = self._camera.renumbered()
+        self._send_before(until)
+        self._told_until = max(self._told_until, until)
 
     def _send_before(self, until: float) -> None:
         frames = self._camera.frames_before(until) if self._camera else None
-        if frames is None:
-            return
-        streams = {client.stream for client in self.clients if client.stream}
-        packets = {stream: packed(frames, stream.component, stream.divisor) for stream in streams}
+        if frames is not None:
+            packets = self._trouble.packets
+            self._send({stream: packets(frames, stream.component, stream.divisor) for stream in self._streams()})
+
+    def _streams(self) -> set[Stream]:
+        return {client.stream for client in self.clients if client.stream}
+
+    def _send(self, packets: dict[Stream, bytes]) -> None:
         for client in self.clients:
-            if client.stream:
-                client.send_frames(packets[client.stream])
+            if client.stream and packets[client.stream]:
+                client.send_bytes(packets[client.stream])
 
     def _begin(self, capture: Capture) -> None:
         self._capture = capture
         self._captures = capture.number
         self._is_connected = True
         self._is_unsaved = self.master is not None  # a person at the PC saves what he started
-        self._camera = Camera(self._world, capture.start + self._mocap.phase_s)
+        early = self._world.faults.of("sync", "early_edge")
+        early_s = sum(one.fault.for_s for one in early if one.fault.capture == capture.number)
+        self._camera = Camera(self._world, capture.start + self._mocap.phase_s + early_s)
         self._announce(CAPTURE_STARTED)
 
     def _end(self, capture: Capture) -> None:
@@ -184,16 +221,17 @@ class _Server:
         self._camera = Camera(self._world, since) if has_preview else None
 
     def _announce(self, event: int) -> None:
-        if event != CAPTURE_SAVED:
+        if event not in PASSING:
             self._state = event
         for client in self.clients:
-            client.send(EVENT, bytes([event]))
+            if not self._trouble.is_now("silent"):
+                client.send(EVENT, bytes([event]))
 
     # Commands
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = _Client(writer)
-        if len(self.clients) >= MOST_CLIENTS:
+        if len(self.clients) >= MOST_CLIENTS or self._trouble.is_now("full"):
             client.send_text(ERROR, "Connection refused. Max number of clients reached.")
             writer.close()
             return
@@ -205,6 +243,8 @@ class _Server:
                 if not 8 <= size <= LONGEST_COMMAND_BYTES:
                     break
                 body = await reader.readexactly(size - 8)
+                while self._trouble.is_now("silent"):
+                    await asyncio.sleep(TICK_S)
                 self._obey(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
@@ -330,13 +370,12 @@ class _Server:
 
     def _parameters(self, wanted: list[str]) -> str:
         """The XML of GetParameters."""
-        labels = "".join(
-            f"<Label><Name>{escape(label)}</Name><RGBColor>65280</RGBColor></Label>" for label in self._world.labels
-        )
+        names = [label for label, _ in self._trouble.labels(self._told_until)]
+        labels = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65280</RGBColor></Label>" for name in names)
         blocks = {
             "general": f"<General><Frequency>{self._mocap.rate_hz:g}</Frequency></General>",
             "3d": f"<The_3D><AxisUpwards>+Z</AxisUpwards><CalibrationTime>2026.01.01 12:00:00</CalibrationTime>"
-            f"<Labels>{len(self._world.labels)}</Labels>{labels}</The_3D>",
+            f"<Labels>{len(names)}</Labels>{labels}</The_3D>",
         }
         chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
         if not chosen:
