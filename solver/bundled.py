@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.functions import polynomial
 from solver.model import (
     NO_COORDINATE,
     AxisMotion,
@@ -96,7 +97,8 @@ class _TableReader:
             for index, (name, axis, *figures) in enumerate(row.get(f"{motion}s", []), start=first):
                 axes[index] = np.array(axis) / np.linalg.norm(axis)
                 driver[index] = self.add_coordinate(name, motion, figures)
-        return AxisMotion(axes, driver, slope=np.where(driver == NO_COORDINATE, 0.0, 1.0), offset=np.zeros(6))
+        still, driven = polynomial([0.0]), polynomial([0.0, 1.0])
+        return AxisMotion(axes, driver, tuple(still if d == NO_COORDINATE else driven for d in driver))
 
     def add_coordinate(self, name: str, motion: Any, figures: list[float]) -> int:
         default, lowest, highest = figures

@@ -1,4 +1,4 @@
-"""How loads accelerate the model: mass matrix, bias, point constraints, and the joint reaction between arm and trunk.
+"""How loads accelerate the model: mass matrix, bias, constraints, and the joint reaction between arm and trunk.
 
 With u̇ the accelerations, f the generalised forces and λ the constraints' multipliers,
 
@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kinematics import Postures, jacobians, points_in_ground
-from solver.model import Model, ModelError, PointConstraint
+from solver.constraints import constraint_rows
+from solver.kinematics import Postures, jacobians, point_acceleration, points_in_ground
+from solver.model import Model, ModelError
 from solver.muscle import MuscleForces
 from solver.paths import PathState
 from solver.spatial import rotate, skew_matrix
@@ -32,13 +33,13 @@ class EquationsOfMotion:
 
     mass_matrix           M (frames, coordinates, coordinates)
     bias_force            c (frames, coordinates), of velocities and gravity
-    constraint_jacobian   G (frames, 3 per constraint, coordinates)
-    constraint_bias       b (frames, 3 per constraint)
+    constraint_jacobian   G (frames, rows, coordinates), see solver/constraints.py
+    constraint_bias       b (frames, rows)
     mobility              P (frames, coordinates, coordinates)
-    multiplier_per_force  Kᵀ (frames, 3 per constraint, coordinates)
+    multiplier_per_force  Kᵀ (frames, rows, coordinates)
     body_jacobians        (frames, bodies, 6, coordinates) as kinematics.jacobians
     acceleration_unloaded (frames, coordinates) u̇ at f = 0
-    multipliers_unloaded  (frames, 3 per constraint) λ at f = 0
+    multipliers_unloaded  (frames, rows) λ at f = 0
     beyond                (bodies,) which bodies the reaction joint carries
     reaction_point        (frames, 3) origin of that joint's frame in its parent, in ground [m]
     reaction_per_acceleration  R_a (frames, 6, coordinates)
@@ -86,7 +87,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     mass_matrix = _sum_over_bodies(spin, inertia.tensor @ spin)
     mass_matrix += _sum_over_bodies(center, inertia.mass[:, None, None] * center)
     bias_force = np.einsum("fbij,fbi->fj", spin, inertia.moment) + np.einsum("fbij,fbi->fj", center, inertia.force)
-    jacobian, bias = _constraints(model, state, inertia.jacobians)
+    jacobian, bias = constraint_rows(model, state, inertia.jacobians)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
     inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
@@ -167,21 +168,8 @@ def response_maps(
 
 
 def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array:
-    """λ (frames, 3 per constraint) [N] under a generalised force f (frames, coordinates), in Simbody's sign."""
+    """λ (frames, rows) [N; N m for angles] under a generalised force f (frames, coordinates), in Simbody's sign."""
     return equations.multipliers_unloaded + rotate(equations.multiplier_per_force, generalised_force)
-
-
-def constraint_gaps(model: Model, state: Postures) -> Array:
-    """(frames, constraints, 3) from each constraint's first point to its second, in the bodies' common ancestor [m]."""
-    gaps = [
-        _in_ancestor(model, state, constraint)
-        @ (
-            points_in_ground(state, constraint.body_2, constraint.location_2)
-            - points_in_ground(state, constraint.body_1, constraint.location_1)
-        )[..., None]
-        for constraint in model.constraints
-    ]
-    return np.stack([gap[..., 0] for gap in gaps], axis=1) if gaps else np.zeros((len(state.coordinates), 0, 3))
 
 
 @dataclass(frozen=True)
@@ -211,7 +199,7 @@ class _Inertia:
         spin = columns[..., :3, :]
         angular, alpha = state.angular_velocity, state.bias_acceleration[..., :3]
         velocity = state.origin_velocity + np.cross(angular, lever)
-        acceleration = _point_acceleration(alpha, state.bias_acceleration[..., 3:], angular, velocity, center)
+        acceleration = point_acceleration(alpha, state.bias_acceleration[..., 3:], angular, velocity, center)
         return _Inertia(
             mass=mass,
             tensor=tensor,
@@ -222,11 +210,6 @@ class _Inertia:
             moment=rotate(tensor, alpha) + np.cross(angular, rotate(tensor, angular)),
             force=mass[:, None] * (acceleration - model.gravity),
         )
-
-
-def _point_acceleration(alpha: Array, at_origin: Array, angular: Array, velocity: Array, point: Array) -> Array:
-    """Acceleration of a body's point moving with `velocity`, from the rate of change (α, v̇₀) of the body's screw."""
-    return at_origin + np.cross(alpha, point) + np.cross(angular, velocity)
 
 
 def _sum_over_bodies(left: Array, right: Array) -> Array:
@@ -246,48 +229,6 @@ def _inverse(matrix: Array, whose: str) -> Array:
     if np.any(magnified > _SINGULAR):
         raise ModelError(f"{whose} cannot be solved for: singular in at least one of {len(matrix)} postures")
     return inverse
-
-
-def _constraints(model: Model, state: Postures, columns: Array) -> tuple[Array, Array]:
-    """G and b. As in Simbody, both bodies are taken at the second point, which matters where the gap is not closed."""
-    frames, count = len(state.coordinates), len(model.constraints)
-    jacobian, bias = np.zeros((frames, 3 * count, columns.shape[-1])), np.zeros((frames, 3 * count))
-    for index, constraint in enumerate(model.constraints):
-        one, two = constraint.body_1, constraint.body_2
-        point = points_in_ground(state, two, constraint.location_2)
-        to_ancestor = _in_ancestor(model, state, constraint)
-        relative = columns[:, two] - columns[:, one]
-        velocity_1, acceleration_1 = _at_point(state, one, point)
-        velocity_2, acceleration_2 = _at_point(state, two, point)
-        turning = state.angular_velocity[:, _common_ancestor(model, constraint)]
-        coriolis = 2.0 * np.cross(turning, velocity_2 - velocity_1)
-        rows = slice(3 * index, 3 * index + 3)
-        jacobian[:, rows] = to_ancestor @ (relative[:, 3:] - skew_matrix(point) @ relative[:, :3])
-        bias[:, rows] = rotate(to_ancestor, acceleration_2 - acceleration_1 - coriolis)
-    return jacobian, bias
-
-
-def _at_point(state: Postures, body: int, point: Array) -> tuple[Array, Array]:
-    """Velocity and bias acceleration (frames, 3) of the material point of a body that is just at `point` in ground."""
-    angular, change = state.angular_velocity[:, body], state.bias_acceleration[:, body]
-    velocity = state.origin_velocity[:, body] + np.cross(angular, point - state.origin_in_ground[:, body])
-    return velocity, _point_acceleration(change[:, :3], change[:, 3:], angular, velocity, point)
-
-
-def _in_ancestor(model: Model, state: Postures, constraint: PointConstraint) -> Array:
-    """(frames, 3, 3) turns ground vectors into those of the nearest body that carries both of a constraint's bodies."""
-    return np.swapaxes(state.rotation_to_ground[:, _common_ancestor(model, constraint)], 1, 2)
-
-
-def _common_ancestor(model: Model, constraint: PointConstraint) -> int:
-    parents = {joint.child: joint.parent for joint in model.joints}
-    lineage = [constraint.body_1]
-    while lineage[-1] in parents:
-        lineage.append(parents[lineage[-1]])
-    body = constraint.body_2
-    while body not in lineage:
-        body = parents[body]
-    return body
 
 
 def _carried(model: Model, body: int) -> NDArray[np.bool_]:

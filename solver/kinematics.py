@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import GROUND, AxisMotion, Joint, Model, ModelError, ScapulothoracicMotion
-from solver.spatial import angular_rates_matrix, rotate, rotation_about, rotation_body_fixed_xyz
+from solver.model import GROUND, NO_COORDINATE, AxisMotion, BallMotion, Joint, Model, ModelError, ScapulothoracicMotion
+from solver.spatial import angular_rates_change, angular_rates_matrix, rotate, rotation_about, rotation_body_fixed_xyz
 
 Array = NDArray[np.float64]
 
@@ -24,8 +24,8 @@ class Postures:
     """Poses and velocities of all bodies in a batch of frames; everything in ground, SI; body 0 is the ground itself.
 
     coordinates         (frames, coordinates) q
-    speeds              (frames, coordinates) u, conjugate to q except on the scapula, where u₁…u₃ are the components of
-                        an angular velocity in the joint's parent frame
+    speeds              (frames, coordinates) u = q̇, except that of the three angles of a scapula, ball or free joint,
+                        where u are the components of the angular velocity in the joint's parent frame
     rotation_to_ground  (frames, bodies, 3, 3) turns body vectors into ground vectors
     origin_in_ground    (frames, bodies, 3) body origins
     angular_velocity    (frames, bodies, 3)
@@ -83,7 +83,7 @@ def bodies_moved(model: Model) -> NDArray[np.bool_]:
     moved = np.zeros((len(model.bodies), len(model.coordinates)), dtype=bool)
     for joint in model.joints:
         moved[joint.child] = moved[joint.parent]
-        moved[joint.child, _coordinates_of(joint)] = True
+        moved[joint.child, list(joint.motion.coordinates)] = True
     return moved
 
 
@@ -92,17 +92,42 @@ def points_in_ground(state: Postures, body: int, location: Array) -> Array:
     return state.origin_in_ground[:, body] + state.rotation_to_ground[:, body] @ location
 
 
-def speeds_from_rates(model: Model, coordinates: Array, rates: Array) -> Array:
-    """u (frames, coordinates) that moves the bodies as q̇ does; it differs from q̇ on the scapula only, u = E(q) q̇.
+def point_acceleration(alpha: Array, at_origin: Array, angular: Array, velocity: Array, point: Array) -> Array:
+    """Acceleration (…, 3) in ground of a point moving with `velocity`, from its body's angular velocity and the rate of
+    change (α, v̇₀) of its body's screw.
+    """
+    return at_origin + np.cross(alpha, point) + np.cross(angular, velocity)
 
-    The published redundancy problem takes u = q̇ instead.
+
+def speeds_from_rates(model: Model, coordinates: Array, rates: Array) -> Array:
+    """u (frames, coordinates) that moves the bodies as q̇ does: u = q̇ or, of the angles of a scapula, ball or free
+    joint, u = E(q) q̇.
+
+    The published redundancy problem takes u = q̇ for the scapula instead.
     """
     speeds = rates.copy()
-    for joint in model.joints:
-        if isinstance(joint.motion, ScapulothoracicMotion):
-            turning = list(joint.motion.coordinates[:3])
-            speeds[:, turning] = rotate(angular_rates_matrix(coordinates[:, turning]), rates[:, turning])
+    for turning in _turning(model):
+        speeds[:, turning] = rotate(angular_rates_matrix(coordinates[:, turning]), rates[:, turning])
     return speeds
+
+
+def rates_of_coordinates(model: Model, state: Postures) -> tuple[Array, Array]:
+    """N (frames, coordinates, coordinates) and Ṅ u (frames, coordinates) of q̇ = N(q) u, q̈ = N u̇ + Ṅ u."""
+    q, u = state.coordinates, state.speeds
+    frames, count = q.shape
+    matrix, drift = np.broadcast_to(np.eye(count), (frames, count, count)).copy(), np.zeros((frames, count))
+    for turning in _turning(model):
+        inverse: Array = np.linalg.inv(angular_rates_matrix(q[:, turning]))  # type: ignore[assignment]
+        rates = rotate(inverse, u[:, turning])
+        change = rotate(angular_rates_change(q[:, turning], rates), rates)
+        matrix[np.ix_(range(frames), turning, turning)] = inverse
+        drift[:, turning] = -rotate(inverse, change)
+    return matrix, drift
+
+
+def _turning(model: Model) -> list[list[int]]:
+    """Of each joint whose speeds are an angular velocity, its three angles."""
+    return [list(j.motion.turning) for j in model.joints if not isinstance(j.motion, AxisMotion)]
 
 
 @dataclass(frozen=True)
@@ -116,38 +141,59 @@ class _Motion:
     bias: Array
 
 
-def _coordinates_of(joint: Joint) -> list[int]:
-    if isinstance(joint.motion, ScapulothoracicMotion):
-        return list(joint.motion.coordinates)
-    return [int(c) for c in joint.motion.coordinate if c >= 0]
-
-
 def _motion(joint: Joint, q: Array, u: Array) -> _Motion:
     if isinstance(joint.motion, ScapulothoracicMotion):
         return _scapulothoracic(joint.motion, q, u)
+    if isinstance(joint.motion, BallMotion):
+        return _ball(joint.motion, q, u)
     return _axes(joint.motion, q, u)
 
 
 def _axes(motion: AxisMotion, q: Array, u: Array) -> _Motion:
     """Body-fixed rotations about a₁, a₂, a₃, then a translation along a₄, a₅, a₆, all axes of the parent frame."""
-    frames = len(q)
-    driven = motion.coordinate >= 0
-    value = np.where(driven, q[:, motion.coordinate] * motion.slope, 0.0) + motion.offset
+    frames, coordinates = len(q), motion.coordinates
+    value, slope, rate, bend = (np.zeros((frames, 6)) for _ in range(4))
+    for i, (driver, function) in enumerate(zip(motion.coordinate, motion.functions, strict=True)):
+        is_driven = driver != NO_COORDINATE
+        value[:, i], own_slope, curvature = function.derivatives(q[:, driver] if is_driven else np.zeros(frames))
+        if is_driven:
+            slope[:, i], rate[:, i], bend[:, i] = own_slope, own_slope * u[:, driver], curvature * u[:, driver] ** 2
     translation = value[:, 3:] @ motion.axes[3:]
     rotation = np.broadcast_to(np.eye(3), (frames, 3, 3))
-    columns, bias, spin = np.zeros((frames, 6, 6)), np.zeros((frames, 6)), np.zeros((frames, 3))
-    for i in range(3):
-        axis = rotation @ motion.axes[i] * motion.slope[i]
-        rate = axis * u[:, motion.coordinate[i], None] if driven[i] else np.zeros((frames, 3))
-        columns[:, i, :3], columns[:, i, 3:] = axis, np.cross(translation, axis)
-        bias[:, :3] += np.cross(spin, rate)
-        spin = spin + rate
-        rotation = rotation @ rotation_about(motion.axes[i], value[:, i])
-    columns[:, 3:, 3:] = motion.axes[3:] * motion.slope[3:, None]
-    sliding = np.where(driven[3:], u[:, motion.coordinate[3:]] * motion.slope[3:], 0.0) @ motion.axes[3:]
-    # d/dt of v = p' − w × p, the velocity of the child's point at the parent frame's origin
-    bias[:, 3:] = -np.cross(bias[:, :3], translation) - np.cross(spin, sliding)
-    return _Motion([int(c) for c in motion.coordinate[driven]], rotation, translation, columns[:, driven], bias)
+    columns, bias, spin = np.zeros((frames, len(coordinates), 6)), np.zeros((frames, 6)), np.zeros((frames, 3))
+    for i, driver in enumerate(motion.coordinate):
+        axis = rotation @ motion.axes[i] if i < 3 else np.broadcast_to(motion.axes[i], (frames, 3))
+        if driver != NO_COORDINATE:
+            column, moved = columns[:, coordinates.index(driver)], axis * slope[:, i, None]
+            if i < 3:
+                column[:, :3] += moved
+                column[:, 3:] += np.cross(translation, moved)
+            else:
+                column[:, 3:] += moved
+        if i < 3:
+            bias[:, :3] += np.cross(spin, axis * rate[:, i, None]) + axis * bend[:, i, None]
+            spin = spin + axis * rate[:, i, None]
+            rotation = rotation @ rotation_about(motion.axes[i], value[:, i])
+    # d/dt of v = p′ − w × p, the velocity of the child's point at the parent frame's origin
+    bias[:, 3:] = bend[:, 3:] @ motion.axes[3:]
+    bias[:, 3:] -= np.cross(bias[:, :3], translation) + np.cross(spin, rate[:, 3:] @ motion.axes[3:])
+    return _Motion(list(coordinates), rotation, translation, columns, bias)
+
+
+def _ball(motion: BallMotion, q: Array, u: Array) -> _Motion:
+    """Body-fixed x-y-z angles with the angular velocity for speeds, and a place with its velocity."""
+    frames = len(q)
+    spin, columns = u[:, list(motion.turning)], np.zeros((frames, len(motion.coordinates), 6))
+    place, velocity = np.zeros((frames, 3)), np.zeros((frames, 3))
+    if motion.sliding:
+        place, velocity = q[:, list(motion.sliding)], u[:, list(motion.sliding)]
+        columns[:, 3:, 3:] = np.eye(3)
+    columns[:, :3, :3] = np.eye(3)
+    columns[:, :3, 3:] = np.cross(place[:, None], np.eye(3))
+    bias = np.zeros((frames, 6))
+    bias[:, 3:] = -np.cross(spin, velocity)
+    rotation = rotation_body_fixed_xyz(q[:, list(motion.turning)])
+    return _Motion(list(motion.coordinates), rotation, place, columns, bias)
 
 
 _QUARTER_TURN = rotation_about((0.0, 0.0, 1.0), np.pi / 2)

@@ -13,6 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.functions import Function
+
 Array = NDArray[np.float64]
 
 GROUND = 0
@@ -49,10 +51,13 @@ class Placement:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A generalised coordinate [rad or m] with its default value and the range (lowest, highest) its author gave."""
+    """A generalised coordinate [rad or m] with its default value and the range (lowest, highest) its author gave.
+
+    A coordinate is coupled that is neither an angle nor a distance, as one that bends and slides a joint at once.
+    """
 
     name: str
-    motion: Literal["rotation", "translation"]
+    motion: Literal["rotation", "translation", "coupled"]
     default: float
     range: tuple[float, float]
 
@@ -63,20 +68,40 @@ class AxisMotion:
 
     axes        (6, 3) unit vectors; the rotations follow one another (body-fixed), the translations add up
     coordinate  (6,) index of the coordinate that drives the axis, or NO_COORDINATE
-    slope       (6,) the axis moves by slope · q + offset [rad or m]; 0 on an axis that nothing drives
-    offset      (6,)
+    functions   six, of that coordinate: how far the axis moves [rad or m]; on an axis that nothing drives, at 0
     """
 
     axes: Array
     coordinate: NDArray[np.int64]
-    slope: Array
-    offset: Array
+    functions: tuple[Function, ...]
 
     def __post_init__(self) -> None:
-        _freeze(self, axes=(6, 3), slope=(6,), offset=(6,))
+        _freeze(self, axes=(6, 3))
         coordinate = np.array(self.coordinate, dtype=np.int64)
         coordinate.flags.writeable = False
         object.__setattr__(self, "coordinate", coordinate)
+
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Those that drive axes, each once, in the order of the axes."""
+        return tuple(dict.fromkeys(int(c) for c in self.coordinate if c != NO_COORDINATE))
+
+
+@dataclass(frozen=True)
+class BallMotion:
+    """Any rotation, and any translation too where there are `sliding` coordinates (a free joint).
+
+    turning  indices of three body-fixed x-y-z angles; their speeds are the components of the angular velocity in the
+             parent frame, not the rates of the angles
+    sliding  none, or indices of the child frame's place x, y, z in the parent frame
+    """
+
+    turning: tuple[int, int, int]
+    sliding: tuple[int, int, int] | tuple[()]
+
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        return (*self.turning, *self.sliding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +122,14 @@ class ScapulothoracicMotion:
     def __post_init__(self) -> None:
         _freeze(self, radii=(3,), winging_origin=(2,))
 
+    @property
+    def turning(self) -> tuple[int, ...]:
+        """The three whose speeds are the components of an angular velocity in the parent frame."""
+        return self.coordinates[:3]
+
+
+Motion = AxisMotion | BallMotion | ScapulothoracicMotion
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -107,7 +140,7 @@ class Joint:
     child: int
     frame_in_parent: Placement
     frame_in_child: Placement
-    motion: AxisMotion | ScapulothoracicMotion
+    motion: Motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +227,28 @@ class PointConstraint:
 
 
 @dataclass(frozen=True)
+class CoordinateCoupler:
+    """One coordinate that follows another: q_dependent = function(q_independent)."""
+
+    name: str
+    dependent: int
+    independent: int
+    function: Function
+
+
+@dataclass(frozen=True)
+class CoordinateLock:
+    """A coordinate that stays where it is; the value [rad or m] at which its author locked it."""
+
+    name: str
+    coordinate: int
+    value: float
+
+
+Constraint = PointConstraint | CoordinateCoupler | CoordinateLock
+
+
+@dataclass(frozen=True)
 class CoordinateActuator:
     """Pushes one coordinate with optimal_force [N or N m] times its control."""
 
@@ -227,7 +282,7 @@ class Model:
     joints: tuple[Joint, ...]
     surfaces: tuple[WrapSurface, ...]
     muscles: tuple[Muscle, ...]
-    constraints: tuple[PointConstraint, ...]
+    constraints: tuple[Constraint, ...]
     actuators: tuple[CoordinateActuator, ...]
     markers: tuple[Marker, ...]
 

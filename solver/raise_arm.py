@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.dynamics import constraint_gaps
+from solver.constraints import constraint_gaps
 from solver.kinematics import postures
 from solver.model import Model
 from solver.motion import Motion, MotionError

@@ -34,6 +34,18 @@ def angular_rates_matrix(angles: ArrayLike) -> Array:
     return rates
 
 
+def angular_rates_change(angles: ArrayLike, rates: ArrayLike) -> Array:
+    """(…, 3, 3) dE/dt of angular_rates_matrix while the angles (…, 3) change at `rates` (…, 3)."""
+    a, r = np.asarray(angles, dtype=float), np.asarray(rates, dtype=float)
+    s1, c1, s2, c2 = np.sin(a[..., 0]), np.cos(a[..., 0]), np.sin(a[..., 1]), np.cos(a[..., 1])
+    r1, r2 = r[..., 0], r[..., 1]
+    change = np.zeros((*a.shape[:-1], 3, 3))
+    change[..., 1, 1], change[..., 2, 1] = -s1 * r1, c1 * r1
+    change[..., 0, 2] = c2 * r2
+    change[..., 1, 2], change[..., 2, 2] = s1 * s2 * r2 - c1 * c2 * r1, -s1 * c2 * r1 - c1 * s2 * r2
+    return change
+
+
 def skew_matrix(vector: ArrayLike) -> Array:
     """(…, 3, 3) matrix [v]× with [v]× w = v × w, for `vector` (…, 3)."""
     v = np.asarray(vector, dtype=float)

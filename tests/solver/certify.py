@@ -254,11 +254,12 @@ def _spatial_transform(model: Model, motion: AxisMotion) -> Any:
     for index, coordinate in enumerate(motion.coordinate):
         axis = transform.updTransformAxis(index)
         axis.setAxis(_vec3(motion.axes[index]))
+        offset, slope, _ = (float(values[0]) for values in motion.functions[index].derivatives(np.zeros(1)))
         if coordinate >= 0:
             axis.setCoordinateNames(opensim.ArrayStr(model.coordinates[coordinate].name, 1))
-            axis.set_function(opensim.LinearFunction(float(motion.slope[index]), float(motion.offset[index])))
+            axis.set_function(opensim.LinearFunction(slope, offset))
         else:
-            axis.set_function(opensim.Constant(float(motion.offset[index])))
+            axis.set_function(opensim.Constant(offset))
     return transform
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.model import AxisMotion, Model, ScapulothoracicMotion
-from solver.osim import read_osim
+from solver.model import AxisMotion, Model, Motion, ScapulothoracicMotion
+from solver.osim.reader import read_osim
 from tests.solver.references import NO_WEIGHT
 
 MODEL = bundled_model()
@@ -79,11 +79,17 @@ def test_constraint_actuators_and_markers_are_the_published_ones(published: Mode
         assert np.array_equal(marker.location, other.location)
 
 
-def _driven_axes(motion: AxisMotion | ScapulothoracicMotion) -> list[object]:
+def _driven_axes(motion: Motion) -> list[object]:
     """What moves, in order; an axis that nothing drives leaves no trace."""
     if isinstance(motion, ScapulothoracicMotion):
         return [motion.coordinates, motion.radii.tolist(), motion.winging_origin.tolist(), motion.winging_direction]
-    driven = motion.coordinate >= 0
-    assert not motion.offset[~driven].any()
-    rows = zip(motion.coordinate, motion.axes.tolist(), motion.slope, motion.offset, np.arange(6) // 3, strict=True)
-    return [(int(c), axis, slope, offset, int(kind)) for c, axis, slope, offset, kind in rows if c >= 0]
+    assert isinstance(motion, AxisMotion)
+    still, unit = np.array([0.0]), np.array([0.0, 1.0])
+    rows = []
+    for kind, (axis, driver, function) in enumerate(zip(motion.axes, motion.coordinate, motion.functions, strict=True)):
+        value, slope, curvature = function.derivatives(still if driver < 0 else unit)
+        if driver < 0:
+            assert not value.any()
+        else:
+            rows.append((int(driver), kind // 3, axis.tolist(), value.tolist(), slope.tolist(), curvature.tolist()))
+    return rows

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.model import NO_COORDINATE, AxisMotion, Model, ModelError
-from solver.osim import read_osim
+from solver.osim.reader import read_osim
 from solver.spatial import rotation_body_fixed_xyz
 from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
 
@@ -145,7 +145,8 @@ def test_a_joint_axis_is_a_unit_vector_with_the_line_that_drives_it(file: Path) 
     assert isinstance(joint.motion, AxisMotion)
     assert np.array_equal(joint.motion.axes[0], [0, 0, 1])
     assert joint.motion.coordinate.tolist() == [0] + [NO_COORDINATE] * 5
-    assert (joint.motion.slope[0], joint.motion.offset[0]) == (3.0, 0.25)
+    value, slope, _ = joint.motion.functions[0].derivatives(np.array([2.0]))
+    assert (value.item(), slope.item()) == (6.25, 3.0)
 
 
 def test_path_points_in_offset_frames_are_placed_in_their_body(file: Path) -> None:
@@ -178,19 +179,19 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ("-y</quadrant>", "+z</quadrant>", "WrapCylinder hinge has the quadrant"),
         (
             "CustomJoint",
-            "PinJoint",
-            "line 23: PinJoint swing is a joint the solver does not have; replace it (CustomJoint",
+            "EllipsoidJoint",
+            "line 23: EllipsoidJoint swing is a joint the solver does not have; replace it (CustomJoint",
         ),
-        ("Constant>", "PiecewiseConstantFunction>", "PiecewiseConstantFunction is a function the solver does not have"),
+        ("Constant>", "ExpressionBasedFunction>", "ExpressionBasedFunction is a function the solver does not have"),
         ("MovingPathPoint", "ConditionalPathPoint", "ConditionalPathPoint b is a path point the solver does not have"),
         ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "Thelen2003Muscle closer is a force the solver does not"),
         (">midpoint<", ">spiral<", "PathWrap wrap has the method spiral"),
         ("<range>-1 -1</range>", "<range>1 2</range>", "PathWrap wrap wraps only a range of points"),
-        ("<locked>false", "<locked>true", "Coordinate angle has <locked> true; the solver has only false"),
+        ("<prescribed>false", "<prescribed>true", "Coordinate angle has <prescribed> true; the solver has only false"),
         ("<min_control>-Inf", "<min_control>-1", "CoordinateActuator motor has <min_control> -1"),
         ("<minimum_value>0<", "<minimum_value>0.1<", "minimum_value of length is 0.1; the solver's curve has 0.0"),
         ("<minimum_value>0</minimum_value>", "", "ActiveForceLengthCurve length has no <minimum_value>"),
-        ("<x>1 3</x>", "<x>1 2 3</x>", "SimmSpline is a function the solver does not have"),
+        ("<x>1 3</x>", "<x>1 2 3</x>", "SimmSpline has 3 x and 2 y"),
         ("angle</socket_y_coordinate>", "other</socket_y_coordinate>", "MovingPathPoint b follows several coordinates"),
         ("/jointset/swing/frame<", "/jointset/swing/hook<", "names an unknown frame /jointset/swing/hook"),
         ("<coordinate>angle", "<coordinate>width", "CoordinateActuator motor names an unknown coordinate width"),

@@ -9,7 +9,7 @@ import pytest
 from solver.assessment import assess
 from solver.cuff import CuffParameters
 from solver.motion import differentiate, read_motion
-from solver.osim import read_osim
+from solver.osim.reader import read_osim
 from solver.redundancy import RedundancyOptions, solve_motion
 from solver.suit import read_suit
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.dynamics import constraint_gaps
+from solver.constraints import constraint_gaps
 from solver.kinematics import postures
 from solver.motion import differentiate, thin
 from solver.raise_arm import raise_arm

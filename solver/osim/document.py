@@ -63,14 +63,16 @@ class Element:
         found = self.find(tag)
         if found is None and default is None:
             raise self.refusal(f"has no <{tag}>")
-        text = found.text if found is not None else str(default)
-        try:
-            values = np.array([float(word) for word in text.split()])
-        except ValueError:
-            raise (found or self).refusal(f"should hold numbers, not '{text}'") from None
+        place, text = (found, found.text) if found is not None else (self, str(default))
+        values = place._values(text)
         if len(values) != count:
-            raise (found or self).refusal(f"should hold {count} numbers, not {len(values)}")
+            raise place.refusal(f"should hold {count} numbers, not {len(values)}")
         return values
+
+    def series(self, tag: str) -> Array:
+        """Numbers, as many as there are."""
+        found = self.child(tag)
+        return found._values(found.text)
 
     def number(self, tag: str, default: str | None = None) -> float:
         return float(self.numbers(tag, 1, default)[0])
@@ -84,6 +86,12 @@ class Element:
         found = self.find(tag)
         if found is not None and found.text != expected:
             raise self.refusal(f"has <{tag}> {found.text}; the solver has only {expected}")
+
+    def _values(self, text: str) -> Array:
+        try:
+            return np.array([float(word) for word in text.split()])
+        except ValueError:
+            raise self.refusal(f"should hold numbers, not '{text}'") from None
 
 
 def read_document(file: Path) -> Element:

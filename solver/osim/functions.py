@@ -1,0 +1,90 @@
+"""The functions in an OpenSim file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.functions import (
+    Function,
+    Sine,
+    natural_spline,
+    piecewise_linear,
+    polynomial,
+    scaled,
+    simm_spline,
+    smooth_step,
+    stairs,
+)
+from solver.osim.document import Element
+
+Array = NDArray[np.float64]
+
+
+def read_function(holder: Element) -> Function:
+    """The function among an element's properties: OpenSim writes properties in lower case, functions in capitals."""
+    functions = [child for child in holder.children if child.tag[0].isupper()]
+    if len(functions) != 1:
+        raise holder.refusal(f"has {len(functions)} functions, expected one")
+    element = functions[0]
+    if element.tag not in _READERS:
+        raise element.unsupported("function", ", ".join(_READERS))
+    return _READERS[element.tag](element)
+
+
+def _constant(element: Element) -> Function:
+    return polynomial([element.number("value", "0")])
+
+
+def _line(element: Element) -> Function:
+    return polynomial(element.numbers("coefficients", 2)[::-1])
+
+
+def _polynomial(element: Element) -> Function:
+    return polynomial(element.series("coefficients")[::-1])
+
+
+def _multiple(element: Element) -> Function:
+    return scaled(read_function(element.child("function")), element.number("scale", "1"))
+
+
+def _sine(element: Element) -> Function:
+    defaults = {"amplitude": "1", "omega": "1", "phase": "0", "offset": "0"}
+    return Sine(*(element.number(tag, default) for tag, default in defaults.items()))
+
+
+def _step(element: Element) -> Function:
+    start, end = element.number("transition_start_time", "0.99"), element.number("transition_end_time", "1.01")
+    if start == end:
+        raise element.refusal(f"starts and ends its transition at {start}; the solver needs room between them")
+    return smooth_step(start, end, element.number("start_value", "0"), element.number("end_value", "1"))
+
+
+def _natural_spline(element: Element) -> Function:
+    if element.number("error_variance", "0") != 0.0:
+        raise element.refusal("smooths its points; the solver has only splines through them (error_variance 0)")
+    half_order = int(element.number("half_order"))
+    return natural_spline(*_points(element, fewest=2 * half_order), half_order)
+
+
+def _points(element: Element, fewest: int = 2) -> tuple[Array, Array]:
+    x, y = element.series("x"), element.series("y")
+    if len(x) != len(y) or len(x) < fewest or not np.all(np.diff(x) > 0.0):
+        raise element.refusal(f"has {len(x)} x and {len(y)} y; the solver needs {fewest} or more of both, x increasing")
+    return x, y
+
+
+_READERS: dict[str, Callable[[Element], Function]] = {
+    "Constant": _constant,
+    "LinearFunction": _line,
+    "PolynomialFunction": _polynomial,
+    "SimmSpline": lambda element: simm_spline(*_points(element)),
+    "PiecewiseLinearFunction": lambda element: piecewise_linear(*_points(element)),
+    "PiecewiseConstantFunction": lambda element: stairs(*_points(element)),
+    "GCVSpline": _natural_spline,
+    "StepFunction": _step,
+    "Sine": _sine,
+    "MultiplierFunction": _multiple,
+}

@@ -1,0 +1,161 @@
+"""Joints with their coordinates, and what holds the model together besides them, in an OpenSim file."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.functions import Function, polynomial
+from solver.model import (
+    NO_COORDINATE,
+    AxisMotion,
+    BallMotion,
+    Constraint,
+    Coordinate,
+    CoordinateCoupler,
+    CoordinateLock,
+    Joint,
+    Motion,
+    PointConstraint,
+    ScapulothoracicMotion,
+)
+from solver.osim.document import Element
+from solver.osim.frames import Names
+from solver.osim.functions import read_function
+
+Array = NDArray[np.float64]
+Kind = Literal["rotation", "translation", "coupled"]
+
+# The axes of OpenSim's plain joints in the order of their coordinates: 0 to 2 turn about x, y, z, one after the other,
+# 3 to 5 slide along them.
+_PLAIN = {
+    "WeldJoint": (),
+    "PinJoint": (2,),
+    "SliderJoint": (3,),
+    "UniversalJoint": (0, 1),
+    "PlanarJoint": (2, 3, 4),
+    "GimbalJoint": (0, 1, 2),
+}
+_BALLS = {"BallJoint": 3, "FreeJoint": 6}
+_JOINTS = ", ".join(["CustomJoint", "ScapulothoracicJoint", *_PLAIN, *_BALLS])
+_SIX_KINDS: list[Kind] = ["rotation", "rotation", "rotation", "translation", "translation", "translation"]
+_STILL, _DRIVEN = polynomial([0.0]), polynomial([0.0, 1.0])
+
+
+def read_joint(element: Element, names: Names) -> Joint:
+    """The joint; its coordinates and frames are added to the names."""
+    path = f"/jointset/{element.name}"
+    names.add_offset_frames(element.members("frames"), path)
+    parent = names.frame(element, "socket_parent_frame", path)
+    child = names.frame(element, "socket_child_frame", path)
+    return Joint(
+        element.name, parent.body, child.body, parent.placement, child.placement, _motion(element, names.coordinates)
+    )
+
+
+def read_lock(element: Element, names: Names) -> CoordinateLock | None:
+    """The constraint that a <Coordinate> puts on itself, if it is locked."""
+    if element.word("locked", "false") != "true":
+        return None
+    return CoordinateLock(element.name, names.coordinate(element, element.name), element.number("default_value", "0"))
+
+
+def read_constraint(element: Element, names: Names) -> Constraint:
+    element.require("isEnforced", "true")
+    if element.tag == "PointConstraint":
+        body_1, location_1 = names.station(element, "socket_body_1", "location_body_1")
+        body_2, location_2 = names.station(element, "socket_body_2", "location_body_2")
+        return PointConstraint(element.name, body_1, body_2, location_1, location_2)
+    if element.tag != "CoordinateCouplerConstraint":
+        raise element.unsupported("constraint", "PointConstraint, CoordinateCouplerConstraint")
+    leaders = element.child("independent_coordinate_names")
+    if len(leaders.text.split()) != 1:
+        raise leaders.refusal(f"of {element.name} names '{leaders.text}'; the solver couples to one coordinate")
+    return CoordinateCoupler(
+        name=element.name,
+        dependent=names.coordinate(element, element.child("dependent_coordinate_name").text),
+        independent=names.coordinate(element, leaders.text),
+        function=read_function(element.child("coupled_coordinates_function")),
+    )
+
+
+def _motion(element: Element, coordinates: list[Coordinate]) -> Motion:
+    if element.tag == "CustomJoint":
+        return _custom(element, coordinates)
+    first = len(coordinates)
+    if element.tag in _PLAIN:
+        axes = _PLAIN[element.tag]
+        _add_coordinates(element, coordinates, [_SIX_KINDS[axis] for axis in axes])
+        drivers = np.full(6, NO_COORDINATE)
+        drivers[list(axes)] = first + np.arange(len(axes))
+        functions = tuple(_DRIVEN if axis in axes else _STILL for axis in range(6))
+        return AxisMotion(np.vstack([np.eye(3), np.eye(3)]), drivers, functions)
+    if element.tag in _BALLS:
+        _add_coordinates(element, coordinates, _SIX_KINDS[: _BALLS[element.tag]])
+        place = () if element.tag == "BallJoint" else (first + 3, first + 4, first + 5)
+        return BallMotion((first, first + 1, first + 2), place)
+    if element.tag == "ScapulothoracicJoint":
+        _add_coordinates(element, coordinates, ["rotation"] * 4)
+        return ScapulothoracicMotion(
+            coordinates=(first, first + 1, first + 2, first + 3),
+            radii=element.numbers("thoracic_ellipsoid_radii_x_y_z", 3),
+            winging_origin=element.numbers("scapula_winging_axis_origin", 2),
+            winging_direction=element.number("scapula_winging_axis_direction"),
+        )
+    raise element.unsupported("joint", _JOINTS)
+
+
+def _add_coordinates(element: Element, coordinates: list[Coordinate], kinds: list[Kind]) -> None:
+    found = element.members("coordinates")
+    if len(found) != len(kinds):
+        raise element.refusal(f"has {len(found)} coordinates, expected {len(kinds)}")
+    coordinates += [_coordinate(each, kind) for each, kind in zip(found, kinds, strict=True)]
+
+
+def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
+    axes = element.child("SpatialTransform").children
+    expected = [f"{kind}{number}" for kind in ("rotation", "translation") for number in (1, 2, 3)]
+    if [axis.name for axis in axes] != expected:
+        raise element.refusal(f"has not the six axes {', '.join(expected)} in this order")
+    directions = np.array([axis.numbers("axis", 3) for axis in axes])
+    drivers = [axis.word("coordinates", "") for axis in axes]
+    functions = tuple(_axis_function(axis, driver) for axis, driver in zip(axes, drivers, strict=True))
+    # OpenSim puts a joint's coordinates into the order in which its axes use them.
+    order = list(dict.fromkeys(driver for driver in drivers if driver))
+    own = {coordinate.name: coordinate for coordinate in element.members("coordinates")}
+    if set(order) != set(own):
+        raise element.refusal(f"has the coordinates {', '.join(own)}, but its axes use {', '.join(order)}")
+    first = len(coordinates)
+    coordinates += [_coordinate(own[name], _kind(name, axes)) for name in order]
+    return AxisMotion(
+        axes=directions / np.linalg.norm(directions, axis=1, keepdims=True),
+        coordinate=np.array([first + order.index(name) if name else NO_COORDINATE for name in drivers]),
+        functions=functions,
+    )
+
+
+def _axis_function(axis: Element, driver: str) -> Function:
+    if len(driver.split()) > 1:
+        raise axis.refusal(f"is driven by {driver}; the solver drives an axis by one coordinate")
+    function = read_function(axis)
+    if not driver and np.any(function.derivatives(np.array([-1.0, 0.0, 1.0]))[1]):
+        raise axis.refusal("has a sloping function but no coordinate")
+    return function
+
+
+def _kind(name: str, axes: list[Element]) -> Kind:
+    """What a coordinate measures; as in OpenSim, the last axis that moves by plus or minus the coordinate tells."""
+    kind: Kind = "coupled"
+    for index, axis in enumerate(axes):
+        line = axis.find("LinearFunction") if axis.word("coordinates", "") == name else None
+        if line is not None and abs(line.series("coefficients")[0]) == 1.0:
+            kind = "rotation" if index < 3 else "translation"
+    return kind
+
+
+def _coordinate(element: Element, kind: Kind) -> Coordinate:
+    element.require("prescribed", "false")
+    low, high = element.numbers("range", 2)
+    return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)))
