@@ -19,7 +19,7 @@ from solver.assessment import Assessment, assess
 from solver.bundled import bundled_model
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion, thin, write_table
-from solver.osim import read_osim
+from solver.osim.reader import read_osim
 from solver.raise_arm import raise_arm
 from solver.redundancy import Redundancy, RedundancyOptions, solve_motion
 from solver.suit import BUNDLED_SUIT, read_suit
