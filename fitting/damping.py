@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,8 @@ from fitting.uncertainty import NORMAL_95, Estimate, Repeat
 
 MIN_CYCLES = 3.0
 MIN_SAMPLES_PER_CYCLE = 8.0
-MIN_AMPLITUDE = 3.0
+MIN_AMPLITUDE = 1.0
 """Times the marker noise."""
-LAG_SHARE = 0.25
 STEADY_STIFFNESS = 0.005
 """How far (relative) the stiffness of a swinging load may be from that of held ones where one serves the other."""
 FIT_RATE = 250.0
@@ -30,7 +29,8 @@ class DampingFit:
     """What one dynamic trial says.
 
     damping      c [N s/m]
-    stiffness    k [N/m] of this record, on its own
+    noise        the part of its standard error that remains if the lag is known [N s/m]
+    stiffness    k [N/m] of this record
     lag          τ [s] as far as the data moved it from 0, its prior
     offset       F0 [N]
     force_noise, marker_noise  standard deviation per sample [N] (at FIT_RATE), [m], as estimated
@@ -41,6 +41,7 @@ class DampingFit:
     """
 
     damping: Repeat
+    noise: float
     stiffness: Estimate
     lag: float
     offset: float
@@ -54,33 +55,21 @@ class DampingFit:
     damper_force: NDArray[np.float64]
 
 
-def fit_damping(trial: Trial, displacement: NDArray[np.float64], static_stiffness: Estimate | None) -> DampingFit:
+def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate | None = None) -> DampingFit:
     """c from a dynamic trial and its displacement (frames,) [m]. Raises UnusableTrial if the record cannot tell it.
 
-    static_stiffness serves only where the lag alone would leave c uncertain by a quarter: a lag turns the phase of
-    the complex stiffness k + iωc and keeps its magnitude, from which a known k leaves c.
+    tie is the stiffness of held loads, given where the lag alone leaves c open: a lag turns the phase of the complex
+    stiffness k + iωc and keeps its magnitude, from which a known k leaves c.
     """
     oscillation = find_oscillation(trial.force_time, trial.force)
     _require_cycles(trial, oscillation)
     record = _cut(trial, displacement, oscillation)
-    free = estimate(record)
-    _require_amplitude(free)
-    lag_share = free.parameters[K] * record.lag_sd / abs(free.parameters[C])
-    if static_stiffness is None or lag_share < LAG_SHARE:
-        return _fit(trial, oscillation, record, free, free)
-    error = math.hypot(static_stiffness.standard_error, STEADY_STIFFNESS * static_stiffness.value)
-    tied = estimate(
-        Record(
-            record.force_time,
-            record.force,
-            record.marker_time,
-            record.displacement,
-            record.mass,
-            record.lag_sd,
-            (static_stiffness.value, error),
-        )
-    )
-    return _fit(trial, oscillation, record, free, tied)
+    if tie is not None:
+        error = math.hypot(tie.standard_error, STEADY_STIFFNESS * tie.value)
+        record = replace(record, stiffness_prior=(tie.value, error))
+    solution = estimate(record)
+    _require_amplitude(solution)
+    return _fit(trial, oscillation, record, solution)
 
 
 def _require_cycles(trial: Trial, oscillation: Oscillation) -> None:
@@ -129,25 +118,27 @@ def _averaged(time: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[ND
     return time[:whole].reshape(-1, together).mean(axis=1), force[:whole].reshape(-1, together).mean(axis=1)
 
 
-def _fit(trial: Trial, oscillation: Oscillation, record: Record, free: Solution, used: Solution) -> DampingFit:
+def _fit(trial: Trial, oscillation: Oscillation, record: Record, solution: Solution) -> DampingFit:
     """Splits what is uncertain into what is new in every trial and what all share (declared lag, drift, static k)."""
-    c = float(used.parameters[C])
-    total = float(used.covariance[C, C])
-    noise = float(used.known_lag_sd[1]) ** 2
-    if used is free:
-        noise = min(total, noise + (float(used.parameters[K]) * trial.lag.edge) ** 2)
-    k, k_error = float(free.parameters[K]), math.sqrt(float(free.covariance[K, K]))
+    k, k_error = float(solution.parameters[K]), math.sqrt(float(solution.covariance[K, K]))
+    c, noise = float(solution.parameters[C]), float(solution.known_lag_sd[1])
+    if record.stiffness_prior is None:
+        # To first order c_app = c + k τ; what the data say of τ beyond that hangs on harmonics, and is not counted.
+        damping = Repeat(c, math.hypot(noise, k * trial.lag.edge), k * trial.lag.common(oscillation.middle))
+    else:
+        damping = Repeat(c, noise, math.sqrt(max(0.0, float(solution.covariance[C, C]) - noise**2)))
     return DampingFit(
-        damping=Repeat(c, math.sqrt(noise), math.sqrt(max(0.0, total - noise))),
+        damping=damping,
+        noise=noise,
         stiffness=Estimate(k, k_error, (k - NORMAL_95 * k_error, k + NORMAL_95 * k_error)),
-        lag=float(used.parameters[TAU]),
-        offset=float(used.parameters[2]),
-        force_noise=used.force_noise,
-        marker_noise=used.marker_noise,
-        uses_static_stiffness=used is not free,
+        lag=float(solution.parameters[TAU]),
+        offset=float(solution.parameters[2]),
+        force_noise=solution.force_noise,
+        marker_noise=solution.marker_noise,
+        uses_static_stiffness=record.stiffness_prior is not None,
         oscillation=oscillation,
         time=record.force_time,
-        displacement=used.x,
-        velocity=used.velocity,
-        damper_force=used.damper_force,
+        displacement=solution.x,
+        velocity=solution.velocity,
+        damper_force=solution.damper_force,
     )

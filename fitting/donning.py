@@ -23,6 +23,9 @@ from fitting.uncertainty import Estimate, combine
 
 MIN_LOADS = 3
 """Held loads without which a donning has no stiffness."""
+TIE_ABOVE, TIE_BELOW = 0.15, 0.1
+"""Relative standard error of c on its own from which the static stiffness is called to help, and what it must reach:
+beyond, c by its magnitude is far from normal, since that holds c only by its square."""
 OPEN = 0.5
 """Part of its value that a standard error may reach before a quantity is called not identified."""
 
@@ -142,15 +145,31 @@ def _project(
 
 
 def _fit_dampings(
-    reduced: Sequence[ReducedTrial], stiffness: Estimate | None, reasons: dict[str, str]
+    dynamic: Sequence[ReducedTrial], stiffness: Estimate | None, reasons: dict[str, str]
 ) -> dict[str, DampingFit]:
-    fits = {}
-    for each in reduced:
+    """c of every dynamic trial by file; tied to the static stiffness where the lag leaves c open and the tie tells it.
+
+    Decided for the donning as a whole: single trials that happened to come out well would be picked.
+    """
+    free = {}
+    for each in dynamic:
         try:
-            fits[each.trial.file] = fit_damping(each.trial, each.displacement, stiffness)
+            free[each.trial.file] = fit_damping(each.trial, each.displacement)
         except UnusableTrial as error:
             reasons[each.trial.file] = str(error)
-    return fits
+    if stiffness is None or not free or _relative_error(free) < TIE_ABOVE:
+        return free
+    tied = {
+        each.trial.file: fit_damping(each.trial, each.displacement, stiffness)
+        for each in dynamic
+        if each.trial.file in free
+    }
+    return tied if _relative_error(tied) < TIE_BELOW else free
+
+
+def _relative_error(fits: Mapping[str, DampingFit]) -> float:
+    damping = combine([fit.damping for fit in fits.values()])
+    return damping.standard_error / abs(damping.value)
 
 
 def _judge_stiffness(
@@ -173,7 +192,7 @@ def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict
     damping = combine([fit.damping for fit in fits])
     if not _is_open(damping):
         return damping, None
-    noise = combine([replace(fit.damping, common=0.0) for fit in fits])
+    noise = combine([replace(fit.damping, noise=fit.noise, common=0.0) for fit in fits])
     return None, Verdict.DAMPING_UNCERTAIN if _is_open(noise) else Verdict.LAG
 
 

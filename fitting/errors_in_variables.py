@@ -191,7 +191,8 @@ def _start(record: Record, spline: Spline) -> NDArray[np.float64]:
     theta = solve_banded(grounded(csr_array(markers.T @ markers)), markers.T @ record.displacement)
     position, velocity, _, _ = spline.design(record.force_time)
     columns = np.column_stack((position @ theta, velocity @ theta, np.ones(len(record.force)), _ramp(record)))
-    return np.append(np.linalg.lstsq(columns, record.force, rcond=None)[0], 0.0)
+    k, c, f0, f1 = np.linalg.lstsq(columns, record.force, rcond=None)[0]
+    return np.array([k, abs(c), f0, f1, 0.0])  # a wide lag prior allows c of either sign; a cuff takes energy
 
 
 def _ramp(record: Record) -> NDArray[np.float64]:

@@ -211,7 +211,9 @@ def _plain_estimate(estimate: Estimate | None) -> dict[str, Any] | None:
 
 def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
     if not isinstance(cuff, dict):
-        raise CuffsFileError(f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}")
+        raise CuffsFileError(
+            f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}"
+        )
     estimates = [_estimate_from(cuff.get(key), f"{path}: {name}.{key}") for key in QUANTITIES.values()]
     site = cuff.get("site", "waist" if name == "waist" else "arm")
     if site not in ("arm", "waist"):
