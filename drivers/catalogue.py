@@ -5,8 +5,9 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from drivers.device import Device
+from drivers.device import CaptureControl, Device, HostClock
 from drivers.errors import DeviceMisconfigured
+from drivers.reconnecting import Reconnecting, ReconnectingCapture
 
 CATALOGUE = {
     "nidaq": "drivers.nidaq:NiDaq",
@@ -15,13 +16,14 @@ CATALOGUE = {
 }
 
 
-def make_device(source: str, **options: Any) -> Device:
-    """The device called source, not yet opened; the options are those of its class.
+def make_device(source: str, *, host_clock: HostClock, **options: Any) -> Device:
+    """The device called source, not yet opened, to be brought back when it is lost; the options are those of its class.
 
     Raises DeviceMisconfigured where the catalogue has no such source.
     """
     if source not in CATALOGUE:
         raise DeviceMisconfigured(f'no driver is called "{source}"; the catalogue has {", ".join(sorted(CATALOGUE))}')
     module, name = CATALOGUE[source].split(":")
-    device: Device = getattr(import_module(module), name)(**options)
-    return device
+    device = getattr(import_module(module), name)(host_clock=host_clock, **options)
+    kind = ReconnectingCapture if isinstance(device, CaptureControl) else Reconnecting
+    return kind(device, host_clock)

@@ -51,3 +51,16 @@ class CaptureControl(Protocol):
     def start_capture(self) -> None: ...
 
     def stop_capture(self) -> None: ...
+
+
+@runtime_checkable
+class Resumable(Protocol):
+    """A device that can be brought back in the middle of a trial."""
+
+    def resume(self) -> None:
+        """Opens again after read() raised DeviceLost; streams stay as they are. May be tried until it works.
+
+        Waits for no trigger that has been, begins no capture. Samples are numbered on: what nobody numbered meanwhile
+        counts by the host's clock; the jump of the numbers is the loss. Raises DeviceError in one sentence.
+        """
+        ...

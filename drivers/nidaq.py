@@ -29,7 +29,7 @@ NO_SUCH_CHANNEL = {-200170}
 CONNECT_TIMEOUT_S = 3.0
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
-RPC_DEADLINE_S = LONGEST_WAIT_S + 2.0  # nidaqmx sets none: a frozen server would hold the caller for ever
+RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would hold the caller for ever
 BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB, and half a minute at speed 20
 LARGEST_READ_S = 10.0
 
@@ -41,8 +41,8 @@ class NiDaq:
     """Streams /force and /sync, in volts; only /sync where the load cell is on another wire (no force_channel).
 
     Sample numbers count from 0 at the start of the task and device time is number ÷ the device's sample rate.
-    start "pfi0" begins at the rising edge on PFI0, "sync_edge" at once. After an overrun the task is restarted and
-    the numbers jump by what the host's clock says was missed.
+    start "pfi0" begins at the rising edge on PFI0, "sync_edge" at once. After an overrun the task is restarted, and
+    after a loss it may be resumed; the numbers then jump by what the host's clock says was missed.
     """
 
     def __init__(
@@ -89,13 +89,14 @@ class NiDaq:
         self.close()
         # ValueError: gRPC's "closed channel", and NumPy's about a reply of the wrong length.
         self._vendor_errors = (Error, grpc.RpcError, ValueError, AssertionError)
-        with contextlib.ExitStack() as undo:
-            undo.callback(self.close)
-            try:
-                self._begin()
-            except self._vendor_errors as error:
-                raise self._refusal(error) from error
-            undo.pop_all()
+        self._streams = ()
+        self._next_number = 0
+        self._zero_ns = sys.maxsize  # when sample 0 was taken, by the block that came with the least delay
+        self._begin_or_close()
+
+    def resume(self) -> None:
+        self.close()
+        self._begin_or_close()
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         task, reader = self._task, self._reader  # close() may come from the daemon's watchdog meanwhile
@@ -120,14 +121,22 @@ class NiDaq:
                 with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
                     resource.close()
 
+    def _begin_or_close(self) -> None:
+        with contextlib.ExitStack() as undo:
+            undo.callback(self.close)
+            try:
+                self._begin()
+            except self._vendor_errors as error:
+                raise self._refusal(error) from error
+            undo.pop_all()
+
     def _begin(self) -> None:
         options = self._connect()
         self._configure(options)
-        self._streams = self._describe(options)
+        self._streams = self._streams or self._describe(options)
         self._task.start()
+        self._count_missed(self._host_clock())
         self._tells_available = self._ask(lambda: int(self._task.in_stream.avail_samp_per_chan), -1) >= 0
-        self._next_number = 0
-        self._zero_ns = sys.maxsize  # when sample 0 was taken, by the block that came with the least delay
         self._next_read_s = time.monotonic()
 
     def _connect(self) -> Any:
@@ -165,7 +174,7 @@ class NiDaq:
             sample_mode=AcquisitionType.CONTINUOUS,
             samps_per_chan=int(BUFFER_S * self._rate_hz),
         )
-        if self._start == "pfi0":
+        if self._start == "pfi0" and not self._has_begun:
             task.triggers.start_trigger.cfg_dig_edge_start_trig(f"/{self._device}/PFI0", trigger_edge=Edge.RISING)
         self._true_rate_hz = float(self._ask(lambda: task.timing.samp_clk_rate, 0.0)) or self._rate_hz
         self._reader = AnalogMultiChannelReader(task.in_stream)
@@ -226,15 +235,26 @@ class NiDaq:
         except self._vendor_errors as error:
             raise self._lost(error) from error
         host_time_ns = self._host_clock()
-        due = round((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
-        count = max(1, due - self._next_number)
-        last_device_time_ns = round(max(self._next_number - 1, 0) * 1e9 / self._true_rate_hz)
         first_missing = self._next_number
-        self._next_number += count
+        count = self._count_missed(host_time_ns)
+        last_device_time_ns = round(max(first_missing - 1, 0) * 1e9 / self._true_rate_hz)
         return [
             Loss(stream.name, "overrun", first_missing, count, last_device_time_ns, host_time_ns)
             for stream in self._streams
+            if count
         ]
+
+    @property
+    def _has_begun(self) -> bool:
+        """Whether samples have come: the trigger, if there is one, has been."""
+        return self._next_number > 0
+
+    def _count_missed(self, host_time_ns: int) -> int:
+        """Passes over the numbers of what a task that starts now has missed, and says how many."""
+        due = round((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
+        count = max(1, due - self._next_number) if self._has_begun else 0
+        self._next_number += count
+        return count
 
     def _ask(self, question: Callable[[], T], otherwise: T) -> T:
         """For what is nice to know, and not worth refusing a device over."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 import threading
-from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
@@ -14,14 +13,16 @@ from typing import Any, Literal
 
 from drivers.device import HostClock
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
-from drivers.qualisys_wire import MarkerBlocks, PacketGuard, decode_frame, decode_parameters
-from recordings.samples import Event, Item, Loss, Samples, Stream
+from drivers.inbox import Inbox
+from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, decode_parameters, readable
+from recordings.samples import Event, Item, Stream
 
 PROTOCOL_VERSION = "1.25"
 CONNECT_TIMEOUT_S = 2.5
 COMMAND_TIMEOUT_S = 2.0
 CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
 LEAVE_TIMEOUT_S = 1.5
+QUIET_S = 0.5  # wall; a QTM that has said nothing for so long is asked something
 BLOCK_S = 0.05  # wall; frames that come within it are one block
 LONGEST_QUEUE = 60_000  # frames that nobody read: ten minutes at 100 Hz
 CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
@@ -63,6 +64,13 @@ class Qualisys:
         conversation.begin()
         self._conversation = conversation
 
+    def resume(self) -> None:
+        past = self._opened("resume")
+        past.end()
+        conversation = _Conversation(self._wishes, past)
+        conversation.begin()
+        self._conversation = conversation
+
     def read(self, timeout_s: float) -> Sequence[Item]:
         return self._opened("read").inbox.take(timeout_s)
 
@@ -99,64 +107,30 @@ class _Wishes:
     labels: tuple[str, ...]
 
 
-class _Inbox:
-    """What came and was not read yet, between the event loop's thread and the reader's; it ends with a sentence."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._items: deque[Item] = deque()
-        self._frames = 0
-        self._last_time_ns = 0  # of the last frame that was admitted
-        self._end: str | None = None
-
-    def put(self, items: Sequence[Item]) -> None:
-        with self._changed:
-            for item in items:
-                self._items.append(self._admitted(item))
-            self._changed.notify_all()
-
-    def end(self, sentence: str) -> None:
-        with self._changed:
-            self._end = self._end or sentence
-            self._changed.notify_all()
-
-    def take(self, timeout_s: float) -> list[Item]:
-        """Everything that waits; waits for it at most timeout_s. Raises DeviceLost after the end, once it is empty."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._items or self._end, timeout_s)
-            if not self._items and self._end:
-                raise DeviceLost(self._end)
-            items = list(self._items)
-            self._items.clear()
-            self._frames = 0
-            return items
-
-    def _admitted(self, item: Item) -> Item:
-        """The item, or the loss of it where the queue is full."""
-        if not isinstance(item, Samples):
-            return item
-        count = len(item.sample_numbers)
-        if self._frames + count > LONGEST_QUEUE:
-            first = int(item.sample_numbers[0])
-            return Loss(item.stream, "queue_overflow", first, count, self._last_time_ns, item.host_time_ns)
-        self._frames += count
-        self._last_time_ns = int(item.device_time_ns[-1])
-        return item
-
-
 class _Conversation:
-    """One connection, in a thread with its own event loop. Methods below the line run in that thread."""
+    """One connection, in a thread with its own event loop. Methods below the line run in that thread.
 
-    def __init__(self, wishes: _Wishes) -> None:
+    With a past it goes on where that one was lost: same streams, and the capture may still run.
+    """
+
+    def __init__(self, wishes: _Wishes, past: _Conversation | None = None) -> None:
+        from qtm_rt.protocol import QTMProtocol
+        from qtm_rt.qrt import QRTConnection
+
         self.streams: tuple[Stream, ...] = ()
-        self.inbox = _Inbox()
+        self.inbox = Inbox(LONGEST_QUEUE)
+        self._resumed: tuple[Stream, ...] = past.streams if past else ()
         self._wishes = wishes
         self._name = wishes.name
         self._opened: Future[None] = Future()
         self._loop = asyncio.new_event_loop()
+        self._client = QTMProtocol(loop=self._loop, on_event=self._on_event, on_disconnect=self._on_disconnect)
+        self._connection = QRTConnection(self._client, timeout=COMMAND_TIMEOUT_S)
+        self._guard = PacketGuard(self._client, self._admit, self._on_unreadable, self._on_nonsense)
         self._thread = threading.Thread(target=self._run, name=wishes.name, daemon=True)
-        self._is_capturing = False
-        self._has_captured = False
+        self._is_capturing: bool = past is not None and past._is_capturing
+        self._has_captured: bool = past is not None and past._has_captured
+        self._is_asking_state = False
 
     def begin(self) -> None:
         """Returns when frames may come. Raises DeviceError."""
@@ -203,7 +177,6 @@ class _Conversation:
     async def _talk(self) -> None:
         self._ending = asyncio.Event()
         self._cameras_are_connected = asyncio.Event()
-        self._guard: PacketGuard | None = None
         self._relabelling: asyncio.Task[None] | None = None
         try:
             await self._open()
@@ -213,10 +186,11 @@ class _Conversation:
             self._opened.set_exception(DeviceUnavailable(f"{self._name}: {type(error).__name__}: {error}"))
         else:
             self._opened.set_result(None)
+            watching = self._loop.create_task(self._watch())
             await self._ending.wait()
+            watching.cancel()
             await self._leave()
-        if self._guard is not None:
-            self._guard.close()
+        self._guard.close()
 
     async def _open(self) -> None:
         from qtm_rt.protocol import QRTCommandException
@@ -232,6 +206,8 @@ class _Conversation:
             await self._describe()
             step = "frames"
             await self._connection.stream_frames("allframes", ["3dres"], self._on_packet)
+            if self._is_capturing:
+                self._ask_state()
         except TimeoutError as error:
             raise DeviceUnavailable(
                 f"{self._name} was asked for its {step} and did not answer in time; check that this is QTM's "
@@ -249,33 +225,54 @@ class _Conversation:
 
     async def _connect(self) -> None:
         """As qtm_rt.connect() does; that one ignores its time-out, returns None and leaves the socket open."""
-        from qtm_rt.protocol import QTMProtocol
-        from qtm_rt.qrt import QRTConnection
-
-        client = QTMProtocol(on_event=self._on_event, on_disconnect=self._on_disconnect)
-        self._guard = guard = PacketGuard(client, _check, self._on_unreadable)
-        await self._loop.create_connection(lambda: guard, self._wishes.host, self._wishes.port)
-        await client.set_version(PROTOCOL_VERSION)
-        self._connection = QRTConnection(client, timeout=COMMAND_TIMEOUT_S)
+        await self._loop.create_connection(lambda: self._guard, self._wishes.host, self._wishes.port)
+        await self._client.set_version(PROTOCOL_VERSION)
 
     async def _take_control(self) -> None:
         await self._connection.take_control(self._wishes.password)
-        if await self._connection.new() == b"Creating new connection":
+        if not self._resumed and await self._connection.new() == b"Creating new connection":
             with suppress(TimeoutError):  # then QTM refuses to start a capture, and says why
                 await asyncio.wait_for(self._cameras_are_connected.wait(), CAMERAS_TIMEOUT_S)
 
     async def _describe(self) -> None:
         labels, rate_hz = await self._ask_parameters()
-        wanted = self._wishes.labels or labels
+        wanted = self._resumed[0].labels if self._resumed else self._wishes.labels or labels
         missing = [label for label in wanted if label not in labels]
-        if missing:
+        if missing and self._resumed:
+            self._say_labels_are_lost(missing)
+        elif missing:
             raise DeviceMisconfigured(
                 f"{self._name} has no marker {', '.join(missing)}; it has {', '.join(labels)}; correct the labels in "
                 "QTM or the cuff's markers in the configuration"
             )
         self._blocks = MarkerBlocks(wanted, self._name)
         self._blocks.labels = labels
-        self.streams = (Stream("/markers", "mm", wanted, rate_hz, self._name),)
+        self.streams = self._resumed or (Stream("/markers", "mm", wanted, rate_hz, self._name),)
+
+    def _ask_state(self) -> None:
+        """The answer is an event. qtm_rt's get_state() has no time-out, and none of its own would leave it usable."""
+        self._is_asking_state = True
+        self._client.send_command("getstate", callback=False)
+
+    async def _watch(self) -> None:
+        """Asks a quiet QTM for what it has answered before; one that does not answer is not there any more."""
+        from qtm_rt.protocol import QRTCommandException
+
+        while self._connection.has_transport():
+            await asyncio.sleep(QUIET_S / 2)
+            if self._loop.time() - self._guard.heard_s < QUIET_S:
+                continue
+            try:
+                await self._connection.get_parameters(["general", "3d"])
+            except TimeoutError:
+                self._deliver()
+                self.inbox.end(
+                    f"{self._name} is connected and silent: no frame, and no answer within {COMMAND_TIMEOUT_S:g} s; "
+                    "check that QTM is not stuck"
+                )
+                self._guard.close()
+            except QRTCommandException:  # a refusal is an answer; what is closed is told elsewhere
+                continue
 
     async def _ask_parameters(self) -> tuple[tuple[str, ...], float]:
         try:
@@ -321,6 +318,11 @@ class _Conversation:
         """QRTEvent.EventCaptureStarted becomes "capture_started"; all frames before it are delivered before it."""
         kind = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", event.name.removeprefix("Event")).lower()
         self._deliver()
+        if self._is_asking_state and kind != "camera_settings_changed":
+            self._is_asking_state = False
+            if kind == "capture_started":
+                return  # it still runs, as was said when it began
+            kind = "capture_stopped"
         self._say(kind, f"{self._name} reports: {kind.replace('_', ' ')}")
         if kind == "connected":
             self._cameras_are_connected.set()
@@ -338,13 +340,35 @@ class _Conversation:
         except Exception as error:
             self.inbox.end(f"{self._name} changed its settings and did not tell its labels again ({error})")
             return
-        if set(self.streams[0].labels) - set(labels):
-            self._say("labels_lost", f"{self._name} has {', '.join(labels)} only; what it lost is recorded as missing")
+        if missing := [label for label in self.streams[0].labels if label not in labels]:
+            self._say_labels_are_lost(missing)
         self._blocks.labels = labels
         self._deliver()
 
+    def _say_labels_are_lost(self, missing: Sequence[str]) -> None:
+        self._say("labels_lost", f"{self._name} has no marker {', '.join(missing)} any more; recorded as missing")
+
+    def _admit(self, kind: int, body: bytes) -> bytes:
+        """What qtm_rt can read of a packet. Raises ValueError or struct.error where that is nothing."""
+        from qtm_rt.packet import QRTEvent, QRTPacketType, RTEvent
+
+        if QRTPacketType(kind) is QRTPacketType.PacketData:
+            return readable(body)
+        if kind == QRTPacketType.PacketEvent.value:
+            QRTEvent(ord(RTEvent.unpack(body)[0]))
+        elif kind == NO_MORE_DATA and self._is_capturing:
+            self._say("no_more_data", f"{self._name} says that no frames come for now")
+        return body
+
     def _on_unreadable(self, what: str) -> None:
         self._say("unreadable_packet", f"{self._name} sent {what}")
+
+    def _on_nonsense(self, what: str) -> None:
+        """Where one packet ends and the next begins is lost, and with it what the last one said."""
+        if self.streams:
+            self._blocks.forget_last()
+        self._deliver()
+        self.inbox.end(f"{self._name} sent {what}; the connection cannot be read any further")
 
     def _say(self, kind: str, text: str) -> None:
         self.inbox.put([Event(kind, text, self._wishes.host_clock(), self._name)])
@@ -361,17 +385,6 @@ _ADVICE = {
     "settings": "open a measurement in QTM",
     "frames": "open a measurement in QTM",
 }
-
-
-def _check(kind: int, body: bytes) -> None:
-    """Raises ValueError or struct.error for a packet that qtm_rt or this driver could not read."""
-    from qtm_rt.packet import QRTEvent, QRTPacket, QRTPacketType, RTEvent
-
-    if QRTPacketType(kind) is QRTPacketType.PacketData:
-        QRTPacket(body)
-        decode_frame(body)
-    elif kind == QRTPacketType.PacketEvent.value:
-        QRTEvent(ord(RTEvent.unpack(body)[0]))
 
 
 def _words(error: Any) -> str:

@@ -6,6 +6,7 @@ import asyncio
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import inf
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,7 +18,8 @@ FRAME = struct.Struct("<qII")  # microseconds, frame number, components
 COMPONENT = struct.Struct("<II")  # size with this header, type
 MARKERS = struct.Struct("<IHH")  # count, drop rate, out-of-sync rate
 LABELLED_3D_WITH_RESIDUALS = 9
-LARGEST_PACKET_BYTES = 16_000_000
+NO_MORE_DATA = 4  # a type of packet
+LARGEST_PACKET_BYTES = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,17 @@ def decode_frame(body: bytes) -> Frame:
     raise ValueError(f"frame {number} without labelled markers and residuals")
 
 
+def readable(body: bytes) -> bytes:
+    """The same data packet with the markers alone: components that qtm_rt does not know are none of ours.
+
+    Raises ValueError as decode_frame().
+    """
+    frame = decode_frame(body)
+    head = FRAME.pack(frame.timestamp_us, frame.number, 1)
+    markers = MARKERS.pack(len(frame.points) // 16, 0, 0) + frame.points
+    return head + COMPONENT.pack(COMPONENT.size + len(markers), LABELLED_3D_WITH_RESIDUALS) + markers
+
+
 def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
     """Labels in the order of the frames, and the frame rate [Hz]. Raises ValueError where the XML lacks them."""
     try:
@@ -59,24 +72,34 @@ def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
     rate = root.findtext("General/Frequency")
     if not labels or rate is None:
         raise ValueError("settings without a capture frequency" if labels else "settings without labels")
-    return labels, float(rate)
+    rate_hz = float(rate)
+    if not 0 < rate_hz < inf:
+        raise ValueError(f"settings with a capture frequency of {rate!r}")
+    return labels, rate_hz
 
 
 class PacketGuard(asyncio.Protocol):
     """Stands before qtm_rt's receiver and hands it whole packets that it can read.
 
     By itself that receiver loops for ever on a length of zero, buffers without end on a huge one, and chokes on an
-    unknown type, component or event. Here a packet that does not pass check(type, body), which raises ValueError or
-    struct.error, is reported and passed over; of several in a row only the first is reported. A length that cannot be
-    true ends the connection, as nothing after it can be found.
+    unknown type, component or event. Here admit(type, body) gives the body as the receiver can read it; a packet for
+    which it raises ValueError or struct.error is reported and passed over; of several in a row only the first is
+    reported. A length that cannot be true ends the connection after nonsense() was told, as nothing after it can be
+    found. heard_s is when the last bytes came, by the loop's clock.
     """
 
     def __init__(
-        self, receiver: asyncio.Protocol, check: Callable[[int, bytes], None], report: Callable[[str], None]
+        self,
+        receiver: asyncio.Protocol,
+        admit: Callable[[int, bytes], bytes],
+        report: Callable[[str], None],
+        nonsense: Callable[[str], None],
     ) -> None:
+        self.heard_s = 0.0
         self._receiver = receiver
-        self._check = check
+        self._admit = admit
         self._report = report
+        self._nonsense = nonsense
         self._unread = bytearray()
         self._was_readable = True
         self._transport: asyncio.BaseTransport | None = None
@@ -86,13 +109,14 @@ class PacketGuard(asyncio.Protocol):
         self._receiver.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
+        self.heard_s = asyncio.get_running_loop().time()
         self._unread += data
         place = 0
         while len(self._unread) - place >= HEADER.size:
             size, kind = HEADER.unpack_from(self._unread, place)
             if not HEADER.size <= size <= LARGEST_PACKET_BYTES:
-                self._report(f"a packet that claims {size} bytes, expected {HEADER.size} to {LARGEST_PACKET_BYTES}")
                 self._unread.clear()
+                self._nonsense(f"a packet that claims {size} bytes, expected {HEADER.size} to {LARGEST_PACKET_BYTES}")
                 self.close()
                 return
             if len(self._unread) - place < size:
@@ -111,14 +135,14 @@ class PacketGuard(asyncio.Protocol):
 
     def _hand_over(self, packet: bytes, kind: int) -> None:
         try:
-            self._check(kind, packet[HEADER.size :])
+            body = self._admit(kind, packet[HEADER.size :])
         except (ValueError, struct.error) as error:
             if self._was_readable:
                 self._report(f"a packet of type {kind} and {len(packet)} bytes that cannot be read: {error}")
             self._was_readable = False
         else:
             self._was_readable = True
-            self._receiver.data_received(packet)
+            self._receiver.data_received(HEADER.pack(HEADER.size + len(body), kind) + body)
 
 
 class MarkerBlocks:
@@ -144,6 +168,10 @@ class MarkerBlocks:
     def add(self, frame: Frame, host_time_ns: int) -> None:
         self._waiting.append(frame)
         self._arrived_ns = host_time_ns
+
+    def forget_last(self) -> None:
+        """The latest frame was not what it seemed."""
+        del self._waiting[-1:]
 
     def take(self) -> list[Item]:
         """Everything that waits. A jump of the numbers is a Loss; where they start again, an Event says so."""

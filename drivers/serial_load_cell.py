@@ -51,8 +51,8 @@ class SerialLoadCell:
 
     The wire carries neither numbers nor time. Lines are numbered from 0 as they come, and device time is the host's
     at arrival. A garbled line takes a number and is reported as a Loss("garbled"); the rest of the line that was
-    under way when the port was opened is not counted. port is anything pyserial takes: COM3, /dev/ttyUSB0,
-    socket://host:port.
+    under way when the port was opened is not counted. Resumed after a loss, the numbers jump by ten for each second of
+    the host's clock. port is anything pyserial takes: COM3, /dev/ttyUSB0, socket://host:port.
     """
 
     def __init__(self, *, port: str, baud_rate: int, line_format: LineFormat, host_clock: HostClock) -> None:
@@ -73,30 +73,18 @@ class SerialLoadCell:
         return self._streams
 
     def open(self) -> None:
-        import serial
-
-        self.close()
-        # Besides its own error pyserial lets these through; TypeError when the port is closed during a read.
-        self._vendor_errors = (serial.SerialException, OSError, ValueError, TypeError)
-        try:
-            self._port = serial.serial_for_url(
-                # exclusive: two readers would each get half of the lines
-                self._port_name,
-                baudrate=self._baud_rate,
-                timeout=WAKE_S,
-                exclusive=True,
-            )
-        except self._vendor_errors as error:
-            raise DeviceUnavailable(
-                f"{self.name} cannot be opened at {self._baud_rate} baud: {_words(error)}; "
-                "plug the indicator in, or correct load_cell.port"
-            ) from error
-        self._pending = b""
-        self._is_aligned = False
+        self._open_port()
         self._next_number = 0
-        self._last_time_ns = self._host_clock()
+        self._last_time_ns = self._counted_until_ns = self._host_clock()
         source = f"{self._product} on {self._port_name}"
         self._streams = (Stream("/force", self._unit, ("force",), LINES_PER_S, source),)
+
+    def resume(self) -> None:
+        self._open_port()
+        host_time_ns = self._host_clock()
+        if self._next_number:
+            self._next_number += max(1, round((host_time_ns - self._counted_until_ns) * 1e-9 * LINES_PER_S))
+        self._counted_until_ns = host_time_ns
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         port = self._port
@@ -119,6 +107,28 @@ class SerialLoadCell:
             with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
                 port.close()
 
+    def _open_port(self) -> None:
+        import serial
+
+        self.close()
+        # Besides its own error pyserial lets these through; TypeError when the port is closed during a read.
+        self._vendor_errors = (serial.SerialException, OSError, ValueError, TypeError)
+        try:
+            self._port = serial.serial_for_url(
+                # exclusive: two readers would each get half of the lines
+                self._port_name,
+                baudrate=self._baud_rate,
+                timeout=WAKE_S,
+                exclusive=True,
+            )
+        except self._vendor_errors as error:
+            raise DeviceUnavailable(
+                f"{self.name} cannot be opened at {self._baud_rate} baud: {_words(error)}; "
+                "plug the indicator in, or correct load_cell.port"
+            ) from error
+        self._pending = b""
+        self._is_aligned = False
+
     def _whole_lines(self) -> list[bytes]:
         """Takes the finished lines out of what has come."""
         *lines, self._pending = self._pending.split(b"\n")
@@ -135,6 +145,7 @@ class SerialLoadCell:
         for is_garbled, run in groupby(map(self._decode, lines), key=lambda value: value is None):
             values = np.array(list(run), dtype=np.float64)[:, np.newaxis]
             first, self._next_number = self._next_number, self._next_number + len(values)
+            self._counted_until_ns = host_time_ns
             if is_garbled:
                 items.append(Loss("/force", "garbled", first, len(values), self._last_time_ns, host_time_ns))
                 continue

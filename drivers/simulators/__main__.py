@@ -1,7 +1,7 @@
 """The simulated bench in a process of its own, spoken to in lines of JSON.
 
 The first line on standard input is the settings (settings.py), with "speed", "seed" and "faults" (a list, faults.py)
-beside them; the answer tells "ports", "labels", "trial" and "truth". Each further line is one request, answered by one line:
+beside them; the answer tells "ports", "labels", "trial" and "truth". Each further line is one request, answered by one:
 
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
     {"don": "hand"}                                 dons the cuff anew

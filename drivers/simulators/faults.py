@@ -86,8 +86,10 @@ class Happening:
     end: float
 
 
-def fault_from_dict(data: Mapping[str, Any]) -> Fault:
+def fault_from_dict(data: Any) -> Fault:
     """One entry. Raises ValueError in one sentence that names what is wrong."""
+    if not isinstance(data, dict):
+        raise ValueError(f"a fault is {data!r}, expected a table with device and fault")
     device, kind = data.get("device"), data.get("fault")
     if not isinstance(device, str) or device not in FAULTS:
         raise ValueError(f"a fault names the device {device!r}, expected one of {', '.join(FAULTS)}")
@@ -114,7 +116,7 @@ def read_fault_plan(path: Path) -> tuple[Fault, ...]:
         content = tomllib.loads(path.read_bytes().decode())
         unknown = set(content) - {"faults"}
         entries = content.get("faults", [])
-        if unknown or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        if unknown or not isinstance(entries, list):
             raise ValueError("expected a list of [[faults]] and nothing else")
         return tuple(fault_from_dict(entry) for entry in entries)
     except OSError as error:

@@ -12,7 +12,7 @@ from drivers.errors import DeviceMisconfigured
 def test_every_entry_leads_to_a_class_that_can_open_read_and_close(source: str) -> None:
     module, name = CATALOGUE[source].split(":")
     device_class = getattr(import_module(module), name)
-    assert all(callable(getattr(device_class, verb)) for verb in ("open", "read", "close"))
+    assert all(callable(getattr(device_class, verb)) for verb in ("open", "resume", "read", "close"))
     assert isinstance(device_class.name, property)
     assert isinstance(device_class.streams, property)
 
@@ -25,4 +25,4 @@ def test_a_device_is_made_with_its_options_and_not_opened() -> None:
 
 def test_an_unknown_source_is_refused_with_the_known_ones() -> None:
     with pytest.raises(DeviceMisconfigured, match=r'"labjack".*nidaq, qualisys, serial_load_cell'):
-        make_device("labjack")
+        make_device("labjack", host_clock=lambda: 0)

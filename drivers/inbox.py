@@ -1,0 +1,71 @@
+"""What a device sent and nobody has read yet, between the thread that hears it and the one that reads it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+from drivers.errors import DeviceLost
+from recordings.samples import Event, Item, Loss, Samples
+
+
+class Inbox:
+    """Holds at most longest_queue samples and events, and one Loss for each row of blocks that found no room.
+
+    It ends with a sentence.
+    """
+
+    def __init__(self, longest_queue: int) -> None:
+        self._longest_queue = longest_queue
+        self._changed = threading.Condition()
+        self._items: deque[Item] = deque()
+        self._held = 0
+        self._last_time_ns = 0  # of the last sample that was admitted
+        self._end: str | None = None
+
+    def put(self, items: Sequence[Item]) -> None:
+        with self._changed:
+            for item in items:
+                self._put(item)
+            self._changed.notify_all()
+
+    def end(self, sentence: str) -> None:
+        """Nothing more will come; the first sentence stays."""
+        with self._changed:
+            self._end = self._end or sentence
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float) -> list[Item]:
+        """Everything that waits; waits for it at most timeout_s. Raises DeviceLost after the end, once it is empty."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._end, timeout_s)
+            if not self._items and self._end:
+                raise DeviceLost(self._end)
+            items = list(self._items)
+            self._items.clear()
+            self._held = 0
+            return items
+
+    def _put(self, item: Item) -> None:
+        count = len(item.sample_numbers) if isinstance(item, Samples) else 1
+        if self._held + count <= self._longest_queue:
+            self._held += count
+            self._items.append(item)
+            if isinstance(item, Samples):
+                self._last_time_ns = int(item.device_time_ns[-1])
+        elif not isinstance(item, Event):  # what is said in a flood of words is not worth the memory
+            self._put_loss(item)
+
+    def _put_loss(self, item: Samples | Loss) -> None:
+        first, count = (
+            (item.first_missing, item.count)
+            if isinstance(item, Loss)
+            else (int(item.sample_numbers[0]), len(item.sample_numbers))
+        )
+        last = self._items[-1] if self._items else None
+        if isinstance(last, Loss) and last.stream == item.stream and last.first_missing + last.count == first:
+            self._items[-1] = replace(last, cause="queue_overflow", count=last.count + count)
+        else:
+            self._items.append(Loss(item.stream, "queue_overflow", first, count, self._last_time_ns, item.host_time_ns))

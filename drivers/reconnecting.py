@@ -1,0 +1,169 @@
+"""A device that is brought back when it is lost, with every sample that nobody received counted once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.device import CaptureControl, Device, HostClock, Resumable
+from drivers.errors import DeviceError, DeviceLost
+from recordings.samples import Event, Item, Loss, Samples, Stream
+
+PATIENCE_S = 10.0  # wall; after it the device is lost for good
+FIRST_PAUSE_S = 0.1
+LONGEST_PAUSE_S = 1.6
+PROBE_S = 0.05  # a device that was resumed and is lost within it has not come back
+
+Wall = Callable[[], float]
+
+
+class ResumableDevice(Device, Resumable, Protocol):
+    pass
+
+
+class Reconnecting:
+    """Delivers what its device delivers; a loss becomes two events and one Loss per stream.
+
+    "connection_lost" comes at once and carries the device's sentence, "connection_restored" when it is back, and the
+    Loss "disconnected" before the first block of each stream thereafter. Numbers that begin anew are told by the event
+    "numbering_restarted" instead. Where the device stays away for patience_s (wall), read() raises DeviceLost.
+    """
+
+    def __init__(
+        self,
+        device: ResumableDevice,
+        host_clock: HostClock,
+        patience_s: float = PATIENCE_S,
+        wall: Wall = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.device = device
+        self._host_clock = host_clock
+        self._patience_s = patience_s
+        self._wall = wall
+        self._sleep = sleep
+        self._is_open = False
+        self._outage: _Outage | None = None
+        self._last: dict[str, _Place] = {}
+        self._interrupted: set[str] = set()  # streams of which nothing came since the outage
+
+    @property
+    def name(self) -> str:
+        return self.device.name
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        return self.device.streams
+
+    def open(self) -> None:
+        self._outage = None
+        self._last.clear()
+        self._interrupted.clear()
+        self.device.open()
+        self._is_open = True
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        if self._outage is not None:
+            return self._come_back(self._outage, timeout_s)
+        try:
+            return list(self._accounted(self.device.read(timeout_s)))
+        except DeviceLost as error:
+            if not self._is_open:
+                raise
+            self._outage = _Outage(str(error), self._wall(), self._wall() + FIRST_PAUSE_S)
+            self._interrupted = set(self._last)
+            return [self._event("connection_lost", f"{error}; it is tried again for {self._patience_s:g} s")]
+
+    def close(self) -> None:
+        self._is_open = False
+        self._outage = None
+        self.device.close()
+
+    def _come_back(self, outage: _Outage, timeout_s: float) -> list[Item]:
+        """One attempt, once its time has come."""
+        pause_s = outage.next_attempt_s - self._wall()
+        if pause_s > 0:
+            self._sleep(min(pause_s, timeout_s))
+        if self._wall() < outage.next_attempt_s:
+            return []
+        try:
+            self.device.resume()
+            items = self.device.read(PROBE_S)
+        except DeviceError as error:
+            self._wait_longer(outage, error)
+            return []
+        self._outage = None
+        words = f"{self.name} is back after {self._wall() - outage.since_s:.1f} s"
+        return [self._event("connection_restored", words), *self._accounted(items)]
+
+    def _wait_longer(self, outage: _Outage, error: DeviceError) -> None:
+        now = self._wall()
+        if now - outage.since_s >= self._patience_s:
+            raise DeviceLost(f"{outage.sentence}; it did not come back within {self._patience_s:g} s") from error
+        outage.next_attempt_s = now + outage.pause_s
+        outage.pause_s = min(2 * outage.pause_s, LONGEST_PAUSE_S)
+
+    def _accounted(self, items: Sequence[Item]) -> Iterator[Item]:
+        """The items, and before the first of an interrupted stream what is missing."""
+        for item in items:
+            if isinstance(item, Samples | Loss):
+                if item.stream in self._interrupted:
+                    self._interrupted.discard(item.stream)
+                    yield from self._gap(self._last[item.stream], item)
+                self._last[item.stream] = _end_of(item)
+            yield item
+
+    def _gap(self, last: _Place, item: Samples | Loss) -> list[Item]:
+        first = item.first_missing if isinstance(item, Loss) else int(item.sample_numbers[0])
+        if first <= last.number:
+            text = f"{self.name} numbers {item.stream} anew, from {first} after {last.number}"
+            return [Event("numbering_restarted", text, item.host_time_ns, self.name)]
+        missing, count = last.number + 1, first - last.number - 1
+        if not count:
+            return []
+        return [Loss(item.stream, "disconnected", missing, count, last.device_time_ns, item.host_time_ns)]
+
+    def _event(self, kind: str, text: str) -> Event:
+        return Event(kind, text, self._host_clock(), self.name)
+
+
+class ReconnectingCapture(Reconnecting):
+    """The same for a device that controls the capture."""
+
+    device: ResumableCapture
+
+    def start_capture(self) -> None:
+        self.device.start_capture()
+
+    def stop_capture(self) -> None:
+        self.device.stop_capture()
+
+
+class ResumableCapture(ResumableDevice, CaptureControl, Protocol):
+    pass
+
+
+@dataclass
+class _Outage:
+    """Wall seconds; sentence is what the device was lost with."""
+
+    sentence: str
+    since_s: float
+    next_attempt_s: float
+    pause_s: float = 2 * FIRST_PAUSE_S
+
+
+@dataclass(frozen=True)
+class _Place:
+    """The last sample of a stream that was received or counted, and the time of the last that was received."""
+
+    number: int
+    device_time_ns: int
+
+
+def _end_of(item: Samples | Loss) -> _Place:
+    if isinstance(item, Loss):
+        return _Place(item.first_missing + item.count - 1, item.last_device_time_ns)
+    return _Place(int(item.sample_numbers[-1]), int(item.device_time_ns[-1]))
