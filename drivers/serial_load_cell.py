@@ -16,13 +16,14 @@ import numpy as np
 
 from drivers.device import HostClock
 from drivers.errors import DeviceLost, DeviceUnavailable
-from recordings.samples import Item, Loss, Samples, Stream
+from recordings.samples import Event, Item, Loss, Samples, Stream
 
 LineFormat = Literal["usb220", "usb520"]
 
 LINES_PER_S = 10.0
 LONGEST_LINE = 256  # bytes; more without an end is no indicator
 WAKE_S = 0.02  # how long one wait for bytes takes
+QUIET_S = 0.5  # wall; five lines
 
 USB220_LINE = re.compile(rb"([+-]\d+\.\d+)\s+lbs\r?\n")  # 18 bytes, the value in the first 13
 USB520_LINE = re.compile(rb"\s*([+-]?\d+\.\d+)\s*g\s*\r?\n")
@@ -51,7 +52,8 @@ class SerialLoadCell:
 
     The wire carries neither numbers nor time. Lines are numbered from 0 as they come, and device time is the host's
     at arrival. A garbled line takes a number and is reported as a Loss("garbled"); the rest of the line that was
-    under way when the port was opened is not counted. Resumed after a loss, the numbers jump by ten for each second of
+    under way when the port was opened is not counted. Where no line comes for QUIET_S an event "silent" says so, once.
+    Resumed after a loss, the numbers jump by ten for each second of
     the host's clock. port is anything pyserial takes: COM3, /dev/ttyUSB0, socket://host:port.
     """
 
@@ -96,7 +98,7 @@ class SerialLoadCell:
                 self._pending += port.read(max(1, port.in_waiting))
             except self._vendor_errors as error:
                 raise DeviceLost(f"{self.name} was streaming and is gone: {_words(error)}; check its cable") from error
-            if items := self._items(self._whole_lines()):
+            if items := self._items(self._whole_lines()) or self._silence():
                 return items
             if time.monotonic() >= deadline_s:
                 return []
@@ -128,15 +130,29 @@ class SerialLoadCell:
             ) from error
         self._pending = b""
         self._is_aligned = False
+        self._heard_s, self._is_quiet = time.monotonic(), False
 
     def _whole_lines(self) -> list[bytes]:
         """Takes the finished lines out of what has come."""
         *lines, self._pending = self._pending.split(b"\n")
         if len(self._pending) > LONGEST_LINE:
             lines, self._pending = [*lines, self._pending], b""
+        if lines:
+            self._heard_s, self._is_quiet = time.monotonic(), False
         if lines and not self._is_aligned:
             lines, self._is_aligned = lines[1:], True
         return [line + b"\n" for line in lines]
+
+    def _silence(self) -> list[Item]:
+        """What there is to say when no line came for a while."""
+        quiet_s = time.monotonic() - self._heard_s
+        if self._is_quiet or quiet_s < QUIET_S:
+            return []
+        self._is_quiet = True
+        text = (
+            f"{self.name} has sent no line for {quiet_s:.1f} s, expected {LINES_PER_S:g} a second; check that it is on"
+        )
+        return [Event("silent", text, self._host_clock(), self.name)]
 
     def _items(self, lines: list[bytes]) -> list[Item]:
         """Good lines in a row as a block, garbled ones in a row as a loss, in the order they came."""

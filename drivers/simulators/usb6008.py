@@ -146,13 +146,15 @@ class Usb6008:
 
     def reserve(self, task: AcquisitionTask) -> None:
         """Makes it the running task; one that its client has left alone gives way."""
-        self.ensure_known(self.name)
-        for kind, (code, text) in REFUSALS.items():
-            if self.world.faults.active("ni", kind):
-                raise DaqmxError(code, text)
         with self._lock:
             other = self._running
-            if other is not None and other is not task:
+            if other is task:
+                return
+            self.ensure_known(self.name)
+            for kind, (code, text) in REFUSALS.items():
+                if self.world.faults.active("ni", kind):
+                    raise DaqmxError(code, text)
+            if other is not None:
                 if not other.is_abandoned:
                     raise DaqmxError(
                         -200022,

@@ -1,0 +1,243 @@
+"""The bench on which faults happen while all three devices stream, and what each fault must leave behind."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.catalogue import make_device
+from drivers.device import CaptureControl, Device
+from drivers.errors import DeviceError
+from drivers.simulators.bench import Bench
+from drivers.simulators.faults import fault_from_dict
+from drivers.simulators.settings import settings_from_dict
+from recordings.samples import Event, Item, Loss, Samples
+from station.clock import RealClock
+
+SPEED = 30.0
+PATIENCE_S = 15.0  # wall; a bound on failing tests, not an expectation
+STREAMS = {"ni": ("/force", "/sync"), "qtm": ("/markers",), "serial": ("/force",)}
+LOST_AND_FOUND = ("connection_lost", "connection_restored")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault while all devices stream: for_s is in world seconds; causes and events are what must be seen of it."""
+
+    device: str
+    fault: str
+    for_s: float = 0.0
+    causes: frozenset[str] = frozenset()
+    events: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return f"{self.device} {self.fault}"
+
+
+def _case(device: str, fault: str, for_s: float = 0.0, cause: str = "", events: tuple[str, ...] = ()) -> Case:
+    return Case(device, fault, for_s, frozenset({cause} if cause else ()), events)
+
+
+CASES = (
+    _case("ni", "overrun", cause="overrun"),
+    _case("ni", "fifo_overflow", cause="overrun"),
+    _case("ni", "transfer_aborted", 6.0, "disconnected", LOST_AND_FOUND),
+    _case("ni", "unplug", 12.0, "disconnected", LOST_AND_FOUND),
+    _case("ni", "refuse", 3.0),  # who streams already does not notice
+    _case("ni", "freeze", 90.0, "disconnected", LOST_AND_FOUND),
+    _case("qtm", "skip_frames", 1.0, "skipped"),
+    _case("qtm", "drop_labels", 6.0, events=("camera_settings_changed", "labels_lost")),
+    _case("qtm", "reorder_labels", 6.0, events=("camera_settings_changed",)),
+    _case("qtm", "rename_labels", 6.0, events=("camera_settings_changed", "labels_lost")),
+    _case("qtm", "half_packet", 0.0, "disconnected", LOST_AND_FOUND),
+    _case("qtm", "zero_length", 0.0, "disconnected", LOST_AND_FOUND),
+    _case("qtm", "huge_length", 0.0, "disconnected", LOST_AND_FOUND),
+    _case("qtm", "unknown_packet", events=("unreadable_packet",)),
+    _case("qtm", "unknown_component", 1.0),  # the markers beside it are read
+    _case("qtm", "unknown_event", events=("unreadable_packet",)),
+    _case("qtm", "silent", 90.0, "disconnected", LOST_AND_FOUND),
+    _case("qtm", "restart", 12.0, "disconnected", LOST_AND_FOUND),
+    _case("qtm", "full", 3.0),  # who streams already does not notice
+    _case("qtm", "no_more_data", 3.0, "skipped", ("no_more_data",)),
+    _case("qtm", "renumber", events=("numbering_restarted",)),
+    _case("serial", "garbage", 3.0, "garbled"),
+    _case("serial", "silence", 30.0, events=("silent",)),
+    _case("serial", "unplug", 12.0, "disconnected", LOST_AND_FOUND),
+)
+
+
+@dataclass
+class Listener:
+    """Reads one device in a thread of its own; heard are the items with the wall second at which they were read."""
+
+    device: Device
+    heard: list[tuple[float, Item]] = field(default_factory=list)
+    error: DeviceError | None = None
+    is_ending: threading.Event = field(default_factory=threading.Event)
+
+    def start(self) -> None:
+        self.device.open()
+        self._thread = threading.Thread(target=self._listen, name=f"listener of {self.device.name}", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self.is_ending.set()
+        self._thread.join()
+        self.device.close()
+
+    def items(self, since: int = 0) -> list[Item]:
+        return [item for _, item in self.heard[since:]]
+
+    def _listen(self) -> None:
+        try:
+            while not self.is_ending.is_set():
+                items = self.device.read(0.05)
+                now = time.monotonic()
+                self.heard += [(now, item) for item in items]
+        except DeviceError as error:
+            self.error = error
+
+
+class FaultBench:
+    """A context manager: within it a long capture runs at thirty times the world's pace, and all devices stream."""
+
+    def __init__(self, seed: int = 0) -> None:
+        protocol = {"repeats": 1, "static": {"hold_s": 600.0}}
+        settings = settings_from_dict(
+            {
+                "protocol": protocol,
+                "operator": {"capture": "remote"},
+                "mocap": {"occlusions_per_minute": 0},
+                "daq_clock": {"offset_ppm": 0.0, "drift_ppm_per_hour": 0.0},
+            }
+        )
+        self._bench = Bench(settings, SPEED, seed)
+        self.world = self._bench.world
+        self.listeners: dict[str, Listener] = {}
+
+    def __enter__(self) -> FaultBench:
+        self._bench.__enter__()
+        ports, clock = self._bench.ports, RealClock(SPEED).utc_ns
+        options: dict[str, dict[str, Any]] = {
+            "ni": {
+                "source": "nidaq",
+                "device": "Dev1",
+                "force_channel": "ai0",
+                "sync_channel": "ai1",
+                "sample_rate_hz": 1000.0,
+                "grpc_target": f"127.0.0.1:{ports['ni']}",
+            },
+            "qtm": {"source": "qualisys", "host": "127.0.0.1", "port": ports["qtm"], "control": "start"},
+            "serial": {
+                "source": "serial_load_cell",
+                "port": f"socket://127.0.0.1:{ports['serial']}",
+                "baud_rate": 9600,
+                "line_format": "usb220",
+            },
+        }
+        for name, wishes in options.items():
+            self.listeners[name] = Listener(make_device(host_clock=clock, **wishes))
+            self.listeners[name].start()
+        mocap = self.listeners["qtm"].device
+        assert isinstance(mocap, CaptureControl)
+        mocap.start_capture()
+        wait_for(lambda: all(self.flows(name, 0) for name in STREAMS), "every device streams")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for listener in self.listeners.values():
+            listener.stop()
+        self._bench.__exit__(None, None, None)
+
+    def flows(self, device: str, since: int) -> bool:
+        """Whether every stream of the device delivered since so many items were heard."""
+        items = self.listeners[device].items(since)
+        return {item.stream for item in items if isinstance(item, Samples)} >= set(STREAMS[device])
+
+    def suffer(self, case: Case) -> Aftermath:
+        """Lets the fault happen, and waits until it was seen and the device streams as before."""
+        before = {name: len(listener.heard) for name, listener in self.listeners.items()}
+        listener = self.listeners[case.device]
+        began_s = time.monotonic()
+        fault = fault_from_dict({"device": case.device, "fault": case.fault, "for_s": case.for_s})
+        self.world.faults.inject(fault)
+        over = self.world.now() + case.for_s
+
+        def is_seen() -> bool:
+            items = listener.items(before[case.device])
+            return _causes(items) >= case.causes and _kinds(items) >= set(case.events)
+
+        wait_for(lambda: self.world.now() > over, f"{case.name} is over")
+        wait_for(is_seen, f"{case.name} is seen")
+        since = len(listener.heard)
+        wait_for(lambda: self.flows(case.device, since), f"the device streams again after {case.name}")
+        heard = {name: one.heard[before[name] :] for name, one in self.listeners.items()}
+        return Aftermath(case, began_s, heard)
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """What was heard from each device since the fault began."""
+
+    case: Case
+    began_s: float
+    heard: dict[str, list[tuple[float, Item]]]
+
+    def items(self, device: str) -> list[Item]:
+        return [item for _, item in self.heard[device]]
+
+    @property
+    def seen_after_s(self) -> float | None:
+        """Wall seconds from the fault to the first word of it; None where there is none to say."""
+        words = [at for at, item in self.heard[self.case.device] if isinstance(item, Loss | Event)]
+        return words[0] - self.began_s if words else None
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Samples counted as lost, by stream."""
+        losses = [item for item in self.items(self.case.device) if isinstance(item, Loss)]
+        return {stream: sum(loss.count for loss in losses if loss.stream == stream) for stream in _streams(losses)}
+
+
+def unaccounted(items: list[Item], stream: str) -> list[tuple[int, int]]:
+    """Where the numbers of what was received and what was counted as lost do not meet: (expected, found)."""
+    expected: int | None = None
+    breaks = []
+    for item in items:
+        if isinstance(item, Event) and item.kind == "numbering_restarted":
+            expected = None
+        if not isinstance(item, Samples | Loss) or item.stream != stream:
+            continue
+        parts = (
+            [(int(number), 1) for number in item.sample_numbers]
+            if isinstance(item, Samples)
+            else [(item.first_missing, item.count)]
+        )
+        for first, count in parts:
+            if expected is not None and first != expected:
+                breaks.append((expected, first))
+            expected = first + count
+    return breaks
+
+
+def wait_for(claim: Callable[[], bool], what: str) -> None:
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not claim():
+        assert time.monotonic() < give_up_s, f"waited in vain: {what}"
+        time.sleep(0.005)
+
+
+def _causes(items: list[Item]) -> set[str]:
+    return {item.cause for item in items if isinstance(item, Loss)}
+
+
+def _kinds(items: list[Item]) -> set[str]:
+    return {item.kind for item in items if isinstance(item, Event)}
+
+
+def _streams(losses: list[Loss]) -> list[str]:
+    return sorted({loss.stream for loss in losses})
