@@ -1,44 +1,28 @@
 """What a suit saves: the cost of a motion's muscle activations, with rigid cuffs and with the fitted ones.
 
-Cost is the sum of w a² over muscles and frames, over that with the suit worn and its cord slack. Geometry and response
-maps are computed once; a scenario (condition, cuffs, rest length) only changes the loads on the bodies.
+Cost is the sum of w a² over muscles and frames, over that with the suit worn and its cord slack.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.dynamics import response_to_loads
-from solver.kinematics import postures
 from solver.model import Model
-from solver.motion import Kinematics, thin
-from solver.redundancy import (
-    FrameOutcome,
-    LoadResponse,
-    Mechanics,
-    RedundancyOptions,
-    RedundancyProblem,
-    RedundancySolution,
-    build_redundancy,
-    go_through,
-    solve_redundancy,
-)
-from solver.spatial import wrench_about_origin
-from solver.suit import CordLine, Suit, SuitError, SuitForces, cord_line, suit_forces, with_suit_masses
+from solver.motion import Kinematics
+from solver.readings import Readings, read_curves
+from solver.redundancy import FrameOutcome, RedundancyOptions
+from solver.suit import Suit, SuitError
+from solver.uncertainty import Draws, wear_draws
+from solver.worn import CUFF_CONDITIONS, Condition, Effort, Wearing, WornMotion, solve_bare, solve_wearings, wear
 
 Array = NDArray[np.float64]
-Condition = Literal["rigid", "shift", "visco_elastic", "both"]
-
-CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")
-KEPT_REDUCTION = 0.9  # of the best one, within the permissible error of the rest length
-NORMAL_95 = 1.959964
+Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -49,88 +33,88 @@ class Figure:
     ci95: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True)
-class Optimum:
-    """The best rest length [m], the normalised cost there, and the full width [m] in which 90 % of the saving is kept.
-
-    All None where the best of the lengths tried is the first or the last; the width also where it goes beyond them.
-    """
-
-    rest_length: Figure
-    normalised_cost: Figure
-    permissible_error: Figure
-
-
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One condition over the rest lengths.
+    """One condition over the rest lengths, and what is read off it.
 
     cuff          the arm cuff's name, None in the rigid condition
     cost          (rest lengths,) normalised cost of the muscles;  reserve_cost (rest lengths,) of the reserves
-    at_reference  normalised cost at the suit's reference rest length
-    cord_force    largest cord tension at the reference rest length [N]
+    activations   (frames, muscles) at the reference rest length
+    unsolved      (frame, rest length) pairs that did not come out solved
+    figures       name of a field of Readings → its figure, each with the unit given there
+    reduction     muscle or group of muscles → its figure of Readings.reduction
     """
 
     condition: Condition
     cuff: str | None
     cost: Array
     reserve_cost: Array
-    at_reference: Figure
-    cord_force: float
-    optimum: Optimum
+    activations: Array
+    unsolved: int
+    figures: Mapping[str, Figure]
+    reduction: Mapping[str, Figure]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two arm cuffs, both shifted and yielding: cost of the first less that of the second at the reference length."""
+
+    cuffs: tuple[str, str]
+    cost_difference: Figure
+
+    @property
+    def differ(self) -> bool | None:
+        """Whether the interval leaves out zero; None where nothing is known of it."""
+        interval = self.cost_difference.ci95
+        return None if interval is None else not interval[0] <= 0 <= interval[1]
+
+
+@dataclass(frozen=True)
+class Sureness:
+    """How the intervals came about, and how far the thinner study of the draws is from the whole one.
+
+    largest_difference  name of a field of Readings → largest |thinned − whole| over all conditions
+    """
+
+    draws: int
+    every: int
+    largest_difference: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
     """What the suit saves in one motion; costs are over that of the suit worn with a slack cord, which is 1.
 
+    muscles         names, in the order of every such axis;  time (frames,) [s] of the activations
     rest_lengths    (rest lengths,) tried [m];  reference_rest_length [m]
     bare_body_cost  without the suit's masses
     longest_cord    longest the cord's line becomes [m]; at a greater rest length it never pulls
     waist_cuff      name of the cuff that yields at the waist, None for a rigid one
-    frames          evaluated in each of `scenarios`;  unsolved (frame, scenario) pairs that did not come out solved
+    slack           (frames, muscles) activations with a slack cord
+    curves          rigid first, then each arm cuff in each condition
+    sureness        None where no cuff carries an uncertainty, or no draws were asked for
+    scenarios       whose frames were solved
+    outcomes        sentence of each FrameOutcome but SOLVED → (frame, scenario) pairs that ended so
     """
 
+    muscles: tuple[str, ...]
+    time: Array
     rest_lengths: Array
     reference_rest_length: float
     bare_body_cost: float
     longest_cord: float
     waist_cuff: str | None
+    slack: Array
     curves: tuple[Curve, ...]
-    frames: int
+    comparisons: tuple[Comparison, ...]
+    sureness: Sureness | None
     scenarios: int
-    unsolved: int
+    outcomes: Mapping[str, int]
 
-    def to_json(self) -> dict[str, Any]:
-        """Results as {"value", "ci95"}, by arm cuff and condition, units in the keys; the curves beside them."""
-        return {
-            "reference_rest_length_m": self.reference_rest_length,
-            "at_rigid_optimum": self._by_cuff(lambda curve: _number(curve.at_reference)),
-            "optimum": self._by_cuff(
-                lambda curve: {
-                    "rest_length_m": _number(curve.optimum.rest_length),
-                    "normalised_cost": _number(curve.optimum.normalised_cost),
-                    "permissible_error_m": _number(curve.optimum.permissible_error),
-                }
-            ),
-            "bare_body": _number(Figure(self.bare_body_cost)),
-            "longest_cord_m": _number(Figure(self.longest_cord)),
-            "largest_cord_force_n": self._by_cuff(lambda curve: _number(Figure(curve.cord_force))),
-            "waist_cuff": self.waist_cuff,
-            "rest_lengths_m": self.rest_lengths.tolist(),
-            "cost": self._by_cuff(lambda curve: _finite(curve.cost)),
-            "reserve_cost": self._by_cuff(lambda curve: _finite(curve.reserve_cost)),
-            "frames": self.frames,
-            "scenarios": self.scenarios,
-            "unsolved": self.unsolved,
-        }
-
-    def _by_cuff(self, entry: Callable[[Curve], Any]) -> dict[str, Any]:
-        nested: dict[str, Any] = {}
-        for curve in self.curves:
-            place = nested if curve.cuff is None else nested.setdefault(curve.cuff, {})
-            place[curve.condition] = entry(curve)
-        return nested
+    @property
+    def unsolved(self) -> int:
+        """(frame, scenario) pairs that did not come out solved."""
+        return sum(self.outcomes.values())
 
 
 def assess(
@@ -140,61 +124,47 @@ def assess(
     cuffs: Iterable[CuffParameters],
     *,
     every: int = 1,
+    draws: int = 200,
+    draw_every: int = 20,
     options: RedundancyOptions | None = None,
-    progress: Callable[[int, int], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> Assessment:
     """Wear the suit in every condition: rigid, and shifted, yielding and both with each arm cuff and the waist's own.
 
-    The cuffs follow every frame of the motion; muscles are solved in every N-th, progress(done, total) counts those.
-    Raises SuitError without an arm cuff or with two at the waist, ModelError where the suit names an unknown body.
+    Muscles are solved in every N-th frame, those of the drawn cuffs in every draw_every-th; progress(what, done, total)
+    counts them. Raises SuitError without an arm cuff, with two at the waist or where worn.wear refuses the suit,
+    MotionError where it refuses the motion.
     """
-    options = options or RedundancyOptions()
     arms, waist = _by_site(cuffs)
+    worn = wear(model, kinematics, suit, every, options)
     wearings = _wearings(suit, arms, waist)
-    worn = with_suit_masses(model, suit)
-    bare = go_through(model, thin(kinematics, every))
-    mechanics = go_through(worn, bare.kinematics, bare.paths)
-    line = cord_line(suit, worn, postures(worn, kinematics.positions, kinematics.speeds), kinematics.interval)
-    deviations = [_deviations(wearing, suit) for wearing in wearings]
-    forces = [wearing.forces(suit, line) for wearing in chain(wearings, *deviations)]
-
-    problem = build_redundancy(worn, mechanics, options)
-    solution = solve_redundancy(problem, _loads(worn, suit, mechanics, forces, every), progress)
-    without_suit = solve_redundancy(build_redundancy(model, bare, options))
-    costs = _costs(problem, solution)
-    slack_cost = costs[0, 0]
-    outcomes = np.concatenate([solution.outcomes, without_suit.outcomes])
+    slack, efforts = solve_wearings(worn, wearings, lambda *count: progress("solving muscles", *count))
+    bare = solve_bare(worn, slack)
+    readings = _read(worn, slack, wearings, efforts)
+    drawn = None
+    if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
+        thinned = wear(model, kinematics, suit, draw_every, options)
+        spans = {_place(w): _span(suit, reading) for w, reading in zip(wearings, readings, strict=True)}
+        drawn = wear_draws(thinned, waist, arms, draws, spans, lambda *count: progress("drawing cuffs", *count))
+    everything = [slack, bare, *efforts]
     return Assessment(
+        muscles=model.muscle_names,
+        time=worn.problem.time,
         rest_lengths=suit.rest_lengths,
         reference_rest_length=suit.reference_rest_length,
-        bare_body_cost=float(_costs(problem, without_suit)[0, 0] / slack_cost),
-        longest_cord=float(line.length.max()),
+        bare_body_cost=float(bare.muscles[0]),
+        longest_cord=worn.slack_rest_length(wearings[0]),
         waist_cuff=waist.name if waist else None,
-        curves=_curves(suit, wearings, deviations, forces, costs[1:] / slack_cost),
-        frames=outcomes.shape[1],
-        scenarios=len(outcomes),
-        unsolved=int((outcomes != FrameOutcome.SOLVED).sum()),
+        slack=slack.activations[0],
+        curves=tuple(
+            _curve(worn.measured, wearing, effort, reading, drawn)
+            for wearing, effort, reading in zip(wearings, efforts, readings, strict=True)
+        ),
+        comparisons=_comparisons(arms, wearings, readings, drawn),
+        sureness=_sureness(wearings, readings, drawn),
+        scenarios=sum(len(effort.muscles) for effort in everything),
+        outcomes=_outcomes(everything),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Wearing:
-    """The suit with these cuffs in this condition, at each of the rest lengths."""
-
-    condition: Condition
-    waist: CuffParameters | None
-    arm: CuffParameters | None
-    rest_lengths: Array
-
-    def forces(self, suit: Suit, line: CordLine) -> SuitForces:
-        return suit_forces(
-            suit,
-            line,
-            self.rest_lengths,
-            (self.waist, self.arm),
-            is_shifted=self.condition in {"shift", "both"},
-            yields=self.condition in {"visco_elastic", "both"},
-        )
 
 
 def _by_site(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], CuffParameters | None]:
@@ -208,117 +178,94 @@ def _by_site(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], Cuf
     return arms, waists[0] if waists else None
 
 
-def _wearings(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | None) -> list[_Wearing]:
+def _wearings(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | None) -> list[Wearing]:
     """Rigid first, then each cuff in each condition; the reference rest length comes after those tried."""
     lengths = np.append(suit.rest_lengths, suit.reference_rest_length)
-    yielding = [_Wearing(condition, waist, arm, lengths) for arm in arms for condition in CUFF_CONDITIONS]
-    return [_Wearing("rigid", None, None, lengths), *yielding]
+    yielding = [Wearing(condition, waist, arm, lengths) for arm in arms for condition in CUFF_CONDITIONS]
+    return [Wearing("rigid", None, None, lengths), *yielding]
 
 
-def _deviations(wearing: _Wearing, suit: Suit) -> list[_Wearing]:
-    """At the reference rest length, either cuff one standard error off along each principal direction of its fit."""
-    there = replace(wearing, rest_lengths=np.array([suit.reference_rest_length]))
-    waists, arms = ([] if cuff is None else _one_error_off(cuff) for cuff in (wearing.waist, wearing.arm))
-    return [*(replace(there, waist=moved) for moved in waists), *(replace(there, arm=moved) for moved in arms)]
+def _read(worn: WornMotion, slack: Effort, wearings: Sequence[Wearing], efforts: Sequence[Effort]) -> list[Readings]:
+    """Readings of every wearing; migration is seen against the same cuffs before they slipped."""
+    rigid, *others = zip(wearings, efforts, strict=True)
+    readings = list(read_curves(worn, slack, {"rigid": rigid}).values())
+    for cuff in range(0, len(others), len(CUFF_CONDITIONS)):
+        own = dict(zip(CUFF_CONDITIONS, others[cuff : cuff + len(CUFF_CONDITIONS)], strict=True))
+        readings += list(read_curves(worn, slack, {"rigid": rigid, **own}).values())[1:]
+    return readings
 
 
-def _one_error_off(cuff: CuffParameters) -> list[CuffParameters]:
-    """Towards greater stiffness, so that it stays positive; none for a cuff that is given, not fitted."""
-    errors = np.sqrt(np.diag(cuff.covariance))
-    scale = np.where(errors > 0, errors, 1.0)
-    sizes, directions = np.linalg.eigh(cuff.covariance / np.outer(scale, scale))
-    moves = (scale[:, None] * directions * np.sqrt(sizes.clip(0))).T
-    return [
-        replace(
-            cuff,
-            stiffness=cuff.stiffness + sign * move[0],
-            damping=cuff.damping + sign * move[1],
-            migration=cuff.migration + sign * move[2],
-        )
-        for move in moves
-        if move.any()
-        for sign in [1.0 if move[0] >= 0 else -1.0]
-    ]
+def _place(wearing: Wearing) -> tuple[Condition, str | None]:
+    return wearing.condition, wearing.arm.name if wearing.arm else None
 
 
-def _loads(model: Model, suit: Suit, mechanics: Mechanics, forces: list[SuitForces], every: int) -> LoadResponse:
-    """First a scenario without load, then one for each rest length of each of the forces."""
-    bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
-    frames = len(mechanics.kinematics.time)
-    units = np.zeros((frames, len(bodies), 6, len(model.bodies), 6))
-    for place, body in enumerate(bodies):
-        units[:, place, :, body] = np.eye(6)
-    response = response_to_loads(mechanics.equations, units.reshape(frames, -1, len(model.bodies), 6))
-    wrenches = np.concatenate(
-        [wrench_about_origin(force.points[:, ::every], force.forces[:, ::every]) for force in forces]
-    ).reshape(-1, frames, 6 * len(bodies))
-    wrenches = np.concatenate([np.zeros_like(wrenches[:1]), wrenches])
-    return LoadResponse(
-        acceleration=np.einsum("sfk,fkc->sfc", wrenches, response.acceleration),
-        reaction=np.einsum("sfk,fkc->sfc", wrenches, response.reaction),
-    )
+def _span(suit: Suit, reading: Readings) -> tuple[float, float]:
+    """Rest lengths that hold the optimum and its permissible error, and those of cuffs that are somewhat different."""
+    length, width = float(reading.rest_length[0]), float(reading.permissible_error[0])
+    if np.isnan(length + width):
+        return float(suit.rest_lengths[0]), float(suit.rest_lengths[-1])
+    return length - width, length + width
 
 
-def _costs(problem: RedundancyProblem, solution: RedundancySolution) -> Array:
-    """(scenarios, 2): Σ w x² over all frames, of muscles and of reserves; NaN where a frame is infeasible."""
-    muscles = problem.time_constants.shape[1]
-    effort = (problem.weights * solution.controls**2).sum(axis=1)
-    return np.column_stack([effort[:, :muscles].sum(axis=1), effort[:, muscles:].sum(axis=1)])
-
-
-def _curves(
-    suit: Suit, wearings: list[_Wearing], deviations: list[list[_Wearing]], forces: list[SuitForces], costs: Array
-) -> tuple[Curve, ...]:
-    """costs (scenarios, 2) of muscles and reserves follow the forces: all wearings, then the deviations of each."""
-    parts = np.cumsum([len(force.tension) for force in forces])[:-1]
-    remaining = iter(np.split(costs, parts))
-    intended = [next(remaining) for _ in wearings]
-    deviated = [np.array([next(remaining)[0, 0] for _ in group]) for group in deviations]
-    worn = zip(wearings, intended, deviated, forces[: len(wearings)], strict=True)
-    return tuple(_curve(suit, wearing, cost, off, force) for wearing, cost, off, force in worn)
-
-
-def _curve(suit: Suit, wearing: _Wearing, cost: Array, deviated: Array, force: SuitForces) -> Curve:
-    """cost (rest lengths, 2) of muscles and reserves; deviated (deviations,) cost of muscles at the reference."""
+def _curve(measured: Sequence[str], wearing: Wearing, effort: Effort, reading: Readings, drawn: Draws | None) -> Curve:
+    condition, cuff = _place(wearing)
+    versions = drawn.readings[condition, cuff] if drawn and cuff else None
+    names = [field.name for field in fields(Readings) if field.name != "reduction"]
     return Curve(
-        condition=wearing.condition,
-        cuff=wearing.arm.name if wearing.arm else None,
-        cost=cost[:-1, 0],
-        reserve_cost=cost[:-1, 1],
-        at_reference=_figure(float(cost[-1, 0]), deviated),
-        cord_force=float(force.tension[-1].max()),
-        optimum=_optimum(suit.rest_lengths, cost[:-1, 0]),
+        condition=condition,
+        cuff=cuff,
+        cost=effort.muscles[:-1],
+        reserve_cost=effort.reserves[:-1],
+        activations=effort.activations[-1],
+        unsolved=effort.unsolved,
+        figures={
+            name: _figure(getattr(reading, name)[0], getattr(versions, name) if versions else None) for name in names
+        },
+        reduction={
+            name: _figure(reading.reduction[0, i], versions.reduction[:, i] if versions else None)
+            for i, name in enumerate(measured)
+        },
     )
 
 
-def _figure(value: float, deviated: Array) -> Figure:
-    """A value and its interval by the delta method: changes along independent directions add in squares."""
-    if np.isnan(value) or not deviated.size or np.isnan(deviated).any():
-        return Figure(None if np.isnan(value) else value)
-    reach = NORMAL_95 * float(np.linalg.norm(deviated - value))
-    return Figure(value, (value - reach, value + reach))
+def _figure(value: float, versions: Array | None) -> Figure:
+    """versions (1 + draws,): of the fitted cuffs, then of the drawn ones, on fewer frames than the value."""
+    if np.isnan(value):
+        return Figure(None)
+    if versions is None or np.isnan(versions).any():
+        return Figure(float(value))
+    low, high = np.quantile(versions[1:] - versions[0], [0.025, 0.975])
+    return Figure(float(value), (float(value + low), float(value + high)))
 
 
-def _optimum(rest_lengths: Array, cost: Array) -> Optimum:
-    """The lowest point of a cubic spline through the lengths tried, and where it keeps 90 % of the saving."""
-    from scipy.interpolate import CubicSpline  # slow to import, and needed only here
-
-    best = int(np.argmin(cost))
-    if np.isnan(cost).any() or best in {0, len(cost) - 1}:
-        return Optimum(Figure(None), Figure(None), Figure(None))
-    spline = CubicSpline(rest_lengths, cost)
-    flat = spline.derivative().roots(extrapolate=False)
-    length = float(flat[np.argmin(spline(flat))])
-    lowest = float(spline(length))
-    edges = spline.solve(1 - KEPT_REDUCTION * (1 - lowest), extrapolate=False)
-    before, after = edges[edges < length], edges[edges > length]
-    width = float(after.min() - before.max()) if before.size and after.size and lowest < 1 else None
-    return Optimum(Figure(length), Figure(lowest), Figure(width))
+def _comparisons(
+    arms: Sequence[CuffParameters], wearings: Sequence[Wearing], readings: Sequence[Readings], drawn: Draws | None
+) -> tuple[Comparison, ...]:
+    cost = {_place(w)[1]: r.at_reference[0] for w, r in zip(wearings, readings, strict=True) if w.condition == "both"}
+    compared = []
+    for a, b in combinations([arm.name for arm in arms], 2):
+        versions = None
+        if drawn:
+            versions = drawn.readings["both", a].at_reference - drawn.readings["both", b].at_reference
+        compared.append(Comparison((a, b), _figure(cost[a] - cost[b], versions)))
+    return tuple(compared)
 
 
-def _number(figure: Figure) -> dict[str, Any]:
-    return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None}
+def _sureness(wearings: Sequence[Wearing], readings: Sequence[Readings], drawn: Draws | None) -> Sureness | None:
+    if drawn is None:
+        return None
+    names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
+    largest = {
+        name: max(
+            abs(float(getattr(drawn.readings[_place(wearing)], name)[0] - getattr(reading, name)[0]))
+            for wearing, reading in zip(wearings, readings, strict=True)
+        )
+        for name in names
+    }
+    return Sureness(drawn.count, drawn.every, largest)
 
 
-def _finite(values: Array) -> list[float | None]:
-    return [None if np.isnan(value) else float(value) for value in values]
+def _outcomes(efforts: Sequence[Effort]) -> dict[str, int]:
+    together = np.concatenate([effort.outcomes.ravel() for effort in efforts])
+    counts = {outcome.value: int((together == outcome).sum()) for outcome in FrameOutcome}
+    return {sentence: count for sentence, count in counts.items() if count and sentence != FrameOutcome.SOLVED.value}

@@ -212,22 +212,35 @@ def rmr(
 @app.command()
 def assess(
     cuffs: Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")],
-    output: Annotated[Path, typer.Option(help="Folder for assessment.json and report.html.")],
+    output: Annotated[Path, typer.Option(help="Folder for assessment.json, activations.csv and report.html.")],
     motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
     suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
+    model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    cuff: Annotated[list[str] | None, typer.Option(help="Wear this arm cuff; repeat for more. Default: all.")] = None,
+    emg: Annotated[Path | None, typer.Option(help="Measured: a CSV of muscle,reduction_percent,sd.")] = None,
+    beside: Annotated[Path | None, typer.Option(help="Another motion, to show beside the assessed one.")] = None,
+    draws: Annotated[
+        int, typer.Option(min=0, help="Cuffs drawn from their fit's covariance; 0 for no interval.")
+    ] = 200,
 ) -> None:
-    """What the suit with these cuffs does for the muscles, over its rest length."""
+    """What the suit with these cuffs does for the muscles, over its rest length, and how sure that is."""
     from rich.console import Console
 
+    from solver.suit import BUNDLED_SUIT
+    from station.assessment_inputs import AssessmentInputs
+    from station.findings import findings
     from station.pipeline import assess_file
     from station.progress import progress_bars
     from station.report import write_report
     from station.tables import assessment_table
 
+    inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, tuple(cuff or ()))
     with progress_bars(Console(stderr=True)) as progress:
-        assessed = assess_file(cuffs, output, motion, suit, progress)
+        assessed = assess_file(inputs, output, draws, progress)
     write_report(output)
     Console().print(assessment_table(assessed.assessment))
+    for sentence in findings(assessed.assessment):
+        _say(sentence)
     raise typer.Exit(LOSSY if assessed.assessment.unsolved else 0)
 
 

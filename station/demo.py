@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
+from station.assessment_inputs import AssessmentInputs
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.daemon import Daemon, TrialResult
@@ -19,8 +20,8 @@ from station.simulation import SimulatedBench, simulator_settings
 from station.tables import assessment_table, cuff_table
 
 LOSSY = 3
-MUSCLE_FRAMES = 60
-"""At most so many frames of the bundled motion are solved; the solver's own verb takes them all."""
+MUSCLE_FRAMES, MUSCLE_REST_LENGTHS = 60, 16
+"""At most so much of the bundled motion is solved; the assessment's own verb takes all, and draws the cuffs besides."""
 
 
 class DemoError(Exception):
@@ -48,7 +49,9 @@ def run_demo(folder: Path | None, speed: float, seed: int) -> int:
         results, truth = record_session(folder, demo_config(), speed, seed, progress)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
         fitted = fit_session_folder(folder, folder / "cuffs.json", progress)
-        assessed = assess_cuffs(fitted.cuffs, folder / "cuffs.json", most_frames=MUSCLE_FRAMES, progress=progress)
+        inputs = AssessmentInputs(folder / "cuffs.json")
+        bounds = {"most_frames": MUSCLE_FRAMES, "most_rest_lengths": MUSCLE_REST_LENGTHS, "draws": 0}
+        assessed = assess_cuffs(fitted.cuffs, inputs, **bounds, progress=progress)
         write_assessment(assessed, folder)
         page = write_report(folder, fitted, progress)
     data.print(cuff_table(fitted.cuffs, truth))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -24,24 +24,37 @@ STYLE: dict[Any, Any] = {
     "grid.color": "#e4e4e4",
     "legend.frameon": False,
 }
-COSTLIEST = 1.3
-"""Where cost curves leave the figure: far too short a cord costs double, and would hide what matters."""
 MOST_POINTS = 4000
 """Of a curve that is drawn; more only makes the page heavy."""
+
+
+def new_page(columns: int, rows: int = 1, height: float = 3.4, width: float = 5.2) -> tuple[Figure, list[Axes]]:
+    """A page and its axes, row by row; height and width [in] are those of one of them."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
+    return figure, list(axes.flat)
+
+
+def as_png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(buffer, format="png", dpi=120)
+    return buffer.getvalue()
 
 
 def trial_figure(static: TrialCurves | None, dynamic: TrialCurves | None) -> bytes:
     """Force and displacement over session time with the sync edge and the trial's start and end marked."""
     shown = [curves for curves in (static, dynamic) if curves is not None]
-    figure, axes = _page(len(shown), height=2.6)
+    figure, axes = new_page(len(shown), height=2.6)
     for axis, curves in zip(axes, shown, strict=True):
         _draw_trial(axis, curves)
-    return _png(figure)
+    return as_png(figure)
 
 
 def static_figure(fit: CuffFit, static: Sequence[TrialCurves]) -> bytes:
     """Force over displacement of all static trials, the held loads, and the lines of the common stiffness."""
-    figure, (axis,) = _page(1)
+    figure, (axis,) = new_page(1)
     for curves, shade in zip(static, SHADES * 8, strict=False):
         force = np.interp(curves.marker_time, curves.force_time, curves.force)
         axis.plot(1e3 * curves.displacement, force, color=shade, alpha=0.18, linewidth=0.7)
@@ -49,12 +62,12 @@ def static_figure(fit: CuffFit, static: Sequence[TrialCurves]) -> bytes:
     axis.set_xlabel("displacement of the cuff along the rope [mm]")
     axis.set_ylabel("force [N]")
     axis.legend(loc="upper left")
-    return _png(figure)
+    return as_png(figure)
 
 
 def dynamic_figure(fit: CuffFit, dynamic: Sequence[TrialCurves]) -> bytes:
     """F − k x (less inertia, offset and drift) over ẋ of all dynamic trials, and the line of the common damping."""
-    figure, (axis,) = _page(1)
+    figure, (axis,) = new_page(1)
     reach = 0.0
     for curves, shade in zip(dynamic, SHADES * 8, strict=False):
         if curves.dynamic is not None:
@@ -70,24 +83,7 @@ def dynamic_figure(fit: CuffFit, dynamic: Sequence[TrialCurves]) -> bytes:
     axis.set_xlabel("velocity of the cuff [mm/s]")
     axis.set_ylabel("F − k x [N]")
     axis.legend(loc="upper left", markerscale=4)
-    return _png(figure)
-
-
-def cost_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
-    """Normalised muscle cost over the cord's rest length, in every condition with one arm cuff; 1 is a slack cord."""
-    figure, (axis,) = _page(1, height=3.2)
-    lengths = assessment["rest_lengths_m"]
-    axis.axhline(1.0, color=MARK, linewidth=1.0, label="slack cord")
-    axis.plot(lengths, assessment["cost"]["rigid"], color=LINE, linewidth=1.6, label="rigid cuffs")
-    for (condition, cost), shade in zip(assessment["cost"][cuff].items(), SHADES, strict=False):
-        axis.plot(lengths, cost, color=shade, marker="o", markersize=3, label=condition.replace("_", "-"))
-    axis.axvline(assessment["reference_rest_length_m"], color=MARK, linestyle=":", linewidth=1.0)
-    lowest = min([min(assessment["cost"]["rigid"])] + [min(cost) for cost in assessment["cost"][cuff].values()])
-    axis.set_ylim(lowest - 0.03, COSTLIEST)
-    axis.set_xlabel("rest length of the exotendon [m]")
-    axis.set_ylabel("muscle cost / slack cord")
-    axis.legend(loc="best", ncols=2)
-    return _png(figure)
+    return as_png(figure)
 
 
 def _draw_trial(axis: Axes, curves: TrialCurves) -> None:
@@ -129,17 +125,3 @@ def _draw_held_loads(axis: Axes, curves: TrialCurves, fit: CuffFit, shade: str) 
 
 def _thinned(count: int, most: int) -> slice:
     return slice(None, None, max(1, -(-count // most)))
-
-
-def _page(columns: int, height: float = 3.4) -> tuple[Figure, list[Axes]]:
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(5.2 * columns, height), layout="constrained")
-        axes = figure.subplots(1, columns, squeeze=False)
-    return figure, list(axes[0])
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(buffer, format="png", dpi=120)
-    return buffer.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -12,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fitting.result import CuffFit, SessionFit, read_cuffs
+from fitting.result import CuffFit, SessionFit
 from fitting.session import fit_session
 from fitting.trial import read_trials
 from solver.assessment import Assessment, assess
@@ -20,10 +19,15 @@ from solver.bundled import bundled_model
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion, thin, write_table
 from solver.osim.reader import read_osim
-from solver.raise_arm import raise_arm
 from solver.redundancy import Redundancy, RedundancyOptions, solve_motion
-from solver.suit import BUNDLED_SUIT, read_suit
+from station.assessment_inputs import AssessmentInputs, read_cuffs_to_wear, worn_cuffs
+from station.assessment_json import ACTIVATIONS_FILE, activations_table, plain_assessment, plain_emg
+from station.emg import MeasuredReduction
+from station.findings import findings
 from station.progress import Progress, silent
+
+BESIDE_FRAMES, BESIDE_REST_LENGTHS = 40, 16
+"""How much is solved of the motion that stands beside the assessed one."""
 
 
 class SessionError(Exception):
@@ -32,9 +36,11 @@ class SessionError(Exception):
 
 @dataclass(frozen=True)
 class AssessedSuit:
-    """An assessment and what went into it: input's role → "name SHA-256"."""
+    """An assessment, a short one of another motion (its name first) or None, measured EMG, and what went in."""
 
     assessment: Assessment
+    beside: tuple[str, Assessment] | None
+    emg: tuple[MeasuredReduction, ...]
     inputs: dict[str, str]
 
 
@@ -64,40 +70,36 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
 
 def assess_cuffs(
     cuffs: dict[str, CuffFit],
-    cuffs_file: Path,
-    motion: Path | None = None,
-    suit: Path | None = None,
+    inputs: AssessmentInputs,
+    *,
     most_frames: int | None = None,
+    most_rest_lengths: int | None = None,
+    draws: int = 200,
     progress: Progress = silent,
 ) -> AssessedSuit:
-    """Cuff parameters → suit on a model → assessment, on the bundled model and, unless given, motion and suit.
+    """Cuff parameters → suit on a model → assessment, and a short one of another motion beside it.
 
-    most_frames bounds the frames whose muscles are solved, evenly spread; None solves all.
+    most_frames and most_rest_lengths bound what is solved, evenly spread; None is the whole motion, all of the suit's.
+    draws is how often the cuffs are drawn from the covariance of their fit.
     """
-    model = bundled_model()
-    kinematics = differentiate(raise_arm(model) if motion is None else read_motion(motion, model))
-    assessment = assess(
-        model,
-        kinematics,
-        read_suit(suit or BUNDLED_SUIT),
-        [cuff.parameters() for cuff in cuffs.values()],
-        every=1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames),
-        progress=lambda done, total: progress("solving muscles", done, total),
-    )
-    inputs = {"cuffs": _named_hash(cuffs_file), "suit": _named_hash(suit or BUNDLED_SUIT)}
-    inputs["motion"] = "bundled raise of the arm" if motion is None else _named_hash(motion)
-    return AssessedSuit(assessment, inputs)
+    model = inputs.read_model()
+    kinematics, suit = inputs.read_motion(model), inputs.read_suit(most_rest_lengths)
+    emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
+    every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
+    assessment = assess(model, kinematics, suit, worn, every=every, draws=draws, progress=progress)
+    other = inputs.read_beside(model)
+    beside = None
+    if other is not None:
+        what, loaded, moving = other
+        every = math.ceil(len(moving.time) / min(most_frames or BESIDE_FRAMES, BESIDE_FRAMES))
+        short = inputs.read_suit(BESIDE_REST_LENGTHS)
+        beside = what, assess(loaded, moving, short, worn, every=every, draws=0)
+    return AssessedSuit(assessment, beside, emg, inputs.hashes())
 
 
-def assess_file(
-    cuffs_file: Path,
-    output: Path,
-    motion: Path | None = None,
-    suit: Path | None = None,
-    progress: Progress = silent,
-) -> AssessedSuit:
-    """cuffs.json → assessment.json in the output folder."""
-    assessed = assess_cuffs(read_cuffs(cuffs_file), cuffs_file, motion, suit, progress=progress)
+def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progress: Progress = silent) -> AssessedSuit:
+    """cuffs.json → assessment.json and activations.csv in the output folder."""
+    assessed = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, draws=draws, progress=progress)
     write_assessment(assessed, output)
     return assessed
 
@@ -134,10 +136,18 @@ def solve_muscles(
 
 
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
+    """assessment.json and, for the figures, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
-    plain: dict[str, Any] = assessed.assessment.to_json()
-    plain |= {"inputs": assessed.inputs, "versions": {"cuffstation": metadata.version("cuffstation")}}
-    write_whole(folder / "assessment.json", json.dumps(plain, indent=2, ensure_ascii=False) + "\n")
+    plain: dict[str, Any] = plain_assessment(assessed.assessment)
+    if assessed.beside:
+        what, other = assessed.beside
+        plain["beside"] = {"motion": what, **plain_assessment(other)}
+    plain["findings"] = findings(assessed.assessment)
+    plain["emg"] = plain_emg(assessed.emg)
+    plain["inputs"] = assessed.inputs
+    plain["versions"] = {name: metadata.version(name) for name in ("cuffstation", "numpy", "scipy", "clarabel")}
+    write_whole(folder / "assessment.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -151,10 +161,6 @@ def write_whole(path: Path, text: str) -> None:
 def _kinematics(model: Model, motion_file: Path, cut: MotionCut) -> Kinematics:
     whole = differentiate(read_motion(motion_file, model), cut.cutoff_hz, cut.start, cut.end)
     return thin(whole, cut.every)
-
-
-def _named_hash(path: Path) -> str:
-    return f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}"
 
 
 def _counted(paths: Sequence[Path], what: str, progress: Progress) -> Iterator[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +14,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from fitting.curves import TrialCurves
 from fitting.result import CuffFit, SessionFit, read_cuffs
 from fitting.uncertainty import Estimate
-from station.figures import cost_figure, dynamic_figure, static_figure, trial_figure
+from station.assessment_section import assessment_section
+from station.figures import dynamic_figure, static_figure, trial_figure
+from station.pictures import Picture, picture
 from station.pipeline import fit_session_folder, recordings_in, write_whole
 from station.progress import Progress, silent
 
@@ -25,14 +26,6 @@ TRUTH_FILE = "simulated_truth.json"
 
 class ReportError(Exception):
     """There is nothing to report; one sentence."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure of the page: PNG as a data address, and what it shows."""
-
-    address: str
-    caption: str
 
 
 @dataclass(frozen=True)
@@ -66,8 +59,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
             trials=[trial for fit in cuffs.values() for trial in fit.trials],
             rejected=fitted.rejected if fitted else (),
             assessment=assessment,
-            costs=_cost_rows(assessment),
-            cost_pictures=_cost_pictures(assessment),
+            suit=assessment_section(assessment, folder) if assessment else None,
             version=metadata.version("cuffstation"),
         )
     )
@@ -112,37 +104,14 @@ def _pictures_of(fit: CuffFit, curves: list[TrialCurves]) -> tuple[Picture, ...]
         caption = (
             "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
         )
-        pictures.append(_picture(png, caption))
+        pictures.append(picture(png, caption))
     if static:
         pictures.append(
-            _picture(static_figure(fit, static), "Held loads and the line of the common stiffness; slip between lines")
+            picture(static_figure(fit, static), "Held loads and the line of the common stiffness; slip between lines")
         )
     if dynamic:
-        pictures.append(_picture(dynamic_figure(fit, dynamic), "What the spring does not explain, over velocity"))
+        pictures.append(picture(dynamic_figure(fit, dynamic), "What the spring does not explain, over velocity"))
     return tuple(pictures)
-
-
-def _cost_rows(assessment: Mapping[str, Any] | None) -> list[dict[str, Any]]:
-    """A row per condition and arm cuff: cost at the reference, best rest length, cost there, permissible error."""
-    if not assessment:
-        return []
-    rows = []
-    for cuff, at_reference in assessment["at_rigid_optimum"].items():
-        by_condition = {"rigid": at_reference} if cuff == "rigid" else at_reference
-        best = {"rigid": assessment["optimum"][cuff]} if cuff == "rigid" else assessment["optimum"][cuff]
-        for condition, cost in by_condition.items():
-            arm = "" if cuff == "rigid" else cuff
-            rows.append({"condition": condition.replace("_", "-"), "cuff": arm, "cost": cost, **best[condition]})
-    return rows
-
-
-def _cost_pictures(assessment: Mapping[str, Any] | None) -> list[Picture]:
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"] if assessment else []
-    return [_picture(cost_figure(assessment or {}, arm), f"Waist and {arm} cuff") for arm in arms]
-
-
-def _picture(png: bytes, caption: str) -> Picture:
-    return Picture("data:image/png;base64," + base64.b64encode(png).decode("ascii"), caption)
 
 
 def _environment() -> Environment:

@@ -54,10 +54,10 @@ def assessment_table(assessment: Assessment) -> Table:
         table.add_row(
             curve.condition.replace("_", "-"),
             curve.cuff or "",
-            _figure(curve.at_reference),
-            _figure(curve.optimum.rest_length),
-            _figure(curve.optimum.normalised_cost),
-            _figure(curve.optimum.permissible_error, 100.0, ".1f"),
+            _figure(curve.figures["at_reference"]),
+            _figure(curve.figures["rest_length"]),
+            _figure(curve.figures["lowest_cost"]),
+            _figure(curve.figures["permissible_error"], 100.0, ".1f"),
         )
     return table
 
@@ -71,4 +71,8 @@ def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | No
 
 
 def _figure(figure: Figure, scale: float = 1.0, form: str = ".3f") -> str:
-    return "-" if figure.value is None else f"{figure.value * scale:{form}}"
+    """Value and, in brackets, its 95 % interval."""
+    if figure.value is None:
+        return "-"
+    words = f"{figure.value * scale:{form}}"
+    return words if figure.ci95 is None else f"{words} ({' to '.join(f'{end * scale:{form}}' for end in figure.ci95)})"

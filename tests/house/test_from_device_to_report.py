@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from station.assessment_inputs import AssessmentInputs
 from station.clock import RealClock
 from station.config import parse_config
 from station.daemon import Daemon
@@ -49,7 +50,8 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
         low, high = fit.damping.ci95
         assert low - 0.5 * (high - low) < truth["damping_n_s_per_m"] < high + 0.5 * (high - low)
 
-    assessed = assess_cuffs(fitted.cuffs, session / "cuffs.json", most_frames=12)
+    inputs = AssessmentInputs(session / "cuffs.json")
+    assessed = assess_cuffs(fitted.cuffs, inputs, most_frames=12, most_rest_lengths=16, draws=0)
     write_assessment(assessed, session)
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
     assert assessed.assessment.unsolved == 0
@@ -57,7 +59,7 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
     assert set(plain["optimum"]) == {"rigid", "hand", "tube", "elbow"}
 
     page = write_report(session, fitted).read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 3 * 4 + 3, "three figures per cuff, a cost figure per arm cuff"
+    assert page.count("data:image/png;base64,") == 3 * 4 + 3 * 3, "three per cuff, three more per arm cuff"
     assert "http://" not in page and "https://" not in page, "self-contained"
 
 

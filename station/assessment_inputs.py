@@ -1,0 +1,111 @@
+"""What goes into an assessment: the files, read, checked against each other, and named with their hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fitting.result import CuffFit, read_cuffs
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.model import Model, ModelError, with_point_mass
+from solver.motion import Kinematics, MotionError, differentiate, read_motion
+from solver.osim.reader import read_osim
+from solver.raise_arm import raise_arm
+from solver.suit import BUNDLED_SUIT, Suit, read_suit
+from station.emg import MeasuredReduction, read_emg
+
+KNOWN_LAW = "kelvin_voigt"
+HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itself
+
+
+class InputError(Exception):
+    """Files that do not make an assessment; one sentence."""
+
+
+@dataclass(frozen=True)
+class AssessmentInputs:
+    """The files of an assessment; what is None or "bundled" comes with the station.
+
+    chosen  names of the cuffs to wear besides the waist's, empty for all of them
+    beside  another motion to show beside the assessed one
+    """
+
+    cuffs: Path
+    motion: Path | None = None
+    suit: Path = BUNDLED_SUIT
+    model: str = "bundled"
+    emg: Path | None = None
+    beside: Path | None = None
+    chosen: tuple[str, ...] = ()
+
+    def read_model(self) -> Model:
+        return bundled_model() if self.model == "bundled" else read_osim(Path(self.model))
+
+    def read_motion(self, model: Model) -> Kinematics:
+        return differentiate(raise_arm(model) if self.motion is None else read_motion(self.motion, model))
+
+    def read_suit(self, most_rest_lengths: int | None = None) -> Suit:
+        """The suit, where asked for with fewer rest lengths over the same span."""
+        suit = read_suit(self.suit)
+        if most_rest_lengths is None or len(suit.rest_lengths) <= most_rest_lengths:
+            return suit
+        first, last = suit.rest_lengths[[0, -1]]
+        return replace(suit, rest_lengths=np.linspace(first, last, most_rest_lengths))
+
+    def read_emg(self, model: Model, suit: Suit) -> tuple[MeasuredReduction, ...]:
+        return tuple(read_emg(self.emg, (*model.muscle_names, *suit.groups))) if self.emg else ()
+
+    def read_beside(self, model: Model) -> tuple[str, Model, Kinematics] | None:
+        """Another motion and what to call it; without one given, the bundled raise, with a weight if it is assessed."""
+        if self.beside is not None:
+            return self.beside.name, model, differentiate(read_motion(self.beside, model))
+        try:
+            kinematics = differentiate(raise_arm(model))
+            if self.motion is not None:
+                return "bundled raise of the arm", model, kinematics
+            hand = model.bodies[model.body_index("hand")]
+            loaded = with_point_mass(model, "hand", HELD_WEIGHT, hand.mass_center)
+        except (ModelError, MotionError):  # someone's own model, which the bundled motion does not fit
+            return None
+        return f"bundled raise of the arm with {HELD_WEIGHT:g} kg in the hand", loaded, kinematics
+
+    def hashes(self) -> dict[str, str]:
+        """Role → "name SHA-256", or a name alone for what comes with the station."""
+        files = {"cuffs": self.cuffs, "suit": self.suit, "motion": self.motion, "emg": self.emg, "beside": self.beside}
+        named = {role: _named_hash(path) for role, path in files.items() if path}
+        named["model"] = "bundled thoracoscapular model" if self.model == "bundled" else _named_hash(Path(self.model))
+        return {"motion": "bundled raise of the arm", **named}
+
+
+def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffParameters]:
+    """The chosen cuffs, or all, and the waist's. Raises InputError for one that is not there."""
+    missing = [name for name in chosen if name not in cuffs]
+    if missing:
+        raise InputError(
+            f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
+            "another"
+        )
+    return [fit.parameters() for name, fit in cuffs.items() if not chosen or name in chosen or fit.site == "waist"]
+
+
+def read_cuffs_to_wear(path: Path) -> dict[str, CuffFit]:
+    """Reads cuffs.json. Raises InputError for a cuff whose law is richer than the suit's springs and dampers."""
+    cuffs = read_cuffs(path)
+    plain = json.loads(path.read_text(encoding="utf-8"))["cuffs"]
+    for name, entry in plain.items():
+        law = entry.get("law", KNOWN_LAW)
+        if law != KNOWN_LAW:
+            raise InputError(
+                f"the cuff {name} has the law {law}, and the suit wears cuffs of the law {KNOWN_LAW} only, which "
+                "F = k x + c ẋ describes; fit that law to it"
+            )
+    return cuffs
+
+
+def _named_hash(path: Path) -> str:
+    return f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}"

@@ -1,0 +1,117 @@
+"""assessment.json: every number as {"value", "ci95"}, its unit in the key; and the table of activations beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.assessment import Assessment, Curve, Figure
+from station.emg import MeasuredReduction
+
+Plain = dict[str, Any]
+
+ACTIVATIONS_FILE = "activations.csv"
+
+CURVE_KEYS = {
+    "to_slack": "optimum_to_slack_m",
+    "cord_force": "largest_cord_force_n",
+    "cord_force_lost": "cord_force_lost_to_migration",
+    "cost_per_migration": "cost_per_arm_migration_per_m",
+}
+"""Field of Readings → key, for the numbers that stand beside the cost at the reference and the optimum."""
+
+
+def plain_assessment(assessment: Assessment) -> Plain:
+    """Numbers by arm cuff and condition; lists of numbers are one number each, {"value": […], "ci95": null}."""
+
+    def by_cuff(entry: Callable[[Curve], Any]) -> Plain:
+        nested: Plain = {}
+        for curve in assessment.curves:
+            place = nested if curve.cuff is None else nested.setdefault(curve.cuff, {})
+            place[curve.condition] = entry(curve)
+        return nested
+
+    return {
+        "reference_rest_length_m": _known(assessment.reference_rest_length),
+        "at_rigid_optimum": by_cuff(lambda curve: _number(curve.figures["at_reference"])),
+        "optimum": by_cuff(_optimum),
+        **{key: by_cuff(lambda curve, name=name: _number(curve.figures[name])) for name, key in CURVE_KEYS.items()},  # type: ignore[misc]
+        "bare_body_cost": _known(assessment.bare_body_cost),
+        "longest_cord_m": _known(assessment.longest_cord),
+        "muscle_reduction": by_cuff(
+            lambda curve: {muscle: _number(figure) for muscle, figure in curve.reduction.items()}
+        ),
+        "comparisons": [
+            {"cuffs": list(each.cuffs), "cost_difference": _number(each.cost_difference), "differ": each.differ}
+            for each in assessment.comparisons
+        ],
+        "waist_cuff": assessment.waist_cuff,
+        "rest_lengths_m": _list(assessment.rest_lengths),
+        "cost": by_cuff(lambda curve: _list(curve.cost)),
+        "reserve_cost": by_cuff(lambda curve: _list(curve.reserve_cost)),
+        "uncertainty": _uncertainty(assessment),
+        "frames": len(assessment.time),
+        "scenarios": assessment.scenarios,
+        "unsolved": {
+            "count": assessment.unsolved,
+            "outcomes": dict(assessment.outcomes),
+            "by_condition": by_cuff(lambda curve: curve.unsolved),
+        },
+    }
+
+
+def activations_table(assessment: Assessment) -> str:
+    """CSV: condition, cuff, time, then a column per muscle, at the reference rest length; the slack cord first."""
+    parts = [("slack", "", assessment.slack)]
+    parts += [(curve.condition, curve.cuff or "", curve.activations) for curve in assessment.curves]
+    lines = [",".join(["condition", "cuff", "time_s", *assessment.muscles])]
+    for condition, cuff, activations in parts:
+        for time, row in zip(assessment.time, activations, strict=True):
+            lines.append(",".join([condition, cuff, f"{time:.10g}", *(f"{value:.6g}" for value in row)]))
+    return "\n".join(lines) + "\n"
+
+
+def plain_emg(measured: Sequence[MeasuredReduction]) -> list[Plain]:
+    return [
+        {"muscle": row.muscle, "reduction_percent": _known(row.reduction_percent), "sd_percent": _known(row.sd_percent)}
+        for row in measured
+    ]
+
+
+def _optimum(curve: Curve) -> Plain:
+    return {
+        "rest_length_m": _number(curve.figures["rest_length"]),
+        "normalised_cost": _number(curve.figures["lowest_cost"]),
+        "permissible_error_m": _number(curve.figures["permissible_error"]),
+    }
+
+
+def _uncertainty(assessment: Assessment) -> Plain | None:
+    sureness = assessment.sureness
+    if sureness is None:
+        return None
+    return {
+        "draws": sureness.draws,
+        "every_frame": sureness.every,
+        "subsampling_difference": {
+            "at_rigid_optimum": _known(sureness.largest_difference["at_reference"]),
+            "rest_length_m": _known(sureness.largest_difference["rest_length"]),
+            "normalised_cost": _known(sureness.largest_difference["lowest_cost"]),
+            "permissible_error_m": _known(sureness.largest_difference["permissible_error"]),
+        },
+    }
+
+
+def _number(figure: Figure) -> Plain:
+    return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None}
+
+
+def _known(value: float) -> Plain:
+    return {"value": None if np.isnan(value) else value, "ci95": None}
+
+
+def _list(values: NDArray[np.float64]) -> Plain:
+    return {"value": [None if np.isnan(value) else float(value) for value in values], "ci95": None}

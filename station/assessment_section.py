@@ -1,0 +1,76 @@
+"""The report's section on the suit, from assessment.json and the activations beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from station.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
+from station.muscle_figures import activation_figure, cost_figure, reduction_figure
+from station.pictures import Picture, picture
+
+Plain = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class AssessmentSection:
+    """names of the files that went in; rows of the table, of the motion beside, None without one; figures."""
+
+    names: Mapping[str, str]
+    rows: list[dict[str, Any]]
+    beside: list[dict[str, Any]] | None
+    pictures: list[Picture]
+
+
+def assessment_section(assessment: Plain, folder: Path) -> AssessmentSection:
+    beside = assessment.get("beside")
+    return AssessmentSection(
+        names={role: _without_hash(what) for role, what in assessment["inputs"].items()},
+        rows=_rows(assessment),
+        beside=_rows(beside) if beside else None,
+        pictures=_pictures(assessment, folder / ACTIVATIONS_FILE),
+    )
+
+
+def _rows(assessment: Plain) -> list[dict[str, Any]]:
+    """A row per condition and arm cuff: numbers as in the JSON, under its keys."""
+    rows = []
+    for cuff, by_condition in assessment["at_rigid_optimum"].items():
+        for condition in ["rigid"] if cuff == "rigid" else by_condition:
+
+            def of(key: str, cuff: str = cuff, condition: str = condition) -> Any:
+                found = assessment[key][cuff]
+                return found if cuff == "rigid" else found[condition]
+
+            numbers = {"cost": of("at_rigid_optimum"), **of("optimum"), **{key: of(key) for key in CURVE_KEYS.values()}}
+            arm = "" if cuff == "rigid" else cuff
+            rows.append({"condition": condition.replace("_", "-"), "cuff": arm, **numbers})
+    return rows
+
+
+def _pictures(assessment: Plain, activations_file: Path) -> list[Picture]:
+    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    pictures = [
+        picture(cost_figure(assessment, arm), f"Muscle cost over the cord's rest length, waist and {arm} cuff")
+        for arm in arms
+    ]
+    if activations_file.is_file():
+        activations = pd.read_csv(activations_file, keep_default_na=False)
+        at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
+        pictures += [
+            picture(activation_figure(activations, arm), f"Activations {at}, waist and {arm} cuff", is_wide=True)
+            for arm in arms
+        ]
+    beside = " beside what EMG measured" if assessment["emg"] else ""
+    caption = f"By how much each muscle does less on average than with a slack cord{beside}"
+    pictures += [picture(reduction_figure(assessment, arm), f"{caption}, waist and {arm} cuff") for arm in arms]
+    return pictures
+
+
+def _without_hash(named: str) -> str:
+    name, _, last = named.rpartition(" ")
+    return name if len(last) == 64 else named

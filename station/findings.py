@@ -1,0 +1,82 @@
+"""What an assessment found, in sentences: how cuffs compare, which to choose, and how sure all of it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from solver.assessment import Assessment, Comparison, Sureness
+
+
+def findings(assessment: Assessment) -> list[str]:
+    """Sentences for the terminal and the report, the advice first."""
+    return [
+        _choice(assessment),
+        *(_compared(each, assessment.reference_rest_length) for each in assessment.comparisons),
+        _sure(assessment.sureness),
+        *_lost_and_gained(assessment),
+        *(f"{count} solved frames are not as they should be: {what}." for what, count in assessment.outcomes.items()),
+    ]
+
+
+def _choice(assessment: Assessment) -> str:
+    """The arm cuff that leaves most of the saving once it has slipped and while it yields."""
+    cost = {curve.cuff: curve.figures["at_reference"].value for curve in assessment.curves if curve.condition == "both"}
+    known = {cuff: value for cuff, value in cost.items() if cuff and value is not None}
+    if not known:
+        return "No cuff can be chosen: frames of every one stayed unsolved."
+    best = min(known, key=lambda cuff: known[cuff])
+    words = (
+        f"Choose {best}: shifted and yielding it costs the muscles {known[best]:.3f} of what the slack suit does, at "
+        f"{assessment.reference_rest_length:.2f} m"
+    )
+    if len(known) == 1:
+        return f"{words}; there is no other cuff to compare it with."
+    rivals = [
+        next(name for name in each.cuffs if name != best)
+        for each in assessment.comparisons
+        if best in each.cuffs and each.differ is False
+    ]
+    if rivals:
+        return f"{words}; but {' and '.join(rivals)} cannot be told apart from it."
+    return f"{words}, the least of {', '.join(known)}."
+
+
+def _compared(each: Comparison, rest_length: float) -> str:
+    (a, b), value = each.cuffs, each.cost_difference.value
+    if value is None:
+        return f"{a} and {b} cannot be compared: frames stayed unsolved."
+    words = f"{a} costs {abs(value):.3f} {'more' if value > 0 else 'less'} than {b} at {rest_length:.2f} m"
+    if each.cost_difference.ci95 is None:
+        return f"{words}; how sure that is was not determined."
+    low, high = (end if value > 0 else -end for end in each.cost_difference.ci95)
+    interval = f"95 % interval {min(low, high):.3f} to {max(low, high):.3f}"
+    return f"{words} ({interval}): the two {'differ' if each.differ else 'cannot be told apart'}."
+
+
+def _sure(sureness: Sureness | None) -> str:
+    if sureness is None:
+        return "Intervals were not determined: no cuff carries an uncertainty, or no draws were asked for."
+    off = sureness.largest_difference
+    return (
+        f"Intervals come from {sureness.draws} draws of the cuffs on every {sureness.every}th frame; that thinning "
+        f"alone changes costs by up to {max(off['at_reference'], off['lowest_cost']):.4f}, best rest lengths by up to "
+        f"{1e3 * off['rest_length']:.1f} mm and permissible errors by up to {1e3 * off['permissible_error']:.1f} mm."
+    )
+
+
+def _lost_and_gained(assessment: Assessment) -> Iterator[str]:
+    """What migration takes, cuff by cuff, and how far from its optimum the rigid suit stops helping."""
+    rigid, *others = assessment.curves
+    to_slack, force = rigid.figures["to_slack"].value, rigid.figures["cord_force"].value
+    if to_slack is not None and force is not None:
+        yield (
+            f"With rigid cuffs the cord pulls with up to {force:.0f} N, and is slack throughout at a rest length "
+            f"{100 * to_slack:.1f} cm above the best one."
+        )
+    for curve in others:
+        lost, per_metre = curve.figures["cord_force_lost"].value, curve.figures["cost_per_migration"].value
+        if curve.condition == "shift" and lost is not None and per_metre is not None:
+            yield (
+                f"The migration of {curve.cuff} and the waist takes {100 * lost:.0f} % of the cord's largest force and "
+                f"{per_metre:.1f} percentage points of cost per centimetre that {curve.cuff} slips."
+            )
