@@ -81,7 +81,7 @@ def estimate(record: Record) -> Solution:
         seen = np.abs(step.marker_residual) < OUTLIER * noise[0]
         if np.allclose(before, noise, rtol=2e-3):
             break
-    return _solution(_converge(record, spline, seen, noise, parameters))
+    return _solution(step)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _converge(
         step = _linearise(record, markers, design, seen, noise, parameters)
         change = np.linalg.solve(step.information, step.gradient)
         parameters = parameters + change
-        if np.all(np.abs(change[:2]) < 1e-8 * abs(parameters[K])) and abs(change[TAU]) < 1e-9:
+        if np.all(np.abs(change[:2]) < 1e-7 * np.abs(parameters[:2])) and abs(change[TAU]) < 1e-8:
             break
         if change[TAU]:
             design = spline.design(record.force_time + parameters[TAU])

@@ -105,9 +105,9 @@ def _at_end(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[flo
     """The value reached at the end of a hold, and its uncertainty: the last seconds, led on if they still move."""
     is_last = time >= time[-1] - LATE
     time, values = time[is_last], values[is_last]
-    mean, error = _mean(time, values)
     half = (time[-1] - time[0]) / 2
-    slope = float(np.polyfit(time - time.mean(), values, 1)[0])
+    slope, mean = np.polyfit(time - time.mean(), values, 1)
+    _, error = _mean(time, values - slope * (time - time.mean()))
     if abs(slope) * half < TREND_SIGNIFICANCE * math.sqrt(3) * error:
-        return mean, error
-    return mean + slope * half, math.hypot(2 * error, slope * half / 2)
+        return float(mean), error
+    return float(mean + slope * half), math.hypot(2 * error, slope * half / 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +33,26 @@ class Spline:
         """
         inside = np.clip(time, self.start, self.end)
         knots = self.start + self.step * np.arange(-DEGREE, self._intervals + DEGREE + 1)
-        matrices = []
-        reduce: csr_array = csr_array(diags_array(np.ones(self.size)))
-        for order in range(4):
-            basis = csr_array(BSpline.design_matrix(inside, knots[order : len(knots) - order], DEGREE - order))
-            matrices.append(csr_array(basis @ reduce))
-            rows = self.size - order - 1
-            difference = diags_array([-1 / self.step, 1 / self.step], offsets=[0, 1], shape=(rows, rows + 1))
-            reduce = csr_array(csr_array(difference) @ reduce)
-        return tuple(matrices)
+        bases = (
+            csr_array(BSpline.design_matrix(inside, knots[order : len(knots) - order], DEGREE - order))
+            for order in range(4)
+        )
+        return tuple(csr_array(basis @ to) for basis, to in zip(bases, _derivatives(self.size, self.step), strict=True))
 
     @property
     def _intervals(self) -> int:
         return max(1, int(np.ceil((self.end - self.start) / self.step)))
+
+
+@cache
+def _derivatives(size: int, step: float) -> tuple[csr_array, ...]:
+    """Matrices from coefficients to those of the spline itself and of its first three derivatives."""
+    found = [csr_array(diags_array(np.ones(size)))]
+    for order in range(1, 4):
+        rows = size - order
+        difference = diags_array([-1 / step, 1 / step], offsets=[0, 1], shape=(rows, rows + 1))
+        found.append(csr_array(csr_array(difference) @ found[-1]))
+    return tuple(found)
 
 
 def grounded(matrix: csr_array) -> csr_array:

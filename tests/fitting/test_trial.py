@@ -1,0 +1,218 @@
+"""Recordings become trials: the clock, the units, the cut, and what cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.quality import UnusableTrial
+from fitting.trial import build_trial, read_trial, read_trials
+from recordings.manifest import LoadCell, Manifest, Outcome
+from recordings.reader import Track
+from recordings.samples import Samples
+from recordings.writer import RecordingWriter
+from tests.fitting.experiment import Session, published
+
+Tracks = dict[str, Track]
+
+
+@cache
+def _recorded() -> tuple[Manifest, Tracks]:
+    return Session(published("hand", weights=(20.0, 40.0), hold=2.0, clock_ppm=0.0), 3).static()
+
+
+def _changed(name: str, **changes: object) -> Tracks:
+    tracks = dict(_recorded()[1])
+    tracks[name] = replace(tracks[name], **changes)  # type: ignore[arg-type]
+    return tracks
+
+
+def _since(track: Track, first: int) -> Track:
+    return Track(
+        track.stream,
+        track.sample_numbers[first:],
+        track.device_time_ns[first:],
+        track.host_time_ns[first:],
+        track.values[first:],
+    )
+
+
+def test_session_time_zero_is_the_edge_and_frame_one_is_exposed_there() -> None:
+    manifest, tracks = _recorded()
+    trial = build_trial(manifest, tracks, "a.mcap", "hash")
+    assert trial.marker_time[0] == 0.0
+    assert 0 <= trial.force_time[0] < 2e-3
+    rising = np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)[0]
+    np.testing.assert_allclose(trial.force_time[0], 0.5e-3, atol=1e-9)
+    assert trial.force[0] == pytest.approx(98.0665 * tracks["/force"].values[rising, 0])
+    assert trial.lag.edge == pytest.approx(1e-3 / np.sqrt(12))
+
+
+def test_positions_are_metres_and_missing_markers_are_not_a_number() -> None:
+    manifest, tracks = _recorded()
+    values = tracks["/markers"].values.copy()
+    values[5, 2] = np.nan
+    trial = build_trial(manifest, _changed("/markers", values=values), "a.mcap", "hash")
+    np.testing.assert_allclose(trial.markers[4], 1e-3 * values[4, :, :3])
+    assert np.isnan(trial.markers[5, 2]).all()
+    assert np.isfinite(trial.markers[5, 0]).all()
+
+
+def test_its_arrays_cannot_be_changed() -> None:
+    trial = build_trial(*_recorded(), "a.mcap", "hash")
+    with pytest.raises(ValueError, match="read-only"):
+        trial.force[0] = 0.0
+
+
+def test_live_preview_before_the_capture_is_not_taken_for_it() -> None:
+    manifest, tracks = _recorded()
+    markers = tracks["/markers"]
+    preview = Track(
+        markers.stream,
+        np.arange(7000, 7100, dtype=np.uint64),
+        markers.device_time_ns[:100],
+        markers.host_time_ns[:100] - 1_100_000_000,
+        markers.values[:100] + 50,
+    )
+    joined = Track(
+        markers.stream,
+        *(
+            np.concatenate((getattr(preview, part), getattr(markers, part)))
+            for part in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+        ),
+    )
+    plain = build_trial(manifest, tracks, "a.mcap", "hash")
+    trial = build_trial(manifest, {**tracks, "/markers": joined}, "a.mcap", "hash")
+    np.testing.assert_array_equal(trial.markers, plain.markers)
+
+
+def test_lost_first_frames_do_not_shift_the_others() -> None:
+    manifest, tracks = _recorded()
+    plain = build_trial(manifest, tracks, "a.mcap", "hash")
+    late = build_trial(manifest, {**tracks, "/markers": _since(tracks["/markers"], 7)}, "a.mcap", "hash")
+    assert late.marker_time[0] == pytest.approx(0.07)
+    np.testing.assert_array_equal(late.markers, plain.markers[7:])
+
+
+def test_lost_frames_are_gaps_of_nan_and_lost_samples_are_left_out() -> None:
+    manifest, tracks = _recorded()
+    keep = np.r_[0:300, 320 : len(tracks["/markers"].sample_numbers)]
+    markers = tracks["/markers"]
+    holed = Track(
+        markers.stream,
+        markers.sample_numbers[keep],
+        markers.device_time_ns[keep],
+        markers.host_time_ns[keep],
+        markers.values[keep],
+    )
+    trial = build_trial(manifest, {**tracks, "/markers": holed}, "a.mcap", "hash")
+    assert np.isnan(trial.markers[300:320]).all()
+    assert trial.frame_gaps == (pytest.approx((2.99, 3.20)),)
+
+
+def test_frame_numbers_that_did_not_start_with_the_capture_are_aligned_by_arrival() -> None:
+    manifest, tracks = _recorded()
+    shifted = _changed("/markers", sample_numbers=tracks["/markers"].sample_numbers + np.uint64(500))
+    trial = build_trial(manifest, shifted, "a.mcap", "hash")
+    assert "aligned by arrival" in trial.notes[0]
+    assert trial.marker_time[0] == pytest.approx(0.0, abs=0.05)
+    assert trial.lag.edge > 0.04
+
+
+def test_a_capture_started_by_pfi0_has_its_edge_at_sample_zero() -> None:
+    manifest, tracks = _recorded()
+    first = int(np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)[0])
+    force = _since(tracks["/force"], first)
+    force = replace(force, sample_numbers=np.arange(len(force.sample_numbers), dtype=np.uint64))
+    trial = build_trial(
+        replace(manifest, start="pfi0"), {"/force": force, "/markers": tracks["/markers"]}, "a.mcap", "hash"
+    )
+    assert trial.force_time[0] == 0.0
+    assert trial.lag.edge == 0.0
+
+
+def test_the_declared_polarity_turns_the_force() -> None:
+    manifest, tracks = _recorded()
+    plain = build_trial(manifest, tracks, "a.mcap", "hash")
+    turned = replace(manifest, load_cell=LoadCell("daq", manifest.load_cell.newtons_per_unit, -1))
+    negated = _changed("/force", values=-tracks["/force"].values)
+    np.testing.assert_allclose(build_trial(turned, negated, "a.mcap", "hash").force, plain.force)
+
+
+def test_the_cuffs_mass_comes_from_the_configuration() -> None:
+    manifest, tracks = _recorded()
+    configured = replace(manifest, effective_config={"cuffs": {"hand": {"mass_kg": 0.35}}})
+    assert build_trial(configured, tracks, "a.mcap", "hash").cuff_mass == 0.35
+
+
+def _volts(change: str) -> np.ndarray:
+    volts = _recorded()[1]["/force"].values.copy()
+    if change == "nan":
+        volts[100:112] = np.nan
+    elif change == "saturated":
+        volts[100:200] = 9.995
+    else:
+        volts[:] = 0.25
+    return volts
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"), [("nan", "12 of .* not finite"), ("saturated", "saturated in 100"), ("dead", "reads 0.25")]
+)
+def test_force_that_is_no_measurement_is_refused_in_a_sentence(change: str, sentence: str) -> None:
+    with pytest.raises(UnusableTrial, match=sentence):
+        build_trial(_recorded()[0], _changed("/force", values=_volts(change)), "a.mcap", "hash")
+
+
+def test_a_missing_label_is_named() -> None:
+    manifest, tracks = _recorded()
+    renamed = replace(tracks["/markers"].stream, labels=("anchor_1", "anchor_2", "anchor_3", "x", "cuff_1"))
+    with pytest.raises(UnusableTrial, match="no marker anchor_4, only anchor_1"):
+        build_trial(manifest, _changed("/markers", stream=renamed), "a.mcap", "hash")
+
+
+def test_a_missing_stream_is_named() -> None:
+    manifest, tracks = _recorded()
+    with pytest.raises(UnusableTrial, match="/markers"):
+        build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
+
+
+def _write(path: Path, outcome: Outcome) -> None:
+    manifest, tracks = _recorded()
+    writer = RecordingWriter(path, manifest, [track.stream for track in tracks.values()])
+    for name, track in tracks.items():
+        for part in np.array_split(np.arange(len(track.sample_numbers)), 40):
+            writer.write(
+                Samples(
+                    name,
+                    track.sample_numbers[part],
+                    track.device_time_ns[part],
+                    int(track.host_time_ns[part[-1]]),
+                    track.values[part],
+                )
+            )
+    writer.close(outcome)
+
+
+def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
+    path = tmp_path / "cuff-hand_test-static_run-1.mcap"
+    _write(path, Outcome(True, "closed", "the capture ended"))
+    trial, plain = read_trial(path), build_trial(*_recorded(), path.name, "hash")
+    np.testing.assert_array_equal(trial.force, plain.force)
+    np.testing.assert_array_equal(trial.markers, plain.markers)
+    np.testing.assert_allclose(trial.force_time, plain.force_time, atol=1e-9)
+    assert len(trial.sha256) == 64
+    assert trial.notes == ()
+
+
+def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -> None:
+    _write(tmp_path / "a.mcap", Outcome(False, "failed", "QTM went silent"))
+    (tmp_path / "b.mcap").write_bytes(b"no recording")
+    trials, rejected = read_trials(sorted(tmp_path.glob("*.mcap")))
+    assert trials == ()
+    assert "QTM went silent" in rejected[0].reason
+    assert rejected[1].file == "b.mcap"
