@@ -134,9 +134,15 @@ class Faults:
         self._waiting = [fault for fault in plan if fault.capture > 0]
         self._happenings = tuple(_happening(fault, 0.0) for fault in plan if fault.capture == 0)
 
+    def now(self) -> float:
+        """World time [s]; whoever goes through it in steps of this clock meets every injected fault."""
+        with self._lock:
+            return self._now()
+
     def inject(self, fault: Fault) -> dict[str, Any]:
         """Lets it happen at_s from now, whatever its capture; returns it as plain data."""
-        self._add([_happening(fault, self._now())])
+        with self._lock:
+            self._happenings = (*self._happenings, _happening(fault, self._now()))
         return asdict(fault)
 
     def capture_started(self, number: int, start: float) -> None:
@@ -144,7 +150,7 @@ class Faults:
         with self._lock:
             due = [fault for fault in self._waiting if fault.capture == number]
             self._waiting = [fault for fault in self._waiting if fault.capture != number]
-        self._add([_happening(fault, start) for fault in due])
+            self._happenings = (*self._happenings, *(_happening(fault, start) for fault in due))
 
     def active(self, device: str, kind: str, at: float | None = None) -> Fault | None:
         """The fault of that kind that goes on at a world time, by default now."""
@@ -162,10 +168,6 @@ class Faults:
     def of(self, device: str, *kinds: str) -> list[Happening]:
         """All of these kinds whose place in time is known."""
         return [one for one in self._happenings if one.fault.device == device and one.fault.fault in kinds]
-
-    def _add(self, happenings: list[Happening]) -> None:
-        with self._lock:
-            self._happenings = (*self._happenings, *happenings)
 
 
 def _happening(fault: Fault, origin: float) -> Happening:

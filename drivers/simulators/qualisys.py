@@ -151,7 +151,7 @@ class _Server:
 
     async def _pace(self) -> None:
         while True:
-            now = self._world.now()
+            now = self._world.faults.now()
             if self._trouble.is_now("restart"):
                 self._hang_up()
             elif self._listener is None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -177,6 +178,26 @@ class FaultBench:
         wait_for(lambda: self.flows(case.device, since), f"the device streams again after {case.name}")
         heard = {name: one.heard[before[name] :] for name, one in self.listeners.items()}
         return Aftermath(case, began_s, heard)
+
+    def suffer_all(self, faults: Sequence[dict[str, Any]]) -> None:
+        """Lets them happen as they come, at_s and for_s from now, and waits until every device streams as before."""
+        over = self.world.now()
+        for fault in faults:
+            self.world.faults.inject(fault_from_dict(fault))
+            over = max(over, self.world.now() + fault["at_s"] + fault["for_s"])
+        wait_for(lambda: self.world.now() > over, "the faults are over")
+        since = {name: len(listener.heard) for name, listener in self.listeners.items()}
+        wait_for(lambda: all(self.flows(name, since[name]) for name in STREAMS), "every device streams again")
+
+
+def random_faults(seed: int, count: int) -> list[dict[str, Any]]:
+    """So many faults within a minute of the world, at random moments, many of them at once."""
+    chance = random.Random(seed)  # noqa: S311
+    faults = [
+        {"device": case.device, "fault": case.fault, "at_s": chance.uniform(0, 60), "for_s": chance.uniform(0, 15)}
+        for case in chance.choices(CASES, k=count)
+    ]
+    return sorted(faults, key=lambda fault: fault["at_s"])
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pytest
 from drivers import nidaq, qualisys
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Loss, Samples
-from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, unaccounted
+from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,19 @@ def test_a_fault_is_seen_counted_and_over_and_nothing_else_suffers(bench: FaultB
             assert not any(isinstance(item, Loss | Event) for item in items), f"{device} suffered, too"
     if case.device == "qtm":
         assert_markers_are_where_they_belong(aftermath, bench)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_under_random_faults_every_numbered_sample_was_received_or_counted_as_lost(
+    bench: FaultBench, seed: int
+) -> None:
+    before = {name: len(listener.heard) for name, listener in bench.listeners.items()}
+    bench.suffer_all(random_faults(seed, 20))
+    for device, streams in STREAMS.items():
+        items = bench.listeners[device].items(before[device])
+        for stream in streams:
+            assert unaccounted(items, stream) == []
+            assert any(isinstance(item, Loss) and item.stream == stream for item in items)
 
 
 def test_every_fault_of_a_device_has_its_case() -> None:
