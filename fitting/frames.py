@@ -20,6 +20,8 @@ GHOST_FLOOR = 1e-3
 """A frame whose rigid fit leaves more than 5 times the usual residual, and 1 mm, holds a ghost."""
 HAMPEL_FRAMES = 11
 HAMPEL_FACTOR = 6.0
+HAMPEL_FLOOR = 1e-3
+"""A frame this far from the median of its neighbours, and six times the usual, is a ghost of the cuff."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def along(motion: CuffMotion, direction: NDArray[np.float64]) -> NDArray[np.floa
     if not len(seen):
         return x
     deviation = np.abs(x[seen] - median_filter(x[seen], HAMPEL_FRAMES, mode="nearest"))
-    x[seen[deviation > HAMPEL_FACTOR * 1.4826 * np.median(deviation)]] = np.nan
+    x[seen[deviation > max(HAMPEL_FACTOR * 1.4826 * float(np.median(deviation)), HAMPEL_FLOOR)]] = np.nan
     return x
 
 

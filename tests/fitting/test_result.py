@@ -1,0 +1,94 @@
+"""cuffs.json, written and read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.result import CuffFit, CuffsFileError, NotIdentified, SessionFit, Verdict, covariance_of, read_cuffs
+from fitting.trial import RejectedTrial
+from fitting.uncertainty import Estimate
+
+K, C, M = (
+    Estimate(8520.0, 10.0, (8500.0, 8540.0)),
+    Estimate(210.0, 6.0, (198.0, 222.0)),
+    Estimate(0.012, 1e-5, (0.0119, 0.0121)),
+)
+
+
+def _fit(donning: str = "1", damping: Estimate | None = C, verdict: Verdict = Verdict.IDENTIFIED) -> CuffFit:
+    covariance = covariance_of((K, damping, M))
+    return CuffFit("hand", "arm", donning, K, damping, M, (verdict,), covariance, {"a.mcap": "abc"})
+
+
+def _session(*fits: CuffFit) -> SessionFit:
+    return SessionFit({"hand": {fit.donning: fit for fit in fits}}, (RejectedTrial("x.mcap", "is empty"),), {})
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text(_session(_fit()).to_json(), encoding="utf-8")
+    read = read_cuffs(path)["hand"]
+    assert (read.stiffness, read.damping, read.migration) == (K, C, M)
+    assert read.verdicts == (Verdict.IDENTIFIED,)
+    parameters = read.parameters()
+    assert (parameters.stiffness, parameters.damping, parameters.migration) == (8520.0, 210.0, 0.012)
+    np.testing.assert_allclose(np.diag(parameters.covariance), [100.0, 36.0, 1e-10])
+    assert parameters.source == "abc"
+
+
+def test_the_file_has_the_keys_others_rely_on() -> None:
+    cuff = json.loads(_session(_fit()).to_json())["cuffs"]["hand"]
+    assert cuff["stiffness_n_per_m"] == {"value": 8520.0, "standard_error": 10.0, "ci95": [8500.0, 8540.0]}
+    assert set(cuff) >= {"damping_n_s_per_m", "migration_m", "verdict", "donnings", "trials", "sources"}
+
+
+def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path) -> None:
+    text = _session(_fit(damping=None, verdict=Verdict.LAG)).to_json()
+    cuff = json.loads(text)["cuffs"]["hand"]
+    assert cuff["damping_n_s_per_m"] == {"value": None, "standard_error": None, "ci95": None}
+    assert "lag" in cuff["verdict"]
+    path = tmp_path / "cuffs.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(NotIdentified, match=r"cuff hand has no damping .*lag"):
+        read_cuffs(path)["hand"].parameters()
+
+
+def test_the_latest_donning_stands_at_the_top_and_the_others_beside_it() -> None:
+    cuff = json.loads(_session(_fit("1"), _fit("2")).to_json())["cuffs"]["hand"]
+    assert cuff["donning"] == "2"
+    assert list(cuff["donnings"]) == ["1", "2"]
+
+
+def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text(
+        '{"cuffs": {"waist": {"stiffness_n_per_m": {"value": 2140, "standard_error": null}, '
+        '"damping_n_s_per_m": {"value": 124}, "migration_m": 0.012}}}',
+        encoding="utf-8",
+    )
+    parameters = read_cuffs(path)["waist"].parameters()
+    assert parameters.site == "waist"
+    assert (parameters.stiffness, parameters.damping, parameters.migration) == (2140.0, 124.0, 0.012)
+    np.testing.assert_array_equal(parameters.covariance, np.zeros((3, 3)))
+    assert parameters.source == Verdict.GIVEN
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{", "not a cuffs file"),
+        ("[]", "not a cuffs file"),
+        ('{"cuffs": {"hand": 3}}', "cuff hand is 3"),
+        ('{"cuffs": {"hand": {"stiffness_n_per_m": {"value": "soft"}}}}', "hand.stiffness_n_per_m"),
+        ('{"cuffs": {"hand": {"site": "leg"}}}', "hand.site is 'leg'"),
+    ],
+)
+def test_a_file_that_is_none_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(CuffsFileError, match=sentence):
+        read_cuffs(path)

@@ -1,0 +1,189 @@
+"""Whole sessions of a simulated experiment whose truth is known: what the station is for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fitting.result import CuffFit, Verdict
+from fitting.session import fit_session
+from fitting.trial import Trial, build_trial
+from tests.fitting.experiment import PUBLISHED, Session, published
+
+
+@cache
+def _donning(cuff: str, repeats: int = 1, seed: int = 1, rate: float = 1000.0) -> tuple[tuple[Trial, ...], float]:
+    """Static and dynamic trials, alternating, and how far the cuff had slipped after the last static one."""
+    session = Session(published(cuff, force_rate=rate, hold=4.0, duration=16.0), seed)
+    trials, slip = [], 0.0
+    for repeat in range(1, repeats + 1):
+        trials.append(build_trial(*session.static(repeat), f"{cuff}-static-{repeat}", f"s{repeat}"))
+        slip = session.slip
+        trials.append(build_trial(*session.dynamic(repeat), f"{cuff}-dynamic-{repeat}", f"d{repeat}"))
+    return tuple(trials), slip
+
+
+def _fit(trials: Sequence[Trial]) -> CuffFit:
+    return fit_session(trials).cuffs[trials[0].cuff.name]
+
+
+def _values(fit: CuffFit) -> np.ndarray:
+    return np.array([e.value for e in (fit.stiffness, fit.damping, fit.migration) if e])
+
+
+@pytest.mark.parametrize("cuff", PUBLISHED)
+def test_the_published_cuffs_come_back_although_they_migrate(cuff: str) -> None:
+    trials, slip = _donning(cuff, repeats=2 if cuff == "hand" else 1)
+    fit = _fit(trials)
+    assert fit.verdicts == (Verdict.IDENTIFIED,)
+    assert fit.stiffness
+    assert fit.damping
+    assert fit.migration
+    stiffness, damping, _ = PUBLISHED[cuff]
+    assert fit.stiffness.value == pytest.approx(stiffness, rel=0.01)
+    for estimate, truth in ((fit.stiffness, stiffness), (fit.damping, damping), (fit.migration, slip)):
+        assert abs(estimate.value - truth) < 3.3 * estimate.standard_error
+    assert fit.damping.standard_error < 0.2 * damping
+    assert fit.migration.standard_error < 1e-4
+    assert fit.diagnostics["slip_m"] == pytest.approx(slip, rel=0.05)
+
+
+@pytest.mark.parametrize("cuff", ["waist", "tube"])
+def test_force_at_twenty_hertz_still_gives_the_stiffness_and_an_honest_damping(cuff: str) -> None:
+    fit = _fit(_donning(cuff, rate=20.0)[0])
+    stiffness, damping, _ = PUBLISHED[cuff]
+    assert fit.stiffness
+    assert fit.stiffness.value == pytest.approx(stiffness, rel=0.01)
+    if cuff == "waist":
+        assert fit.damping
+        assert fit.damping.value == pytest.approx(damping, rel=0.2)
+        assert abs(fit.damping.value - damping) < 3.3 * fit.damping.standard_error
+        assert any("lag" in note for note in fit.notes)
+    else:
+        assert fit.damping is None
+        assert fit.verdicts == (Verdict.LAG,)
+
+
+def test_one_static_trial_unloaded_at_once_gives_a_stiffness() -> None:
+    session = Session(published("elbow", unloads_at_once=True, hold=4.0, volt_noise=3e-4), 4)
+    fit = _fit([build_trial(*session.static(), "a", "a")])
+    assert fit.stiffness
+    assert fit.stiffness.value == pytest.approx(2530, rel=0.01)
+    assert fit.stiffness.ci95[0] < 2530 < fit.stiffness.ci95[1]
+    assert fit.damping is None
+    assert fit.verdicts == (Verdict.NO_DYNAMIC,)
+
+
+def test_a_session_without_static_trials_says_so() -> None:
+    fit = _fit(_donning("hand")[0][1:])
+    assert fit.stiffness is None
+    assert fit.migration is None
+    assert fit.damping
+    assert fit.verdicts == (Verdict.NO_STATIC,)
+
+
+def test_too_few_held_loads_are_not_a_stiffness() -> None:
+    static = _donning("hand")[0][0]
+    short = _cut(static, 7.0)
+    fit = _fit([short])
+    assert fit.stiffness is None
+    assert Verdict.FEW_LOADS in fit.verdicts
+
+
+def test_a_load_that_only_rose_is_not_a_stiffness() -> None:
+    fit = _fit([_cut(_donning("hand")[0][0], 22.0)])
+    assert fit.stiffness is None
+    assert Verdict.ONLY_ROSE in fit.verdicts
+    assert Verdict.NOT_UNLOADED in fit.verdicts
+
+
+def test_the_same_trials_give_the_same_bytes_in_any_order() -> None:
+    trials = _donning("hand", repeats=2)[0]
+    assert fit_session(trials).to_json() == fit_session(trials[::-1]).to_json()
+
+
+def test_a_turned_laboratory_changes_nothing() -> None:
+    trials = _donning("hand")[0]
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    turned = [replace(trial, markers=trial.markers @ turn.T + 1.0) for trial in trials]
+    np.testing.assert_allclose(_values(_fit(turned)), _values(_fit(trials)), rtol=1e-6)
+
+
+def test_twice_the_force_is_twice_as_stiff_and_twice_the_way_half() -> None:
+    trials = _donning("hand")[0]
+    plain = _values(_fit(trials))
+    doubled = [
+        replace(trial, force=2 * trial.force, force_step=2 * trial.force_step, cuff_mass=2 * trial.cuff_mass)
+        for trial in trials
+    ]
+    np.testing.assert_allclose(_values(_fit(doubled)), plain * [2, 2, 1], rtol=2e-3)
+    larger = [replace(trial, markers=2 * trial.markers, cuff_mass=trial.cuff_mass / 2) for trial in trials]
+    np.testing.assert_allclose(_values(_fit(larger)), plain * [0.5, 0.5, 2], rtol=2e-3)
+
+
+def test_a_load_cell_of_the_wrong_sign_is_listed_with_its_reason() -> None:
+    static = _donning("hand")[0][0]
+    fit = _fit([replace(static, force=-static.force)])
+    assert fit.trials[0].state == "unusable"
+    assert "polarity" in fit.trials[0].reason
+
+
+def test_an_unusable_trial_is_listed_and_the_others_are_fitted() -> None:
+    first, dynamic, second, _ = _donning("hand", repeats=2)[0]
+    markers = second.markers.copy()
+    markers[: int(0.7 * len(markers))] = np.nan
+    fit = _fit([first, dynamic, replace(second, markers=markers)])
+    assert fit.stiffness
+    listed = {trial.file: trial for trial in fit.trials}
+    assert listed[second.file].state == "unusable"
+    assert "hidden" in listed[second.file].reason
+    assert list(fit.sources) == [first.file, dynamic.file]
+
+
+def test_a_repeat_recorded_again_counts_and_the_earlier_is_superseded() -> None:
+    first, dynamic, second, _ = _donning("hand", repeats=2)[0]
+    fit = _fit([first, dynamic, replace(second, repeat=1, run=2)])
+    states = {trial.file: trial.state for trial in fit.trials}
+    assert states == {first.file: "superseded", dynamic.file: "used", second.file: "used"}
+
+
+def test_donnings_are_never_pooled() -> None:
+    trials = _donning("hand")[0]
+    later = [
+        replace(trial, donning="2", start_utc_ns=trial.start_utc_ns + 10**12, file="later") for trial in trials[:1]
+    ]
+    session = fit_session([*later, *trials])
+    assert list(session.donnings["hand"]) == ["1", "2"]
+    assert session.cuffs["hand"].donning == "2"
+    assert session.cuffs["hand"].damping is None
+    assert session.donnings["hand"]["1"].damping is not None
+
+
+def test_the_curves_of_every_used_trial_are_there_for_the_figures() -> None:
+    trials = _donning("hand")[0]
+    curves = fit_session(trials).curves
+    static, dynamic = (curves[trial.file] for trial in trials)
+    assert static.static is not None
+    line = PUBLISHED["hand"][0] * np.array([p.displacement for p in static.static.plateaus]) + static.static.offset
+    force = np.array([p.force for p in static.static.plateaus])
+    settled = np.arange(len(force)) > 4  # from the highest load on, nothing slips
+    np.testing.assert_allclose(line[settled], force[settled], atol=1.0)
+    assert dynamic.dynamic is not None
+    slope = np.polyfit(dynamic.dynamic.velocity, dynamic.dynamic.damper_force, 1)[0]
+    assert slope == pytest.approx(dynamic.dynamic.damping.value, rel=0.02)
+
+
+def _cut(trial: Trial, end: float) -> Trial:
+    in_force, in_frames = trial.force_time <= end, trial.marker_time <= end
+    return replace(
+        trial,
+        force_time=trial.force_time[in_force],
+        force=trial.force[in_force],
+        marker_time=trial.marker_time[in_frames],
+        markers=trial.markers[in_frames],
+    )
