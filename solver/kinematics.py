@@ -151,33 +151,55 @@ def _motion(joint: Joint, q: Array, u: Array) -> _Motion:
 
 def _axes(motion: AxisMotion, q: Array, u: Array) -> _Motion:
     """Body-fixed rotations about a₁, a₂, a₃, then a translation along a₄, a₅, a₆, all axes of the parent frame."""
-    frames, coordinates = len(q), motion.coordinates
-    value, slope, rate, bend = (np.zeros((frames, 6)) for _ in range(4))
-    for i, (driver, function) in enumerate(zip(motion.coordinate, motion.functions, strict=True)):
-        is_driven = driver != NO_COORDINATE
-        value[:, i], own_slope, curvature = function.derivatives(q[:, driver] if is_driven else np.zeros(frames))
-        if is_driven:
-            slope[:, i], rate[:, i], bend[:, i] = own_slope, own_slope * u[:, driver], curvature * u[:, driver] ** 2
+    frames, drivers, coordinates = len(q), motion.coordinate, list(motion.coordinates)
+    is_driven = drivers != NO_COORDINATE
+    value, slope, curvature = np.zeros((3, frames, 6))
+    for i, function in enumerate(motion.functions):
+        at = q[:, drivers[i]] if is_driven[i] else np.zeros(1)
+        value[:, i], slope[:, i], curvature[:, i] = function.derivatives(at)
+    speed = np.where(is_driven, u[:, drivers], 0.0)
+    rate, bend = slope * speed, curvature * speed**2
     translation = value[:, 3:] @ motion.axes[3:]
-    rotation = np.broadcast_to(np.eye(3), (frames, 3, 3))
-    columns, bias, spin = np.zeros((frames, len(coordinates), 6)), np.zeros((frames, 6)), np.zeros((frames, 3))
-    for i, driver in enumerate(motion.coordinate):
-        axis = rotation @ motion.axes[i] if i < 3 else np.broadcast_to(motion.axes[i], (frames, 3))
+    axes, rotation = _turned_axes(motion, value, is_driven | value.any(axis=0))
+    # As Simbody does: for velocities an axis that nothing drives has no angle, even if its constant is one.
+    spin_axes, _ = _turned_axes(motion, value, is_driven) if value[:, ~is_driven].any() else (axes, rotation)
+    spins, slides = np.zeros((2, frames, len(coordinates), 3))
+    for i, driver in enumerate(drivers.tolist()):
         if driver != NO_COORDINATE:
-            column, moved = columns[:, coordinates.index(driver)], axis * slope[:, i, None]
-            if i < 3:
-                column[:, :3] += moved
-                column[:, 3:] += np.cross(translation, moved)
-            else:
-                column[:, 3:] += moved
-        if i < 3:
-            bias[:, :3] += np.cross(spin, axis * rate[:, i, None]) + axis * bend[:, i, None]
-            spin = spin + axis * rate[:, i, None]
-            rotation = rotation @ rotation_about(motion.axes[i], value[:, i])
+            axis, moves = (spin_axes[:, i], spins) if i < 3 else (motion.axes[i], slides)
+            moves[:, coordinates.index(driver)] += axis * slope[:, i, None]
+    columns = np.concatenate([spins, slides + np.cross(translation[:, None], spins)], axis=-1)
+    spinning = spins * u[:, coordinates, None]
+    change = _spin_change(axes, spinning, rate, bend)
     # d/dt of v = p′ − w × p, the velocity of the child's point at the parent frame's origin
-    bias[:, 3:] = bend[:, 3:] @ motion.axes[3:]
-    bias[:, 3:] -= np.cross(bias[:, :3], translation) + np.cross(spin, rate[:, 3:] @ motion.axes[3:])
-    return _Motion(list(coordinates), rotation, translation, columns, bias)
+    sliding, pushing = rate[:, 3:] @ motion.axes[3:], bend[:, 3:] @ motion.axes[3:]
+    linear = pushing - np.cross(change, translation) - np.cross(spinning.sum(axis=1), sliding)
+    return _Motion(coordinates, rotation, translation, columns, np.concatenate([change, linear], axis=-1))
+
+
+def _turned_axes(motion: AxisMotion, angles: Array, is_turned: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """(frames, 3, 3) the rotation axes in the parent frame, each turned by the angles before it, and all turns."""
+    axes = np.empty((len(angles), 3, 3))
+    rotation = np.broadcast_to(np.eye(3), axes.shape)
+    for i in range(3):
+        axes[:, i] = rotation @ motion.axes[i]
+        if is_turned[i]:
+            turn = rotation_about(motion.axes[i], angles[:, i])
+            rotation = rotation @ turn if is_turned[:i].any() else turn
+    return axes, rotation
+
+
+def _spin_change(axes: Array, spins: Array, rate: Array, bend: Array) -> Array:
+    """(frames, 3) angular acceleration at u̇ = 0, as Simbody's function-based mobilizer has it.
+
+    It carries the second axis along with the spin of the first coordinate, the third with that of all but the third.
+    That is exact where coordinates drive one rotation each, in order, and what OpenSim computes where they do not.
+    """
+    others = [k for k in range(spins.shape[1]) if k != 2]
+    carried_1, carried_2 = spins[:, :1].sum(axis=1), spins[:, others].sum(axis=1)
+    change: Array = np.einsum("fai,fa->fi", axes, bend[:, :3])
+    change += np.cross(carried_1, axes[:, 1]) * rate[:, 1, None] + np.cross(carried_2, axes[:, 2]) * rate[:, 2, None]
+    return change
 
 
 def _ball(motion: BallMotion, q: Array, u: Array) -> _Motion:

@@ -55,7 +55,7 @@ class Names:
         """A point fixed in a frame, given in the body that carries the frame."""
         frame = self.frame(element, socket)
         placement = frame.placement
-        return frame.body, placement.translation + placement.rotation @ element.numbers(location, 3)
+        return frame.body, placement.translation + placement.rotation @ element.numbers(location, 3, "0 0 0")
 
     def coordinate(self, element: Element, name: str) -> int:
         name = posixpath.basename(name)

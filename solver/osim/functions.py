@@ -39,7 +39,7 @@ def _constant(element: Element) -> Function:
 
 
 def _line(element: Element) -> Function:
-    return polynomial(element.numbers("coefficients", 2)[::-1])
+    return polynomial(element.numbers("coefficients", 2, "1 0")[::-1])
 
 
 def _polynomial(element: Element) -> Function:

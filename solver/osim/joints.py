@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.functions import Function, polynomial
+from solver.functions import Function, polynomial, scaled
 from solver.model import (
     NO_COORDINATE,
     AxisMotion,
@@ -73,11 +73,15 @@ def read_constraint(element: Element, names: Names) -> Constraint:
     leaders = element.child("independent_coordinate_names")
     if len(leaders.text.split()) != 1:
         raise leaders.refusal(f"of {element.name} names '{leaders.text}'; the solver couples to one coordinate")
+    holder = element.child("coupled_coordinates_function")
+    function = read_function(holder)
+    if holder.find("Constant") is not None:
+        raise holder.refusal(f"of {element.name} is a constant, which follows nothing; lock the coordinate instead")
     return CoordinateCoupler(
         name=element.name,
         dependent=names.coordinate(element, element.child("dependent_coordinate_name").text),
         independent=names.coordinate(element, leaders.text),
-        function=read_function(element.child("coupled_coordinates_function")),
+        function=scaled(function, element.number("scale_factor", "1")),
     )
 
 
@@ -101,8 +105,8 @@ def _motion(element: Element, coordinates: list[Coordinate]) -> Motion:
         return ScapulothoracicMotion(
             coordinates=(first, first + 1, first + 2, first + 3),
             radii=element.numbers("thoracic_ellipsoid_radii_x_y_z", 3),
-            winging_origin=element.numbers("scapula_winging_axis_origin", 2),
-            winging_direction=element.number("scapula_winging_axis_direction"),
+            winging_origin=element.numbers("scapula_winging_axis_origin", 2, "0 0"),
+            winging_direction=element.number("scapula_winging_axis_direction", "0"),
         )
     raise element.unsupported("joint", _JOINTS)
 
@@ -119,7 +123,7 @@ def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
     expected = [f"{kind}{number}" for kind in ("rotation", "translation") for number in (1, 2, 3)]
     if [axis.name for axis in axes] != expected:
         raise element.refusal(f"has not the six axes {', '.join(expected)} in this order")
-    directions = np.array([axis.numbers("axis", 3) for axis in axes])
+    directions = np.array([axis.numbers("axis", 3, "1 0 0") for axis in axes])
     drivers = [axis.word("coordinates", "") for axis in axes]
     functions = tuple(_axis_function(axis, driver) for axis, driver in zip(axes, drivers, strict=True))
     # OpenSim puts a joint's coordinates into the order in which its axes use them.
@@ -139,6 +143,8 @@ def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
 def _axis_function(axis: Element, driver: str) -> Function:
     if len(driver.split()) > 1:
         raise axis.refusal(f"is driven by {driver}; the solver drives an axis by one coordinate")
+    if not any(child.tag[0].isupper() for child in axis.children):
+        return _DRIVEN if driver else _STILL
     function = read_function(axis)
     if not driver and np.any(function.derivatives(np.array([-1.0, 0.0, 1.0]))[1]):
         raise axis.refusal("has a sloping function but no coordinate")
@@ -150,12 +156,12 @@ def _kind(name: str, axes: list[Element]) -> Kind:
     kind: Kind = "coupled"
     for index, axis in enumerate(axes):
         line = axis.find("LinearFunction") if axis.word("coordinates", "") == name else None
-        if line is not None and abs(line.series("coefficients")[0]) == 1.0:
+        if line is not None and abs(line.numbers("coefficients", 2, "1 0")[0]) == 1.0:
             kind = "rotation" if index < 3 else "translation"
     return kind
 
 
 def _coordinate(element: Element, kind: Kind) -> Coordinate:
     element.require("prescribed", "false")
-    low, high = element.numbers("range", 2)
+    low, high = element.numbers("range", 2, "-10 10")
     return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)))

@@ -36,8 +36,8 @@ def read_surface(body: int, element: Element) -> WrapSurface:
     quadrant = element.word("quadrant", "all")
     if quadrant not in _SIDES[element.tag]:
         raise element.refusal(f"has the quadrant {quadrant}; the solver has {', '.join(_SIDES[element.tag])}")
-    rotation = rotation_body_fixed_xyz(element.numbers("xyz_body_rotation", 3))
-    placement = Placement(rotation, element.numbers("translation", 3))
+    rotation = rotation_body_fixed_xyz(element.numbers("xyz_body_rotation", 3, "0 0 0"))
+    placement = Placement(rotation, element.numbers("translation", 3, "0 0 0"))
     if element.tag == "WrapEllipsoid":
         return WrapSurface(element.name, body, placement, "ellipsoid", element.numbers("dimensions", 3), quadrant)
     radius = element.number("radius")

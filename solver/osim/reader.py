@@ -84,6 +84,6 @@ def _check_tree(element: Element, bodies: tuple[Body, ...], joints: tuple[Joint,
 
 
 def _body(element: Element) -> Body:
-    xx, yy, zz, xy, xz, yz = element.numbers("inertia", 6)
+    xx, yy, zz, xy, xz, yz = element.numbers("inertia", 6, "0 0 0 0 0 0")
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Body(element.name, element.number("mass"), element.numbers("mass_center", 3), inertia)
+    return Body(element.name, element.number("mass"), element.numbers("mass_center", 3, "0 0 0"), inertia)

@@ -210,6 +210,33 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             '<ConstraintSet><objects><WeldConstraint name="lock"/></objects></ConstraintSet></Model>',
             "WeldConstraint lock is a constraint the solver does not have",
         ),
+        (
+            "</Model>",
+            '<ConstraintSet><objects><CoordinateCouplerConstraint name="gear"><independent_coordinate_names>angle width'
+            "</independent_coordinate_names></CoordinateCouplerConstraint></objects></ConstraintSet></Model>",
+            "independent_coordinate_names of gear names 'angle width'; the solver couples to one coordinate",
+        ),
+        (
+            "</Model>",
+            '<ConstraintSet><objects><CoordinateCouplerConstraint name="gear"><independent_coordinate_names>angle'
+            "</independent_coordinate_names><coupled_coordinates_function><Constant/></coupled_coordinates_function>"
+            "</CoordinateCouplerConstraint></objects></ConstraintSet></Model>",
+            "coupled_coordinates_function of gear is a constant, which follows nothing",
+        ),
+        ("<coordinates>angle", "<coordinates>angle width", "rotation1 is driven by angle width"),
+        ("<coordinates>angle", "<coordinates>width", "has the coordinates angle, but its axes use width"),
+        ("<coordinates>angle<", "<coordinates><", "rotation1 has a sloping function but no coordinate"),
+        ("CustomJoint", "FreeJoint", "FreeJoint swing has 1 coordinates, expected 6"),
+        (
+            '<LinearFunction name="function"><coefficients>3 0.25</coefficients></LinearFunction>',
+            "<GCVSpline><half_order>3</half_order><error_variance>0.1</error_variance></GCVSpline>",
+            "GCVSpline smooths its points",
+        ),
+        (
+            '<LinearFunction name="function"><coefficients>3 0.25</coefficients></LinearFunction>',
+            "<StepFunction><transition_end_time>0.99</transition_end_time></StepFunction>",
+            "StepFunction starts and ends its transition at 0.99",
+        ),
     ],
 )
 def test_what_the_solver_lacks_is_refused_by_name_and_line(file: Path, old: str, new: str, complaint: str) -> None:

@@ -1,0 +1,209 @@
+"""Two bodies in OpenSim, one hinged on the other: what each component that the solver supports is tested on.
+
+A test builds the model through OpenSim's API; it is printed to a file, read by the solver, and both are asked for the
+same things at the same random postures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver.constraints import constraint_gaps
+from solver.dynamics import equations_of_motion
+from solver.kinematics import postures, rates_of_coordinates
+from solver.model import Model
+from solver.osim.reader import read_osim
+from solver.paths import evaluate_paths
+
+opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
+
+Array = NDArray[np.float64]
+STATES = 25
+opensim.Logger.setLevelString("error")
+
+
+def vec3(x: float, y: float, z: float) -> Any:
+    return opensim.Vec3(float(x), float(y), float(z))
+
+
+def given(component: Any) -> Any:
+    """Hands the component's memory to OpenSim, which deletes what is added to it."""
+    component.thisown = False
+    return component
+
+
+def body(name: str) -> Any:
+    return opensim.Body(name, 1.3, vec3(0.02, -0.11, 0.03), opensim.Inertia(0.02, 0.015, 0.018, 0.001, -0.002, 0.0015))
+
+
+def model_with(make_joint: Callable[..., Any] | None = None) -> Any:
+    """Ground, body `upper` on the joint under test (a pin if none is given), body `lower` on a pin, and a muscle.
+
+    make_joint(name, parent, place, angles, child, place, angles) as the constructors of OpenSim's joints.
+    """
+    model = opensim.Model()
+    model.setName("two_bodies")
+    model.setGravity(vec3(0.5, -9.7, 0.3))
+    upper, lower = body("upper"), body("lower")
+    model.addBody(given(upper))
+    model.addBody(given(lower))
+    tilted = (vec3(0.1, 0.2, -0.1), vec3(0.3, -0.4, 0.5)), (vec3(0.02, 0.05, 0.01), vec3(-0.2, 0.1, 0.6))
+    hinged = (vec3(0.01, -0.25, 0.02), vec3(0.2, 0.3, -0.1)), (vec3(0.0, 0.1, 0.0), vec3(0.1, 0.0, 0.2))
+    made = (make_joint or opensim.PinJoint)("first", model.getGround(), *tilted[0], upper, *tilted[1])
+    model.addJoint(given(made))
+    model.addJoint(given(opensim.PinJoint("second", upper, *hinged[0], lower, *hinged[1])))
+    model.finalizeConnections()
+    add_muscle(
+        model, "pull", [("ground", (0.05, 0.1, 0.02)), ("upper", (0.03, -0.1, 0.04)), ("lower", (0.02, -0.2, 0))]
+    )
+    return model
+
+
+def frame_of(model: Any, name: str) -> Any:
+    return model.getGround() if name == "ground" else model.getBodySet().get(name)
+
+
+def add_muscle(model: Any, name: str, points: list[tuple[str, tuple[float, float, float]]]) -> Any:
+    """A muscle over fixed points; its minimum of the active force is zero, all else as OpenSim has it."""
+    muscle = opensim.Millard2012EquilibriumMuscle(name, 200.0, 0.2, 0.15, 0.1)
+    muscle.set_ignore_tendon_compliance(True)
+    muscle.set_ignore_activation_dynamics(True)
+    muscle.upd_ActiveForceLengthCurve().setMinValue(0.0)
+    model.addForce(given(muscle))
+    path = opensim.GeometryPath.safeDownCast(muscle.updPath())
+    for index, (body_name, place) in enumerate(points):
+        path.appendNewPathPoint(f"{name}-{index}", frame_of(model, body_name), vec3(*place))
+    return muscle
+
+
+def read_back(model: Any, folder: Path) -> Model:
+    """The model through a file, as a user's would come."""
+    model.finalizeConnections()
+    file = folder / "two_bodies.osim"
+    model.printToXML(str(file))
+    return read_osim(file)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Greatest |Δ| of each quantity over all states; of velocities, masses, accelerations and constraints over the
+    greatest |reference|, if that is above 1."""
+
+    pose: float
+    velocity: float
+    rates: float
+    mass_matrix: float
+    acceleration: float
+    constraint: float
+    gap: float
+    length: float
+    speed: float
+    force_per_tension: float
+
+    def is_nought(self) -> bool:
+        return (
+            max(self.pose, self.velocity, self.rates, self.gap) < 1e-13
+            and max(self.mass_matrix, self.constraint, self.length) < 1e-12
+            and max(self.speed, self.force_per_tension) < 1e-11
+            and self.acceleration < 1e-10
+        )
+
+
+def difference(model: Any, folder: Path, spread: float = 0.6) -> Difference:
+    """Of the solver from OpenSim, at random coordinates (normal, `spread`) and speeds (normal, 1)."""
+    ours = read_back(model, folder)
+    random = np.random.default_rng(7)
+    q = spread * random.normal(size=(STATES, len(ours.coordinates)))
+    theirs = _opensims(model, ours, q, random.normal(size=q.shape))
+    found = _solvers(ours, theirs["q"], theirs["u"])
+    scales = {
+        name: max(1.0, np.abs(theirs[name]).max(initial=0.0))
+        for name in ("velocity", "mass_matrix", "acceleration", "constraint")
+    }
+    return Difference(
+        **{name: float(np.abs(found[name] - theirs[name]).max(initial=0.0)) / scales.get(name, 1.0) for name in found}
+    )
+
+
+def _solvers(model: Model, q: Array, u: Array) -> dict[str, Array]:
+    state = postures(model, q, u)
+    equations = equations_of_motion(model, state, reaction_joint="second")
+    paths = evaluate_paths(model, state)
+    force = np.einsum("fmbi,fbij->fmj", paths.wrench_per_tension, equations.body_jacobians)
+    to_rates, _ = rates_of_coordinates(model, state)
+    velocity = np.concatenate([state.angular_velocity, state.origin_velocity], axis=-1)[:, 1:]
+    pose = np.concatenate([state.rotation_to_ground, state.origin_in_ground[..., None]], axis=-1)[:, 1:]
+    return {
+        "pose": pose,
+        "velocity": velocity,
+        "rates": np.einsum("fij,fj->fi", to_rates, u),
+        "mass_matrix": equations.mass_matrix,
+        "acceleration": equations.acceleration_unloaded,
+        "constraint": equations.constraint_jacobian,
+        "gap": constraint_gaps(model, state),
+        "length": paths.lengths,
+        "speed": paths.speeds,
+        "force_per_tension": force + paths.mobility_per_tension,
+    }
+
+
+def _opensims(osim: Any, model: Model, q: Array, u: Array) -> dict[str, Array]:
+    state = osim.initSystem()
+    coordinates = [osim.getCoordinateSet().get(name) for name in model.coordinate_names]
+    muscles = [osim.getMuscles().get(name) for name in model.muscle_names]
+    for muscle in muscles:
+        muscle.overrideActuation(state, True)
+        muscle.setOverrideActuation(state, 0.0)
+    rows = []
+    for values, speeds in zip(q, u, strict=True):
+        for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
+            if not coordinate.getLocked(state):
+                coordinate.setValue(state, float(value), False)
+                coordinate.setSpeedValue(state, float(speed))
+        osim.realizeAcceleration(state)
+        rows.append(_at_state(osim, state, model, coordinates, muscles))
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _at_state(osim: Any, state: Any, model: Model, coordinates: list[Any], muscles: list[Any]) -> dict[str, Any]:
+    matter = osim.getMatterSubsystem()
+    mass, jacobian = opensim.Matrix(), opensim.Matrix()
+    matter.calcM(state, mass)
+    matter.calcG(state, jacobian)
+    bodies = [osim.getBodySet().get(each.name) for each in model.bodies[1:]]
+    transforms = [each.getTransformInGround(state) for each in bodies]
+    velocities = [each.getVelocityInGround(state) for each in bodies]
+    return {
+        "q": [c.getValue(state) for c in coordinates],
+        "u": [c.getSpeedValue(state) for c in coordinates],
+        "pose": [[[*(t.R().get(i, j) for j in range(3)), t.p().get(i)] for i in range(3)] for t in transforms],
+        "velocity": [[v.get(k).get(i) for k in range(2) for i in range(3)] for v in velocities],
+        "rates": [c.getQDotValue(state) for c in coordinates],
+        "mass_matrix": mass.to_numpy(),
+        "acceleration": [c.getAccelerationValue(state) for c in coordinates],
+        "constraint": jacobian.to_numpy(),
+        "gap": state.getQErr().to_numpy(),
+        "length": [m.getLength(state) for m in muscles],
+        "speed": [m.getLengtheningSpeed(state) for m in muscles],
+        "force_per_tension": [force_per_tension(osim, state, m) for m in muscles],
+    }
+
+
+def force_per_tension(osim: Any, state: Any, muscle: Any) -> list[float]:
+    """Generalised forces of a tension of 1 N, without constraints."""
+    matter = osim.getMatterSubsystem()
+    none = opensim.SpatialVec(opensim.Vec3(0), opensim.Vec3(0))
+    bodies = 1 + max(b.getMobilizedBodyIndex() for b in osim.getBodyList())
+    wrenches, mobility = opensim.VectorOfSpatialVec(bodies, none), opensim.Vector(state.getNU(), 0.0)
+    opensim.GeometryPath.safeDownCast(muscle.updPath()).addInEquivalentForces(state, 1.0, wrenches, mobility)
+    force = opensim.Vector()
+    matter.multiplyBySystemJacobianTranspose(state, wrenches, force)
+    total: list[float] = (force.to_numpy() + mobility.to_numpy()).tolist()
+    return total
