@@ -67,11 +67,18 @@ class Answers:
         self._last_value[samples.stream] = float(samples.values[-1].flat[0])
 
 
-def check_bench(config: StationConfig, console: Console | None = None, make_devices: MakeDevices = devices_for) -> int:
-    """Prints the table; returns 0 when all is as it should be, else 1."""
+def check_bench(
+    config: StationConfig, folder: Path, console: Console | None = None, make_devices: MakeDevices = devices_for
+) -> int:
+    """Prints the table, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
     clock = RealClock()
     answers, names = _listen(config, clock, make_devices)
-    lines = [*_device_lines(answers, names), *_sync_line(answers, config), *_label_lines(answers, config), _disk_line()]
+    lines = [
+        *_device_lines(answers, names),
+        *_sync_line(answers, config),
+        *_label_lines(answers, config),
+        _disk_line(folder),
+    ]
     table = Table("", "what", "found")
     for line in lines:
         table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
@@ -138,6 +145,7 @@ def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
     return lines
 
 
-def _disk_line() -> Line:
-    free = shutil.disk_usage(Path.cwd()).free
-    return Line("disk", free >= LEAST_FREE_BYTES, f"{free / 1e9:.1f} GB free")
+def _disk_line(folder: Path) -> Line:
+    there = next(each for each in (folder.resolve(), *folder.resolve().parents) if each.is_dir())
+    free = shutil.disk_usage(there).free
+    return Line("disk", free >= LEAST_FREE_BYTES, f"{free / 1e9:.1f} GB free at {there}")

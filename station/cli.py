@@ -81,12 +81,15 @@ def simulate(
 
 
 @app.command()
-def check(config: ConfigPath = Path("station.toml")) -> None:
+def check(
+    config: ConfigPath = Path("station.toml"),
+    session: Annotated[Path, typer.Option(help="Folder of the session, for the room on its disk.")] = Path(),
+) -> None:
     """Show what answers: devices, rates, the level of the sync line, labels, disk."""
     from station.check import check_bench
     from station.config import load_config
 
-    raise typer.Exit(check_bench(load_config(config)))
+    raise typer.Exit(check_bench(load_config(config), session))
 
 
 @app.command()

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from recordings.manifest import CuffSite, LoadCell
 
@@ -70,10 +70,20 @@ class Mocap(_Section):
 
 class Cuff(_Section):
     site: Literal["arm", "waist"]
-    anchor_markers: tuple[str, ...] = Field(min_length=1)
+    anchor_markers: tuple[str, ...]
     cuff_markers: tuple[str, ...] = Field(min_length=1)
     rope_markers: tuple[str, ...] = ()
     mass_kg: float = Field(default=0.2, ge=0)
+
+    @field_validator("anchor_markers")
+    @classmethod
+    def _anchor_is_a_body(cls, labels: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(labels)) < 3:
+            raise ValueError(
+                f"{len(set(labels))} marker(s), expected at least 3 that are not in a line: fewer do not tell how the "
+                "anchoring body turns; add one beside shoulder and elbow"
+            )
+        return labels
 
 
 class Protocol(_Section):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import platform
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -84,7 +87,6 @@ class Daemon:
         Raises ConfigError, DeviceError, TrialRefused or RecordingError, each one sentence, when it cannot begin.
         """
         cuff = self._config.cuff_site(spec.cuff)
-        folder.mkdir(parents=True, exist_ok=True)
         _ensure_room(folder)
         with _one_trial_at_a_time(folder):
             inbox = Inbox()
@@ -216,7 +218,15 @@ class Daemon:
 
 
 def _ensure_room(folder: Path) -> None:
-    free = shutil.disk_usage(folder).free
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise TrialRefused(
+            f"the session's folder {folder} cannot be made ({error.strerror}); give --session a folder that can"
+        ) from error
+    if not os.access(folder, os.W_OK):
+        raise TrialRefused(f"the session's folder {folder} cannot be written into; give another --session")
     if free < LEAST_FREE_BYTES:
         raise TrialRefused(
             f"the disk of {folder} has {free / 1e6:.0f} MB free, expected at least {LEAST_FREE_BYTES / 1e6:.0f} MB "
@@ -226,7 +236,9 @@ def _ensure_room(folder: Path) -> None:
 
 @contextmanager
 def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
-    lock = FileLock(folder / ".recording.lock", timeout=0)
+    """Across processes too. The lock lies with the machine's temporary files: the session holds recordings only."""
+    name = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
+    lock = FileLock(Path(tempfile.gettempdir()) / f"cuffstation-{name}.lock", timeout=0)
     try:
         lock.acquire()
     except Timeout as error:

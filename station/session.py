@@ -6,6 +6,7 @@ path through it can be walked by a test with a clock that stands still.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Literal, Protocol
 
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.clock import Clock
+from station.reach import Reach
 from station.sync_line import Edge, SyncLine
 
 PRE_ROLL_S = 2.0
@@ -23,9 +25,11 @@ LATENESS_S = 1.0
 POST_ROLL_S = 0.5
 """Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
 GRACE_S = 1.0
-"""Wall seconds that closing waits for those samples; a DAQ that sends none in that time has fallen silent."""
-HEARD_S = 0.2
-"""Wall seconds after the capture's end for which the DAQ must have been heard."""
+"""Wall seconds without samples after which closing waits no longer for those that are still on their way."""
+LONGEST_CLOSING_S = 15.0
+"""Wall seconds after which closing waits no longer at all, though a backlog still comes in."""
+SHORT_S = 0.1
+"""Wall seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
 SILENCE_S = 3.0
 """Wall seconds after which a stream that should flow counts as lost."""
 
@@ -88,6 +92,7 @@ class TrialSession:
         self._pre_roll: deque[Item] = deque()
         self._streams: tuple[Stream, ...] = ()
         self._last_seen_wall_s: dict[str, float] = {}
+        self._reach = {"/force": Reach(), "/sync": Reach()}
         self._armed_station_s = self._armed_wall_s = 0.0
         self._edge_device_ns = self._latest_device_ns = 0
         self._edge_wall_s = 0.0
@@ -115,8 +120,10 @@ class TrialSession:
         """Takes one item from a device, in the order of arrival."""
         if self.state not in (State.ARMED, State.RECORDING, State.CLOSING):
             return
-        if isinstance(item, Samples):
+        if isinstance(item, Samples) and len(item.device_time_ns):
             self._last_seen_wall_s[item.stream] = self._clock.wall_s()
+            if item.stream in self._reach:
+                self._reach[item.stream].feed(item)
         elif isinstance(item, Loss):
             self.lost_samples += item.count if self.has_edge else 0
         if self.state is State.ARMED:
@@ -134,7 +141,7 @@ class TrialSession:
         if self.state is State.ARMED:
             self._check_armed()
         elif self.state is State.RECORDING:
-            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s, SILENCE_S)
+            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s)
             self._check_quiet_capture_end()
         elif self.state is State.CLOSING:
             self._check_closing()
@@ -172,7 +179,7 @@ class TrialSession:
     def _check_armed(self) -> None:
         waited = self._clock.station_s() - self._armed_station_s
         if self._rules.start == "sync_edge":
-            self._check_silence(("/sync",), self._armed_wall_s, SILENCE_S)
+            self._check_silence(("/sync",), self._armed_wall_s)
             self._check_polarity()
             self.wants_capture_start = waited >= PRE_ROLL_S and "/sync" in self._last_seen_wall_s
         else:
@@ -206,6 +213,7 @@ class TrialSession:
             recorded_s = (self._latest_device_ns - self._edge_device_ns) * 1e-9
             if recorded_s >= self._rules.duration_s:
                 self._close("duration_reached", f"{self._rules.duration_s:g} s recorded after the edge", accepted=True)
+                self._closing_host_ns = self._reach["/sync"].host_ns
 
     def _look_for_start(self, samples: Samples, edges: Sequence[Edge]) -> None:
         if self._rules.start == "pfi0":
@@ -250,28 +258,30 @@ class TrialSession:
             self._capture_started_wall_s = self._clock.wall_s()
         elif event.kind == "capture_stopped" and self.state is State.RECORDING:
             self._close("capture_ended", "the mocap capture ended", accepted=True)
+        elif event.kind == "numbering_restarted" and self._recorded_wall_s > LATENESS_S:
+            self._close("capture_ended", "the mocap system numbers its frames anew: its capture ended", accepted=True)
 
-    def _check_silence(self, expected: tuple[str, ...], since_wall_s: float, allowed_s: float) -> None:
+    @property
+    def _recorded_wall_s(self) -> float:
+        """Wall seconds since the edge; 0 unless the trial is recording."""
+        return self._clock.wall_s() - self._edge_wall_s if self.state is State.RECORDING else 0.0
+
+    def _check_silence(self, expected: tuple[str, ...], since_wall_s: float) -> None:
         now = self._clock.wall_s()
         for stream in self._streams:
             quiet_s = now - max(self._last_seen_wall_s.get(stream.name, since_wall_s), since_wall_s)
-            if stream.name in expected and quiet_s > allowed_s:
-                self._note_silence(stream, quiet_s)
-                self._fall_silent(
+            if stream.name in expected and quiet_s > SILENCE_S:
+                self._note_silence(stream, quiet_s * self._clock.speed)
+                self.fail(
                     f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
                     "samples a second; check the device and its cable"
                 )
                 return
 
-    def _fall_silent(self, sentence: str) -> None:
-        if self.state is State.CLOSING:
-            self._closing_ok, self.sentence = False, sentence
-        else:
-            self.fail(sentence)
-
-    def _note_silence(self, stream: Stream, quiet_wall_s: float) -> None:
+    def _note_silence(self, stream: Stream, quiet_s: float) -> None:
+        """Counts what a stream should have sent in so many station seconds, once anything is recorded."""
         if self.state in (State.RECORDING, State.CLOSING):
-            missing = round(quiet_wall_s * self._clock.speed * stream.rate_hz)
+            missing = round(quiet_s * stream.rate_hz)
             self.lost_samples += missing
             self._record(Loss(stream.name, "silent", 0, missing, self._latest_device_ns, self._clock.utc_ns()))
 
@@ -289,14 +299,27 @@ class TrialSession:
         self._record(self._event(kind, sentence))
 
     def _check_closing(self) -> None:
-        station_s = (self._clock.utc_ns() - self._closing_host_ns) * 1e-9
-        wall_s = self._clock.wall_s() - self._closing_wall_s
-        heard = self._last_seen_wall_s.get("/sync", 0.0) - self._closing_wall_s
-        if station_s >= POST_ROLL_S and heard >= HEARD_S:
-            self._finish()
-        elif wall_s >= GRACE_S:
-            self._check_silence(("/force", "/sync"), self._edge_wall_s, GRACE_S)
-            self._finish()
+        """Waits for the DAQ's samples up to the capture's end and a little more; a backlog may take its time."""
+        behind = [stream for stream in self._streams if self._behind_s(stream) > -POST_ROLL_S]
+        now = self._clock.wall_s()
+        heard = max([self._closing_wall_s, *(self._last_seen_wall_s.get(stream.name, 0.0) for stream in behind)])
+        if behind and now - heard < GRACE_S and now - self._closing_wall_s < LONGEST_CLOSING_S:
+            return
+        for stream in behind:
+            short_s = self._behind_s(stream)
+            if short_s > SHORT_S * self._clock.speed:
+                self._note_silence(stream, short_s)
+                self._closing_ok = False
+                self.sentence = (
+                    f"{stream.source} sent nothing on {stream.name} in the last {short_s:.1f} s of the trial"
+                )
+        self._finish()
+
+    def _behind_s(self, stream: Stream) -> float:
+        """Station seconds by which a DAQ stream falls short of the closing moment; frames end with the capture."""
+        if stream.name not in self._reach:
+            return -math.inf
+        return (self._closing_host_ns - self._reach[stream.name].host_ns) * 1e-9
 
     def _finish(self) -> None:
         self._enter(State.CLOSED if self._closing_ok else State.FAILED, self.sentence)

@@ -30,7 +30,8 @@ def test_the_published_cuffs_know_their_site() -> None:
         ({"load_cell": {"source": "serial"}}, "no port is given"),
         ({"load_cell": {"polarity": 0}}, "load_cell.polarity is 0"),
         ({"cuffs": {"new": HAND}}, "cuffs.new.site is missing"),
-        ({"cuffs": {"hand": {"anchor_markers": ["a"], "cuff_markers": []}}}, "cuffs.hand.cuff_markers"),
+        ({"cuffs": {"hand": {**HAND, "anchor_markers": ["shoulder", "elbow"]}}}, "2 marker(s), expected at least 3"),
+        ({"cuffs": {"hand": {"anchor_markers": ["a", "b", "c"], "cuff_markers": []}}}, "cuffs.hand.cuff_markers"),
     ],
 )
 def test_a_wrong_configuration_is_named_in_one_sentence(data: dict[str, object], words: str) -> None:

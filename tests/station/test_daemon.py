@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from filelock import FileLock
 
 from drivers.device import Device
 from drivers.errors import DeviceUnavailable
@@ -26,7 +25,7 @@ SPEED = 20.0
 SPEC = TrialSpec("hand", "static", 1)
 CONFIG = parse_config(
     {
-        "cuffs": {"hand": {"anchor_markers": ["anchor_1"], "cuff_markers": ["cuff_1"]}},
+        "cuffs": {"hand": {"anchor_markers": ["anchor_1", "anchor_2", "anchor_3"], "cuff_markers": ["cuff_1"]}},
         "sync": {"timeout_s": 20},
     },
     "test",
@@ -64,7 +63,7 @@ def test_a_trial_is_recorded_from_before_the_edge_to_after_the_capture(tmp_path:
     assert edge >= 2000, "two seconds from before the edge"
     assert len(markers.values) == 600
     assert (force.sample_numbers[1:] - force.sample_numbers[:-1] == 1).all()
-    assert recording.manifest.cuff.anchor_markers == ("anchor_1",)
+    assert recording.manifest.cuff.anchor_markers == ("anchor_1", "anchor_2", "anchor_3")
 
 
 def test_a_second_recording_of_the_same_repeat_gets_the_next_number(tmp_path: Path) -> None:
@@ -129,8 +128,25 @@ def test_a_device_frozen_for_ever_is_noticed_and_left_behind(tmp_path: Path) -> 
 
 
 def test_a_second_trial_at_the_same_time_is_refused(tmp_path: Path) -> None:
-    with FileLock(tmp_path / ".recording.lock"), pytest.raises(TrialRefused, match="another trial"):
-        Rig().daemon().record(tmp_path, SPEC)
+    refused: list[str] = []
+
+    class TriesAnother:
+        def offer(self, item: Item) -> None: ...
+
+        def show(self, snapshot: Snapshot) -> None:
+            if snapshot.state is State.RECORDING and not refused:
+                with pytest.raises(TrialRefused) as caught:
+                    Rig().daemon().record(tmp_path, SPEC)
+                refused.append(str(caught.value))
+
+    assert Rig().daemon(TriesAnother()).record(tmp_path, SPEC).accepted
+    assert "another trial is being recorded" in refused[0]
+
+
+def test_a_session_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(TrialRefused, match="cannot be made"):
+        Rig().daemon().record(tmp_path / "file", SPEC)
 
 
 def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,16 +244,48 @@ def test_a_stream_that_falls_silent_while_recording_ends_the_trial_with_a_loss(w
     assert [(x.stream, x.cause) for x in losses] == [(stream, "silent")]
 
 
-def test_a_daq_that_froze_just_before_the_capture_ended_is_not_accepted() -> None:
+def test_a_daq_that_froze_before_the_capture_ended_is_not_accepted_and_the_missing_end_is_counted() -> None:
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
     bench.run(2.0)
     bench.daq_sends = False
+    bench.run(1.0)
     bench.stop_capture()
     bench.run(2.0)
     assert bench.session.state is State.FAILED
-    assert "NI Dev1 sent nothing on /force" in bench.session.sentence
+    assert "in the last 1.0 s of the trial" in bench.session.sentence
+    losses = {i.stream: i.count for i in bench.recorder.items if isinstance(i, Loss)}
+    assert losses == {"/force": pytest.approx(1000, abs=1), "/sync": pytest.approx(1000, abs=1)}
+
+
+def test_a_daq_that_falls_silent_after_the_capture_s_end_takes_nothing_with_it() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.stop_capture()
+    bench.daq_sends = False
+    bench.run(2.0)
+    assert (bench.session.state, bench.session.lost_samples) == (State.CLOSED, 0)
+
+
+def test_closing_waits_for_a_backlog_of_the_daq() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    backlog = [np.full(100, 5.0)] * 20
+    bench.daq_sends = False
+    bench.run(2.0)
+    bench.stop_capture()
+    for volts in backlog:
+        assert bench.session.state is State.CLOSING
+        bench.run(0.1)
+        bench.send_daq(volts)
+    bench.daq_sends = True
+    bench.run(6.0)
+    assert (bench.session.state, bench.session.lost_samples) == (State.CLOSED, 0)
 
 
 def test_a_silent_daq_is_noticed_while_armed() -> None:
