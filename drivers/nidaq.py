@@ -203,8 +203,11 @@ class NiDaq:
     def _read_volts(self, task: Any, reader: Any, timeout_s: float) -> Volts:
         """All that is there, else the first block to come, else nothing."""
         channels = len(self._inputs)
-        available = int(task.in_stream.avail_samp_per_chan) if self._tells_available else 0
-        count = min(available or self._block, self._buffer.size // channels)
+        if self._tells_available:
+            available = int(task.in_stream.avail_samp_per_chan)
+        else:
+            available = self._due(self._host_clock()) - self._next_number
+        count = min(available if available > 0 else self._block, self._buffer.size // channels)
         volts = self._buffer[: channels * count].reshape(channels, count)
         try:
             reader.read_many_sample(volts, count, timeout=timeout_s)
@@ -249,10 +252,13 @@ class NiDaq:
         """Whether samples have come: the trigger, if there is one, has been."""
         return self._next_number > 0
 
+    def _due(self, host_time_ns: int) -> int:
+        """How many samples the device has taken since sample 0, by the host's clock; never more than it has."""
+        return int((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
+
     def _count_missed(self, host_time_ns: int) -> int:
         """Passes over the numbers of what a task that starts now has missed, and says how many."""
-        due = round((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
-        count = max(1, due - self._next_number) if self._has_begun else 0
+        count = max(1, self._due(host_time_ns) - self._next_number) if self._has_begun else 0
         self._next_number += count
         return count
 

@@ -66,7 +66,7 @@ class Qualisys:
 
     def resume(self) -> None:
         past = self._opened("resume")
-        past.end()
+        past.end(is_lost=True)
         conversation = _Conversation(self._wishes, past)
         conversation.begin()
         self._conversation = conversation
@@ -108,7 +108,7 @@ class _Wishes:
 
 
 class _Conversation:
-    """One connection, in a thread with its own event loop. Methods below the line run in that thread.
+    """One connection, in a thread with its own event loop. Methods from _run() on run in that thread.
 
     With a past it goes on where that one was lost: same streams, and the capture may still run.
     """
@@ -131,6 +131,7 @@ class _Conversation:
         self._is_capturing: bool = past is not None and past._is_capturing
         self._has_captured: bool = past is not None and past._has_captured
         self._is_asking_state = False
+        self._is_lost = False
 
     def begin(self) -> None:
         """Returns when frames may come. Raises DeviceError."""
@@ -141,7 +142,9 @@ class _Conversation:
             self._thread.join()
             raise
 
-    def end(self) -> None:
+    def end(self, is_lost: bool = False) -> None:
+        """Politely, with the capture that we began stopped and saved; lost, the connection is dropped as it is."""
+        self._is_lost = is_lost
         with suppress(RuntimeError):  # the loop is closed where the conversation ended by itself
             self._loop.call_soon_threadsafe(self._ending.set)
         self._thread.join(2 * LEAVE_TIMEOUT_S)
@@ -168,8 +171,6 @@ class _Conversation:
         except (TimeoutError, RuntimeError) as error:  # RuntimeError: the loop has ended
             raise DeviceLost(f"{self._name} was asked to {what} and did not answer; check that QTM runs") from error
 
-    # ------------------------------------------------------------------------------------------------------------
-
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
             runner.run(self._talk())
@@ -178,6 +179,8 @@ class _Conversation:
         self._ending = asyncio.Event()
         self._cameras_are_connected = asyncio.Event()
         self._relabelling: asyncio.Task[None] | None = None
+        # qtm_rt pairs replies with requests by their order, and that to streamframes comes with the first frame only.
+        self._turn = asyncio.Lock()
         try:
             await self._open()
         except DeviceError as error:
@@ -189,7 +192,8 @@ class _Conversation:
             watching = self._loop.create_task(self._watch())
             await self._ending.wait()
             watching.cancel()
-            await self._leave()
+            if not self._is_lost:
+                await self._leave()
         self._guard.close()
 
     async def _open(self) -> None:
@@ -205,7 +209,8 @@ class _Conversation:
             step = "settings"
             await self._describe()
             step = "frames"
-            await self._connection.stream_frames("allframes", ["3dres"], self._on_packet)
+            async with self._turn:
+                await self._connection.stream_frames("allframes", ["3dres"], self._on_packet)
             if self._is_capturing:
                 self._ask_state()
         except TimeoutError as error:
@@ -263,7 +268,7 @@ class _Conversation:
             if self._loop.time() - self._guard.heard_s < QUIET_S:
                 continue
             try:
-                await self._connection.get_parameters(["general", "3d"])
+                await self._ask_parameters()
             except TimeoutError:
                 self._deliver()
                 self.inbox.end(
@@ -271,12 +276,13 @@ class _Conversation:
                     "check that QTM is not stuck"
                 )
                 self._guard.close()
-            except QRTCommandException:  # a refusal is an answer; what is closed is told elsewhere
+            except (QRTCommandException, DeviceError):  # any answer will do; what is closed is told elsewhere
                 continue
 
     async def _ask_parameters(self) -> tuple[tuple[str, ...], float]:
         try:
-            return decode_parameters(await self._connection.get_parameters(["general", "3d"]))
+            async with self._turn:
+                return decode_parameters(await self._connection.get_parameters(["general", "3d"]))
         except ValueError as error:
             raise DeviceMisconfigured(f"{self._name} sent {error}; apply an AIM model to the markers in QTM") from error
 
@@ -339,6 +345,7 @@ class _Conversation:
             labels, _ = await self._ask_parameters()
         except Exception as error:
             self.inbox.end(f"{self._name} changed its settings and did not tell its labels again ({error})")
+            self._guard.close()
             return
         if missing := [label for label in self.streams[0].labels if label not in labels]:
             self._say_labels_are_lost(missing)
