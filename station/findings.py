@@ -14,7 +14,7 @@ def findings(assessment: Assessment) -> list[str]:
         *(_compared(each, assessment.reference_rest_length) for each in assessment.comparisons),
         _sure(assessment.sureness),
         *_lost_and_gained(assessment),
-        *(f"{count} solved frames are not as they should be: {what}." for what, count in assessment.outcomes.items()),
+        *(_unsolved(what, count) for what, count in assessment.outcomes.items()),
     ]
 
 
@@ -80,3 +80,7 @@ def _lost_and_gained(assessment: Assessment) -> Iterator[str]:
                 f"The migration of {curve.cuff} and the waist takes {100 * lost:.0f} % of the cord's largest force and "
                 f"{per_metre:.1f} percentage points of cost per centimetre that {curve.cuff} slips."
             )
+
+
+def _unsolved(what: str, count: int) -> str:
+    return f"{count} frames of all scenarios together did not come out as they should: {what}."

@@ -1,0 +1,118 @@
+"""The whole published study, timed: 10 curves × 31 rest lengths × all frames, and the draws besides.
+
+    python benchmarks/assessment.py [--motion FLX01.mot] [--draws 200]
+
+Prints the study cell by cell beside the published tables, how time grows with the frames, and what a scenario takes
+beside OpenSim with a general optimiser, if a script of that kind lies beside the repository.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from solver.assessment import Assessment, assess
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.model import Model
+from solver.motion import Kinematics, differentiate, read_motion, thin
+from solver.suit import read_suit
+
+SHARED = Path(__file__).parents[2] / "shared"
+PEER = SHARED / "peer" / "opensim_rmr.py"
+PEER_MODEL = SHARED / "data" / "models" / "TSM_subject_noWeight.osim"
+PEER_FRAMES = 12
+
+# stiffness [N/m], damping [N s/m], migration [m], as published
+CUFFS = {
+    "waist": (2140.0, 124.0, 0.012),
+    "hand": (8520.0, 210.0, 0.012),
+    "tube": (5510.0, 38.0, 0.009),
+    "elbow": (2530.0, 139.0, 0.022),
+}
+RELATIVE_ERRORS = (0.03, 0.1, 0.05)  # supposed, so that there is something to draw from
+# cost at 0.74 m, best rest length [m], cost there, permissible error [cm]
+PUBLISHED = {
+    ("rigid", None): (0.787, 0.74, 0.79, 3.9),
+    ("shift", "hand"): (0.829, 0.71, 0.79, 4.1),
+    ("visco_elastic", "hand"): (0.798, 0.72, 0.79, 5.2),
+    ("both", "hand"): (0.858, 0.70, 0.79, 5.3),
+    ("shift", "tube"): (0.829, 0.72, 0.79, 3.9),
+    ("visco_elastic", "tube"): (0.803, 0.72, 0.79, 5.4),
+    ("both", "tube"): (0.854, 0.70, 0.79, 5.4),
+    ("shift", "elbow"): (0.869, 0.71, 0.78, 3.7),
+    ("visco_elastic", "elbow"): (0.818, 0.70, 0.79, 6.0),
+    ("both", "elbow"): (0.877, 0.68, 0.79, 5.8),
+}
+READINGS = (("at_reference", 1), ("rest_length", 1), ("lowest_cost", 1), ("permissible_error", 100))
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    arguments.add_argument("--motion", type=Path, default=SHARED / "data" / "motions" / "FLX01.mot")
+    arguments.add_argument("--draws", type=int, default=200)
+    chosen = arguments.parse_args()
+    model = bundled_model()
+    kinematics = differentiate(read_motion(chosen.motion, model))
+    study(model, thin(kinematics, 40), draws=0)  # whatever is compiled at the first call
+    for every in (4, 2):
+        frames = thin(kinematics, every)
+        print(f"{len(frames.time)} frames: {study(model, frames, draws=0)[1]:.1f} s")
+    whole, seconds = study(model, kinematics, draws=0)
+    print(f"{len(kinematics.time)} frames: {seconds:.1f} s without draws, {whole.unsolved} unsolved\n")
+    print_cells(whole)
+    drawn, with_draws = study(model, kinematics, chosen.draws)
+    print(f"\n{chosen.draws} draws: {with_draws - seconds:.1f} s more; {drawn.sureness}")
+    ours = 1e3 * seconds / whole.scenarios / len(kinematics.time)
+    print(f"a frame of a scenario: {1e3 * ours:.0f} µs of wall time, everything shared included")
+    peers = peer_milliseconds(chosen.motion)
+    if peers is None:
+        print(f"no peer at {PEER.name}: no ratio")
+    else:
+        hours = peers * whole.scenarios * len(kinematics.time) / 3.6e6
+        print(f"the peer, which starts each scenario anew: {peers:.0f} ms a frame, {hours:.1f} h for this study")
+        print(f"ratio={peers / ours:.0f}")
+
+
+def study(model: Model, kinematics: Kinematics, draws: int) -> tuple[Assessment, float]:
+    """The assessment of the published cuffs and the seconds it took."""
+    cuffs = []
+    for name, values in CUFFS.items():
+        variances = [(error * value) ** 2 for error, value in zip(RELATIVE_ERRORS, values, strict=True)]
+        covariance = [[variances[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
+        cuffs.append(CuffParameters(name, "waist" if name == "waist" else "arm", *values, np.array(covariance)))
+    began = time.perf_counter()
+    found = assess(model, kinematics, read_suit(), cuffs, draws=draws)
+    return found, time.perf_counter() - began
+
+
+def print_cells(found: Assessment) -> None:
+    print("condition      cuff    cost at 0.74 m   best L0 [m]      cost there       width [cm]      (published)")
+    for curve in found.curves:
+        published = PUBLISHED[curve.condition, curve.cuff]
+        cells = []
+        for (name, scale), theirs in zip(READINGS, published, strict=True):
+            value = curve.figures[name].value
+            ours = "-" if value is None else f"{scale * value:.3f}"
+            cells.append(f"{ours:>6} ({theirs:.3f})")
+        print(f"{curve.condition:14} {curve.cuff or '':6} {'  '.join(cells)}")
+
+
+def peer_milliseconds(motion: Path) -> float | None:
+    """What the peer takes for a frame: linear maps by OpenSim, then SLSQP; None where it is not there."""
+    if not PEER.is_file():
+        return None
+    command = [sys.executable, str(PEER), str(PEER_MODEL), str(motion), str(PEER_FRAMES)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    found = re.search(r"maps ([\d.]+) ms +SLSQP ([\d.]+) ms", ran.stdout)
+    return sum(map(float, found.groups())) if found else None
+
+
+if __name__ == "__main__":
+    main()

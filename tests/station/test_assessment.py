@@ -1,0 +1,164 @@
+"""From cuffs.json to assessment.json, the activations beside it, and the report's section on the suit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from markupsafe import escape
+
+from solver.suit import BUNDLED_SUIT
+from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
+from station.emg import EmgError, read_emg
+from station.pipeline import AssessedSuit, assess_cuffs, write_assessment
+from station.report import write_report
+
+
+def fitted(value: float, error: float) -> dict[str, float]:
+    return {"value": value, "standard_error": error}
+
+
+CUFFS = {
+    "waist": (2140.0, 124.0, 0.012),
+    "hand": (8520.0, 210.0, 0.012),
+    "elbow": (2530.0, 139.0, 0.022),
+}
+KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
+
+
+def write_cuffs(path: Path, **more: Any) -> Path:
+    cuffs = {
+        name: {key: fitted(value, 0.03 * value) for key, value in zip(KEYS, values, strict=True)}
+        for name, values in CUFFS.items()
+    }
+    cuffs["hand"] |= more
+    path.write_text(json.dumps({"cuffs": cuffs}), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("assessed")
+
+
+@pytest.fixture(scope="module")
+def assessed(folder: Path) -> AssessedSuit:
+    emg = folder / "emg.csv"
+    emg.write_text("muscle,reduction_percent,sd\nDeltoideusScapula_M,18,9\nupper_trapezius,-4,15\n", encoding="utf-8")
+    inputs = AssessmentInputs(write_cuffs(folder / "cuffs.json"), emg=emg)
+    found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=8, most_rest_lengths=9, draws=3)
+    write_assessment(found, folder)
+    return found
+
+
+@pytest.fixture(scope="module")
+def plain(assessed: AssessedSuit, folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "assessment.json").read_text(encoding="utf-8"))
+    return content
+
+
+def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
+    """Every bare number with its place, except counts and what is under "value" and "ci95"."""
+    if isinstance(plain, dict):
+        for key, each in plain.items():
+            if key not in {"value", "ci95"}:
+                yield from numbers_in(each, f"{where}.{key}")
+    elif isinstance(plain, list):
+        for each in plain:
+            yield from numbers_in(each, where)
+    elif isinstance(plain, int | float) and not isinstance(plain, bool):
+        yield where, plain
+
+
+def test_every_number_is_a_value_with_its_interval_and_only_counts_stand_bare(plain: dict[str, Any]) -> None:
+    counts = ("frames", "scenarios", "draws", "every_frame", "count")
+    bare = [where for where, _ in numbers_in(plain) if not where.endswith(counts) and ".unsolved." not in where]
+    assert bare == []
+
+
+def test_the_tables_are_by_cuff_and_condition(plain: dict[str, Any]) -> None:
+    assert plain["reference_rest_length_m"] == {"value": 0.74, "ci95": None}
+    for table in (plain["at_rigid_optimum"], plain["optimum"]):
+        assert set(table) == {"rigid", "hand", "elbow"}
+        assert set(table["hand"]) == {"shift", "visco_elastic", "both"}
+    assert set(plain["optimum"]["rigid"]) == {"rest_length_m", "normalised_cost", "permissible_error_m"}
+    low, high = plain["at_rigid_optimum"]["elbow"]["both"]["ci95"]
+    assert low < high
+    assert plain["at_rigid_optimum"]["rigid"]["ci95"] is None
+
+
+def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, Any]) -> None:
+    for role, name in (("cuffs", "cuffs.json"), ("suit", "suit.toml"), ("emg", "emg.csv")):
+        found, digest = plain["inputs"][role].split(" ")
+        assert (found, len(digest)) == (name, 64)
+    assert plain["inputs"]["motion"] == "bundled raise of the arm"
+    assert "cuffstation" in plain["versions"]
+
+
+def test_activations_are_a_table_of_every_condition(assessed: AssessedSuit, folder: Path) -> None:
+    lines = (folder / "activations.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0].split(",")[:4] == ["condition", "cuff", "time_s", assessed.assessment.muscles[0]]
+    assert len(lines) == 1 + (2 + 2 * 3) * len(assessed.assessment.time)  # slack and rigid, two cuffs in three
+
+
+def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
+    assessed: AssessedSuit, plain: dict[str, Any], folder: Path
+) -> None:
+    page = write_report(folder).read_text(encoding="utf-8")
+    assert plain["findings"][0].startswith("Choose hand: shifted and yielding it costs the muscles 0.")
+    assert "hand costs" in plain["findings"][1] and plain["findings"][1].endswith("the two differ.")
+    assert "draws of the cuffs on every 20th frame" in page
+    for sentence in plain["findings"]:
+        assert str(escape(sentence)) in page
+    assert "our own calibration" in page
+    assert "bundled raise of the arm with 2 kg in the hand" in page
+    assert page.count("data:image/png;base64,") == 2 * 3
+
+
+def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
+    assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]
+    with pytest.raises(InputError, match="should hold knee and holds waist, hand, elbow"):
+        worn_cuffs(cuffs, ("knee", "hand"))
+
+
+def test_a_richer_law_is_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the cuff hand has the law exponential, .* kelvin_voigt only"):
+        read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", law="exponential"))
+
+
+def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(tmp_path / "cuffs.json")
+    whole, few = inputs.read_suit(), inputs.read_suit(16)
+    assert (len(whole.rest_lengths), len(few.rest_lengths)) == (31, 16)
+    assert [few.rest_lengths[i] for i in (0, -1)] == [whole.rest_lengths[i] for i in (0, -1)]
+    assert inputs.suit == BUNDLED_SUIT
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "muscle,reduction\nbiceps,3\n",
+            "should have the columns muscle,reduction_percent,sd and has muscle,reduction",
+        ),
+        ("", "has no row"),
+        ("muscle,reduction_percent,sd\ncalf,3,1\n", "line 2, names calf, which is no muscle of the model and no group"),
+        ("muscle,reduction_percent,sd\nbiceps,3,1\nbiceps,much,1\n", "line 3, should give numbers in percent"),
+        ("muscle,reduction_percent,sd\nbiceps,3,-1\n", "line 2, should give numbers in percent"),
+        ("muscle,reduction_percent,sd\nbiceps,3\n", "line 2, should give numbers in percent"),
+    ],
+)
+def test_a_malformed_emg_file_gives_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "emg.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(EmgError, match=sentence):
+        read_emg(path, ("biceps", "triceps"))
+
+
+def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(EmgError, match="cannot be read"):
+        read_emg(tmp_path / "none.csv", ())

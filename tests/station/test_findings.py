@@ -1,0 +1,85 @@
+"""The sentences: what they claim follows from the intervals, and they say when nothing is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.assessment import Assessment, Comparison, Curve, Figure, Sureness
+from station.findings import findings
+
+
+def curve(cuff: str | None, cost: float | None, condition: str = "both") -> Curve:
+    names = ("at_reference", "to_slack", "cord_force", "cord_force_lost", "cost_per_migration")
+    values = {name: Figure(None) for name in names} | {"at_reference": Figure(cost)}
+    nothing = np.zeros((0, 0))
+    return Curve(condition, cuff, nothing, nothing, nothing, 0, values, {})  # type: ignore[arg-type]
+
+
+def assessment(*curves: Curve, **more: object) -> Assessment:
+    nothing = np.zeros(0)
+    plain = Assessment(
+        muscles=(),
+        time=nothing,
+        rest_lengths=nothing,
+        reference_rest_length=0.74,
+        bare_body_cost=0.95,
+        longest_cord=0.87,
+        waist_cuff=None,
+        slack=nothing,
+        curves=(curve(None, 0.79, "rigid"), *curves),
+        comparisons=(),
+        sureness=None,
+        scenarios=0,
+        outcomes={},
+    )
+    return replace(plain, **more)  # type: ignore[arg-type]
+
+
+def compared(value: float | None, ci95: tuple[float, float] | None) -> list[str]:
+    pair = (curve("hand", 0.85), curve("tube", 0.84))
+    return findings(assessment(*pair, comparisons=(Comparison(("hand", "tube"), Figure(value, ci95)),)))
+
+
+def test_the_cheapest_is_chosen_and_stands_alone_where_all_others_differ() -> None:
+    assert compared(0.01, (0.005, 0.015))[:2] == [
+        "Choose tube: shifted and yielding it costs the muscles 0.840 of what the slack suit does, at 0.74 m, the "
+        "least of hand, tube.",
+        "hand costs 0.010 more than tube at 0.74 m (95 % interval 0.005 to 0.015): the two differ.",
+    ]
+
+
+def test_a_rival_that_cannot_be_told_apart_is_named() -> None:
+    choice, comparison, *_ = compared(0.01, (-0.005, 0.025))
+    assert choice.endswith("but hand cannot be told apart from it.")
+    assert comparison.endswith("(95 % interval -0.005 to 0.025): the two cannot be told apart.")
+
+
+def test_less_is_said_the_right_way_round() -> None:
+    assert (
+        "hand costs 0.010 less than tube at 0.74 m (95 % interval 0.005 to 0.015)"
+        in compared(-0.01, (-0.015, -0.005))[1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"), [(0.01, "how sure that is was not determined"), (None, "cannot be compared")]
+)
+def test_what_is_not_known_is_said(value: float | None, sentence: str) -> None:
+    assert sentence in compared(value, None)[1]
+
+
+def test_one_cuff_alone_and_none_that_was_solved() -> None:
+    assert "no other cuff to compare" in findings(assessment(curve("hand", 0.85)))[0]
+    assert "No cuff can be chosen" in findings(assessment(curve("hand", None)))[0]
+
+
+def test_thinning_and_unsolved_frames_are_told() -> None:
+    names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
+    sure = Sureness(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
+    told = findings(assessment(curve("hand", 0.85), sureness=sure, outcomes={"the solver stopped": 3}))
+    assert told[1].startswith("Intervals come from 200 draws of the cuffs on every 20th frame; ")
+    assert "costs by up to 0.0020, best rest lengths by up to 0.5 mm and permissible errors by up to 1.5 mm." in told[1]
+    assert told[-1] == "3 frames of all scenarios together did not come out as they should: the solver stopped."
