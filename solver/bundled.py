@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from solver.functions import polynomial
 from solver.model import (
     NO_COORDINATE,
+    AnyPathPoint,
     AxisMotion,
     Body,
     Coordinate,
@@ -19,6 +20,7 @@ from solver.model import (
     Joint,
     Marker,
     Model,
+    MovingPathPoint,
     Muscle,
     Path,
     PathPoint,
@@ -131,12 +133,13 @@ class _TableReader:
             deactivation_time_constant=shared["deactivation_time_constant_s"],
         )
 
-    def path_point(self, row: Table) -> PathPoint:
+    def path_point(self, row: Table) -> AnyPathPoint:
         body, location = self.station(row)
         if "moves_with" not in row:
-            return PathPoint(body, location, np.zeros(3), NO_COORDINATE, (-np.inf, np.inf))
+            return PathPoint(body, location)
         coordinate = self.coordinate(row["moves_with"])
-        return PathPoint(body, location, np.array(row["by_m_per_rad"]), coordinate, self.coordinates[coordinate].range)
+        x, y, z = (polynomial(line) for line in zip(location, row["by_m_per_rad"], strict=True))
+        return MovingPathPoint(body, _placement({}), coordinate, (x, y, z), self.coordinates[coordinate].range)
 
     def constraint(self, name: str, row: Table) -> PointConstraint:
         (body_1, location_1), (body_2, location_2) = row["points_m"].items()

@@ -145,20 +145,43 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
-    """A point of a path in its body [m]: location + slope · q.
-
-    A fixed point has coordinate NO_COORDINATE and slope zero. A moving point follows one coordinate q, which is held
-    within `range` for the location; its velocity slope · q̇ and its derivative are those of the unheld q, as in OpenSim.
-    """
+    """A point of a path, location (3,) [m] in its body."""
 
     body: int
     location: Array
-    slope: Array
+
+    def __post_init__(self) -> None:
+        _freeze(self, location=(3,))
+
+
+@dataclass(frozen=True)
+class MovingPathPoint:
+    """A point of a path that a coordinate q moves in its body: to (f₁(q), f₂(q), f₃(q)) [m] of the frame `placement`.
+
+    For its place, q is held within `range`; its velocity and its derivative are those of the unheld q, as in OpenSim.
+    """
+
+    body: int
+    placement: Placement
+    coordinate: int
+    functions: tuple[Function, Function, Function]
+    range: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionalPathPoint:
+    """A point that belongs to its path while a coordinate is within `range`; location (3,) [m] in its body."""
+
+    body: int
+    location: Array
     coordinate: int
     range: tuple[float, float]
 
     def __post_init__(self) -> None:
-        _freeze(self, location=(3,), slope=(3,))
+        _freeze(self, location=(3,))
+
+
+AnyPathPoint = PathPoint | MovingPathPoint | ConditionalPathPoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +216,7 @@ class PathWrap:
 class Path:
     """A path from its first to its last point, over the surfaces in the order in which they are tried."""
 
-    points: tuple[PathPoint, ...]
+    points: tuple[AnyPathPoint, ...]
     wraps: tuple[PathWrap, ...]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solver.kinematics import Postures
 from solver.model import Model, Path
-from solver.wrapping.course import pack_bodies, pack_paths
+from solver.wrapping.course import pack_bodies, pack_changes, pack_paths
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | Non
     lay_all(
         *pack_paths(model, chosen),
         pack_bodies(postures),
-        np.array(postures.coordinates, order="C"),
+        pack_changes(chosen, postures),
         np.array(postures.speeds, order="C"),
         state.lengths,
         state.speeds,

@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.functions import PiecewisePolynomial
-from solver.model import NO_COORDINATE, Path, PathPoint, PathWrap, Placement, WrapSurface
+from solver.model import (
+    AnyPathPoint,
+    ConditionalPathPoint,
+    MovingPathPoint,
+    Path,
+    PathPoint,
+    PathWrap,
+    Placement,
+    WrapSurface,
+)
 from solver.osim.document import Element
 from solver.osim.frames import Names
 from solver.osim.functions import read_function
@@ -22,10 +30,11 @@ def read_path(element: Element, names: Names, surfaces: list[WrapSurface]) -> Pa
     )
 
 
+_ROUND = ("all", "x", "+x", "-x", "y", "+y", "-y")
 _SIDES = {
-    "WrapEllipsoid": ("all",),
-    "WrapSphere": ("all",),
-    "WrapCylinder": ("all", "+x", "-x", "+y", "-y"),
+    "WrapEllipsoid": (*_ROUND, "z", "+z", "-z"),
+    "WrapSphere": (*_ROUND, "z", "+z", "-z"),
+    "WrapCylinder": _ROUND,
 }
 
 
@@ -47,30 +56,23 @@ def read_surface(body: int, element: Element) -> WrapSurface:
     return WrapSurface(element.name, body, placement, "cylinder", dimensions, quadrant)
 
 
-def _point(element: Element, names: Names) -> PathPoint:
+def _point(element: Element, names: Names) -> AnyPathPoint:
     if element.tag == "PathPoint":
+        return PathPoint(*names.station(element, "socket_parent_frame", "location"))
+    if element.tag == "ConditionalPathPoint":
         body, location = names.station(element, "socket_parent_frame", "location")
-        return PathPoint(body, location, np.zeros(3), NO_COORDINATE, (-np.inf, np.inf))
+        coordinate = names.coordinate(element, element.child("socket_coordinate").text)
+        lowest, highest = element.numbers("range", 2, "0 0")
+        return ConditionalPathPoint(body, location, coordinate, (float(lowest), float(highest)))
     if element.tag != "MovingPathPoint":
-        raise element.unsupported("path point", "PathPoint, MovingPathPoint")
+        raise element.unsupported("path point", "PathPoint, MovingPathPoint, ConditionalPathPoint")
     frame = names.frame(element, "socket_parent_frame")
     drivers = {element.child(f"socket_{axis}_coordinate").text for axis in "xyz"}
     if len(drivers) != 1:
         raise element.refusal("follows several coordinates; the solver's moving points follow one")
     coordinate = names.coordinate(element, drivers.pop())
-    lines = np.array([_line(element.child(f"{axis}_location")) for axis in "xyz"])
-    rotation, translation = frame.placement.rotation, frame.placement.translation
-    location, slope = translation + rotation @ lines[:, 1], rotation @ lines[:, 0]
-    return PathPoint(frame.body, location, slope, coordinate, names.coordinates[coordinate].range)
-
-
-def _line(holder: Element) -> tuple[float, float]:
-    """Slope and offset of a function that is a straight line."""
-    function = read_function(holder)
-    if not isinstance(function, PiecewisePolynomial) or not (function.coefficients.shape <= (1, 2)):
-        raise holder.refusal("is not a straight line; the solver's moving points move along lines")
-    offset, slope, _ = (values[0] for values in function.derivatives(np.array([0.0])))
-    return float(slope), float(offset)
+    x, y, z = (read_function(element.child(f"{axis}_location")) for axis in "xyz")
+    return MovingPathPoint(frame.body, frame.placement, coordinate, (x, y, z), names.coordinates[coordinate].range)
 
 
 def _wrap(element: Element, surfaces: list[WrapSurface]) -> PathWrap:

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import accumulate
+from itertools import accumulate, count
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.kinematics import Postures
-from solver.model import NO_COORDINATE, Model, ModelError, Path, PathPoint, PathWrap, WrapSurface
+from solver.model import (
+    NO_COORDINATE,
+    AnyPathPoint,
+    ConditionalPathPoint,
+    Model,
+    ModelError,
+    MovingPathPoint,
+    Path,
+    PathPoint,
+    PathWrap,
+    WrapSurface,
+)
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Record = np.void
 Records = NDArray[np.void]
@@ -22,16 +34,20 @@ ELLIPSOID, SPHERE, CYLINDER = 0, 1, 2
 METHODS = ("hybrid", "midpoint", "axial")
 HYBRID, MIDPOINT, AXIAL = 0, 1, 2
 NO_SURFACE = -1
+FIXED = -1
+WITHIN = 1e-5  # OpenSim keeps a conditional point so far beyond its range
 
-# A point of a path, as in PathPoint; coordinate is −1 where it is fixed.
-POINT = np.dtype(
+# A point of a path: fixed in its body, or the one in column `changes` of the posture's CHANGE; that is −1 if fixed.
+POINT = np.dtype([("body", np.int64), ("changes", np.int64), ("location", np.float64, (3,))])
+
+# A point in a posture that differs from posture to posture: where it is in its body, how it moves there per unit of the
+# speed of a coordinate (−1: it does not), and whether it belongs to the path.
+CHANGE = np.dtype(
     [
-        ("body", np.int64),
-        ("coordinate", np.int64),
         ("location", np.float64, (3,)),
         ("slope", np.float64, (3,)),
-        ("lowest", np.float64),
-        ("highest", np.float64),
+        ("coordinate", np.int64),
+        ("is_there", np.int64),
     ]
 )
 
@@ -63,7 +79,7 @@ BODY = np.dtype(
 
 # What a path can go through: its points, then two tangent points for each of its wraps. `location` is the latest place
 # in the body, `ground` the place in ground at the first use in this posture, if it is_placed; `on_surface`, at a second
-# tangent point, is the length of the path over the surface before it.
+# tangent point, is the length of the path over the surface before it. `slope` is how a coordinate moves a point.
 NODE = np.dtype(
     [
         ("body", np.int64),
@@ -71,6 +87,8 @@ NODE = np.dtype(
         ("location", np.float64, (3,)),
         ("ground", np.float64, (3,)),
         ("is_placed", np.int64),
+        ("coordinate", np.int64),
+        ("slope", np.float64, (3,)),
         ("on_surface", np.float64),
     ]
 )
@@ -90,7 +108,8 @@ def pack_paths(model: Model, paths: tuple[Path, ...]) -> Courses:
     """Raises ModelError where a path refers to what the model has not: compiled code would read beyond its arrays."""
     for k, path in enumerate(paths):
         _check(model, k, path)
-    points = [_point(point) for path in paths for point in path.points]
+    changes = count()
+    points = [_point(point, changes) for path in paths for point in path.points]
     wraps = [_wrap(wrap, model.surfaces[wrap.surface]) for path in paths for wrap in path.wraps]
     return Courses(
         np.array(points, POINT),
@@ -110,6 +129,33 @@ def pack_bodies(postures: Postures) -> Records:
     return bodies
 
 
+def pack_changes(paths: Sequence[Path], postures: Postures) -> Records:
+    """(frames, points) of CHANGE, for those points of the paths that are not fixed."""
+    changing = [point for path in paths for point in path.points if not isinstance(point, PathPoint)]
+    changes = np.zeros((len(postures.coordinates), len(changing)), CHANGE)
+    for point, column in zip(changing, changes.T, strict=True):
+        if isinstance(point, MovingPathPoint):
+            _move(point, postures.coordinates[:, point.coordinate], column)
+        else:
+            _admit(point, postures.coordinates[:, point.coordinate], column)
+    return changes
+
+
+def _move(point: MovingPathPoint, coordinate: Array, column: Records) -> None:
+    held, placement = np.clip(coordinate, *point.range), point.placement
+    place = np.stack([function.derivatives(held)[0] for function in point.functions], axis=-1)
+    slope = np.stack([function.derivatives(coordinate)[1] for function in point.functions], axis=-1)
+    column["location"] = placement.translation + place @ placement.rotation.T
+    column["slope"] = slope @ placement.rotation.T
+    column["coordinate"], column["is_there"] = point.coordinate, 1
+
+
+def _admit(point: ConditionalPathPoint, coordinate: Array, column: Records) -> None:
+    lowest, highest = point.range
+    column["location"], column["coordinate"] = point.location, NO_COORDINATE
+    column["is_there"] = (coordinate >= lowest - WITHIN) & (coordinate <= highest + WITHIN)
+
+
 def _check(model: Model, k: int, path: Path) -> None:
     if len(path.points) < 2:
         raise ModelError(f"path {k} has {len(path.points)} points, expected at least 2: its beginning and its end")
@@ -117,7 +163,7 @@ def _check(model: Model, k: int, path: Path) -> None:
         if not 0 <= point.body < len(model.bodies):
             known = f"{model.name} has the bodies 0 to {len(model.bodies) - 1}"
             raise ModelError(f"path {k} has a point on body {point.body}, but {known}; ask Model.body_index")
-        if not NO_COORDINATE <= point.coordinate < len(model.coordinates):
+        if not isinstance(point, PathPoint) and not 0 <= point.coordinate < len(model.coordinates):
             known = f"{model.name} has the coordinates 0 to {len(model.coordinates) - 1}"
             raise ModelError(f"path {k} moves with coordinate {point.coordinate}, but {known}")
     for wrap in path.wraps:
@@ -130,8 +176,10 @@ def _starts(counts: Sequence[int]) -> Indices:
     return np.array([0, *accumulate(counts)], dtype=np.int64)
 
 
-def _point(point: PathPoint) -> tuple[object, ...]:
-    return (point.body, point.coordinate, point.location, point.slope, *point.range)
+def _point(point: AnyPathPoint, changes: Iterator[int]) -> tuple[object, ...]:
+    if isinstance(point, PathPoint):
+        return point.body, FIXED, point.location
+    return point.body, next(changes), np.zeros(3)
 
 
 def _wrap(wrap: PathWrap, surface: WrapSurface) -> tuple[object, ...]:

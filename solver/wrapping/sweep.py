@@ -9,17 +9,16 @@ from __future__ import annotations
 
 from math import inf
 
-from solver.wrapping.course import ELLIPSOID, NO_SURFACE, SPHERE, Indices, Record, Records
+from solver.model import NO_COORDINATE
+from solver.wrapping.course import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Indices, Record, Records
 from solver.wrapping.cylinder import wrap_cylinder
 from solver.wrapping.ellipsoid import wrap_ellipsoid
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
 from solver.wrapping.sphere import wrap_sphere
 from solver.wrapping.vectors import (
     ORIGIN,
-    Array,
     Vector,
     add,
-    along,
     compiled,
     distance,
     read,
@@ -35,13 +34,13 @@ SETTLED = 0.0005
 
 @compiled
 def lay_path(
-    points: Records, wraps: Records, bodies: Records, coordinates: Array, nodes: Records, sequence: Indices
+    points: Records, wraps: Records, bodies: Records, changes: Records, nodes: Records, sequence: Indices
 ) -> tuple[int, float]:
-    """Lay one path (POINT, WRAP) in one posture (BODY, q).
+    """Lay one path (POINT, WRAP) in one posture (BODY, CHANGE).
 
     Afterwards the first `count` entries of sequence are the nodes in order along it; returns count and the length [m].
     """
-    count = _lay_points(points, wraps, coordinates, nodes, sequence)
+    count = _lay_points(points, wraps, changes, nodes, sequence)
     length = inf
     is_swapped = False
     for sweep in range(MOST_SWEEPS if len(wraps) > 1 else 1):
@@ -79,24 +78,32 @@ def to_ground(bodies: Records, body: int, point: Vector) -> Vector:
 
 
 @compiled
-def _lay_points(points: Records, wraps: Records, coordinates: Array, nodes: Records, sequence: Indices) -> int:
+def _lay_points(points: Records, wraps: Records, changes: Records, nodes: Records, sequence: Indices) -> int:
+    count = 0
     for k in range(len(points)):
         point, node = points[k], nodes[k]
-        location, coordinate = read(point["location"]), point["coordinate"]
-        if coordinate >= 0:
-            held = min(max(coordinates[coordinate], point["lowest"]), point["highest"])
-            location = along(location, held, read(point["slope"]))
-        write(node["location"], location)
         node["body"] = point["body"]
         node["surface"] = NO_SURFACE
         node["is_placed"] = 0
-        sequence[k] = k
+        if point["changes"] == FIXED:
+            write(node["location"], read(point["location"]))
+            node["coordinate"] = NO_COORDINATE
+        else:
+            change = changes[point["changes"]]
+            write(node["location"], read(change["location"]))
+            write(node["slope"], read(change["slope"]))
+            node["coordinate"] = change["coordinate"]
+            if not change["is_there"]:
+                continue
+        sequence[count] = k
+        count += 1
     for k in range(2 * len(wraps)):
         wrap, node = wraps[k // 2], nodes[len(points) + k]
         node["body"] = wrap["body"]
         node["surface"] = wrap["surface"]
         node["is_placed"] = 0
-    return len(points)
+        node["coordinate"] = NO_COORDINATE
+    return count
 
 
 @compiled

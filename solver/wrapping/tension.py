@@ -43,16 +43,17 @@ def lay_all_from(sources: str) -> Callable[..., str]:
         first_point: Indices,
         first_wrap: Indices,
         poses: Records,
-        coordinates: Array,
+        changes: Records,
         rates: Array,
         lengths: Array,
         speeds: Array,
         wrenches: Array,
         mobilities: Array,
     ) -> str:
-        """Lay every path of some Courses in every frame: poses (frames, bodies) of BODY, coordinates and rates (frames,
-        coordinates). Fills lengths and speeds (frames, paths), wrenches (frames, paths, bodies, 6) and mobilities
-        (frames, paths, coordinates); the last two must be zero before. Returns the digest of the sources it came from.
+        """Lay every path of some Courses in every frame: poses (frames, bodies) of BODY, changes (frames, points) of
+        CHANGE, rates (frames, coordinates). Fills lengths and speeds (frames, paths), wrenches (frames, paths, bodies,
+        6) and mobilities (frames, paths, coordinates); the last two must be zero before. Returns the digest of the
+        sources it came from.
         """
         longest = 0
         for path in range(lengths.shape[1]):
@@ -60,13 +61,13 @@ def lay_all_from(sources: str) -> Callable[..., str]:
             longest = max(longest, its_nodes)
         nodes, sequence = np.empty(longest, NODE), np.empty(longest, np.int64)
         for frame in range(len(poses)):
-            bodies, q, u = poses[frame], coordinates[frame], rates[frame]
+            bodies, u = poses[frame], rates[frame]
             for path in range(lengths.shape[1]):
                 its_points = points[first_point[path] : first_point[path + 1]]
                 its_wraps = wraps[first_wrap[path] : first_wrap[path + 1]]
-                count, lengths[frame, path] = lay_path(its_points, its_wraps, bodies, q, nodes, sequence)
-                speeds[frame, path] = _speed(its_points, bodies, u, nodes, sequence, count)
-                _pull(its_points, bodies, nodes, sequence, count, wrenches[frame, path], mobilities[frame, path])
+                count, lengths[frame, path] = lay_path(its_points, its_wraps, bodies, changes[frame], nodes, sequence)
+                speeds[frame, path] = _speed(bodies, u, nodes, sequence, count)
+                _pull(bodies, nodes, sequence, count, wrenches[frame, path], mobilities[frame, path])
         return sources
 
     return lay_all
@@ -79,12 +80,15 @@ def digest_of_sources() -> str:
 
 
 @compiled
-def _speed(points: Records, bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int) -> float:
+def _speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int) -> float:
     speed = 0.0
-    place, velocity = place_in_ground(bodies, nodes, 0), _velocity(points, bodies, rates, nodes, 0)
+    if count == 0:
+        return speed
+    first = sequence[0]
+    place, velocity = place_in_ground(bodies, nodes, first), _velocity(bodies, rates, nodes, first)
     for k in range(1, count):
         node = sequence[k]
-        next_place, next_velocity = place_in_ground(bodies, nodes, node), _velocity(points, bodies, rates, nodes, node)
+        next_place, next_velocity = place_in_ground(bodies, nodes, node), _velocity(bodies, rates, nodes, node)
         apart, parting = subtract(next_place, place), subtract(next_velocity, velocity)
         length = norm(apart)
         speed += dot(parting, apart) / length if length >= SMALLEST_LENGTH else norm(parting)
@@ -93,21 +97,19 @@ def _speed(points: Records, bodies: Records, rates: Array, nodes: Records, seque
 
 
 @compiled
-def _velocity(points: Records, bodies: Records, rates: Array, nodes: Records, k: int) -> Vector:
+def _velocity(bodies: Records, rates: Array, nodes: Records, k: int) -> Vector:
     """Velocity of a node in ground, which a coordinate may move in its body."""
     body = bodies[nodes[k]["body"]]
     arm = turn(body["rotation"], read(nodes[k]["location"]))
     velocity = add(read(body["origin_velocity"]), cross(read(body["angular_velocity"]), arm))
-    if k < len(points) and points[k]["coordinate"] >= 0:
-        slide = turn(body["rotation"], read(points[k]["slope"]))
-        velocity = add(velocity, scale(rates[points[k]["coordinate"]], slide))
+    if nodes[k]["coordinate"] >= 0:
+        slide = turn(body["rotation"], read(nodes[k]["slope"]))
+        velocity = add(velocity, scale(rates[nodes[k]["coordinate"]], slide))
     return velocity
 
 
 @compiled
-def _pull(
-    points: Records, bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array
-) -> None:
+def _pull(bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array) -> None:
     """Add what a tension of 1 does: force only between different bodies, on the straight pieces."""
     for k in range(count - 1):
         start, end = sequence[k], sequence[k + 1]
@@ -115,22 +117,20 @@ def _pull(
             continue
         apart = subtract(place_in_ground(bodies, nodes, end), place_in_ground(bodies, nodes, start))
         force = scale(1.0 / norm(apart), apart)
-        _apply(points, bodies, nodes, start, force, wrench, mobility)
-        _apply(points, bodies, nodes, end, scale(-1.0, force), wrench, mobility)
+        _apply(bodies, nodes, start, force, wrench, mobility)
+        _apply(bodies, nodes, end, scale(-1.0, force), wrench, mobility)
 
 
 @compiled
-def _apply(
-    points: Records, bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array
-) -> None:
+def _apply(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
     body = nodes[k]["body"]
     moment = cross(to_ground(bodies, body, read(nodes[k]["location"])), force)
     for i in range(3):
         wrench[body, i] += moment[i]
         wrench[body, 3 + i] += force[i]
-    if k < len(points) and points[k]["coordinate"] >= 0:
-        slide = turn(bodies[body]["rotation"], read(points[k]["slope"]))
-        mobility[points[k]["coordinate"]] += dot(slide, force)
+    if nodes[k]["coordinate"] >= 0:
+        slide = turn(bodies[body]["rotation"], read(nodes[k]["slope"]))
+        mobility[nodes[k]["coordinate"]] += dot(slide, force)
 
 
 lay_all = lay_all_from(digest_of_sources())

@@ -16,7 +16,7 @@ import opensim
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.model import AxisMotion, Model, Muscle, PathPoint, Placement, WrapSurface
+from solver.model import AxisMotion, Model, MovingPathPoint, Muscle, PathPoint, Placement, WrapSurface
 
 Array = NDArray[np.float64]
 
@@ -298,7 +298,7 @@ def _add_muscle(osim: Any, model: Model, muscle: Muscle, frames: list[Any], surf
     path = opensim.GeometryPath.safeDownCast(made.updPath())
     for index, point in enumerate(muscle.path.points):
         name = f"{muscle.name}-P{index + 1}"
-        if point.coordinate < 0:
+        if isinstance(point, PathPoint):
             path.appendNewPathPoint(name, frames[point.body], _vec3(point.location))
         else:
             path.updPathPointSet().adoptAndAppend(_given(_moving_point(osim, model, point, frames, name)))
@@ -309,14 +309,15 @@ def _add_muscle(osim: Any, model: Model, muscle: Muscle, frames: list[Any], surf
     osim.addForce(_given(made))
 
 
-def _moving_point(osim: Any, model: Model, point: PathPoint, frames: list[Any], name: str) -> Any:
+def _moving_point(osim: Any, model: Model, point: MovingPathPoint, frames: list[Any], name: str) -> Any:
     moving = opensim.MovingPathPoint()
     moving.setName(name)
     moving.setParentFrame(frames[point.body])
     coordinate = osim.getCoordinateSet().get(model.coordinates[point.coordinate].name)
-    for axis, slope, start in zip("xyz", point.slope, point.location, strict=True):
+    for axis, function in zip("xyz", point.functions, strict=True):
+        start, slope, _ = (float(values[0]) for values in function.derivatives(np.zeros(1)))
         getattr(moving, f"connectSocket_{axis}_coordinate")(coordinate)
-        getattr(moving, f"set_{axis}_location")(opensim.LinearFunction(float(slope), float(start)))
+        getattr(moving, f"set_{axis}_location")(opensim.LinearFunction(slope, start))
     return moving
 
 

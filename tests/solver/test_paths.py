@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
+from solver.functions import polynomial
 from solver.kinematics import jacobians, postures, speeds_from_rates
-from solver.model import GROUND, ModelError, Path, PathPoint, PathWrap
+from solver.model import GROUND, ConditionalPathPoint, ModelError, MovingPathPoint, Path, PathWrap, Placement
 from solver.paths import evaluate_paths
-from solver.wrapping.course import pack_bodies, pack_paths
+from solver.wrapping.course import pack_bodies, pack_changes, pack_paths
 from solver.wrapping.tension import digest_of_sources, lay_all
 from tests.solver.wrapping.laid import point
 
@@ -25,6 +26,11 @@ STEP = 1e-6
 
 HAND, THORAX, HUMERUS = (MODEL.body_index(name) for name in ("hand", "thorax", "humerus"))
 CORD = Path((point(GROUND, (0.1, 0.2, 0.3)), point(THORAX, (0.0, -0.1, 0.2)), point(HAND, (0.0, -0.05, 0.0))), ())
+
+
+def _mover(body: int, coordinate: int, limits: tuple[float, float]) -> MovingPathPoint:
+    lines = (polynomial([0.0, 0.02]), polynomial([0.1, -0.03, 0.02]), polynomial([0.0, 0.01]))
+    return MovingPathPoint(body, Placement(np.eye(3), np.zeros(3)), coordinate, lines, limits)
 
 
 def _lengths(coordinates: Array, paths: list[Path]) -> Array:
@@ -57,8 +63,7 @@ def test_speed_is_the_rate_of_the_length() -> None:
 
 def test_a_moving_point_moves_with_its_coordinate_and_stops_at_the_end_of_its_range() -> None:
     elevation = MODEL.coordinate_index("shoulder_elv")
-    slope = np.array([0.02, -0.03, 0.01])
-    mover = PathPoint(THORAX, np.array([0.0, 0.1, 0.0]), slope, elevation, (-0.5, 2.0))
+    mover = _mover(THORAX, elevation, (-0.5, 2.0))
     path = Path((mover, point(HUMERUS, (0.0, -0.1, 0.0))), ())
     state = evaluate_paths(MODEL, STATE, [path])
     rate = (_lengths(Q + STEP * RATES, [path]) - _lengths(Q - STEP * RATES, [path])) / (2 * STEP)
@@ -70,9 +75,19 @@ def test_a_moving_point_moves_with_its_coordinate_and_stops_at_the_end_of_its_ra
     assert np.array_equal(_lengths(beyond, [thorax]), _lengths(at_the_end, [thorax]))
 
 
+def test_a_conditional_point_is_passed_only_within_its_range() -> None:
+    elevation = MODEL.coordinate_index("shoulder_elv")
+    start, end = point(THORAX, (0.0, 0.0, 0.0)), point(THORAX, (0.2, 0.0, 0.0))
+    detour = ConditionalPathPoint(THORAX, np.array([0.1, 0.1, 0.0]), elevation, (0.5, 1.0))
+    raised = np.tile(Q[:1], (4, 1))
+    raised[:, elevation] = 0.4, 0.5 - 5e-6, 0.7, 1.1
+    lengths = _lengths(raised, [Path((start, detour, end), ())])[:, 0]
+    assert np.allclose(lengths, [0.2, 0.02**0.5 * 2, 0.02**0.5 * 2, 0.2], atol=1e-14)
+
+
 def test_generalised_forces_are_minus_the_derivative_of_the_length() -> None:
     elevation = MODEL.coordinate_index("shoulder_elv")
-    mover = PathPoint(THORAX, np.array([0.0, 0.1, 0.0]), np.array([0.02, -0.03, 0.01]), elevation, (-9.0, 9.0))
+    mover = _mover(THORAX, elevation, (-9.0, 9.0))
     paths = [CORD, Path((mover, point(HUMERUS, (0.0, -0.1, 0.0))), ())]
     state = evaluate_paths(MODEL, STATE, paths)
     forces = np.einsum("fpbi,fbij->fpj", state.wrench_per_tension, jacobians(MODEL, STATE)) + state.mobility_per_tension
@@ -96,7 +111,7 @@ def test_points_on_one_body_pull_on_nothing() -> None:
 
 def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
     beginning, nowhere = point(GROUND, (0.0, 0.0, 0.0)), point(99, (0.0, 0.0, 0.0))
-    stranger = PathPoint(GROUND, np.zeros(3), np.ones(3), 99, (0.0, 1.0))
+    stranger = _mover(GROUND, 99, (0.0, 1.0))
     for path, complaint in (
         (Path((beginning,), ()), "path 0 has 1 points, expected at least 2"),
         (Path((beginning, nowhere), ()), "body 99, but .* has the bodies 0 to 7"),
@@ -118,6 +133,8 @@ def test_the_code_kept_on_disk_is_that_of_the_sources() -> None:
     lengths, speeds = np.zeros((frames, 1)), np.zeros((frames, 1))
     wrenches, mobilities = np.zeros((frames, 1, bodies, 6)), np.zeros((frames, 1, Q.shape[1]))
     courses, poses = pack_paths(MODEL, (CORD,)), pack_bodies(STATE)
-    origin = lay_all(*courses, poses, Q, STATE.speeds.copy(), lengths, speeds, wrenches, mobilities)
+    origin = lay_all(
+        *courses, poses, pack_changes([CORD], STATE), STATE.speeds.copy(), lengths, speeds, wrenches, mobilities
+    )
     assert origin == digest_of_sources()
     assert np.array_equal(lengths, evaluate_paths(MODEL, STATE, [CORD]).lengths)

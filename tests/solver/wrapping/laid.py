@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.kinematics import postures
-from solver.model import GROUND, NO_COORDINATE, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
+from solver.model import GROUND, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
 from solver.paths import evaluate_paths
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def lines_through(radius: float, reach: float, count: int) -> Array:
 
 
 def point(body: int, location: ArrayLike) -> PathPoint:
-    return PathPoint(body, np.asarray(location, dtype=float), np.zeros(3), NO_COORDINATE, (0.0, 0.0))
+    return PathPoint(body, np.asarray(location, dtype=float))
 
 
 def bare_model(surfaces: tuple[WrapSurface, ...]) -> Model:
