@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fitting.spline import Spline, grounded, solve_banded
+from solver.cuff import cuff_force
 
 KNOT_STEP = 0.08
 OUTLIER = 5.0
@@ -138,7 +139,7 @@ def _linearise(
     noise: tuple[float, float],
     parameters: NDArray[np.float64],
 ) -> _Step:
-    position, velocity, acceleration, jerk = design
+    position, velocity, acceleration, _ = design
     k, c, f0, f1, tau = parameters
     s_x, s_f = noise
     u = _ramp(record)
@@ -148,9 +149,10 @@ def _linearise(
     normal = grounded(csr_array(normal_of_force + csr_array(seen_markers.T @ seen_markers) / s_x**2))
     load = record.force - f0 - f1 * u
     theta = solve_banded(normal, seen_markers.T @ record.displacement[seen] / s_x**2 + G.T @ load / s_f**2)
-    residual = load - G @ theta
-    with_lag = k * (velocity @ theta) + c * (acceleration @ theta) + record.mass * (jerk @ theta)
-    jacobian = np.column_stack((position @ theta, velocity @ theta, np.ones(len(u)), u, with_lag))
+    x, v, a, j = (np.asarray(each @ theta) for each in design)
+    residual = load - cuff_force(k, c, x, v) - record.mass * a
+    with_lag = cuff_force(k, c, v, a) + record.mass * j
+    jacobian = np.column_stack((x, v, np.ones(len(u)), u, with_lag))
     shared = np.asarray(G.T @ jacobian) / s_f**2
     information = jacobian.T @ jacobian / s_f**2 - shared.T @ solve_banded(normal, shared)
     gradient = jacobian.T @ residual / s_f**2

@@ -47,18 +47,20 @@ class Spline:
 @cache
 def _derivatives(size: int, step: float) -> tuple[csr_array, ...]:
     """Matrices from coefficients to those of the spline itself and of its first three derivatives."""
-    found = [csr_array(diags_array(np.ones(size)))]
+    found: list[csr_array] = [csr_array(diags_array(np.ones(size)))]
     for order in range(1, 4):
         rows = size - order
-        difference = diags_array([-1 / step, 1 / step], offsets=[0, 1], shape=(rows, rows + 1))
-        found.append(csr_array(csr_array(difference) @ found[-1]))
+        difference: csr_array = csr_array(diags_array([-1 / step, 1 / step], offsets=[0, 1], shape=(rows, rows + 1)))
+        found.append(csr_array(difference @ found[-1]))
     return tuple(found)
 
 
 def grounded(matrix: csr_array) -> csr_array:
     """The matrix plus a billionth of its largest diagonal: a coefficient that no sample touches stays at 0."""
     diagonal = matrix.diagonal()
-    return csr_array(matrix + csr_array(diags_array(np.full(len(diagonal), 1e-9 * diagonal.max()))))
+    standing = matrix.copy()
+    standing.setdiag(diagonal + 1e-9 * diagonal.max())
+    return standing
 
 
 def solve_banded(matrix: csr_array, right: NDArray[np.float64]) -> NDArray[np.float64]:

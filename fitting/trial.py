@@ -114,7 +114,6 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
     quality.require_labels(labels, frames.stream.labels)
     raw = force.values[:, 0].astype(np.float64)
     quality.require_sound_force(raw, _full_scale(manifest, force.stream))
-
     frames = frames.since(clocks.capture_start(frames.numbers))
     edges, edge_clock = _edges(manifest, tracks)
     ratio, drift = clocks.clock_ratio(edges, int(frames.numbers[-1]), frames.stream.rate_hz)
@@ -141,6 +140,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         labels=labels,
         markers=MILLIMETRE * grid[in_frames],
         lag=LagUncertainty(float(np.hypot(force_sd, frames_sd)), clocks.DECLARED_LAG_SD, drift),
+        gain_sd=float(_setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
         cuff_mass=float(_setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
         force_gaps=_gaps(force.numbers, force_time),
         frame_gaps=_gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0]),

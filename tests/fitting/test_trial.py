@@ -143,10 +143,11 @@ def test_the_declared_polarity_turns_the_force() -> None:
     np.testing.assert_allclose(build_trial(turned, negated, "a.mcap", "hash").force, plain.force)
 
 
-def test_the_cuffs_mass_comes_from_the_configuration() -> None:
+def test_mass_and_scale_uncertainty_come_from_the_configuration() -> None:
     manifest, tracks = _recorded()
-    configured = replace(manifest, effective_config={"cuffs": {"hand": {"mass_kg": 0.35}}})
-    assert build_trial(configured, tracks, "a.mcap", "hash").cuff_mass == 0.35
+    config = {"cuffs": {"hand": {"mass_kg": 0.35}}, "load_cell": {"gain_relative_sd": 0.002}}
+    trial = build_trial(replace(manifest, effective_config=config), tracks, "a.mcap", "hash")
+    assert (trial.cuff_mass, trial.gain_sd) == (0.35, 0.002)
 
 
 def _volts(change: str) -> np.ndarray:
