@@ -31,9 +31,9 @@ CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this n
 class Qualisys:
     """Streams /markers in mm; sample numbers are QTM's frame numbers, device time is its time stamp.
 
-    wanted_labels must be in QTM; empty, all are delivered. control "start" takes control of QTM, so that a capture can
-    be started and stopped from here; QTM saves it in its project when the device closes. Where QTM numbers its frames
-    anew (a capture after a preview), an event "numbering_restarted" says so.
+    wanted_labels must be in QTM and come first; all others follow. control "start" takes control of QTM, so that a
+    capture can be started and stopped from here; QTM saves it in its project when the device closes. Where QTM numbers
+    its frames anew (a capture after a preview), an event "numbering_restarted" says so.
     """
 
     def __init__(
@@ -241,8 +241,8 @@ class _Conversation:
 
     async def _describe(self) -> None:
         labels, rate_hz = await self._ask_parameters()
-        wanted = self._resumed[0].labels if self._resumed else self._wishes.labels or labels
-        missing = [label for label in wanted if label not in labels]
+        must = self._resumed[0].labels if self._resumed else self._wishes.labels
+        missing = [label for label in must if label not in labels]
         if missing and self._resumed:
             self._say_labels_are_lost(missing)
         elif missing:
@@ -250,9 +250,10 @@ class _Conversation:
                 f"{self._name} has no marker {', '.join(missing)}; it has {', '.join(labels)}; correct the labels in "
                 "QTM or the cuff's markers in the configuration"
             )
-        self._blocks = MarkerBlocks(wanted, self._name)
+        kept = must if self._resumed else (*must, *(label for label in labels if label not in must))
+        self._blocks = MarkerBlocks(kept, rate_hz, self._name)
         self._blocks.labels = labels
-        self.streams = self._resumed or (Stream("/markers", "mm", wanted, rate_hz, self._name),)
+        self.streams = self._resumed or (Stream("/markers", "mm", kept, rate_hz, self._name),)
 
     def _ask_state(self) -> None:
         """The answer is an event. qtm_rt's get_state() has no time-out, and none of its own would leave it usable."""

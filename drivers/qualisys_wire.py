@@ -151,9 +151,10 @@ class MarkerBlocks:
     labels is the order of the markers in the frames; while it is None, frames wait.
     """
 
-    def __init__(self, wanted: Sequence[str], source: str) -> None:
+    def __init__(self, wanted: Sequence[str], rate_hz: float, source: str) -> None:
         self.labels: tuple[str, ...] | None = None
         self._wanted = tuple(wanted)
+        self._frame_us = 1e6 / rate_hz
         self._source = source
         self._waiting: list[Frame] = []
         self._arrived_ns = 0
@@ -207,14 +208,16 @@ class MarkerBlocks:
         last = self._last
         if last is None or frame.number == last.number + 1:
             return None
-        if frame.number <= last.number:
+        passed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
+        jumped = frame.number - last.number
+        if jumped <= 0 or passed < jumped / 2:  # frames that nobody had the time to take were never there
             text = f"{self._source} numbers its frames anew, from {frame.number} after {last.number}"
             return Event("numbering_restarted", text, self._arrived_ns, self._source)
         return Loss(
             stream="/markers",
             cause="skipped",
             first_missing=last.number + 1,
-            count=frame.number - last.number - 1,
+            count=jumped - 1,
             last_device_time_ns=last.timestamp_us * 1000,
             host_time_ns=self._arrived_ns,
         )

@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.qualisys_wire import Frame, MarkerBlocks
+from recordings.samples import Event, Item, Loss, Samples
+
+
+def frames_taken(*numbers_and_times_us: tuple[int, int]) -> list[Item]:
+    blocks = MarkerBlocks(("a",), 100.0, "QTM")
+    blocks.labels = ("a",)
+    for number, timestamp_us in numbers_and_times_us:
+        blocks.add(Frame(timestamp_us=timestamp_us, number=number, points=np.zeros(4, "<f4").tobytes()), 0)
+    return blocks.take()
+
+
+def test_frames_that_were_skipped_while_time_passed_are_lost() -> None:
+    (before, loss, after) = frames_taken((7, 60_000), (10, 90_000))
+    assert isinstance(loss, Loss) and (loss.first_missing, loss.count) == (8, 2)
+    assert isinstance(before, Samples) and isinstance(after, Samples)
+
+
+@pytest.mark.parametrize(
+    ("number", "timestamp_us"),
+    [(1, 0), (1, 12_110_000), (6620, 12_120_000), (6620, 500)],
+    ids=["a capture begins", "the same, one clock", "preview goes on behind a capture", "the same, another clock"],
+)
+def test_numbers_that_jump_without_time_have_begun_anew_and_nothing_is_lost(number: int, timestamp_us: int) -> None:
+    items = frames_taken((1211, 12_100_000), (number, timestamp_us))
+    assert [type(item) for item in items] == [Samples, Event, Samples]
+    assert isinstance(items[1], Event) and items[1].kind == "numbering_restarted"
