@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.model import NO_COORDINATE, AxisMotion, Model, ModelError
+from solver.model import NO_COORDINATE, AxisMotion, Model, ModelError, MovingPathPoint
 from solver.osim.reader import read_osim
 from solver.spatial import rotation_body_fixed_xyz
 from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
@@ -158,7 +158,8 @@ def test_path_points_in_offset_frames_are_placed_in_their_body(file: Path) -> No
 def test_a_moving_point_is_a_straight_line_over_its_coordinate(file: Path) -> None:
     point = _read(file, DOOR).muscles[0].path.points[1]
     assert (point.coordinate, point.range) == (0, (-1.0, 2.0))
-    place, slope, _ = np.transpose([function.derivatives(np.zeros(1)) for function in point.functions])[0].T
+    assert isinstance(point, MovingPathPoint)
+    place, slope, _ = np.array([function.derivatives(np.zeros(1)) for function in point.functions])[..., 0].T
     assert np.allclose(place, [0.0, 0.3, 1.0])
     assert np.allclose(slope, [0.2, 0.0, 0.5])
 

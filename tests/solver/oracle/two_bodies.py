@@ -119,10 +119,8 @@ class Difference:
 def difference(model: Any, folder: Path, spread: float = 0.6) -> Difference:
     """Of the solver from OpenSim, at random coordinates (normal, `spread`) and speeds (normal, 1)."""
     ours = read_back(model, folder)
-    random = np.random.default_rng(7)
-    q = spread * random.normal(size=(STATES, len(ours.coordinates)))
-    theirs = _opensims(model, ours, q, random.normal(size=q.shape))
-    found = _solvers(ours, theirs["q"], theirs["u"])
+    theirs = _opensims(model, ours, *random_states(ours, spread))
+    found = solvers_values(ours, theirs["q"], theirs["u"])
     scales = {
         name: max(1.0, np.abs(theirs[name]).max(initial=0.0))
         for name in ("velocity", "mass_matrix", "acceleration", "constraint")
@@ -132,7 +130,13 @@ def difference(model: Any, folder: Path, spread: float = 0.6) -> Difference:
     )
 
 
-def _solvers(model: Model, q: Array, u: Array) -> dict[str, Array]:
+def random_states(model: Model, spread: float = 0.6) -> tuple[Array, Array]:
+    random = np.random.default_rng(7)
+    q = spread * random.normal(size=(STATES, len(model.coordinates)))
+    return q, random.normal(size=q.shape)
+
+
+def solvers_values(model: Model, q: Array, u: Array) -> dict[str, Array]:
     state = postures(model, q, u)
     equations = equations_of_motion(model, state, reaction_joint="second")
     paths = evaluate_paths(model, state)

@@ -1,0 +1,108 @@
+"""Points and surfaces of paths, read from a file, against OpenSim."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.solver.oracle.test_joints import FUNCTIONS
+from tests.solver.oracle.two_bodies import (
+    add_muscle,
+    difference,
+    given,
+    model_with,
+    opensim,
+    random_states,
+    read_back,
+    solvers_values,
+    vec3,
+)
+
+pytestmark = pytest.mark.oracle
+
+ENDS = [("ground", (0.3, 0.2, -0.1)), ("lower", (0.02, -0.2, 0.1))]
+ROUND = ("all", "x", "+x", "-x", "y", "+y", "-y")
+SURFACES = [("WrapCylinder", side) for side in ROUND] + [
+    (kind, side) for kind in ("WrapSphere", "WrapEllipsoid") for side in (*ROUND, "z", "+z", "-z")
+]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_moving_point_follows_its_coordinate(name: str, tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    coordinate = model.getCoordinateSet().get("first_coord_1")
+    coordinate.setRangeMin(-0.5)
+    coordinate.setRangeMax(0.6)
+    frame = opensim.PhysicalOffsetFrame("tilted", model.getBodySet().get("upper"), tilted())
+    model.getBodySet().get("upper").addComponent(given(frame))
+    model.finalizeConnections()
+    point = opensim.MovingPathPoint()
+    point.setName("mover")
+    point.setParentFrame(frame)
+    for axis, scale in zip("xyz", (0.1, -0.2, 0.15), strict=True):
+        getattr(point, f"connectSocket_{axis}_coordinate")(coordinate)
+        getattr(point, f"set_{axis}_location")(opensim.MultiplierFunction(given(FUNCTIONS[name]()), scale))
+    put_between(model, point)
+    assert difference(model, tmp_path).is_nought()
+
+
+def test_a_conditional_point_is_there_within_its_range(tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    point = opensim.ConditionalPathPoint()
+    point.setName("condition")
+    point.setParentFrame(model.getBodySet().get("upper"))
+    point.setLocation(vec3(0.3, -0.2, 0.4))
+    point.setCoordinate(model.getCoordinateSet().get("first_coord_1"))
+    point.setRangeMin(-0.2)
+    point.setRangeMax(0.5)
+    put_between(model, point)
+    assert difference(model, tmp_path).is_nought()
+
+
+@pytest.mark.parametrize(("kind", "side"), SURFACES)
+def test_a_path_wraps_over_a_surface_on_one_side(kind: str, side: str, tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    surface = getattr(opensim, kind)()
+    surface.setName("bump")
+    surface.set_quadrant(side)
+    surface.set_translation(vec3(0.05, -0.05, 0.02))
+    surface.set_xyz_body_rotation(vec3(0.3, -0.4, 0.2))
+    if kind == "WrapEllipsoid":
+        surface.set_dimensions(vec3(0.1, 0.14, 0.12))
+    else:
+        surface.set_radius(0.12)
+    model.getBodySet().get("upper").addWrapObject(given(surface))
+    path = path_of(add_muscle(model, "wrapper", ENDS))
+    path.addPathWrap(surface)
+    assert difference(model, tmp_path).is_nought()
+    assert is_touched(model, tmp_path)
+
+
+def is_touched(model: Any, folder: Path) -> bool:
+    """Whether the surface makes the last muscle's path longer than the straight line, in some posture."""
+    ours = read_back(model, folder)
+    straight = [np.array(place) for _, place in ENDS]
+    values = solvers_values(ours, *random_states(ours))
+    poses = values["pose"][:, 1]
+    ends = straight[0], np.einsum("fij,j->fi", poses[..., :3], straight[1]) + poses[..., 3]
+    longer = values["length"][:, -1] - np.linalg.norm(ends[1] - ends[0], axis=-1)
+    return bool((longer > 1e-4).sum() > 3)
+
+
+def put_between(model: Any, point: Any) -> None:
+    """A muscle whose path goes through the point."""
+    points = path_of(add_muscle(model, "wanderer", ENDS)).updPathPointSet()
+    points.insert(1, given(point))
+
+
+def path_of(muscle: Any) -> Any:
+    return opensim.GeometryPath.safeDownCast(muscle.updPath())
+
+
+def tilted() -> Any:
+    rotation = opensim.Rotation()
+    rotation.setRotationToBodyFixedXYZ(vec3(0.2, -0.3, 0.4))
+    return opensim.Transform(rotation, vec3(0.05, -0.1, 0.02))
