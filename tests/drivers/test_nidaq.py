@@ -190,16 +190,22 @@ def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
     assert is_one_sentence(caught.value)
 
 
-def test_a_server_that_cannot_tell_what_is_there_is_read_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_cannot_tell_what_is_there_is_asked_for_what_is_due_so_that_no_backlog_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("drivers.simulators.nidaq._Service.GetReadAttributeUInt32", _unimplemented)
-    world = StandInWorld(speed=1.0)
-    server = NiDaqSimulator(world)
+    world = StandInWorld(is_standing=True)
+    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
     server.start()
     with opened(driver(server, world)) as device:
-        items = read_until(device, lambda items: len(blocks(items, "/force")) > 4)
+        world.advance(0.05)
+        first = blocks(device.read(0.1), "/force")[0]
+        world.advance(5.0)
+        backlog = blocks(device.read(0.1), "/force")[0]
     server.stop()
-    assert max(block.sample_numbers.size for block in blocks(items, "/force")) == 50
-    assert len(joined(items, "/force")[0]) == 1 + blocks(items, "/force")[-1].sample_numbers[-1]
+    assert first.sample_numbers.size == 50
+    assert backlog.sample_numbers[0] == 50
+    assert backlog.sample_numbers.size == pytest.approx(5000, abs=2)
 
 
 def _unimplemented(_service: Any, _request: Any, context: grpc.ServicerContext) -> None:
