@@ -240,6 +240,8 @@ def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str,
     notes = []
     if stiffness.slips_again:
         notes.append("the cuff slips even under loads it carried before; stiffness is from taking weights off only")
+    if stiffness.only_rose and stiffness.stiffness:
+        notes.append("the load only rose; its steps lie on a line, so the cuff is taken not to have slipped")
     if any(fit.uses_static_stiffness for fit in damping):
         notes.append(
             "the lag is too uncertain for damping on its own; the stiffness of the held loads was used, "

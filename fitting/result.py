@@ -30,7 +30,7 @@ class Verdict(StrEnum):
     NO_STATIC = "stiffness and migration are not identified: there is no usable static trial; record --test static"
     FEW_LOADS = "stiffness is not identified: fewer than three loads were held; hold each for at least 4 s"
     ONLY_ROSE = (
-        "stiffness is not identified: the load only rose, which cannot tell yielding from slip; "
+        "stiffness is not identified: the load only rose, not along a line, so the cuff may have slipped; "
         "take the weights off before the capture ends"
     )
     STIFFNESS_UNCERTAIN = "stiffness is not identified: its interval is wider than its value; hang more weight on"

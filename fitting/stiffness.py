@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from fitting.plateaus import Plateau
 from fitting.quality import UnusableTrial
@@ -20,6 +22,8 @@ from fitting.uncertainty import Estimate, Repeat, combine
 
 SAME_LOAD = 0.3
 """Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
+MIN_STRAIGHT = 2
+"""Plateaus beyond two that a line must meet before a load that only rose is believed not to have made the cuff slip."""
 INCONSISTENT = 3.0
 """Combined standard errors between unloading and reloading beyond which reloading slips, too."""
 
@@ -42,16 +46,18 @@ class StaticFit:
 
 @dataclass(frozen=True)
 class StiffnessFit:
-    """k [N/m] of a donning from all its static trials, None if no load was taken off or put on again.
+    """k [N/m] of a donning from all its static trials, None if the load only rose and the cuff may have slipped.
 
     slip        m by which the cuff gave way for good while the load rose, summed over the donning
     slips_again is True if even loads carried before made it slip, so that only unloading was used
+    only_rose   is True if no load was taken off or put on again
     """
 
     stiffness: Estimate | None
     trials: tuple[StaticFit, ...]
     slip: float
     slips_again: bool
+    only_rose: bool
 
 
 def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
@@ -72,14 +78,17 @@ def fit_stiffness(trials: Sequence[Sequence[Plateau]], gain_sd: float) -> Stiffn
 
     gain_sd is the relative standard uncertainty of the load cell's scale.
     """
-    above_all = _fit_trials(trials, gain_sd, starts_segment_at_every_rise=False)
-    every_rise = _fit_trials(trials, gain_sd, starts_segment_at_every_rise=True)
-    slips_again = _contradict(above_all, every_rise)
-    fits = every_rise if slips_again else above_all
+    fits = _fit_trials(trials, gain_sd, "above all before")
+    every_rise = _fit_trials(trials, gain_sd, "every rise")
+    slips_again = _contradict(fits, every_rise)
+    fits = every_rise if slips_again else fits
+    only_rose = not any(fit.repeat for fit in fits)
+    if only_rose:
+        fits = _straight(_fit_trials(trials, gain_sd, "nowhere")) or fits
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
     stiffness = _inverse(combine(repeats)) if repeats else None
     slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness else 0.0
-    return StiffnessFit(stiffness, tuple(fits), slip, slips_again)
+    return StiffnessFit(stiffness, tuple(fits), slip, slips_again, only_rose)
 
 
 def trial_stiffness(fit: StaticFit) -> Estimate | None:
@@ -88,34 +97,43 @@ def trial_stiffness(fit: StaticFit) -> Estimate | None:
 
 
 def _fit_trials(
-    trials: Sequence[Sequence[Plateau]], gain_sd: float, starts_segment_at_every_rise: bool
+    trials: Sequence[Sequence[Plateau]],
+    gain_sd: float,
+    slips: Literal["nowhere", "above all before", "every rise"],
 ) -> list[StaticFit]:
+    """Every trial with segments that begin where the cuff is taken to slip; a trial's first plateau begins none."""
     highest = -math.inf
     fits = []
     for plateaus in trials:
-        rises = np.zeros(len(plateaus), bool)
+        begins = np.zeros(len(plateaus), bool)
         for i, plateau in enumerate(plateaus):
-            rises[i] = plateau.force > highest + SAME_LOAD
+            before = {"nowhere": math.inf, "above all before": highest, "every rise": plateaus[i - 1].force}[slips]
+            begins[i] = i > 0 and plateau.force > before + SAME_LOAD
             highest = max(highest, plateau.force)
-            if starts_segment_at_every_rise and i and plateau.force > plateaus[i - 1].force + SAME_LOAD:
-                rises[i] = True
-        if len(rises):
-            rises[0] = False
-        fits.append(_fit_trial(tuple(plateaus), rises, gain_sd))
+        fits.append(_fit_trial(tuple(plateaus), begins, gain_sd))
     return fits
 
 
-def _fit_trial(plateaus: tuple[Plateau, ...], rises: NDArray[np.bool_], gain_sd: float) -> StaticFit:
+def _straight(fits: list[StaticFit]) -> list[StaticFit] | None:
+    """The fits if their plateaus lie on straight lines within their errors: a friction limit would bend them."""
+    repeats = [fit.repeat for fit in fits if fit.repeat is not None]
+    dof = sum(repeat.dof for repeat in repeats)
+    if dof < MIN_STRAIGHT or sum(repeat.chi_square for repeat in repeats) > stats.chi2.ppf(0.99, dof):
+        return None
+    return fits
+
+
+def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd: float) -> StaticFit:
     """Weighted regression of displacement on force within segments: force is by far the better known of the two.
 
     Weights are of the effective variance u(x)² + u(F)²/k² (York), with 1/k from the round before.
     """
-    segment = np.cumsum(rises, dtype=np.intp)
+    segment = np.cumsum(begins, dtype=np.intp)
     force = np.array([plateau.force for plateau in plateaus])
     force_sd = np.array([plateau.force_sd for plateau in plateaus])
     read = [
-        plateau.late if rise else (plateau.displacement, plateau.displacement_sd)
-        for plateau, rise in zip(plateaus, rises, strict=True)
+        plateau.late if slipped else (plateau.displacement, plateau.displacement_sd)
+        for plateau, slipped in zip(plateaus, begins, strict=True)
     ]
     x, x_sd = np.array(read).reshape(-1, 2).T
     dof = len(plateaus) - len(np.unique(segment)) - 1
