@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from drivers import nidaq
-from drivers.device import Device
+from drivers.device import Device, Resumable
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.nidaq import NiDaq
+from drivers.simulators.faults import Fault
 from drivers.simulators.nidaq import NiDaqSimulator
 from drivers.simulators.settings import DaqClock
 from recordings.samples import Item, Loss
@@ -175,6 +176,51 @@ def test_after_an_overrun_a_pfi0_task_does_not_wait_for_another_edge(
         world.advance(700)
         after = read_until(device, lambda items: len(blocks(items, "/force")) > 1)
     assert any(isinstance(item, Loss) for item in after)
+
+
+@pytest.mark.parametrize("fault", ["unplug", "transfer_aborted"])
+def test_a_device_that_is_plugged_in_again_goes_on_with_numbers_that_tell_the_time(fault: str) -> None:
+    world = StandInWorld(is_standing=True)
+    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
+    server.start()
+    with opened(driver(server, world)) as device:
+        assert isinstance(device, Resumable)
+        world.advance(0.1)
+        last = blocks(device.read(0.1), "/force")[0]
+        world.faults.inject(Fault("ni", fault, at_s=1.0, for_s=20.0))
+        world.advance(2.0)
+        with pytest.raises(DeviceLost, match=r"NI error -(200045|50405)"):
+            device.read(0.1)
+        with pytest.raises(DeviceError):
+            device.resume()
+        world.advance(20.0)
+        device.resume()
+        world.advance(0.1)
+        following = blocks(device.read(0.1), "/force")[0]
+    server.stop()
+    assert following.sample_numbers[0] - last.sample_numbers[-1] == pytest.approx(22_000, abs=2)
+    assert following.device_time_ns[0] - last.device_time_ns[-1] == pytest.approx(22e9, abs=2e6)
+    assert following.values[0, 0] - last.values[-1, 0] == pytest.approx(0.22, abs=0.02)  # the ramp rose by as much
+
+
+def test_a_pfi0_task_that_is_resumed_waits_for_no_other_edge(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with opened(driver(server, world, start="pfi0")) as device:
+        assert isinstance(device, Resumable)
+        device.resume()  # nothing has come yet: the edge is still waited for
+        assert device.read(0.02) == []
+        world.edge_s = world.now() + 5
+        read_until(device, lambda items: bool(blocks(items, "/force")))
+        device.resume()
+        assert read_until(device, lambda items: bool(blocks(items, "/force")))
+
+
+def test_a_device_that_another_program_has_reserved_is_refused_when_it_is_opened(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    world.faults.inject(Fault("ni", "refuse", at_s=0.0, for_s=1e6))
+    error = refusal(driver(server, world))
+    assert isinstance(error, DeviceUnavailable)
+    assert "in use by another program (NI error -50103)" in str(error)
 
 
 def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(

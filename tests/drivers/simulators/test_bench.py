@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -14,12 +16,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers import nidaq, qualisys
+from drivers.catalogue import make_device
 from drivers.nidaq import NiDaq
 from drivers.qualisys import Qualisys
 from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
-from recordings.samples import Event, Item
-from tests.drivers.contract import blocks
+from recordings.samples import Event, Item, Loss
+from tests.drivers.contract import blocks, read_until
 
 SPEED = 30.0
 PATIENCE_S = 20.0
@@ -167,10 +171,49 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     assert child.ask({"don": "tube"}) == {"trial": {"cuff": "tube", "test": "static"}}
     assert child.ask({"pause_s": 60}) == {"pause_s": 60}
     assert child.ask({"truth": True})["truth"]["slip_m"]["hand"] == 0.0
+    fault = child.ask({"fault": {"device": "qtm", "fault": "skip_frames", "for_s": 2}})["fault"]
+    assert (fault["fault"], fault["for_s"]) == ("skip_frames", 2.0)
+    assert "qtm has no fault 'fire'" in child.ask({"fault": {"device": "qtm", "fault": "fire"}})["error"]
     assert "cuffs are waist" in child.ask({"don": "foot"})["error"]
     assert "known are trial, don" in child.ask({"dance": 1})["error"]
     assert "expected a JSON object" in child.ask("no json")["error"]
     assert child.end() == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot stop a process like this")
+def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
+    child: Child, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", 0.5)
+    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(qualisys, "CONNECT_TIMEOUT_S", 0.5)
+    ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
+    ni = make_device(
+        "nidaq",
+        device="Dev1",
+        force_channel="ai0",
+        sync_channel="ai1",
+        sample_rate_hz=1000.0,
+        grpc_target=f"127.0.0.1:{ports['ni']}",
+        host_clock=time.time_ns,
+    )
+    qtm = make_device("qualisys", host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
+    for device, stream in ((ni, "/sync"), (qtm, "/markers")):
+        device.open()
+        read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
+        os.kill(child.process.pid, signal.SIGSTOP)
+        items = read_until(device, lambda items: any(is_event(item, "connection_lost") for item in items))
+        os.kill(child.process.pid, signal.SIGCONT)
+        items += read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
+        device.close()
+        assert any(is_event(item, "connection_restored") for item in items)
+        assert any(isinstance(item, Loss) and item.cause == "disconnected" for item in items)
+    assert child.end() == 0
+
+
+def is_event(item: Item, kind: str) -> bool:
+    return isinstance(item, Event) and item.kind == kind
 
 
 def test_an_endless_pause_ends_with_the_parent(child: Child) -> None:

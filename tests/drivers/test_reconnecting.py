@@ -1,0 +1,141 @@
+"""A device that is lost and comes back, with clocks that stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceLost, DeviceUnavailable
+from drivers.reconnecting import Reconnecting
+from recordings.samples import Event, Item, Loss, Samples, Stream
+
+Step = Sequence[Item] | Exception
+
+
+class Scripted:
+    """Delivers or raises what its script says, read by read; resume() has a script of its own."""
+
+    name = "the device"
+    streams = (Stream("/force", "V", ("force",), 10.0, "the device"),)
+
+    def __init__(self, reads: Sequence[Step], resumes: Sequence[Exception | None] = ()) -> None:
+        self._reads = iter(reads)
+        self._resumes = iter(resumes)
+        self.attempts_s: list[float] = []
+        self.now: Callable[[], float] = lambda: 0.0
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        step = next(self._reads)
+        if isinstance(step, Exception):
+            raise step
+        return step
+
+    def resume(self) -> None:
+        self.attempts_s.append(self.now())
+        error = next(self._resumes)
+        if error is not None:
+            raise error
+
+
+class StandingClock:
+    """Wall seconds that pass only while somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.wall_s = 0.0
+
+    def sleep(self, seconds: float) -> None:
+        self.wall_s += seconds
+
+
+def samples(first: int, count: int = 2, stream: str = "/force") -> Samples:
+    numbers = np.arange(first, first + count, dtype=np.uint64)
+    return Samples(stream, numbers, numbers.astype(np.int64) * 100, 7, np.zeros((count, 1)))
+
+
+def opened(device: Scripted, patience_s: float = 10.0) -> Reconnecting:
+    clock = StandingClock()
+    device.now = lambda: clock.wall_s
+    reconnecting = Reconnecting(device, lambda: 42, patience_s, lambda: clock.wall_s, clock.sleep)
+    reconnecting.open()
+    return reconnecting
+
+
+def delivered(device: Reconnecting, reads: int) -> list[Item]:
+    return [item for _ in range(reads) for item in device.read(10.0)]
+
+
+GONE = DeviceLost("the device is gone; plug it in")
+
+
+def test_a_loss_is_told_at_once_and_the_return_too_with_one_gap_between_them() -> None:
+    device = opened(Scripted([[samples(0)], GONE, [], [samples(9)]], [None]))
+    _, lost, back, gap, after = delivered(device, 4)
+    assert lost == Event(
+        "connection_lost", "the device is gone; plug it in; it is tried again for 10 s", 42, device.name
+    )
+    assert back == Event("connection_restored", "the device is back after 0.1 s", 42, device.name)
+    assert gap == Loss("/force", "disconnected", 2, 7, last_device_time_ns=100, host_time_ns=7)
+    assert isinstance(after, Samples)
+
+
+def test_every_interrupted_stream_gets_its_own_gap_once() -> None:
+    both = [samples(0), samples(0, stream="/sync")]
+    later = [samples(5), samples(4, stream="/sync")]
+    device = opened(Scripted([both, GONE, later, [samples(7), samples(6, stream="/sync")]], [None]))
+    losses = [item for item in delivered(device, 4) if isinstance(item, Loss)]
+    assert [(loss.stream, loss.first_missing, loss.count) for loss in losses] == [("/force", 2, 3), ("/sync", 2, 2)]
+
+
+def test_numbers_that_begin_anew_are_told_and_no_loss_is_claimed() -> None:
+    device = opened(Scripted([[samples(10)], GONE, [samples(1)]], [None]))
+    items = delivered(device, 3)
+    assert not any(isinstance(item, Loss) for item in items)
+    assert "anew, from 1 after 11" in next(i.text for i in items if isinstance(i, Event) and "number" in i.kind)
+
+
+def test_where_nothing_was_missed_nothing_is_claimed() -> None:
+    device = opened(Scripted([[samples(0)], GONE, [samples(2)]], [None]))
+    assert not any(isinstance(item, Loss) for item in delivered(device, 3))
+
+
+def test_a_loss_that_the_device_counts_itself_after_its_return_is_not_counted_twice() -> None:
+    own = Loss("/force", "overrun", 5, 3, 400, 7)
+    device = opened(Scripted([[samples(0)], GONE, [own, samples(8)]], [None]))
+    losses = [item for item in delivered(device, 3) if isinstance(item, Loss)]
+    assert [(loss.cause, loss.first_missing, loss.count) for loss in losses] == [
+        ("disconnected", 2, 3),
+        ("overrun", 5, 3),
+    ]
+
+
+def test_attempts_come_at_growing_intervals_until_patience_is_over() -> None:
+    refusal = DeviceUnavailable("nothing there")
+    device = Scripted([[samples(0)], GONE], [refusal] * 20)
+    reconnecting = opened(device, patience_s=6.0)
+    with pytest.raises(DeviceLost, match="is gone; plug it in; it did not come back within 6 s"):
+        delivered(reconnecting, 30)
+    assert np.diff([0.0, *device.attempts_s]) == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 1.6])
+
+
+def test_between_attempts_reading_returns_within_its_time_out() -> None:
+    device = opened(Scripted([GONE], []))
+    assert [len(device.read(0.02)) for _ in range(4)] == [1, 0, 0, 0]
+
+
+def test_a_device_that_answers_and_goes_at_once_has_not_come_back() -> None:
+    device = opened(Scripted([[samples(0)], GONE, GONE, GONE, [samples(4)]], [None, None, None]))
+    kinds = [item.kind for item in delivered(device, 5) if isinstance(item, Event)]
+    assert kinds == ["connection_lost", "connection_restored"]
+
+
+def test_a_closed_device_is_not_brought_back() -> None:
+    device = opened(Scripted([GONE]))
+    device.close()
+    with pytest.raises(DeviceLost, match="is gone"):
+        device.read(0.0)
