@@ -1,0 +1,40 @@
+"""A fixture for pytest: the simulated bench, for the tests of any laboratory's own recorder.
+
+    def test_my_recorder_survives_a_pulled_cable(simulated_bench):
+        bench = simulated_bench(speed=30, faults=[{"device": "ni", "fault": "unplug", "at_s": 3, "for_s": 2}])
+        record(ni=f"127.0.0.1:{bench.ports['ni']}", qtm=bench.ports["qtm"])
+
+Faults are those of faults.py; further settings are sections of settings.py, as in mocap={"has_preview": True}. While it
+runs, bench.world starts captures, and bench.world.faults.inject(fault_from_dict({...})) lets something go wrong now.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from drivers.simulators.bench import Bench
+
+
+@pytest.fixture
+def simulated_bench() -> Iterator[Callable[..., Bench]]:
+    """Starts a bench each time it is called with (speed, seed, faults, **settings); all end with the test.
+
+    Raises ValueError in one sentence where a fault or a setting cannot be used.
+    """
+    # Imported when asked for: the plugin is loaded in every run of pytest, and physics and gRPC take their time.
+    from drivers.simulators.bench import Bench
+    from drivers.simulators.faults import fault_from_dict
+    from drivers.simulators.settings import settings_from_dict
+
+    with ExitStack() as running:
+
+        def start(speed: float = 1.0, seed: int = 0, faults: Sequence[dict[str, Any]] = (), **settings: Any) -> Bench:
+            plan = [fault_from_dict(fault) for fault in faults]
+            return running.enter_context(Bench(settings_from_dict(settings), speed, seed, plan))
+
+        yield start
