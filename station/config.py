@@ -45,6 +45,7 @@ class LoadCellSection(_Section):
     full_scale_v: Positive = 5.0
     polarity: Literal[1, -1] = 1
     serial_number: str = ""
+    gain_relative_sd: float = Field(default=0.0, ge=0)  # from the certificate: standard uncertainty of the scale
     port: str | None = None
     baud_rate: int = 9600
     line_format: Literal["usb220", "usb520"] = "usb220"

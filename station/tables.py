@@ -33,14 +33,14 @@ def print_cuffs(fitted: SessionFit, console: Console) -> None:
 
 def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Table:
     """Value ± half-width of the 95 % interval; with the truth of simulated cuffs, that in brackets."""
-    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [cm]", "verdict")
+    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict")
     for name, fit in cuffs.items():
         true = (truth or {}).get(name, {})
         table.add_row(
             name,
             _spoken(fit.stiffness, 1.0, ".0f", true.get("stiffness_n_per_m")),
             _spoken(fit.damping, 1.0, ".0f", true.get("damping_n_s_per_m")),
-            _spoken(fit.migration, 100.0, ".2f", true.get("migration_m")),
+            _spoken(fit.migration, 1000.0, ".2f", true.get("migration_m")),
             fit.verdict,
         )
     return table
