@@ -7,7 +7,7 @@ bodies. The cuffs follow every frame of the motion, also where muscles are solve
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from solver.cord import CordLine, SuitForces, cord_line, migrated, suit_forces
 from solver.cuff import CuffParameters
 from solver.dynamics import Response, response_to_loads
-from solver.kinematics import postures
+from solver.kinematics import Postures, postures
 from solver.model import Model
 from solver.motion import Kinematics, MotionError, thin
 from solver.redundancy import (
@@ -84,10 +84,13 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class WornMotion:
-    """Everything that no scenario changes. The model's muscles are solved in every N-th of the line's frames."""
+    """Everything that no scenario changes: the model with the suit's masses, and the postures of all frames, of which
+    the muscles are solved in every N-th.
+    """
 
+    model: Model
     suit: Suit
-    muscles: tuple[str, ...]
+    postures: Postures
     line: CordLine
     every: int
     problem: RedundancyProblem
@@ -97,13 +100,17 @@ class WornMotion:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of what mean_activation is of: muscles, then the suit's groups of them."""
-        return (*self.muscles, *self.suit.groups)
+        return (*self.model.muscle_names, *self.suit.groups)
 
     def mean_activation(self, activations: Array) -> Array:
         """(measured,) mean over the frames of activations (frames, muscles), groups by their muscles' mean."""
-        mean = activations.mean(axis=0)
-        groups = [mean[[self.muscles.index(name) for name in group]].mean() for group in self.suit.groups.values()]
+        mean, names = activations.mean(axis=0), self.model.muscle_names
+        groups = [mean[[names.index(name) for name in group]].mean() for group in self.suit.groups.values()]
         return np.array([*mean, *groups])
+
+    def with_suit(self, suit: Suit) -> WornMotion:
+        """The same motion in a suit that differs in its cord only, not in its bodies or masses."""
+        return replace(self, suit=suit, line=cord_line(suit, self.model, self.postures, self.line.interval))
 
     def slack_rest_length(self, wearing: Wearing) -> float:
         """The rest length from which on the cord never pulls in this motion [m]: the longest that its line becomes."""
@@ -134,13 +141,15 @@ def wear(
     ensure_fits(suit, model)
     _ensure_within_ranges(model, kinematics)
     worn = with_suit_masses(model, suit)
-    line = cord_line(suit, worn, postures(worn, kinematics.positions, kinematics.speeds), kinematics.interval)
+    state = postures(worn, kinematics.positions, kinematics.speeds)
+    line = cord_line(suit, worn, state, kinematics.interval)
     _ensure_pulls(suit, line)
     bare = go_through(model, thin(kinematics, every))
     mechanics = go_through(worn, bare.kinematics, bare.paths)
     return WornMotion(
+        model=worn,
         suit=suit,
-        muscles=model.muscle_names,
+        postures=state,
         line=line,
         every=every,
         problem=build_redundancy(worn, mechanics, options),

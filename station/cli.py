@@ -1,4 +1,5 @@
-"""The verbs, in the order of the data: simulate, check, record, info, recover, fit, rmr, assess, report; demo does all.
+"""The verbs, in the order of the data: simulate, check, record, info, recover, fit, rmr, assess, optimise, report; demo
+does all.
 
 Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but recorded data was lost or a frame stayed unsolved.
 stdout carries data, stderr talk.
@@ -20,7 +21,7 @@ LOSSY = 3
 
 app = typer.Typer(
     help="From the cuff on the bench to the muscles under the suit, left to right: simulate, check, record, info, "
-    "recover, fit, rmr, assess, report. `demo` walks the whole way on simulated devices.",
+    "recover, fit, rmr, assess, optimise, report. `demo` walks the whole way on simulated devices.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -39,6 +40,20 @@ class Test(StrEnum):
 class Format(StrEnum):
     table = "table"
     json = "json"
+
+
+class Condition(StrEnum):
+    rigid = "rigid"
+    shift = "shift"
+    visco_elastic = "visco_elastic"
+    both = "both"
+
+
+class Freedom(StrEnum):
+    stiffness = "stiffness"
+    waist = "waist"
+    shoulder = "shoulder"
+    arm = "arm"
 
 
 def main() -> NoReturn:
@@ -245,6 +260,36 @@ def assess(
     for sentence in findings(assessed.assessment):
         _say(sentence)
     raise typer.Exit(LOSSY if assessed.assessment.unsolved else 0)
+
+
+@app.command()
+def optimise(
+    cuffs: Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")],
+    output: Annotated[Path, typer.Option(help="Folder for optimum.json.")],
+    motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
+    suit: Annotated[Path | None, typer.Option(help="Where to start; default: the bundled exotendon suit.")] = None,
+    model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    cuff: Annotated[str | None, typer.Option(help="The arm cuff; may be left out where there is one only.")] = None,
+    condition: Annotated[Condition, typer.Option(help="What the cuffs do.")] = Condition.both,
+    free: Annotated[
+        list[Freedom] | None, typer.Option(help="Besides the rest length: repeat for more. Points may move by 5 cm.")
+    ] = None,
+    draws: Annotated[int, typer.Option(min=0, help="Cuffs drawn from their fit's covariance.")] = 50,
+) -> None:
+    """The rest length, and where asked the stiffness and points of the cord, that save the muscles most."""
+    from rich.console import Console
+
+    from solver.suit import BUNDLED_SUIT
+    from station.assessment_inputs import AssessmentInputs
+    from station.optimum import optimise_file
+    from station.progress import progress_bars
+    from station.tables import optimum_table
+
+    inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=(cuff,) if cuff else ())
+    freedoms: Any = tuple(each.value for each in free or ())
+    with progress_bars(Console(stderr=True)) as progress:
+        optimised = optimise_file(inputs, output, condition.value, freedoms, draws, progress)
+    Console().print(optimum_table(optimised))
 
 
 @app.command()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from fitting.result import CuffFit, SessionFit
 from fitting.uncertainty import Estimate
 from solver.assessment import Assessment, Figure
+from solver.optimise import Optimised
 
 Truth = Mapping[str, Mapping[str, float]]
 """Cuff → quantity → what the simulated cuff carries, keys as in cuffs.json."""
@@ -59,6 +61,20 @@ def assessment_table(assessment: Assessment) -> Table:
             _figure(curve.figures["lowest_cost"]),
             _figure(curve.figures["permissible_error"], 100.0, ".1f"),
         )
+    return table
+
+
+def optimum_table(optimised: Optimised) -> Table:
+    """The suit as it was, the best with the fitted cuffs, and the best on average over the drawn ones."""
+    table = Table("suit", "rest length [m]", "stiffness [N/m]", "cost", "mean cost of draws", "95 % of draws")
+    rows = {"as given": optimised.start, "best as fitted": optimised.fitted, "robust": optimised.robust}
+    for name, tried in rows.items():
+        drawn = ["-", "-"]
+        if tried.drawn.size:
+            low, high = np.quantile(tried.drawn, [0.025, 0.975])
+            drawn = [f"{tried.drawn.mean():.4f}", f"{low:.4f} to {high:.4f}"]
+        lengths = f"{tried.suit.reference_rest_length:.4f}", f"{tried.suit.stiffness:.0f}"
+        table.add_row(name, *lengths, f"{tried.cost:.4f}", *drawn)
     return table
 
 

@@ -1,0 +1,173 @@
+"""The suit that saves most with one pair of cuffs: its rest length and, where asked, stiffness and attachment points.
+
+Two optima: with the cuffs as fitted, and the robust one, where the mean cost of cuffs drawn from their fit is least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cuff import CuffParameters
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.redundancy import RedundancyOptions
+from solver.suit import Suit, SuitError
+from solver.uncertainty import SEED, draw_cuff
+from solver.worn import Condition, Wearing, WornMotion, solve_wearings, wear
+
+Array = NDArray[np.float64]
+Freedom = Literal["stiffness", "waist", "shoulder", "arm"]
+Pair = tuple[CuffParameters | None, CuffParameters | None]
+
+# one step of the search, and how many of them it may go
+REST_LENGTH_STEP = 0.02  # m; as far as the suit's rest lengths go
+STIFFNESS_STEP, MOST_STIFFNESS_STEPS = np.log(1.2), 8.0  # a factor of 4.3 either way
+POINT_STEP, MOST_POINT_STEPS = 0.01, 5.0  # m
+PRECISION = 0.01  # of a step
+TRIES_PER_FREEDOM = 80
+
+
+@dataclass(frozen=True, eq=False)
+class TriedSuit:
+    """A suit whose reference rest length is the one to wear, and its normalised cost.
+
+    cost    with the fitted cuffs, muscles solved in all frames that were asked for
+    drawn   (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
+    """
+
+    suit: Suit
+    cost: float
+    drawn: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Optimised:
+    """The suit as it was, the best with the fitted cuffs, the best on average over the draws, and suits tried."""
+
+    start: TriedSuit
+    fitted: TriedSuit
+    robust: TriedSuit
+    tried: int
+
+
+def optimise(
+    model: Model,
+    kinematics: Kinematics,
+    suit: Suit,
+    waist: CuffParameters | None,
+    arm: CuffParameters,
+    condition: Condition = "both",
+    free: Sequence[Freedom] = (),
+    *,
+    draws: int = 50,
+    draw_every: int = 20,
+    options: RedundancyOptions | None = None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
+) -> Optimised:
+    """Search by Nelder and Mead's simplex on every draw_every-th frame, from the suit's reference rest length.
+
+    Raises as worn.wear does; a suit on the way that cannot be worn or solved counts as infinitely costly.
+    """
+    search = _Search(
+        worn=wear(model, kinematics, suit, draw_every, options),
+        condition=condition,
+        free=tuple(free),
+        progress=progress,
+    )
+    pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
+    fitted = search.best(pairs[:1])
+    robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
+    whole = wear(model, kinematics, suit, 1, options)
+    start, best, safe = (
+        TriedSuit(
+            suit=each,
+            cost=float(_costs(whole, each, condition, pairs[:1])[0]),
+            drawn=_costs(search.worn, each, condition, pairs[1:]),
+        )
+        for each in (suit, fitted, robust)
+    )
+    return Optimised(start, best, safe, search.tried)
+
+
+def _drawn_pairs(waist: CuffParameters | None, arm: CuffParameters, draws: int) -> list[Pair]:
+    """The fitted pair, then the drawn ones, if any of the two has an uncertainty."""
+    if not any(cuff.covariance.any() for cuff in (waist, arm) if cuff):
+        draws = 0
+    generator = np.random.default_rng(SEED)
+    waists = draw_cuff(waist, draws, generator) if waist else [None] * (draws + 1)
+    return list(zip(waists, draw_cuff(arm, draws, generator), strict=True))
+
+
+def _costs(worn: WornMotion, suit: Suit, condition: Condition, pairs: Sequence[Pair]) -> Array:
+    """(pairs,) normalised cost at the suit's reference rest length; infinite where a frame cannot be solved."""
+    if not pairs:
+        return np.zeros(0)
+    length = np.array([suit.reference_rest_length])
+    wearings = [Wearing(condition, *(pair if condition != "rigid" else (None, None)), length) for pair in pairs]
+    _, efforts = solve_wearings(worn.with_suit(suit), wearings)
+    costs = np.concatenate([effort.muscles for effort in efforts])
+    costs[np.isnan(costs)] = np.inf
+    return costs
+
+
+class _Search:
+    """Turns the freedoms into one vector of steps from the suit that is worn, and counts what was tried."""
+
+    def __init__(
+        self,
+        worn: WornMotion,
+        condition: Condition,
+        free: tuple[Freedom, ...],
+        progress: Callable[[str, int, int], None],
+    ) -> None:
+        self.worn, self.condition, self.free, self.progress = worn, condition, free, progress
+        start = worn.suit
+        lengths = (start.rest_lengths[[0, -1]] - start.reference_rest_length) / REST_LENGTH_STEP
+        self.bounds = [(float(lengths[0]), float(lengths[1]))]
+        for freedom in free:
+            most, count = (MOST_STIFFNESS_STEPS, 1) if freedom == "stiffness" else (MOST_POINT_STEPS, 3)
+            self.bounds += [(-most, most)] * count
+        self.tried = 0
+
+    def best(self, pairs: Sequence[Pair]) -> Suit:
+        """The suit with the least mean cost over these pairs of cuffs."""
+        from scipy.optimize import minimize  # slow to import, and needed only here
+
+        def mean_cost(steps: Array) -> float:
+            return self._mean_cost(steps, pairs)
+
+        size = len(self.bounds)
+        inwards = np.where(np.array(self.bounds)[:, 1] >= 1, 1.0, -1.0)
+        options: Any = {
+            "initial_simplex": np.vstack([np.zeros(size), np.diag(inwards)]),
+            "xatol": PRECISION,
+            "fatol": 1e-6,
+            "maxfev": TRIES_PER_FREEDOM * size,
+        }
+        found = minimize(mean_cost, np.zeros(size), method="Nelder-Mead", bounds=self.bounds, options=options)
+        return self._suit(found.x)
+
+    def _mean_cost(self, steps: Array, pairs: Sequence[Pair]) -> float:
+        self.tried += 1
+        self.progress("trying suits", self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))
+        try:
+            return float(_costs(self.worn, self._suit(steps), self.condition, pairs).mean())
+        except SuitError:
+            return np.inf
+
+    def _suit(self, steps: Array) -> Suit:
+        suit, rest = self.worn.suit, iter(steps[1:])
+        changed = replace(suit, reference_rest_length=suit.reference_rest_length + REST_LENGTH_STEP * float(steps[0]))
+        for freedom in self.free:
+            if freedom == "stiffness":
+                changed = replace(changed, stiffness=suit.stiffness * float(np.exp(STIFFNESS_STEP * next(rest))))
+            else:
+                point = getattr(suit, freedom)
+                moved = point.location + POINT_STEP * np.array([next(rest) for _ in range(3)])
+                changed = replace(changed, **{freedom: replace(point, location=moved)})
+        return changed

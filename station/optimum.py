@@ -1,0 +1,72 @@
+"""cuffs.json → optimum.json: the cord that saves the muscles most, with the fitted cuffs and on average over draws."""
+
+from __future__ import annotations
+
+import json
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver.optimise import Freedom, Optimised, TriedSuit, optimise
+from solver.suit import PARTS, Suit
+from solver.worn import Condition
+from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
+from station.pipeline import write_whole
+from station.progress import Progress, silent
+
+
+def optimise_file(
+    inputs: AssessmentInputs,
+    output: Path,
+    condition: Condition = "both",
+    free: tuple[Freedom, ...] = (),
+    draws: int = 50,
+    progress: Progress = silent,
+) -> Optimised:
+    """Search for one arm cuff in one condition, and write optimum.json into the output folder."""
+    worn = worn_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs.chosen)
+    arms, waists = ([cuff for cuff in worn if cuff.site == site] for site in ("arm", "waist"))
+    if len(arms) != 1 or len(waists) > 1:
+        names = ", ".join(cuff.name for cuff in arms) or "none"
+        raise InputError(f"a suit is optimised for one arm cuff at a time and there are {names}; choose one by --cuff")
+    model = inputs.read_model()
+    kinematics, suit = inputs.read_motion(model), inputs.read_suit()
+    waist = waists[0] if waists else None
+    found = optimise(model, kinematics, suit, waist, arms[0], condition, free, draws=draws, progress=progress)
+    plain = {
+        "condition": condition,
+        "cuff": arms[0].name,
+        "free": ["rest_length", *free],
+        "start": _plain(found.start),
+        "optimum": _plain(found.fitted),
+        "robust_optimum": _plain(found.robust),
+        "suits_tried": found.tried,
+        "inputs": inputs.hashes(),
+        "versions": {name: metadata.version(name) for name in ("cuffstation", "numpy", "scipy")},
+    }
+    write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    return found
+
+
+def _plain(tried: TriedSuit) -> dict[str, Any]:
+    """Cost with the fitted cuffs on all frames; the draws' are on fewer, so they have a value of their own."""
+    numbers = {**_cord(tried.suit), "normalised_cost": _number(tried.cost)}
+    if tried.drawn.size:
+        low, high = np.quantile(tried.drawn, [0.025, 0.975])
+        numbers["normalised_cost_of_draws"] = {"value": float(tried.drawn.mean()), "ci95": [float(low), float(high)]}
+    return numbers
+
+
+def _cord(suit: Suit) -> dict[str, Any]:
+    points = {f"{part}_point_m": [_number(float(x)) for x in getattr(suit, part).location] for part in PARTS}
+    return {
+        "rest_length_m": _number(suit.reference_rest_length),
+        "stiffness_n_per_m": _number(suit.stiffness),
+        **points,
+    }
+
+
+def _number(value: float) -> dict[str, Any]:
+    return {"value": value if np.isfinite(value) else None, "ci95": None}
