@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.curves import MillardCurves
 from solver.functions import polynomial
 from solver.model import (
     NO_COORDINATE,
@@ -128,9 +129,11 @@ class _TableReader:
             optimal_fiber_length=row["optimal_fiber_length_m"],
             tendon_slack_length=row["tendon_slack_length_m"],
             pennation_at_optimal=row.get("pennation_rad", 0.0),
+            maximum_pennation=float(np.arccos(0.1)),
             max_contraction_velocity=shared["max_contraction_velocity_per_s"],
             activation_time_constant=shared["activation_time_constant_s"],
             deactivation_time_constant=shared["deactivation_time_constant_s"],
+            curves=MillardCurves(minimum=0.0),
         )
 
     def path_point(self, row: Table) -> AnyPathPoint:

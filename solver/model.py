@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.curves import Curves
 from solver.functions import Function
 
 Array = NDArray[np.float64]
@@ -222,7 +223,7 @@ class Path:
 
 @dataclass(frozen=True)
 class Muscle:
-    """A Millard (2013) muscle with a rigid tendon: N, m, rad, optimal fibre lengths per second, s."""
+    """A muscle with a rigid tendon: N, m, rad, optimal fibre lengths per second, s."""
 
     name: str
     path: Path
@@ -230,9 +231,11 @@ class Muscle:
     optimal_fiber_length: float
     tendon_slack_length: float
     pennation_at_optimal: float
+    maximum_pennation: float
     max_contraction_velocity: float
     activation_time_constant: float
     deactivation_time_constant: float
+    curves: Curves
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from solver.curves import Curves, MillardCurves, ThelenCurves
 from solver.model import CoordinateActuator, Muscle, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names
@@ -9,18 +12,20 @@ from solver.osim.paths import read_path
 
 
 def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> Muscle:
-    for tag, options in _CURVES.items():
-        _check_curve(element.child(tag), options)
+    is_millard = element.tag == "Millard2012EquilibriumMuscle"
+    rise, fall = ("0.010", "0.040") if is_millard else ("0.015", "0.050")
     return Muscle(
         name=element.name,
         path=read_path(element.child("GeometryPath"), names, surfaces),
-        max_isometric_force=element.number("max_isometric_force"),
-        optimal_fiber_length=element.number("optimal_fiber_length"),
-        tendon_slack_length=element.number("tendon_slack_length"),
+        max_isometric_force=element.number("max_isometric_force", "1000"),
+        optimal_fiber_length=element.number("optimal_fiber_length", "0.1"),
+        tendon_slack_length=element.number("tendon_slack_length", "0.2"),
         pennation_at_optimal=element.number("pennation_angle_at_optimal", "0"),
+        maximum_pennation=element.number("maximum_pennation_angle", repr(float(np.arccos(0.1)))),
         max_contraction_velocity=element.number("max_contraction_velocity", "10"),
-        activation_time_constant=element.number("activation_time_constant", "0.010"),
-        deactivation_time_constant=element.number("deactivation_time_constant", "0.040"),
+        activation_time_constant=element.number("activation_time_constant", rise),
+        deactivation_time_constant=element.number("deactivation_time_constant", fall),
+        curves=_millard_curves(element) if is_millard else _thelen_curves(element),
     )
 
 
@@ -31,42 +36,53 @@ def read_actuator(element: Element, names: Names) -> CoordinateActuator:
     return CoordinateActuator(element.name, coordinate, element.number("optimal_force", "1"))
 
 
-# The solver has one shape of each curve (muscle.py). It is what OpenSim takes where a file is silent, but for
-# minimum_value, which therefore must be written.
-_CURVES = {
+_MILLARD = {
     "ActiveForceLengthCurve": {
-        "min_norm_active_fiber_length": 0.4441,
-        "transition_norm_fiber_length": 0.73,
-        "max_norm_active_fiber_length": 1.8123,
-        "shallow_ascending_slope": 0.8616,
-        "minimum_value": 0.0,
+        "min_norm_active_fiber_length": "shortest",
+        "transition_norm_fiber_length": "transition",
+        "max_norm_active_fiber_length": "longest",
+        "shallow_ascending_slope": "shallow_slope",
+        "minimum_value": "minimum",
     },
     "ForceVelocityCurve": {
-        "concentric_slope_at_vmax": 0.0,
-        "concentric_slope_near_vmax": 0.25,
-        "isometric_slope": 5.0,
-        "eccentric_slope_at_vmax": 0.0,
-        "eccentric_slope_near_vmax": 0.15,
-        "max_eccentric_velocity_force_multiplier": 1.4,
-        "concentric_curviness": 0.6,
-        "eccentric_curviness": 0.9,
+        "concentric_slope_at_vmax": "concentric_slope",
+        "concentric_slope_near_vmax": "near_concentric_slope",
+        "isometric_slope": "isometric_slope",
+        "eccentric_slope_at_vmax": "eccentric_slope",
+        "eccentric_slope_near_vmax": "near_eccentric_slope",
+        "max_eccentric_velocity_force_multiplier": "strongest",
+        "concentric_curviness": "concentric_curviness",
+        "eccentric_curviness": "eccentric_curviness",
     },
     "FiberForceLengthCurve": {
-        "strain_at_zero_force": 0.0,
-        "strain_at_one_norm_force": 0.7,
-        "stiffness_at_low_force": 0.2,
-        "stiffness_at_one_norm_force": 2.0 / 0.7,
-        "curviness": 0.75,
+        "strain_at_zero_force": "passive_start",
+        "strain_at_one_norm_force": "passive_end",
+        "stiffness_at_low_force": "passive_low_slope",
+        "stiffness_at_one_norm_force": "passive_slope",
+        "curviness": "passive_curviness",
     },
+}
+_THELEN = {
+    "FmaxMuscleStrain": "passive_strain",
+    "KshapeActive": "active_shape",
+    "KshapePassive": "passive_shape",
+    "Af": "velocity_shape",
+    "Flen": "strongest",
+    "fv_linear_extrap_threshold": "linear_beyond",
 }
 
 
-def _check_curve(curve: Element, options: dict[str, float]) -> None:
-    if "minimum_value" in options:
-        curve.child("minimum_value")
-    for option in curve.children:
-        if option.tag not in options or option.text == "":
-            continue
-        value, expected = curve.number(option.tag), options[option.tag]
-        if abs(value - expected) > 1e-12:
-            raise option.refusal(f"of {curve.name} is {value}; the solver's curve has {expected}")
+def _millard_curves(element: Element) -> Curves:
+    given: dict[str, float] = {}
+    for tag, options in _MILLARD.items():
+        curve = element.find(tag)
+        if curve is not None:
+            given |= {name: curve.number(option) for option, name in options.items() if curve.word(option, "")}
+    if "passive_slope" not in given:  # OpenSim's own rule for a curve whose slopes are not given
+        strain = given.get("passive_end", MillardCurves.passive_end) - given.get("passive_start", 0.0)
+        given["passive_slope"] = 2.0 / strain
+    return MillardCurves(**given)
+
+
+def _thelen_curves(element: Element) -> Curves:
+    return ThelenCurves(**{name: element.number(option) for option, name in _THELEN.items() if element.find(option)})

@@ -23,7 +23,7 @@ def read_osim(path: str | Path) -> Model:
     return _model(document.child("Model"))
 
 
-_FORCES = ("Millard2012EquilibriumMuscle", "CoordinateActuator")
+_FORCES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "CoordinateActuator")
 
 
 def _model(element: Element) -> Model:

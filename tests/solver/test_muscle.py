@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
+from solver.curves import MillardCurves
 from solver.model import Model
-from solver.muscle import active_force_length, force_velocity, muscle_forces, passive_force_length
+from solver.muscle import muscle_forces
 
 MODEL = bundled_model()
+CURVES = MillardCurves(minimum=0.0)
 
 
 def _with_pennation(pennation: float) -> Model:
@@ -33,20 +35,20 @@ def test_the_curves_go_through_the_values_of_opensim() -> None:
         0.68403195736869,
         0.26302688371190,
     ]
-    assert np.allclose(active_force_length(lengths), active, atol=1e-13)
+    assert np.allclose(CURVES.active_force_length(lengths), active, atol=1e-13)
     speeds = np.array([-0.5, -0.1, 0.1, 0.5])
     factors = [0.15808560444170, 0.62521428431297, 1.22515383775386, 1.33113156931448]
-    assert np.allclose(force_velocity(speeds), factors, atol=2e-13)
+    assert np.allclose(CURVES.force_velocity(speeds), factors, atol=2e-13)
     passive = [0.00087743874011, 0.01704483509738, 0.12611118348263, 0.46026150479121, 0.97143048832592]
-    assert np.allclose(passive_force_length(np.array([1.02, 1.1, 1.3, 1.5, 1.69])), passive, atol=1e-13)
+    assert np.allclose(CURVES.passive_force_length(np.array([1.02, 1.1, 1.3, 1.5, 1.69])), passive, atol=1e-13)
 
 
 @pytest.mark.parametrize(
     ("curve", "ends", "values", "slopes"),
     [
-        (active_force_length, (0.4441, 1.8123), (0.0, 0.0), (0.0, 0.0)),
-        (force_velocity, (-1.0, 1.0), (0.0, 1.4), (0.0, 0.0)),
-        (passive_force_length, (1.0, 1.7), (0.0, 1.0), (0.0, 20.0 / 7.0)),
+        (CURVES.active_force_length, (0.4441, 1.8123), (0.0, 0.0), (0.0, 0.0)),
+        (CURVES.force_velocity, (-1.0, 1.0), (0.0, 1.4), (0.0, 0.0)),
+        (CURVES.passive_force_length, (1.0, 1.7), (0.0, 1.0), (0.0, 20.0 / 7.0)),
     ],
 )
 def test_beyond_its_ends_a_curve_goes_on_straight(curve, ends, values, slopes) -> None:  # type: ignore[no-untyped-def]
@@ -56,7 +58,7 @@ def test_beyond_its_ends_a_curve_goes_on_straight(curve, ends, values, slopes) -
 
 def test_a_curve_has_no_jump_where_its_corners_meet() -> None:
     x = np.linspace(-1.1, 2.0, 200_001)
-    for curve in (active_force_length, force_velocity, passive_force_length):
+    for curve in (CURVES.active_force_length, CURVES.force_velocity, CURVES.passive_force_length):
         assert np.abs(np.diff(curve(x))).max() < 5.01 * (x[1] - x[0])
 
 
