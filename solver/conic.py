@@ -15,15 +15,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 Array = NDArray[np.float64]
-
-clarabel: Any = importlib.import_module("clarabel")  # compiled, without type stubs
 
 VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
 LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is looked for
+VIOLATION_WEIGHT = 1e6  # of violation against effort, in least_violation
 
 
 class Outcome(Enum):
@@ -96,6 +94,38 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
     return ConicSolution(x=x, outcomes=tuple(outcomes), violation=violation, optimality=optimality)
 
 
+def least_violation(problem: ConicProblem) -> Array:
+    """x (problems, n) that keep the bounds and leave the cone by as little as can be along its axis.
+
+    Where there is no cone, or leaving it is not enough, equalities are missed as well; squares of the misses count.
+    """
+    m, k = len(problem.equality_matrix), len(problem.cone_matrix)
+    along_axis = np.eye(k, min(k, 1))
+    x = _with_misses(problem, np.zeros((m, min(k, 1))), along_axis)
+    lost = np.isnan(x).any(axis=1)
+    if lost.any():
+        misses = np.hstack([along_axis, np.zeros((k, m))])
+        x[lost] = _with_misses(problem, np.hstack([np.zeros((m, min(k, 1))), np.eye(m)]), misses)[lost]
+    return x
+
+
+def _with_misses(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> Array:
+    misses, problems = in_equalities.shape[1], len(problem.lower)
+    unbounded = np.full((problems, misses), np.inf)
+    solution = solve_conic(
+        ConicProblem(
+            weights=np.append(problem.weights / VIOLATION_WEIGHT, np.ones(misses)),
+            equality_matrix=np.hstack([problem.equality_matrix, in_equalities]),
+            equality_target=problem.equality_target,
+            lower=np.hstack([problem.lower, -unbounded]),
+            upper=np.hstack([problem.upper, unbounded]),
+            cone_matrix=np.hstack([problem.cone_matrix, in_cone]),
+            cone_offset=problem.cone_offset,
+        )
+    )
+    return solution.x[:, : problem.weights.size]
+
+
 def _ensure_shapes(problem: ConicProblem) -> None:
     n, m, k = problem.weights.size, len(problem.equality_matrix), len(problem.cone_matrix)
     problems = len(problem.lower)
@@ -122,6 +152,9 @@ def _stacked_matrix(problem: ConicProblem, bounded: NDArray[np.bool_]) -> Array:
 
 
 def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds: int) -> Any:
+    from scipy import sparse  # both take long to import, and few need them
+
+    clarabel: Any = importlib.import_module("clarabel")  # compiled, without type stubs
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1

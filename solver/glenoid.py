@@ -17,23 +17,29 @@ CENTER_MARKER, HEAD_MARKER, EDGE_MARKER = "Glenoid_Center", "HumHead_Center", "G
 
 @dataclass(frozen=True)
 class GlenoidCone:
-    """A circular cone fixed to the scapula, with its tip in the centre of the humeral head.
+    """A cone fixed to the scapula, with its tip in the centre of the humeral head; its cross section is an ellipse.
 
     body        index of the scapula in Model.bodies
     axis        (3,) unit vector in the scapula, from the head to the centre of the glenoid
-    half_angle  between axis and rim [rad]
+    half_angle  between axis and rim, towards the edge marker [rad]
+    edge        (3,) unit vector across the axis towards the edge marker
+    aspect      width of the rim across axis and edge, over that along the edge; 1 is a circle
     """
 
     body: int
     axis: Array
     half_angle: float
+    edge: Array
+    aspect: float = 1.0
 
 
-def glenoid_cone(model: Model) -> GlenoidCone:
-    """The cone that the markers of head, glenoid centre and glenoid edge span (Belli et al. 2023).
+def glenoid_cone(model: Model, aspect: float = 1.0) -> GlenoidCone:
+    """The cone that the markers of head, glenoid centre and glenoid edge span (Belli et al. 2023, where aspect is 1).
 
-    Raises ModelError where a marker is missing or sits on a body that makes no cone.
+    Raises ModelError where a marker is missing or sits on a body that makes no cone, or the aspect is not positive.
     """
+    if not aspect > 0:
+        raise ModelError(f"the glenoid's aspect should be positive and is {aspect:g}; 1 makes the rim a circle")
     joint = model.joint(JOINT)
     center, head, edge = (model.marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
     is_on_socket = center.body == edge.body == joint.parent
@@ -45,16 +51,20 @@ def glenoid_cone(model: Model) -> GlenoidCone:
         )
     head_in_scapula = joint.frame_in_parent.translation
     axis, rim = _unit(center.location - head_in_scapula), _unit(edge.location - head_in_scapula)
-    return GlenoidCone(body=joint.parent, axis=axis, half_angle=float(np.arccos(axis @ rim)))
+    along = float(axis @ rim)
+    return GlenoidCone(
+        body=joint.parent, axis=axis, half_angle=float(np.arccos(along)), edge=_unit(rim - along * axis), aspect=aspect
+    )
 
 
 def cone_rows(cone: GlenoidCone, rotation_to_ground: Array) -> Array:
     """Rows (frames, 3, 3) that turn a reaction F [N] in ground into (s, v): F lies in the cone where s ≥ |v|.
 
-    rotation_to_ground (frames, 3, 3) of the scapula; s = tan θ (d·F), v = the two parts of F across the axis d.
+    rotation_to_ground (frames, 3, 3) of the scapula; s = tan θ (d·F) and v the parts of F across the axis d, that
+    across the edge's direction over the aspect.
     """
-    across = np.linalg.svd(cone.axis[None])[2][1:]
-    rows = np.vstack([np.tan(cone.half_angle) * cone.axis, across])
+    across = np.cross(cone.axis, cone.edge) / cone.aspect
+    rows = np.vstack([np.tan(cone.half_angle) * cone.axis, cone.edge, across])
     return rows @ np.swapaxes(rotation_to_ground, -1, -2)
 
 

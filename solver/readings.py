@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 Solved = tuple[Wearing, Effort]
 """A wearing whose last rest length is the reference, the others are tried, and its effort."""
 
+IDLE = 1e-9
+"""Mean activation up to which a muscle does nothing: of nothing, nothing can be saved."""
+
 UNMIGRATED: dict[Condition, Condition] = {"shift": "rigid", "both": "visco_elastic"}
 """The same cuffs in the same suit before they have slipped."""
 
@@ -76,7 +79,7 @@ def _read(worn: WornMotion, slack: Effort, solved: Solved, unmigrated: Solved | 
         cord_force=np.array([force]),
         cord_force_lost=np.array([1 - force / force_before]),
         cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),
-        reduction=(1 - mean / mean_slack)[None],
+        reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
     )
 
 

@@ -5,49 +5,39 @@ With x = (activations of the muscles, controls of the actuators), in each frame
     minimise  Σ w x²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
 
 where q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics from one
-frame to the next. A x = b has rank 14 in 17 rows: three combinations of accelerations are bound by the
-acromioclavicular constraint and no muscle reaches them. The singular value decomposition A = U S Vᵀ leaves the
-reachable part, Vᵀ x = S⁻¹ Uᵀ b; what is left of b is reported per frame as the equality residual.
+frame to the next. A has rank 14 in 17 rows: three combinations of accelerations are bound by the acromioclavicular
+constraint and no muscle reaches them. The part of q̈ − q̈₀ in the space of A's columns is met; what is left of it is
+reported per frame as the equality residual.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import Enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.conic import ConicProblem, Outcome, solve_conic
 from solver.dynamics import EquationsOfMotion, ResponseMaps, equations_of_motion, response_maps
 from solver.glenoid import cone_rows, glenoid_cone
 from solver.kinematics import Postures, postures
-from solver.model import Model
+from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics, MotionError
 from solver.muscle import MuscleForces, muscle_forces
 from solver.paths import PathState, evaluate_paths
+from solver.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
+from solver.sequence import FrameSequence, follow, follow_with_clarabel
 
 Array = NDArray[np.float64]
+Solver = Literal["interior_point", "clarabel"]
 
 UNWEIGHTED_COORDINATES = (
     *(f"ground_thorax_{axis}" for axis in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")),
     "elbow_flexion",
     "pro_sup",
 )
-RANK_TOLERANCE = 1e-9
 CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
-
-
-class FrameOutcome(Enum):
-    """What became of a frame; everything but SOLVED is counted and shown."""
-
-    SOLVED = "solved"
-    BEYOND_ACTIVATION_RATE = (
-        "the muscles cannot change their activation fast enough since the last frame; solved without that limit"
-    )
-    INFEASIBLE = "no activations between 0 and 1 keep the joint reaction inside the glenoid"
-    NOT_CONVERGED = "the solver stopped before its residuals were small; its last point is given"
 
 
 @dataclass(frozen=True)
@@ -59,6 +49,9 @@ class RedundancyOptions:
     muscle_weight           w of each muscle
     reserve_weight          w of the actuators that stand in for muscles
     unweighted_coordinates  whose actuators cost nothing: what carries the thorax and the forearm
+    weights                 w by the name of a muscle, or of a coordinate for its actuator, where it is to be another
+    glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
+    solver                  interior_point, compiled for this problem, or clarabel, its reference
     """
 
     has_glenoid_cone: bool = True
@@ -66,6 +59,9 @@ class RedundancyOptions:
     muscle_weight: float = 1.0
     reserve_weight: float = 10.0
     unweighted_coordinates: tuple[str, ...] = UNWEIGHTED_COORDINATES
+    weights: Mapping[str, float] = field(default_factory=dict)
+    glenoid_aspect: float = 1.0
+    solver: Solver = "interior_point"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +85,9 @@ class RedundancyProblem:
     time_constants  (2, muscles) of activation and deactivation [s]
     acceleration_matrix  A (frames, tracked, controls);  acceleration_target  q̈ − q̈₀ (frames, tracked) [rad/s², m/s²]
     tracked         (coordinates,) which accelerations are asked for
-    rows            Vᵀ (frames, rank, controls);  to_rows  S⁻¹ Uᵀ (frames, rank, tracked)
     reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
+    solver          as in RedundancyOptions
     """
 
     time: Array
@@ -101,11 +97,10 @@ class RedundancyProblem:
     acceleration_matrix: Array
     acceleration_target: Array
     tracked: NDArray[np.bool_]
-    rows: Array
-    to_rows: Array
     reaction_matrix: Array
     reaction_at_rest: Array
     cone: Array
+    solver: Solver = "interior_point"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +119,8 @@ class LoadResponse:
 class RedundancySolution:
     """x (scenarios, frames, controls), NaN where infeasible, and how far each frame can be believed.
 
+    Where it is INFEASIBLE, residual, reaction and slack are those of the point that leaves the cone by the least.
+
     outcomes           (scenarios, frames) of FrameOutcome
     equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
     reaction           (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
@@ -139,7 +136,8 @@ class RedundancySolution:
 
 @dataclass(frozen=True, eq=False)
 class Redundancy:
-    """Who did the work in a motion; NaN in frames that are INFEASIBLE.
+    """Who did the work in a motion; activations, forces and reserves are NaN in frames that are INFEASIBLE, reaction,
+    residual and slack those of the point that leaves the glenoid by the least.
 
     time               (frames,) [s]
     activations        (frames, muscles) of Model.muscles, 0 to 1
@@ -214,16 +212,29 @@ def go_through(model: Model, kinematics: Kinematics, paths: PathState | None = N
     return Mechanics(kinematics, state, paths, forces, equations, maps)
 
 
+def with_reserves(model: Model, optimal_forces: Mapping[str, float]) -> Model:
+    """The model with an actuator on each of these coordinates, by name, that gives so much [N or N m] at x = 1.
+
+    It takes the place of the coordinate's actuator if there is one. Raises ModelError where there is no coordinate.
+    """
+    named = {model.coordinate_index(name): force for name, force in optimal_forces.items()}
+    kept = tuple(actuator for actuator in model.actuators if actuator.coordinate not in named)
+    added = tuple(
+        CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, force)
+        for coordinate, force in named.items()
+    )
+    return replace(model, actuators=kept + added)
+
+
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
     """The problem of every frame, open to loads."""
     kinematics, maps = mechanics.kinematics, mechanics.maps
     tracked = np.ones(len(model.coordinates), dtype=bool)
     tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
     matrix = maps.acceleration_per_control[:, tracked]
-    rows, to_rows = _reachable_rows(matrix)
     cone = np.zeros((len(kinematics.time), 0, 3))
     if options.has_glenoid_cone:
-        glenoid = glenoid_cone(model)
+        glenoid = glenoid_cone(model, options.glenoid_aspect)
         cone = cone_rows(glenoid, mechanics.state.rotation_to_ground[:, glenoid.body])
     return RedundancyProblem(
         time=kinematics.time,
@@ -235,11 +246,10 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         acceleration_matrix=matrix,
         acceleration_target=(kinematics.accelerations - maps.acceleration_at_rest)[:, tracked],
         tracked=tracked,
-        rows=rows,
-        to_rows=to_rows,
         reaction_matrix=maps.reaction_per_control,
         reaction_at_rest=maps.reaction_at_rest,
         cone=cone,
+        solver=options.solver,
     )
 
 
@@ -248,100 +258,56 @@ def solve_redundancy(
     loads: LoadResponse | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> RedundancySolution:
-    """Solve all frames in order, all scenarios of a frame together; progress(done, total) counts frames."""
+    """Solve all frames in order, each scenario for itself; progress(done, total) counts frames."""
     frames, coordinates = len(problem.time), len(problem.tracked)
     loads = loads or LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
     target = problem.acceleration_target - loads.acceleration[..., problem.tracked]
     reaction_at_rest = problem.reaction_at_rest + loads.reaction
-    scenarios, muscles = len(target), problem.time_constants.shape[1]
-    controls = np.empty((scenarios, frames, len(problem.weights)))
-    outcomes = np.empty((scenarios, frames), dtype=object)
-    lower, upper = _widest_bounds(problem, scenarios)
-    for frame in range(frames):
-        batch = _frame_problem(problem, frame, target[:, frame], reaction_at_rest[:, frame], lower, upper)
-        controls[:, frame], outcomes[:, frame] = _solve_frame(batch, _widest_bounds(problem, scenarios))
-        controls[:, frame, :muscles] = controls[:, frame, :muscles].clip(0, 1)
-        lower, upper = _reachable_bounds(problem, controls[:, frame])
-        progress(frame + 1, frames)
-    reaction = reaction_at_rest + np.einsum("fij,sfj->sfi", problem.reaction_matrix, controls)
-    residual = np.einsum("fij,sfj->sfi", problem.acceleration_matrix, controls) - target
-    ray = np.einsum("fki,sfi->sfk", problem.cone, reaction[..., 3:])
+    cone = problem.cone / CONE_FORCE_SCALE
+    rise, fall = problem.interval / problem.time_constants
+    sequence = FrameSequence(
+        weights=problem.weights,
+        matrix=problem.acceleration_matrix,
+        target=target,
+        cone_matrix=cone @ problem.reaction_matrix[:, 3:],
+        cone_offset=_each_frame(cone, reaction_at_rest[..., 3:]),
+        rise=rise,
+        fall=fall,
+    )
+    controls, outcomes = _SOLVERS[problem.solver](sequence, progress)
+    controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
+    residual = _each_frame(problem.acceleration_matrix, controls) - target
+    reaction = reaction_at_rest + _each_frame(problem.reaction_matrix, controls)
+    ray = _each_frame(problem.cone, reaction[..., 3:])
     has_cone = problem.cone.shape[1] > 0
-    slack = ray[..., 0] - np.linalg.norm(ray[..., 1:], axis=-1) if has_cone else np.full((scenarios, frames), np.inf)
+    slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
+    controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
     return RedundancySolution(controls, outcomes, np.abs(residual).max(axis=-1), reaction, slack)
 
 
+_SOLVERS = {"interior_point": follow, "clarabel": follow_with_clarabel}
+
+
+def _each_frame(matrix: Array, values: Array) -> Array:
+    """The product of each frame's matrix (frames, i, j) with its values (scenarios, frames, j)."""
+    product: Array = np.moveaxis(matrix @ np.moveaxis(values, 0, 2), 2, 0)
+    return product
+
+
 def _weights(model: Model, options: RedundancyOptions) -> Array:
-    free = {model.coordinate_index(n) for n in options.unweighted_coordinates if n in model.coordinate_names}
-    reserves = [0.0 if actuator.coordinate in free else options.reserve_weight for actuator in model.actuators]
-    return np.array([options.muscle_weight] * len(model.muscles) + reserves)
-
-
-def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
-    """Vᵀ (frames, rank, controls) and S⁻¹ Uᵀ (frames, rank, rows) of the smallest rank found in any frame."""
-    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
-    rank = int((sizes > RANK_TOLERANCE * sizes[:, :1]).sum(axis=1).min())
-    return right[:, :rank], np.swapaxes(left[:, :, :rank] / sizes[:, None, :rank], -1, -2)
-
-
-def _widest_bounds(problem: RedundancyProblem, scenarios: int) -> tuple[Array, Array]:
-    muscles, controls = problem.time_constants.shape[1], len(problem.weights)
-    lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
-    lower[:, :muscles], upper[:, :muscles] = 0.0, 1.0
-    return lower, upper
-
-
-def _reachable_bounds(problem: RedundancyProblem, controls: Array) -> tuple[Array, Array]:
-    """What activations can become in one interval at full or no excitation; the whole range after an unsolved frame."""
-    lower, upper = _widest_bounds(problem, len(controls))
-    rise, fall = problem.interval / problem.time_constants
-    muscles = len(rise)
-    a = controls[:, :muscles]
-    lowest, highest = a - fall * a * (0.5 + 1.5 * a), a + rise * (1 - a) / (0.5 + 1.5 * a)
-    lower[:, :muscles], upper[:, :muscles] = np.fmax(lowest, 0.0), np.fmin(highest, 1.0)
-    return lower, upper
-
-
-def _frame_problem(
-    problem: RedundancyProblem, frame: int, target: Array, reaction_at_rest: Array, lower: Array, upper: Array
-) -> ConicProblem:
-    cone = problem.cone[frame] / CONE_FORCE_SCALE
-    return ConicProblem(
-        weights=problem.weights,
-        equality_matrix=problem.rows[frame],
-        equality_target=target @ problem.to_rows[frame].T,
-        lower=lower,
-        upper=upper,
-        cone_matrix=cone @ problem.reaction_matrix[frame, 3:],
-        cone_offset=reaction_at_rest[:, 3:] @ cone.T,
-    )
-
-
-def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, list[FrameOutcome]]:
-    """Solve a frame; where the activation rate alone makes it infeasible, solve without that limit and say so."""
-    solution = solve_conic(problem)
-    controls, outcomes = solution.x, [_FRAME_OUTCOME[outcome] for outcome in solution.outcomes]
-    stuck = [i for i, outcome in enumerate(solution.outcomes) if outcome is Outcome.INFEASIBLE]
-    if stuck:
-        lower, upper = widest
-        again = solve_conic(
-            replace(
-                problem,
-                equality_target=problem.equality_target[stuck],
-                lower=lower[stuck],
-                upper=upper[stuck],
-                cone_offset=problem.cone_offset[stuck],
-            )
+    driven = [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
+    reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
+    names = [*model.muscle_names, *driven]
+    unknown = sorted(set(options.weights) - set(names))
+    if unknown:
+        raise ModelError(
+            f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
+            f"{model.name}, and is not; take a name from the model"
         )
-        controls[stuck] = again.x
-        for i, outcome in zip(stuck, again.outcomes, strict=True):
-            is_solved = outcome is Outcome.SOLVED
-            outcomes[i] = FrameOutcome.BEYOND_ACTIVATION_RATE if is_solved else _FRAME_OUTCOME[outcome]
-    return controls, outcomes
-
-
-_FRAME_OUTCOME = {
-    Outcome.SOLVED: FrameOutcome.SOLVED,
-    Outcome.INFEASIBLE: FrameOutcome.INFEASIBLE,
-    Outcome.NOT_CONVERGED: FrameOutcome.NOT_CONVERGED,
-}
+    usual = [options.muscle_weight] * len(model.muscles) + reserves
+    weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
+    if weights.min(initial=0.0) < 0.0:
+        raise ModelError(
+            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares"
+        )
+    return weights

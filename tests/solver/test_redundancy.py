@@ -34,7 +34,6 @@ def two_muscles(target, interval=1.0, cone=None):
     target = np.asarray(target, dtype=float)
     frames = len(target)
     matrix = np.tile([[3.0, 1.0, 1.0], [3.0, 1.0, 1.0]], (frames, 1, 1))
-    left, size, right = np.linalg.svd(matrix[0])
     reaction = np.zeros((frames, 6, 3))
     reaction[:, 3, 0] = reaction[:, 4, 1] = 1.0
     return RedundancyProblem(
@@ -45,8 +44,6 @@ def two_muscles(target, interval=1.0, cone=None):
         acceleration_matrix=matrix,
         acceleration_target=target,
         tracked=np.ones(2, dtype=bool),
-        rows=np.tile(right[:1], (frames, 1, 1)),
-        to_rows=np.tile(left[:, 0] / size[0], (frames, 1, 1)),
         reaction_matrix=reaction,
         reaction_at_rest=np.zeros((frames, 6)),
         cone=np.zeros((frames, 0, 3)) if cone is None else np.tile(cone, (frames, 1, 1)),
@@ -134,14 +131,9 @@ def test_without_the_cone_the_effort_is_smaller_and_the_head_leaves():
 def test_a_free_coordinate_is_not_tracked_and_saves_effort():
     options = RedundancyOptions(free_coordinates=("plane_elv", "axial_rot"))
     problem = build_redundancy(MODEL, go_through(MODEL, SLOW), options)
-    assert problem.rows.shape[1] == 12
     assert problem.acceleration_matrix.shape[1] == 15
     tracked, free = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, options)
     assert (free.activations**2).sum() < (tracked.activations**2).sum()
-
-
-def test_the_published_problem_has_rank_14():
-    assert build_redundancy(MODEL, go_through(MODEL, SLOW), RedundancyOptions()).rows.shape[1] == 14
 
 
 def test_an_unknown_free_coordinate_is_named():

@@ -1,0 +1,189 @@
+"""A primal-dual interior point for the small problem of newton.py, from nowhere in particular.
+
+Mehrotra's predictor and corrector, with Nesterov and Todd's scaling W of the cone, W λ = W⁻¹ s. z (2, n) are the
+multipliers of lower and upper bounds; every step is a system of M's few rows,
+
+    (M D⁻¹ Mᵀ + R + W²) Δv = …,   D = q + z_lower / (a − lower) + z_upper / (upper − a)
+"""
+
+from __future__ import annotations
+
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.sharing.cone import (
+    Ray,
+    Scaling,
+    add_square,
+    along,
+    approach,
+    centred,
+    inner,
+    last,
+    quotient,
+    scaled,
+    scaling,
+)
+from solver.sharing.linear import Order, columns_times, divide, dot, factor, rows_times_rows
+from solver.wrapping.vectors import compiled
+
+Array = NDArray[np.float64]
+
+GOAL = 1e-8  # of violation and gap: close enough for Newton's method to finish
+VIOLATION_LIMIT = 1e-8
+MOST_STEPS = 50
+FIRST_GAP = 0.1  # of each pair that is complementary
+SHARE_OF_STEP = 0.995  # of the way to the boundary
+LARGEST_EFFORT = 1e7  # ½ v·R v beyond which no solution is looked for
+
+
+@compiled
+def interior_point(
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, v: Array
+) -> bool:
+    """Set v to multipliers near the solution's; False where a certificate proves that there is no solution."""
+    n, m, p = len(q), len(t), equalities
+    a, z, room, inverse = 0.7 * lower + 0.3 * upper, np.empty((2, n)), np.empty((2, n)), np.empty(n)
+    da, dz, aim = np.zeros(n), np.zeros((2, n)), np.empty((2, n))
+    pull, rest, dv, error, order = np.empty(n), np.empty(n), np.empty(m), np.empty(m), np.empty(m, np.int64)
+    matrix = np.empty((m, m))
+    z[0], z[1] = FIRST_GAP / (a - lower), FIRST_GAP / (upper - a)
+    v[:] = 0.0
+    s, W = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+    if p < m:
+        s = _first_ray(M, t, p, a)
+        v[p], v[p + 1], v[p + 2] = quotient(s, (FIRST_GAP, 0.0, 0.0))
+    for _ in range(MOST_STEPS):
+        room[0], room[1] = a - lower, upper - a
+        columns_times(M, v, pull)
+        violation = _row_errors(M, R, t, a, v, s, p, error)
+        gap = _gap(room, z, s, v, p)
+        if violation <= GOAL and gap <= GOAL:
+            break
+        if violation > VIOLATION_LIMIT and _is_certificate(R, t, lower, upper, v, pull):
+            return False
+        inverse[:] = 1.0 / (q + z[0] / room[0] + z[1] / room[1])
+        rows_times_rows(M, inverse, R, rest, matrix)
+        if p < m:
+            W = scaling(s, last(v))
+            add_square(matrix, W)
+        if not factor(matrix, order):
+            break
+        aim[:] = 0.0
+        ds = _step(q, M, inverse, matrix, order, a, z, room, pull, error, aim, along(s, -2.0, s), W, da, dz, dv)
+        length = min(1.0, _longest(room, z, s, v, da, dz, ds, dv, p))
+        ahead = _gap_ahead(room, z, s, v, da, dz, ds, dv, p, length)
+        target = (ahead / gap) ** 3 * gap / (2 * n + (1 if p < m else 0))
+        aim[0], aim[1] = target - da * dz[0], target + da * dz[1]
+        way = centred(s, ds, last(v), last(dv), W, target) if p < m else s
+        ds = _step(q, M, inverse, matrix, order, a, z, room, pull, error, aim, way, W, da, dz, dv)
+        length = min(1.0, SHARE_OF_STEP * _longest(room, z, s, v, da, dz, ds, dv, p))
+        a += length * da
+        z += length * dz
+        v += length * dv
+        s = along(s, length, ds)
+    return True
+
+
+@compiled
+def _step(
+    q: Array,
+    M: Array,
+    inverse: Array,
+    factors: Array,
+    order: Order,
+    a: Array,
+    z: Array,
+    room: Array,
+    pull: Array,
+    error: Array,
+    aim: Array,
+    way: Ray,
+    W: Scaling,
+    da: Array,
+    dz: Array,
+    dv: Array,
+) -> Ray:
+    """The Newton step to room · z = aim and, for the cone, to ds + W² dλ = way. Fills da, dz and dv, returns ds."""
+    p = len(dv) - 3
+    da[:] = inverse * (pull - q * a + aim[0] / room[0] - aim[1] / room[1])
+    for i in range(len(dv)):
+        dv[i] = -error[i] - dot(M[i], da)
+    if W[3] > 0.0:
+        for i in range(3):
+            dv[p + i] += way[i]
+    divide(factors, order, dv)
+    for i in range(len(dv)):
+        for j in range(len(da)):
+            da[j] += dv[i] * M[i, j] * inverse[j]
+    dz[0] = (aim[0] - z[0] * da) / room[0] - z[0]
+    dz[1] = (aim[1] + z[1] * da) / room[1] - z[1]
+    if W[3] > 0.0:
+        return along(way, -1.0, scaled(W, scaled(W, last(dv))))
+    return way
+
+
+@compiled
+def _row_errors(M: Array, R: Array, t: Array, a: Array, v: Array, s: Ray, p: int, error: Array) -> float:
+    """M a + R v − t − (0, s), and the largest of it."""
+    largest = 0.0
+    for i in range(len(t)):
+        error[i] = dot(M[i], a) + dot(R[i], v) - t[i]
+        if i >= p:
+            error[i] -= s[i - p]
+        largest = max(largest, abs(error[i]))
+    return largest
+
+
+@compiled
+def _is_certificate(R: Array, t: Array, lower: Array, upper: Array, v: Array, pull: Array) -> bool:
+    """Farkas: for points that meet the rows, v·t ≤ v·M a + v·R u, with u what the eliminated unknowns do. The first is
+    at most what the bounds' best corner gives, the second at most √(v·R v) √(u·R u), too little with a bearable u.
+    """
+    depth, effort = dot(v, t), 0.0
+    for j in range(len(pull)):
+        depth -= max(lower[j] * pull[j], upper[j] * pull[j])
+    for i in range(len(v)):
+        effort += v[i] * dot(R[i], v)
+    return depth > 0.0 and depth * depth > 2.0 * LARGEST_EFFORT * effort
+
+
+@compiled
+def _first_ray(M: Array, t: Array, p: int, a: Array) -> Ray:
+    """A point well inside the cone, near what a gives."""
+    x = dot(M[p], a) - t[p]
+    y, z = 0.8 * (dot(M[p + 1], a) - t[p + 1]), 0.8 * (dot(M[p + 2], a) - t[p + 2])
+    return (max(x, 0.1, 1.5 * hypot(y, z)), y, z)
+
+
+@compiled
+def _gap(room: Array, z: Array, s: Ray, v: Array, p: int) -> float:
+    gap = dot(room[0], z[0]) + dot(room[1], z[1])
+    return gap + inner(s, last(v)) if p < len(v) else gap
+
+
+@compiled
+def _gap_ahead(
+    room: Array, z: Array, s: Ray, v: Array, da: Array, dz: Array, ds: Ray, dv: Array, p: int, length: float
+) -> float:
+    """The gap after a step."""
+    gap = 0.0
+    for j in range(len(da)):
+        gap += (room[0, j] + length * da[j]) * (z[0, j] + length * dz[0, j])
+        gap += (room[1, j] - length * da[j]) * (z[1, j] + length * dz[1, j])
+    if p < len(v):
+        gap += inner(along(s, length, ds), along(last(v), length, last(dv)))
+    return gap
+
+
+@compiled
+def _longest(room: Array, z: Array, s: Ray, v: Array, da: Array, dz: Array, ds: Ray, dv: Array, p: int) -> float:
+    """How far a step can go until something reaches its boundary."""
+    fastest = 1e-30
+    for j in range(len(da)):
+        fastest = max(fastest, -da[j] / room[0, j], da[j] / room[1, j], -dz[0, j] / z[0, j], -dz[1, j] / z[1, j])
+    if p < len(v):
+        fastest = max(fastest, approach(s, ds), approach(last(v), last(dv)))
+    return 1.0 / fastest

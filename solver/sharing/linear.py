@@ -1,0 +1,85 @@
+"""Small dense algebra for compiled code."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.wrapping.vectors import compiled
+
+Array = NDArray[np.float64]
+Order = NDArray[np.int64]
+
+SMALLEST_PIVOT = 1e-14
+
+
+@compiled
+def dot(x: Array, y: Array) -> float:
+    """x·y in four sums that the processor can carry at once."""
+    one, two, three, four = 0.0, 0.0, 0.0, 0.0
+    whole = len(x) - len(x) % 4
+    for i in range(0, whole, 4):
+        one += x[i] * y[i]
+        two += x[i + 1] * y[i + 1]
+        three += x[i + 2] * y[i + 2]
+        four += x[i + 3] * y[i + 3]
+    for i in range(whole, len(x)):
+        one += x[i] * y[i]
+    return (one + two) + (three + four)
+
+
+@compiled
+def columns_times(M: Array, v: Array, product: Array) -> None:
+    """Mᵀ v."""
+    product[:] = 0.0
+    for i in range(len(v)):
+        for j in range(len(product)):
+            product[j] += v[i] * M[i, j]
+
+
+@compiled
+def rows_times_rows(M: Array, inverse: Array, R: Array, weighted: Array, product: Array) -> None:
+    """M · diagonal · Mᵀ + R, symmetric."""
+    for i in range(len(M)):
+        for j in range(len(weighted)):
+            weighted[j] = M[i, j] * inverse[j]
+        for j in range(i + 1):
+            product[i, j] = product[j, i] = dot(weighted, M[j]) + R[i, j]
+
+
+@compiled
+def factor(matrix: Array, order: Order) -> bool:
+    """L U in place with partial pivoting, row k exchanged with order[k] at step k; False where it is singular."""
+    count = len(matrix)
+    for k in range(count):
+        best = k
+        for i in range(k + 1, count):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        order[k] = best
+        if not abs(matrix[best, k]) > SMALLEST_PIVOT:
+            return False
+        if best != k:
+            for j in range(count):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        inverse = 1.0 / matrix[k, k]
+        for i in range(k + 1, count):
+            matrix[i, k] *= inverse
+            for j in range(k + 1, count):
+                matrix[i, j] -= matrix[i, k] * matrix[k, j]
+    return True
+
+
+@compiled
+def divide(matrix: Array, order: Order, x: Array) -> None:
+    """x becomes the solution of matrix · solution = x, with the factors of the matrix."""
+    count = len(x)
+    for k in range(count):
+        x[k], x[order[k]] = x[order[k]], x[k]
+    for k in range(count):
+        for i in range(k + 1, count):
+            x[i] -= matrix[i, k] * x[k]
+    for k in range(count - 1, -1, -1):
+        for j in range(k + 1, count):
+            x[k] -= matrix[k, j] * x[j]
+        x[k] /= matrix[k, k]
