@@ -111,7 +111,7 @@ def test_every_cell_of_a_yielding_shifted_cuff_has_an_interval_around_it(assessm
     for name, figure in found.figures.items():
         low, high = figure.ci95
         assert low <= figure.value <= high, name
-    assert all(figure.ci95 for figure in found.reduction.values())
+    assert all(figure.ci95 for figure in found.reduction.values() if figure.value is not None)  # no idle muscle
     assert all(figure.ci95 is None for figure in curve(assessment, "rigid").figures.values())
 
 
