@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ DRIFT_PRIOR_SD = 50e-6
 HOST_TOLERANCE = 0.5
 """Seconds by which host arrival may contradict frame numbers; a 30× simulation makes 10 ms of wall time 0.3 s."""
 HOST_ALIGNMENT_SD = 0.05
+STAMP_TOLERANCE = 1.5
+"""Frames by which the step of a frame's number and that of its time stamp may differ within a capture."""
 BOUNCE = 0.02
 """Seconds within which several crossings of the threshold are one edge."""
 
@@ -88,10 +91,23 @@ def find_edges(time: NDArray[np.float64], level: NDArray[np.float64], threshold:
     return SyncEdges(rising, interval / math.sqrt(12), falling)
 
 
-def capture_start(frame_numbers: NDArray[np.int64]) -> int:
-    """Index of the capture's first frame: QTM counts anew when a capture starts, frames before are live preview."""
-    restarts = np.flatnonzero(np.diff(frame_numbers) < 0) + 1
-    return int(restarts[-1]) if len(restarts) else 0
+def capture_frames(
+    numbers: NDArray[np.int64],
+    device_time: NDArray[np.float64],
+    host_time: NDArray[np.float64],
+    rate: float,
+    edge_host: float,
+) -> slice:
+    """Which of the received frames (n,) are the capture; those before and after it are live preview.
+
+    QTM numbers its frames anew when a capture starts and jumps, either way, when it ends, while its time stamps
+    [s] go on or start anew in their own way. So the frames fall into runs in which numbers and stamps step alike, and
+    the capture is the run whose frame 1, counted back from its numbers, arrived nearest to the edge by the host's
+    clock [s].
+    """
+    bounds = [0, *_breaks(numbers, device_time * rate), len(numbers)]
+    runs = [slice(first, last) for first, last in pairwise(bounds)]
+    return min(runs, key=lambda run: abs(arrival_offset(host_time[run], (numbers[run] - 1) / rate) - edge_host))
 
 
 def clock_ratio(edges: SyncEdges, last_frame: int, frame_rate: float) -> tuple[float, float]:
@@ -115,6 +131,16 @@ def clock_ratio(edges: SyncEdges, last_frame: int, frame_rate: float) -> tuple[f
 def arrival_offset(host_time: NDArray[np.float64], device_time: NDArray[np.float64]) -> float:
     """Host time minus device time [s] of the sample that travelled fastest: one moment seen by both clocks."""
     return float(np.min(host_time - device_time))
+
+
+def _breaks(numbers: NDArray[np.int64], stamps: NDArray[np.float64]) -> list[int]:
+    """Where a new run begins: numbers go back, or step otherwise than the stamps (n,) [frames], if those progress."""
+    number_steps, stamp_steps = np.diff(numbers), np.diff(stamps)
+    apart = np.abs(number_steps - stamp_steps)
+    is_break = number_steps < 0
+    if len(apart) and np.median(apart) < 0.5:  # else the stamps stand still, or count something else
+        is_break |= apart > STAMP_TOLERANCE
+    return [int(index) + 1 for index in np.flatnonzero(is_break)]
 
 
 def _separate(time: NDArray[np.float64], crossings: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -114,8 +114,8 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
     quality.require_labels(labels, frames.stream.labels)
     raw = force.values[:, 0].astype(np.float64)
     quality.require_sound_force(raw, _full_scale(manifest, force.stream))
-    frames = frames.since(clocks.capture_start(frames.numbers))
     edges, edge_clock = _edges(manifest, tracks)
+    frames = _captured(frames, edge_clock, edges)
     ratio, drift = clocks.clock_ratio(edges, int(frames.numbers[-1]), frames.stream.rate_hz)
     force_time, force_sd = _force_time(manifest, force, edge_clock, edges, ratio)
     first_frame, frames_sd, notes = _first_frame_time(frames, edge_clock, edges)
@@ -163,13 +163,13 @@ class _Counted:
         """(n,) s on the device's clock, counted: sample number over nominal rate."""
         return self.numbers / self.stream.rate_hz
 
-    def since(self, index: int) -> _Counted:
+    def cut(self, part: slice) -> _Counted:
         return replace(
             self,
-            numbers=self.numbers[index:],
-            device_time=self.device_time[index:],
-            host_time=self.host_time[index:],
-            values=self.values[index:],
+            numbers=self.numbers[part],
+            device_time=self.device_time[part],
+            host_time=self.host_time[part],
+            values=self.values[part],
         )
 
 
@@ -192,13 +192,24 @@ def _edges(manifest: Manifest, tracks: Mapping[str, Track]) -> tuple[SyncEdges, 
     return clocks.find_edges(sync.seconds, sync.values[:, 0], manifest.sync_threshold_v), sync
 
 
+def _edge_on_host(edge_clock: _Counted, edges: SyncEdges) -> float:
+    """When the edge was, on the host's clock [s]."""
+    return edges.rising + clocks.arrival_offset(edge_clock.host_time, edge_clock.seconds)
+
+
+def _captured(frames: _Counted, edge_clock: _Counted, edges: SyncEdges) -> _Counted:
+    """The frames without live preview."""
+    edge_host, rate = _edge_on_host(edge_clock, edges), frames.stream.rate_hz
+    return frames.cut(clocks.capture_frames(frames.numbers, frames.device_time, frames.host_time, rate, edge_host))
+
+
 def _force_time(
     manifest: Manifest, force: _Counted, edge_clock: _Counted, edges: SyncEdges, ratio: float
 ) -> tuple[NDArray[np.float64], float]:
     """Session time (n,) [s] of the force samples, and what is not known of the edge's place among them [s]."""
     if manifest.load_cell.source == "daq":
         return (force.seconds - edges.rising) / ratio, edges.rising_sd
-    edge_host = edges.rising + clocks.arrival_offset(edge_clock.host_time, edge_clock.seconds)
+    edge_host = _edge_on_host(edge_clock, edges)
     offset = clocks.arrival_offset(force.host_time, force.device_time)
     return force.device_time + offset - edge_host, clocks.HOST_ALIGNMENT_SD
 
@@ -210,7 +221,7 @@ def _first_frame_time(frames: _Counted, edge_clock: _Counted, edges: SyncEdges) 
     capture, and arrival times are the better guess: good enough for plateaus, not for damping.
     """
     counted = float(frames.numbers[0] - 1) / frames.stream.rate_hz
-    edge_host = edges.rising + clocks.arrival_offset(edge_clock.host_time, edge_clock.seconds)
+    edge_host = _edge_on_host(edge_clock, edges)
     frame_one_host = clocks.arrival_offset(frames.host_time, (frames.numbers - 1) / frames.stream.rate_hz)
     late = frame_one_host - edge_host
     if abs(late) <= clocks.HOST_TOLERANCE:

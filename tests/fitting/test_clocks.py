@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.clocks import DRIFT_PRIOR_SD, LagUncertainty, SyncEdges, capture_start, clock_ratio, find_edges
+from fitting.clocks import DRIFT_PRIOR_SD, LagUncertainty, SyncEdges, capture_frames, clock_ratio, find_edges
 from fitting.quality import UnusableTrial
 
 time = np.arange(4000) / 1000
@@ -44,9 +44,33 @@ def test_a_sync_line_that_tells_no_single_start_is_refused_in_a_sentence(level: 
         find_edges(time, level, 2.5)
 
 
-def test_frames_before_the_numbers_restart_are_preview() -> None:
-    assert capture_start(np.array([811, 812, 813, 1, 2, 3])) == 3
-    assert capture_start(np.array([2, 3, 5])) == 0
+def _capture(numbers: list[int], stamps: list[float], arrival: list[float], edge: float = 0.0) -> slice:
+    """Numbers, stamps in frames, and arrival in frames, at 100 Hz."""
+    seconds = [np.array(frames, float) / 100 for frames in (stamps, arrival)]
+    return capture_frames(np.array(numbers), *seconds, 100.0, edge)
+
+
+def test_frames_whose_numbers_step_like_their_stamps_are_one_capture() -> None:
+    assert _capture([1, 2, 5, 6], [70, 71, 74, 75], [0, 1, 4, 5]) == slice(0, 4)
+
+
+@pytest.mark.parametrize("after", [[900, 901], [2, 3]], ids=["forward", "backward"])
+def test_numbers_that_jump_while_the_stamps_go_on_are_preview(after: list[int]) -> None:
+    numbers = [811, 812, 813, 1, 2, 3, 4, *after]
+    arrival = list(range(-3, 6))
+    assert _capture(numbers, list(range(50, 59)), arrival) == slice(3, 7)
+
+
+def test_stamps_that_start_anew_with_the_capture_separate_it_too() -> None:
+    assert _capture([811, 812, 1, 2, 3, 901], [50, 51, 0, 1, 2, 54], [-2, -1, 0, 1, 2, 3]) == slice(2, 5)
+
+
+def test_stamps_that_stand_still_leave_the_numbers_alone_to_tell() -> None:
+    assert _capture([811, 812, 1, 2, 9, 10], [0] * 6, [-2, -1, 0, 1, 8, 9]) == slice(2, 6)
+
+
+def test_of_two_captures_the_one_at_the_edge_counts() -> None:
+    assert _capture([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], [0, 1, 2, 300, 301], edge=3.0) == slice(3, 5)
 
 
 def test_a_fall_where_the_capture_ends_gives_the_clock_ratio() -> None:

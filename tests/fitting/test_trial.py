@@ -68,26 +68,34 @@ def test_its_arrays_cannot_be_changed() -> None:
         trial.force[0] = 0.0
 
 
-def test_live_preview_before_the_capture_is_not_taken_for_it() -> None:
+def _preview(first_number: int, stamp_ns: int, host_ns: int) -> Track:
+    """A second of live preview: other numbers, other places."""
+    markers = _recorded()[1]["/markers"]
+    step = np.arange(100, dtype=np.int64) * 10_000_000
+    numbers = np.arange(first_number, first_number + 100, dtype=np.uint64)
+    return Track(markers.stream, numbers, stamp_ns + step, host_ns + step, markers.values[:100] + 50)
+
+
+@pytest.mark.parametrize("number_after", [9000, 7100, 1])
+def test_live_preview_around_the_capture_is_not_taken_for_it(number_after: int) -> None:
     manifest, tracks = _recorded()
-    markers = tracks["/markers"]
-    preview = Track(
-        markers.stream,
-        np.arange(7000, 7100, dtype=np.uint64),
-        markers.device_time_ns[:100],
-        markers.host_time_ns[:100] - 1_100_000_000,
-        markers.values[:100] + 50,
-    )
+    capture = tracks["/markers"]
+    stamps, arrivals = capture.device_time_ns, capture.host_time_ns
+    before = _preview(7000, int(stamps[0]) - 1_010_000_000, int(arrivals[0]) - 1_100_000_000)
+    after = _preview(number_after, int(stamps[-1]) + 25_000_000, int(arrivals[-1]) + 25_000_000)
     joined = Track(
-        markers.stream,
+        capture.stream,
         *(
-            np.concatenate((getattr(preview, part), getattr(markers, part)))
+            np.concatenate([getattr(track, part) for track in (before, capture, after)])
             for part in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
         ),
     )
     plain = build_trial(manifest, tracks, "a.mcap", "hash")
     trial = build_trial(manifest, {**tracks, "/markers": joined}, "a.mcap", "hash")
     np.testing.assert_array_equal(trial.markers, plain.markers)
+    np.testing.assert_array_equal(trial.force_time, plain.force_time)
+    assert trial.frame_gaps == ()
+    assert trial.notes == ()
 
 
 def test_lost_first_frames_do_not_shift_the_others() -> None:
