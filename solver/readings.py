@@ -63,10 +63,11 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
 
 def _read(worn: WornMotion, slack: Effort, solved: Solved, unmigrated: Solved | None) -> Readings:
     wearing, effort = solved
-    force, cost = _largest_force(worn, wearing), effort.muscles[-1]
+    force, cost = effort.cord_force[-1], effort.muscles[-1]
     force_before = cost_before = np.nan
     if unmigrated is not None:
-        force_before, cost_before = _largest_force(worn, unmigrated[0]), unmigrated[1].muscles[-1]
+        _, before = unmigrated
+        force_before, cost_before = before.cord_force[-1], before.muscles[-1]
     lowest = lowest_of(wearing.rest_lengths[:-1], effort.muscles[:-1])
     slipped = wearing.arm.migration if wearing.arm else 0.0
     mean, mean_slack = worn.mean_activation(effort.activations[-1]), worn.mean_activation(slack.activations[0])
@@ -81,8 +82,3 @@ def _read(worn: WornMotion, slack: Effort, solved: Solved, unmigrated: Solved | 
         cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
     )
-
-
-def _largest_force(worn: WornMotion, wearing: Wearing) -> float:
-    at_reference = Wearing(wearing.condition, wearing.waist, wearing.arm, wearing.rest_lengths[-1:])
-    return float(worn.forces(at_reference).tension.max())

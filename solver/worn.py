@@ -67,12 +67,14 @@ class Effort:
     """What a wearing costs, for each of its rest lengths; costs are over that of the suit with a slack cord.
 
     muscles, reserves  (rest lengths,) Σ w x² over all frames; NaN where a frame is infeasible
+    cord_force         (rest lengths,) largest tension of the cord [N], over all frames of the motion
     activations        (rest lengths, frames, muscles)
     outcomes           (rest lengths, frames) of FrameOutcome
     """
 
     muscles: Array
     reserves: Array
+    cord_force: Array
     activations: Array
     outcomes: NDArray[np.object_]
 
@@ -162,17 +164,21 @@ def solve_wearings(
     worn: WornMotion, wearings: Sequence[Wearing], progress: Callable[[int, int], None] = lambda *_: None
 ) -> tuple[Effort, list[Effort]]:
     """The effort with a slack cord, then that of every wearing; all scenarios of a frame are solved together."""
-    loads = [_no_load(worn), *(_load(worn, worn.forces(wearing)) for wearing in wearings)]
+    loads, cord_forces = [_no_load(worn)], [np.zeros(1)]
+    for wearing in wearings:
+        forces = worn.forces(wearing)
+        loads.append(_load(worn, forces))
+        cord_forces.append(forces.tension.max(axis=1))
     together = LoadResponse(
         acceleration=np.concatenate([load.acceleration for load in loads]),
         reaction=np.concatenate([load.reaction for load in loads]),
     )
     solution = solve_redundancy(worn.problem, together, progress)
-    slack = float(_effort(worn.problem, solution, slice(0, 1), 1.0).muscles[0])
+    slack = float(_effort(worn.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
     ends = np.cumsum([len(load.acceleration) for load in loads])
     first, *others = (
-        _effort(worn.problem, solution, slice(begin, end), slack)
-        for begin, end in zip([0, *ends[:-1]], ends, strict=True)
+        _effort(worn.problem, solution, slice(begin, end), cord_force, slack)
+        for begin, end, cord_force in zip([0, *ends[:-1]], ends, cord_forces, strict=True)
     )
     return first, others
 
@@ -181,7 +187,7 @@ def solve_bare(worn: WornMotion, slack: Effort) -> Effort:
     """The effort of the body without the suit's masses, over that of the slack suit."""
     solution = solve_redundancy(worn.bare_problem)
     slack_cost = float((_muscle_weights(worn.problem) * slack.activations[0] ** 2).sum())
-    return _effort(worn.bare_problem, solution, slice(0, 1), slack_cost)
+    return _effort(worn.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
 
 
 def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
@@ -237,12 +243,15 @@ def _muscle_weights(problem: RedundancyProblem) -> Array:
     return problem.weights[: problem.time_constants.shape[1]]
 
 
-def _effort(problem: RedundancyProblem, solution: RedundancySolution, part: slice, slack_cost: float) -> Effort:
+def _effort(
+    problem: RedundancyProblem, solution: RedundancySolution, part: slice, cord_force: Array, slack_cost: float
+) -> Effort:
     controls, muscles = solution.controls[part], len(_muscle_weights(problem))
     cost = (problem.weights * controls**2).sum(axis=1) / slack_cost
     return Effort(
         muscles=cost[:, :muscles].sum(axis=1),
         reserves=cost[:, muscles:].sum(axis=1),
+        cord_force=cord_force,
         activations=controls[:, :, :muscles],
         outcomes=solution.outcomes[part],
     )

@@ -20,8 +20,8 @@ from station.simulation import SimulatedBench, simulator_settings
 from station.tables import assessment_table, cuff_table
 
 LOSSY = 3
-MUSCLE_FRAMES, MUSCLE_REST_LENGTHS = 60, 16
-"""At most so much of the bundled motion is solved; the assessment's own verb takes all, and draws the cuffs besides."""
+MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16, "draws": 50}
+"""At most so much of the bundled motion is solved; the assessment's own verb takes all of it and 200 draws."""
 
 
 class DemoError(Exception):
@@ -50,8 +50,7 @@ def run_demo(folder: Path | None, speed: float, seed: int) -> int:
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
         fitted = fit_session_folder(folder, folder / "cuffs.json", progress)
         inputs = AssessmentInputs(folder / "cuffs.json")
-        bounds = {"most_frames": MUSCLE_FRAMES, "most_rest_lengths": MUSCLE_REST_LENGTHS, "draws": 0}
-        assessed = assess_cuffs(fitted.cuffs, inputs, **bounds, progress=progress)
+        assessed = assess_cuffs(fitted.cuffs, inputs, **MUSCLE_BOUNDS, progress=progress)
         write_assessment(assessed, folder)
         page = write_report(folder, fitted, progress)
     data.print(cuff_table(fitted.cuffs, truth))
