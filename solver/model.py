@@ -207,10 +207,15 @@ class WrapSurface:
 
 @dataclass(frozen=True)
 class PathWrap:
-    """One surface (index into Model.surfaces) that a path may wrap over, and the method for ellipsoids."""
+    """One surface (index into Model.surfaces) that a path may wrap over, and the method for ellipsoids.
+
+    Only the pieces between the path's points `first` and `last` (indices, both included; None is the end) may wrap.
+    """
 
     surface: int
     method: Literal["hybrid", "midpoint", "axial"]
+    first: int = 0
+    last: int | None = None
 
 
 @dataclass(frozen=True)

@@ -82,9 +82,9 @@ def _wrap(element: Element, surfaces: list[WrapSurface]) -> PathWrap:
     names = [surface.name for surface in surfaces]
     if name not in names:
         raise element.refusal(f"names an unknown wrap object {name}")
-    if not np.all(element.numbers("range", 2, "-1 -1") == -1.0):
-        raise element.refusal("wraps only a range of points; the solver wraps whole paths (range -1 -1)")
+    first, last = (int(number) for number in element.numbers("range", 2, "-1 -1"))
     method = element.word("method", "hybrid")
     if method not in ("hybrid", "midpoint", "axial"):
         raise element.refusal(f"has the method {method}; the solver has hybrid, midpoint and axial")
-    return PathWrap(names.index(name), method)  # type: ignore[arg-type]
+    # The file counts points from 1; less is the path's own end.
+    return PathWrap(names.index(name), method, max(first, 1) - 1, last - 1 if last > 0 else None)  # type: ignore[arg-type]

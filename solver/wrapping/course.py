@@ -52,7 +52,8 @@ CHANGE = np.dtype(
 )
 
 # A surface of a path, as in WrapSurface. The path stays where coordinate `axis` of the surface's frame has the sign
-# `allowed`, or anywhere if that is 0. Two wraps with the same `surface` are on the same one.
+# `allowed`, or anywhere if that is 0. Two wraps with the same `surface` are on the same one. Only the pieces between
+# the path's points `first` and `last` may wrap.
 WRAP = np.dtype(
     [
         ("surface", np.int64),
@@ -64,6 +65,8 @@ WRAP = np.dtype(
         ("dimensions", np.float64, (3,)),
         ("axis", np.int64),
         ("allowed", np.int64),
+        ("first", np.int64),
+        ("last", np.int64),
     ]
 )
 
@@ -110,7 +113,7 @@ def pack_paths(model: Model, paths: tuple[Path, ...]) -> Courses:
         _check(model, k, path)
     changes = count()
     points = [_point(point, changes) for path in paths for point in path.points]
-    wraps = [_wrap(wrap, model.surfaces[wrap.surface]) for path in paths for wrap in path.wraps]
+    wraps = [_wrap(wrap, model.surfaces[wrap.surface], path) for path in paths for wrap in path.wraps]
     return Courses(
         np.array(points, POINT),
         np.array(wraps, WRAP),
@@ -182,7 +185,7 @@ def _point(point: AnyPathPoint, changes: Iterator[int]) -> tuple[object, ...]:
     return point.body, next(changes), np.zeros(3)
 
 
-def _wrap(wrap: PathWrap, surface: WrapSurface) -> tuple[object, ...]:
+def _wrap(wrap: PathWrap, surface: WrapSurface, path: Path) -> tuple[object, ...]:
     placement = surface.placement
     return (
         wrap.surface,
@@ -193,6 +196,8 @@ def _wrap(wrap: PathWrap, surface: WrapSurface) -> tuple[object, ...]:
         placement.translation,
         surface.dimensions,
         *_side(surface.quadrant),
+        wrap.first,
+        len(path.points) - 1 if wrap.last is None else wrap.last,
     )
 
 

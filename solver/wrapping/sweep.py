@@ -117,7 +117,7 @@ def _try_surface(
     count = _remove_tangent_points(node, sequence, count)
     last_answer = FREE
     behind, r1, r2, on_surface, least_detour = -1, ORIGIN, ORIGIN, 0.0, inf
-    for k in range(count - 1):
+    for k in range(*_range_on_path(wrap, nodes, sequence, count)):
         start, end = sequence[k], sequence[k + 1]
         if _is_over_surface(nodes, start, end):
             continue
@@ -139,6 +139,19 @@ def _try_surface(
         nodes[node + 1]["on_surface"] = on_surface
         count = _insert_tangent_points(node, sequence, count, behind)
     return count, last_answer
+
+
+@compiled
+def _range_on_path(wrap: Record, nodes: Records, sequence: Indices, count: int) -> tuple[int, int]:
+    """Positions in the sequence of the first and the last of those points of the path between which it may wrap."""
+    first, last = count - 1, 0
+    for k in range(count):
+        is_point = nodes[sequence[k]]["surface"] == NO_SURFACE
+        if is_point and sequence[k] >= wrap["first"]:
+            first = min(first, k)
+        if is_point and sequence[k] <= wrap["last"]:
+            last = k
+    return first, last
 
 
 @compiled

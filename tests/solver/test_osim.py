@@ -192,7 +192,6 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             "RigidTendonMuscle closer is a force the solver does not",
         ),
         (">midpoint<", ">spiral<", "PathWrap wrap has the method spiral"),
-        ("<range>-1 -1</range>", "<range>1 2</range>", "PathWrap wrap wraps only a range of points"),
         ("<prescribed>false", "<prescribed>true", "Coordinate angle has <prescribed> true; the solver has only false"),
         ("<min_control>-Inf", "<min_control>-1", "CoordinateActuator motor has <min_control> -1"),
         ("<minimum_value>0<", "<minimum_value>low<", "minimum_value should hold numbers, not 'low'"),

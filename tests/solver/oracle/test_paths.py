@@ -81,6 +81,31 @@ def test_a_path_wraps_over_a_surface_on_one_side(kind: str, side: str, tmp_path:
     assert is_touched(model, tmp_path)
 
 
+@pytest.mark.parametrize("points", [(-1, -1), (1, 2), (2, 3), (2, -1), (-1, 3), (3, 4), (2, 2), (4, 2)])
+@pytest.mark.parametrize("kind", ["WrapCylinder", "WrapSphere"])
+def test_a_path_wraps_only_between_two_of_its_points(points: tuple[int, int], kind: str, tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    surface = getattr(opensim, kind)()
+    surface.setName("bump")
+    surface.set_translation(vec3(0.15, 0.08, -0.04))
+    surface.set_radius(0.06)
+    model.getGround().addWrapObject(given(surface))
+    course = [ENDS[0], ("ground", (0.0, 0.0, 0.0)), ("upper", (0.2, 0.1, -0.1)), ENDS[1]]
+    path = path_of(add_muscle(model, "wrapper", course))
+    condition = opensim.ConditionalPathPoint()
+    condition.setName("condition")
+    condition.setParentFrame(model.getGround())
+    condition.setLocation(vec3(-0.05, 0.0, 0.05))
+    condition.setCoordinate(model.getCoordinateSet().get("first_coord_1"))
+    condition.setRangeMin(-0.2)
+    condition.setRangeMax(0.5)
+    path.updPathPointSet().insert(2, given(condition))
+    path.addPathWrap(surface)
+    for end, number in enumerate(points):
+        path.updWrapSet().get(0).set_range(end, number)
+    assert difference(model, tmp_path).is_nought()
+
+
 def is_touched(model: Any, folder: Path) -> bool:
     """Whether the surface makes the last muscle's path longer than the straight line, in some posture."""
     ours = read_back(model, folder)
