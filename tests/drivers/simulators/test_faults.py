@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from drivers.simulators.faults import FAULTS, Fault, Faults, fault_from_dict, read_fault_plan
+from drivers.simulators.faults import Fault, Faults, fault_from_dict, read_fault_plan
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
 
@@ -69,38 +67,6 @@ def test_a_plan_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text:
 def test_a_plan_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"plan.toml cannot be read: No such file"):
         read_fault_plan(tmp_path / "plan.toml")
-
-
-_entry = st.dictionaries(
-    st.sampled_from(["device", "fault", "at_s", "for_s", "capture", "labels", "x"]),
-    st.one_of(
-        st.sampled_from([*FAULTS, *(fault for faults in FAULTS.values() for fault in faults)]),
-        st.integers(),
-        st.floats(),
-        st.booleans(),
-        st.none(),
-        st.lists(st.text()),
-    ),
-)
-
-
-@given(entry=_entry)
-def test_whatever_an_entry_holds_it_is_a_fault_or_a_sentence(entry: dict[str, Any]) -> None:
-    try:
-        fault = fault_from_dict(entry)
-    except ValueError as error:
-        assert "\n" not in str(error)
-    else:
-        assert fault.at_s >= 0 <= fault.for_s
-
-
-@given(content=st.one_of(st.binary(), st.text().map(lambda text: (PLAN + text).encode("utf-8", "replace"))))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_whatever_a_file_holds_it_is_a_plan_or_a_sentence(tmp_path: Path, content: bytes) -> None:
-    try:
-        read_fault_plan(plan_file(tmp_path, content))
-    except ValueError as error:
-        assert "\n" not in str(error)
 
 
 def test_faults_go_on_from_their_begin_to_their_end_and_belong_to_their_capture() -> None:

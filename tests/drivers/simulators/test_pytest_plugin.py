@@ -48,7 +48,7 @@ def test_every_bench_ends_with_the_test(pytester: pytest.Pytester) -> None:
             pathlib.Path("ports").write_text(" ".join(map(str, ports)))
         """
     )
-    pytester.runpytest_inprocess().assert_outcomes(passed=1)
+    pytester.runpytest_inprocess("-W", "ignore::pytest.PytestAssertRewriteWarning").assert_outcomes(passed=1)
     for port in (pytester.path / "ports").read_text().split():
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.1", int(port)))
