@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solver.constraints import constraint_rows
 from solver.kinematics import Postures, jacobians, point_acceleration, points_in_ground
-from solver.model import Model, ModelError
+from solver.model import CoordinateForce, Model, ModelError
 from solver.muscle import MuscleForces
 from solver.paths import PathState
 from solver.spatial import rotate, skew_matrix
@@ -32,7 +32,7 @@ class EquationsOfMotion:
     """The letters of the module's equations, and the reaction R = R_b − R_a u̇ + wrench on the bodies beyond it.
 
     mass_matrix           M (frames, coordinates, coordinates)
-    bias_force            c (frames, coordinates), of velocities and gravity
+    bias_force            c (frames, coordinates), of velocities, gravity and what acts on coordinates by itself
     constraint_jacobian   G (frames, rows, coordinates), see solver/constraints.py
     constraint_bias       b (frames, rows)
     mobility              P (frames, coordinates, coordinates)
@@ -87,6 +87,8 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     mass_matrix = _sum_over_bodies(spin, inertia.tensor @ spin)
     mass_matrix += _sum_over_bodies(center, inertia.mass[:, None, None] * center)
     bias_force = np.einsum("fbij,fbi->fj", spin, inertia.moment) + np.einsum("fbij,fbi->fj", center, inertia.force)
+    for passive in model.coordinate_forces:
+        bias_force[:, passive.coordinate] -= _own_force(passive, state)
     jacobian, bias = constraint_rows(model, state, inertia.jacobians)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
@@ -210,6 +212,12 @@ class _Inertia:
             moment=rotate(tensor, alpha) + np.cross(angular, rotate(tensor, angular)),
             force=mass[:, None] * (acceleration - model.gravity),
         )
+
+
+def _own_force(passive: CoordinateForce, state: Postures) -> Array:
+    q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
+    force: Array = passive.force.derivatives(q)[0] + passive.resistance.derivatives(q)[0] * u
+    return force
 
 
 def _sum_over_bodies(left: Array, right: Array) -> Array:

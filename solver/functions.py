@@ -70,6 +70,14 @@ def scaled(function: Function, factor: float) -> Function:
     return _pieces(function.breaks, function.origins, factor * function.coefficients)
 
 
+def times_line(function: PiecewisePolynomial, slope: float, offset: float) -> PiecewisePolynomial:
+    """The function times slope · x + offset."""
+    coefficients = np.zeros((len(function.origins), function.coefficients.shape[1] + 1))
+    coefficients[:, :-1] = function.coefficients * (slope * function.origins + offset)[:, None]
+    coefficients[:, 1:] += slope * function.coefficients
+    return _pieces(function.breaks, function.origins, coefficients)
+
+
 def piecewise_linear(x: Array, y: Array) -> PiecewisePolynomial:
     """Straight lines through points (knots,), x increasing; the first and the last line go on beyond the ends."""
     return _pieces(x[1:-1], x[:-1], np.column_stack([y[:-1], np.diff(y) / np.diff(x)]))

@@ -288,6 +288,16 @@ class CoordinateActuator:
     optimal_force: float
 
 
+@dataclass(frozen=True)
+class CoordinateForce:
+    """What a coordinate is pushed with by itself, as by a spring: force(q) + resistance(q) · u [N or N m]."""
+
+    name: str
+    coordinate: int
+    force: Function
+    resistance: Function
+
+
 @dataclass(frozen=True, eq=False)
 class Marker:
     """A named point of a body, location (3,) [m] in it."""
@@ -316,6 +326,7 @@ class Model:
     constraints: tuple[Constraint, ...]
     actuators: tuple[CoordinateActuator, ...]
     markers: tuple[Marker, ...]
+    coordinate_forces: tuple[CoordinateForce, ...] = ()
 
     def __post_init__(self) -> None:
         _freeze(self, gravity=(3,))

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.model import GROUND, Body, Constraint, Joint, Marker, Model, WrapSurface
 from solver.osim.document import Element, read_document
+from solver.osim.forces import COORDINATE_FORCES, read_coordinate_force
 from solver.osim.frames import Names
 from solver.osim.joints import read_constraint, read_joint, read_lock
 from solver.osim.muscles import read_actuator, read_muscle
@@ -23,7 +24,8 @@ def read_osim(path: str | Path) -> Model:
     return _model(document.child("Model"))
 
 
-_FORCES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle", "CoordinateActuator")
+_MUSCLES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
+_FORCES = (*_MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
 
 
 def _model(element: Element) -> Model:
@@ -48,9 +50,12 @@ def _model(element: Element) -> Model:
         coordinates=tuple(names.coordinates),
         joints=joints,
         surfaces=tuple(surfaces),
-        muscles=tuple(read_muscle(f, names, surfaces) for f in forces if f.tag != "CoordinateActuator"),
+        muscles=tuple(read_muscle(f, names, surfaces) for f in forces if f.tag in _MUSCLES),
         constraints=_constraints(element, names),
         actuators=tuple(read_actuator(f, names) for f in forces if f.tag == "CoordinateActuator"),
+        coordinate_forces=tuple(
+            one for f in forces if f.tag in COORDINATE_FORCES for one in read_coordinate_force(f, names)
+        ),
         markers=tuple(
             Marker(m.name, *names.station(m, "socket_parent_frame", "location")) for m in element.objects("MarkerSet")
         ),
