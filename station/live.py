@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
-from types import TracebackType
 
 import numpy as np
 from rich.console import Console
@@ -12,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 
 from recordings.samples import Event, Item, Loss, Samples
+from station.background_view import BackgroundView
 from station.clock import Clock
 from station.session import Snapshot, State
 
@@ -45,63 +44,42 @@ class StreamTally:
         return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
 
 
-class LiveView:
-    """A context manager around a trial; its own thread draws, so that a slow terminal slows nothing but itself."""
+class LiveView(BackgroundView):
+    """A table that is drawn anew where there is a terminal; states, events and losses as lines in any case."""
 
     def __init__(self, clock: Clock, title: str, console: Console | None = None) -> None:
-        self.dropped = 0
+        super().__init__("live view", REFRESH_S, BACKLOG)
         self._clock, self._title = clock, title
         self._console = console or Console(stderr=True)
-        self._backlog: deque[Item] = deque(maxlen=BACKLOG)
         self._snapshot = Snapshot(State.IDLE, "opening the devices")
         self._changes: deque[Snapshot] = deque()
         self._tallies: dict[str, StreamTally] = {}
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
-
-    def offer(self, item: Item) -> None:
-        if len(self._backlog) == BACKLOG:
-            self.dropped += 1
-        self._backlog.append(item)
 
     def show(self, snapshot: Snapshot) -> None:
         if snapshot.state is not self._snapshot.state:
             self._changes.append(snapshot)
         self._snapshot = snapshot
 
-    def __enter__(self) -> LiveView:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        self._thread.join(2.0)
-
     def _run(self) -> None:
         if not self._console.is_terminal:
-            while not self._stop.wait(REFRESH_S):
-                self._drain()
-            self._drain()
+            super()._run()
             return
-        with Live(self._table(), console=self._console, refresh_per_second=1 / REFRESH_S, transient=True) as live:
-            while not self._stop.wait(REFRESH_S):
-                self._drain()
-                live.update(self._table())
+        with Live(console=self._console, get_renderable=self._table, refresh_per_second=1 / REFRESH_S, transient=True):
+            super()._run()
 
-    def _drain(self) -> None:
+    def _refresh(self) -> None:
         while self._changes:
             change = self._changes.popleft()
             self._say(f"{self._title}: {change.state.value}: {change.sentence}")
-        while self._backlog:
-            item = self._backlog.popleft()
-            if isinstance(item, Samples):
-                self._tallies.setdefault(item.stream, StreamTally()).add(item)
-            elif isinstance(item, Event):
-                self._say(f"  {item.text}")
-            elif isinstance(item, Loss):
-                self._say(f"  lost {item.count} samples of {item.stream}: {item.cause}")
+        super()._refresh()
+
+    def _take(self, item: Item) -> None:
+        if isinstance(item, Samples):
+            self._tallies.setdefault(item.stream, StreamTally()).add(item)
+        elif isinstance(item, Event):
+            self._say(f"  {item.text}")
+        elif isinstance(item, Loss):
+            self._say(f"  lost {item.count} samples of {item.stream}: {item.cause}")
 
     def _say(self, words: str) -> None:
         self._console.print(words, highlight=False, markup=False, soft_wrap=True)

@@ -5,8 +5,6 @@ Rerun's viewer is not started: it would bind every interface and its page phones
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from pathlib import Path
 from types import TracebackType
 
@@ -14,6 +12,7 @@ import numpy as np
 import rerun as rr
 
 from recordings.samples import Event, Item, Samples
+from station.background_view import BackgroundView
 from station.session import Snapshot
 
 REFRESH_S = 0.2
@@ -22,53 +21,33 @@ MARKER_RATE_HZ = 25.0
 """A hundred point clouds a second cost a tenth of a core and look no smoother."""
 
 
-class RerunLog:
-    """A view that writes an .rrd file from a thread of its own; drops when it falls behind, and counts.
+class RerunLog(BackgroundView):
+    """A view that writes an .rrd file.
 
     The timeline is the host's UTC: the last sample of a block lies at its arrival, those before by the device's clock.
     """
 
     def __init__(self, path: Path) -> None:
-        self.dropped = 0
+        super().__init__("rerun log", REFRESH_S, BACKLOG)
         self._stream = rr.RecordingStream("cuffstation")
         self._stream.save(path)
-        self._backlog: deque[Item] = deque(maxlen=BACKLOG)
         self._last_points_ns = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="rerun log", daemon=True)
-
-    def offer(self, item: Item) -> None:
-        if len(self._backlog) == BACKLOG:
-            self.dropped += 1
-        self._backlog.append(item)
 
     def show(self, snapshot: Snapshot) -> None:
         """The state is told by the events already."""
 
-    def __enter__(self) -> RerunLog:
-        self._thread.start()
-        return self
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stop.set()
-        self._thread.join(5.0)
+        super().__exit__(kind, error, trace)
         self._stream.disconnect()
 
-    def _run(self) -> None:
-        while not self._stop.wait(REFRESH_S):
-            self._drain()
-        self._drain()
-
-    def _drain(self) -> None:
-        while self._backlog:
-            item = self._backlog.popleft()
-            if isinstance(item, Event):
-                self._stream.set_time("host", timestamp=np.datetime64(item.host_time_ns, "ns"))
-                self._stream.log("events", rr.TextLog(item.text))
-            elif isinstance(item, Samples) and len(item.values):
-                self._log_samples(item)
+    def _take(self, item: Item) -> None:
+        if isinstance(item, Event):
+            self._stream.set_time("host", timestamp=np.datetime64(item.host_time_ns, "ns"))
+            self._stream.log("events", rr.TextLog(item.text))
+        elif isinstance(item, Samples) and len(item.values):
+            self._log_samples(item)
 
     def _log_samples(self, samples: Samples) -> None:
         times_ns = samples.host_time_ns - samples.device_time_ns[-1] + samples.device_time_ns
