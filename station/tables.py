@@ -87,8 +87,8 @@ def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | No
 
 
 def _figure(figure: Figure, scale: float = 1.0, form: str = ".3f") -> str:
-    """Value and, in brackets, its 95 % interval."""
+    """Value ± half-width of the 95 % interval, where there is one."""
     if figure.value is None:
         return "-"
     words = f"{figure.value * scale:{form}}"
-    return words if figure.ci95 is None else f"{words} ({' to '.join(f'{end * scale:{form}}' for end in figure.ci95)})"
+    return words if figure.ci95 is None else f"{words} ± {(figure.ci95[1] - figure.ci95[0]) / 2 * scale:{form}}"
