@@ -7,22 +7,46 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.kinematics import Postures, jacobians, points_in_ground, postures, speeds_from_rates
-from solver.model import GROUND, ModelError
+from solver.kinematics import (
+    Postures,
+    jacobians,
+    points_in_ground,
+    postures,
+    rates_of_coordinates,
+    speeds_from_rates,
+)
+from solver.model import GROUND, Model, ModelError
 from solver.spatial import rotate, skew_matrix
+from tests.solver.linkage import linkage
 
 Array = NDArray[np.float64]
 
 MODEL = bundled_model()
+MODELS = {"bundled": MODEL, "linkage": linkage()}
 RANDOM = np.random.default_rng(11)
-Q = MODEL.default_coordinates + 0.3 * RANDOM.normal(size=(6, len(MODEL.coordinates)))
-RATES = RANDOM.normal(size=Q.shape)
 STEP = 1e-5
 
 
-def _moving(time: float, acceleration: Array | float = 0.0) -> Postures:
-    q, rates = Q + time * RATES + time**2 / 2 * acceleration, RATES + time * acceleration
-    return postures(MODEL, q, speeds_from_rates(MODEL, q, rates))
+class Motion:
+    """A model that moves along a parabola of its coordinates."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.q = model.default_coordinates + 0.3 * RANDOM.normal(size=(6, len(model.coordinates)))
+        self.rates, self.acceleration = RANDOM.normal(size=self.q.shape), RANDOM.normal(size=self.q.shape)
+
+    def at(self, time: float) -> Postures:
+        q, rates = self.q + time * self.rates + time**2 / 2 * self.acceleration, self.rates + time * self.acceleration
+        return postures(self.model, q, speeds_from_rates(self.model, q, rates))
+
+
+BUNDLED = Motion(MODEL)
+Q = BUNDLED.q
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def motion(request: pytest.FixtureRequest) -> Motion:
+    return Motion(MODELS[request.param])
 
 
 def _screws(state: Postures) -> Array:
@@ -30,8 +54,8 @@ def _screws(state: Postures) -> Array:
     return np.concatenate([state.angular_velocity, origin_at_ground], axis=-1)
 
 
-def test_velocities_are_the_derivatives_of_poses() -> None:
-    now, before, after = _moving(0.0), _moving(-STEP), _moving(STEP)
+def test_velocities_are_the_derivatives_of_poses(motion: Motion) -> None:
+    now, before, after = motion.at(0.0), motion.at(-STEP), motion.at(STEP)
     velocity = (after.origin_in_ground - before.origin_in_ground) / (2 * STEP)
     turning = (after.rotation_to_ground - before.rotation_to_ground) / (2 * STEP)
     spin = turning @ np.swapaxes(now.rotation_to_ground, -1, -2)
@@ -39,29 +63,36 @@ def test_velocities_are_the_derivatives_of_poses() -> None:
     assert np.allclose(skew_matrix(now.angular_velocity), spin, atol=1e-8)
 
 
-def test_accelerations_are_the_derivatives_of_velocities() -> None:
-    acceleration = RANDOM.normal(size=Q.shape)
-    now, before, after = _moving(0.0, acceleration), _moving(-STEP, acceleration), _moving(STEP, acceleration)
+def test_accelerations_are_the_derivatives_of_velocities(motion: Motion) -> None:
+    now, before, after = motion.at(0.0), motion.at(-STEP), motion.at(STEP)
     speed_change = (after.speeds - before.speeds) / (2 * STEP)
     expected = (_screws(after) - _screws(before)) / (2 * STEP)
-    found = now.bias_acceleration + rotate(jacobians(MODEL, now), speed_change[:, None])
+    found = now.bias_acceleration + rotate(jacobians(motion.model, now), speed_change[:, None])
     assert np.allclose(found, expected, atol=1e-7)
 
 
-def test_jacobians_give_the_velocities_of_all_bodies() -> None:
-    state = _moving(0.0)
-    assert np.allclose(rotate(jacobians(MODEL, state), state.speeds[:, None]), _screws(state), atol=1e-13)
+def test_jacobians_give_the_velocities_of_all_bodies(motion: Motion) -> None:
+    state = motion.at(0.0)
+    assert np.allclose(rotate(jacobians(motion.model, state), state.speeds[:, None]), _screws(state), atol=1e-13)
+
+
+def test_rates_and_speeds_belong_to_each_other(motion: Motion) -> None:
+    now, before, after = motion.at(0.0), motion.at(-STEP), motion.at(STEP)
+    to_rates, drift = rates_of_coordinates(motion.model, now)
+    speed_change = (after.speeds - before.speeds) / (2 * STEP)
+    assert np.allclose(rotate(to_rates, now.speeds), motion.rates, atol=1e-12)
+    assert np.allclose(rotate(to_rates, speed_change) + drift, motion.acceleration, atol=1e-7)
 
 
 def test_the_ground_stays() -> None:
-    state = _moving(0.0)
+    state = BUNDLED.at(0.0)
     assert np.array_equal(state.rotation_to_ground[:, GROUND], np.broadcast_to(np.eye(3), (len(Q), 3, 3)))
     assert not jacobians(MODEL, state)[:, GROUND].any()
 
 
 def test_a_shoulder_coordinate_moves_the_arm_and_nothing_before_it() -> None:
     elevation = MODEL.coordinate_index("shoulder_elv")
-    moved = jacobians(MODEL, _moving(0.0))[..., elevation].any(axis=(0, 2))
+    moved = jacobians(MODEL, BUNDLED.at(0.0))[..., elevation].any(axis=(0, 2))
     assert [body.name for body, does in zip(MODEL.bodies, moved, strict=True) if does] == [
         "humerus",
         "ulna",
@@ -72,7 +103,7 @@ def test_a_shoulder_coordinate_moves_the_arm_and_nothing_before_it() -> None:
 
 def test_the_scapula_keeps_to_its_ellipsoid() -> None:
     joint = MODEL.joint("scapulothoracic")
-    state = _moving(0.0)
+    state = BUNDLED.at(0.0)
     contact = points_in_ground(state, joint.child, joint.frame_in_child.translation)
     thorax, placement = joint.parent, joint.frame_in_parent
     in_thorax = rotate(
@@ -85,4 +116,4 @@ def test_the_scapula_keeps_to_its_ellipsoid() -> None:
 
 def test_coordinates_of_the_wrong_number_are_refused() -> None:
     with pytest.raises(ModelError, match=r"expected q and u of shape \(6, 17\), found \(6, 16\)"):
-        postures(MODEL, Q[:, :16], RATES)
+        postures(MODEL, Q[:, :16], Q)
