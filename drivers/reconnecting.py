@@ -13,7 +13,7 @@ from recordings.samples import Event, Item, Loss, Samples, Stream
 
 PATIENCE_S = 10.0  # wall; after it the device is lost for good
 FIRST_PAUSE_S = 0.1
-LONGEST_PAUSE_S = 1.6
+LONGEST_PAUSE_S = 0.5
 PROBE_S = 0.05  # a device that was resumed and is lost within it has not come back
 
 Wall = Callable[[], float]

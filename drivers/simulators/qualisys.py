@@ -159,6 +159,9 @@ class _Server:
             before = self._told_until
             capture = self._world.capture
             if capture is not None and capture.number > self._captures:
+                if self._capture is not None:  # it ended, and the next began, since we looked
+                    self._tell_until(min(self._capture.end, capture.start))
+                    self._end(self._capture)
                 self._tell_until(capture.start)
                 self._begin(capture)
             if self._capture is None:

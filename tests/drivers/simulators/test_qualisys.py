@@ -16,6 +16,7 @@ import qtm_rt
 from qtm_rt.packet import QRTComponentType, QRTEvent
 from qtm_rt.protocol import QRTCommandException
 
+from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.qualisys import MOST_CLIENTS, QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
@@ -160,6 +161,45 @@ def test_a_capture_tells_its_start_its_end_and_that_it_is_saved() -> None:
         QRTEvent.EventCaptureStopped,
         QRTEvent.EventCaptureSaved,
     ]
+
+
+def test_a_capture_that_follows_at_once_begins_after_the_end_of_the_one_before() -> None:
+    world = World(settings_from_dict({"operator": {"capture": "remote"}}), speed=30.0)
+    qtm = QualisysSimulator(world)
+    qtm.start()
+
+    async def watch(client: Client) -> None:
+        await client.rt.stream_frames("allframes", ["3d"], client.frames.append)
+        world.start_capture()
+        await client.wait_for(lambda: len(client.frames) > 10)
+        world.stop_capture()
+        world.start_capture()
+        await client.wait_for(lambda: client.events.count(QRTEvent.EventCaptureStarted) == 2)
+
+    client = talk(qtm.port, watch)
+    qtm.stop()
+    assert client.events == [
+        QRTEvent.EventCaptureStarted,
+        QRTEvent.EventCaptureStopped,
+        QRTEvent.EventCaptureStarted,
+    ]
+
+
+def test_frames_are_late_when_the_sync_line_rises_early() -> None:
+    early = fault_from_dict({"device": "sync", "fault": "early_edge", "for_s": 2.0})
+    world = World(settings_from_dict({"operator": {"capture": "remote"}}), speed=30.0, fault_plan=[early])
+    qtm = QualisysSimulator(world)
+    qtm.start()
+
+    async def watch(client: Client) -> None:
+        await client.rt.stream_frames("allframes", ["3d"], client.frames.append)
+        start = world.start_capture().start
+        await client.wait_for(lambda: len(client.frames) > 100)
+        assert client.frames[0].framenumber == 1
+        assert len(client.frames) / 100 <= world.now() - start - 2.0 + 0.01
+
+    talk(qtm.port, watch)
+    qtm.stop()
 
 
 def test_an_unsaved_measurement_stands_in_the_way_of_a_new_one() -> None:
