@@ -12,7 +12,7 @@ import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
@@ -29,27 +29,15 @@ app = typer.Typer(
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wall station time runs.")]
+Test = Literal["static", "dynamic"]
+Format = Literal["table", "json"]
+Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
 
 
-class Test(StrEnum):
-    static = "static"
-    dynamic = "dynamic"
-
-
-class Format(StrEnum):
-    table = "table"
-    json = "json"
-
-
-class Condition(StrEnum):
-    rigid = "rigid"
-    shift = "shift"
-    visco_elastic = "visco_elastic"
-    both = "both"
-
-
 class Freedom(StrEnum):
+    """An enumeration, as typer takes no list of literals."""
+
     stiffness = "stiffness"
     waist = "waist"
     shoulder = "shoulder"
@@ -87,12 +75,13 @@ def simulate(
     seed: Seed = 1,
     cuff: Annotated[str | None, typer.Option(help="Play trials of this cuff; default: the plan, in order.")] = None,
     test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, in order.")] = None,
+    faults: Annotated[Path | None, typer.Option(help="A plan of what goes wrong, and when (.toml).")] = None,
 ) -> None:
     """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C."""
     from station.config import load_config
     from station.simulation import serve_until_stopped
 
-    serve_until_stopped(load_config(config), speed, seed, cuff, None if test is None else test.value)
+    serve_until_stopped(load_config(config), speed, seed, cuff=cuff, test=test, fault_plan=faults)
 
 
 @app.command()
@@ -131,9 +120,9 @@ def record(
     from station.protocol import TrialSpec
 
     clock = RealClock(speed)
-    spec = TrialSpec(cuff, test.value, repeat, donning)
+    spec = TrialSpec(cuff, test, repeat, donning)
     with ExitStack() as stack:
-        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff} {test.value} {repeat}"))]
+        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff} {test} {repeat}"))]
         if rrd is not None:
             from station.rerun_log import RerunLog
 
@@ -156,12 +145,12 @@ def record(
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(help="A recording.")],
-    format: Annotated[Format, typer.Option(help="A table for people or JSON for programs.")] = Format.table,  # noqa: A002
+    format: Annotated[Format, typer.Option(help="A table for people or JSON for programs.")] = "table",  # noqa: A002
 ) -> None:
     """Show what is in a recording, whole or cut."""
     from station.info import show_contents
 
-    raise typer.Exit(show_contents(file, as_json=format is Format.json))
+    raise typer.Exit(show_contents(file, as_json=format == "json"))
 
 
 @app.command()
@@ -179,7 +168,7 @@ def recover(
 def fit(
     session: Annotated[Path, typer.Argument(help="Folder of a recorded session.")],
     output: Annotated[Path | None, typer.Option(help="Default: cuffs.json in the session's folder.")] = None,
-    format: Annotated[Format, typer.Option(help="What to print.")] = Format.table,  # noqa: A002
+    format: Annotated[Format, typer.Option(help="What to print.")] = "table",  # noqa: A002
 ) -> None:
     """Stiffness, damping and migration of every cuff in a session, with their uncertainty."""
     from rich.console import Console
@@ -190,7 +179,7 @@ def fit(
 
     with progress_bars(Console(stderr=True)) as progress:
         fitted = fit_session_folder(session, output or session / "cuffs.json", progress)
-    if format is Format.json:
+    if format == "json":
         print(fitted.to_json(), end="")
     else:
         print_cuffs(fitted, Console())
@@ -270,7 +259,7 @@ def optimise(
     suit: Annotated[Path | None, typer.Option(help="Where to start; default: the bundled exotendon suit.")] = None,
     model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
     cuff: Annotated[str | None, typer.Option(help="The arm cuff; may be left out where there is one only.")] = None,
-    condition: Annotated[Condition, typer.Option(help="What the cuffs do.")] = Condition.both,
+    condition: Annotated[Condition, typer.Option(help="What the cuffs do.")] = "both",
     free: Annotated[
         list[Freedom] | None, typer.Option(help="Besides the rest length: repeat for more. Points may move by 5 cm.")
     ] = None,
@@ -288,7 +277,7 @@ def optimise(
     inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=(cuff,) if cuff else ())
     freedoms: Any = tuple(each.value for each in free or ())
     with progress_bars(Console(stderr=True)) as progress:
-        optimised = optimise_file(inputs, output, condition.value, freedoms, draws, progress)
+        optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
     Console().print(optimum_table(optimised))
 
 

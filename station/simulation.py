@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -102,31 +103,44 @@ def simulator_settings(config: StationConfig) -> dict[str, Any]:
 
 
 def serve_until_stopped(
-    config: StationConfig, speed: float, seed: int, cuff: str | None, test: TestKind | None
+    config: StationConfig,
+    speed: float,
+    seed: int,
+    *,
+    cuff: str | None = None,
+    test: TestKind | None = None,
+    fault_plan: Path | None = None,
 ) -> None:
-    """Serves the devices on the configuration's ports until Ctrl-C or SIGTERM; says on stderr which trial it plays.
+    """Serves the devices on the configuration's ports until Ctrl-C or SIGTERM; says on stderr what each capture plays.
 
-    Raises SimulationError where the settings or a port cannot be used.
+    cuff and test choose one trial for all captures, instead of the plan in its order. Raises SimulationError where the
+    settings, the fault plan or a port cannot be used.
     """
     from drivers.simulators.bench import Bench
+    from drivers.simulators.faults import read_fault_plan
     from drivers.simulators.settings import settings_from_dict
 
-    ni_port = int(config.daq.grpc_target.rpartition(":")[2]) if config.daq.grpc_target else NI_PORT
-    ports = {"ports": {"ni": ni_port, "qtm": config.mocap.port}}
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     try:
+        ni_port = int(config.daq.grpc_target.rpartition(":")[2]) if config.daq.grpc_target else NI_PORT
+        ports = {"ports": {"ni": ni_port, "qtm": config.mocap.port}}
         settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
-        with Bench(settings, speed, seed) as bench:
+        with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
+            world = bench.world
             if cuff is not None or test is not None:
-                bench.world.select_trial(cuff or bench.world.trial.cuff, test or bench.world.trial.test)
+                world.select_trial(cuff or world.trial.cuff, test or world.trial.test)
             _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
             _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
             _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
-            _say("each capture plays the next trial; stop with Ctrl-C")
+            _say("stop with Ctrl-C")
+            told = 0
             while not stopped.wait(0.2):
-                pass
+                capture = world.capture
+                if capture is not None and capture.number > told:
+                    told = capture.number
+                    _say(f"capture {told}: {capture.trial.cuff}, {capture.trial.test}")
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error
 
