@@ -96,10 +96,11 @@ def _require_amplitude(solution: Solution) -> None:
 
 def _cut(trial: Trial, displacement: NDArray[np.float64], oscillation: Oscillation) -> Record:
     in_force = (trial.force_time >= oscillation.start) & (trial.force_time <= oscillation.end)
-    in_frames = (trial.marker_time >= oscillation.start) & (trial.marker_time <= oscillation.end)
-    seen = in_frames & np.isfinite(displacement)
-    if np.count_nonzero(seen) < 0.5 * np.count_nonzero(in_frames):
-        raise UnusableTrial("the markers are hidden in most of the dynamic pull; check the cameras' view")
+    seen = (trial.marker_time >= oscillation.start) & (trial.marker_time <= oscillation.end)
+    seen &= np.isfinite(displacement)
+    expected = (oscillation.end - oscillation.start) / float(np.median(np.diff(trial.marker_time)))
+    if np.count_nonzero(seen) < 0.5 * expected:
+        raise UnusableTrial("the markers are hidden or missing in most of the dynamic pull; check the cameras' view")
     time, force = _averaged(trial.force_time[in_force], trial.force[in_force])
     return Record(
         time,

@@ -18,7 +18,7 @@ from fitting.plateaus import Plateau, find_plateaus
 from fitting.quality import UnusableTrial
 from fitting.result import CuffFit, TrialFit, Verdict, covariance_of
 from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness, require_positive_loads, trial_stiffness
-from fitting.trial import Trial
+from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
 
 MIN_LOADS = 3
@@ -43,24 +43,29 @@ class ReducedTrial:
     notes: tuple[str, ...]
 
 
-def fit_donning(trials: Sequence[Trial]) -> tuple[CuffFit, dict[str, TrialCurves]]:
+def fit_donning(
+    trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ()
+) -> tuple[CuffFit, dict[str, TrialCurves]]:
     """The fit of one donning from its trials in time order, and by file the curves of those that were used.
 
-    Of a repeat that was recorded again, the highest run counts.
+    Of a repeat that was recorded again, the highest run that can be used counts. Migration is measured from the first
+    static trial of the donning, even one that was recorded again; rejected are recordings of the donning that are no
+    trials, and leave migration open if a static one of them started earlier still.
     """
-    newest, superseded = _newest_runs(trials)
     reasons: dict[str, str] = {}
-    reduced = _reduce(newest, reasons)
-    static = [each for each in reduced if each.trial.test == "static"]
+    reduced = _reduce(trials, reasons)
+    all_static = [each for each in reduced if each.trial.test == "static"]
+    static = [runs[0] for runs in _newest_first(all_static)]
     stiffness = fit_stiffness([each.plateaus for each in static], max(trial.gain_sd for trial in trials))
     lines = dict(zip([each.trial.file for each in static], stiffness.trials, strict=True))
     swings = _fit_dampings([each for each in reduced if each.trial.test == "dynamic"], stiffness.stiffness, reasons)
-    used = {each.trial.file: each for each in reduced if each.trial.file not in reasons}
+    used = {each.trial.file: each for each in reduced if each.trial.file in lines or each.trial.file in swings}
 
+    before = _started_before(all_static, trials, rejected, reasons)
     judged = (
         _judge_stiffness(static, stiffness.stiffness),
         _judge_damping(list(swings.values())),
-        _judge_migration(static),
+        _judge_migration(all_static, before),
     )
     estimates = [estimate for estimate, _ in judged]
     cuff = trials[0].cuff
@@ -73,28 +78,20 @@ def fit_donning(trials: Sequence[Trial]) -> tuple[CuffFit, dict[str, TrialCurves
         migration=estimates[2],
         verdicts=tuple(verdict for _, verdict in judged if verdict) or (Verdict.IDENTIFIED,),
         covariance=covariance_of(estimates),
-        sources={file: each.trial.sha256 for file, each in used.items()},
-        trials=_list_trials(trials, used, lines, swings, reasons, superseded),
-        notes=_notes(stiffness, list(swings.values())),
+        sources={each.trial.file: each.trial.sha256 for each in (*used.values(), *all_static[:1])},
+        trials=_list_trials(trials, used, lines, swings, reasons),
+        notes=_notes(stiffness, list(swings.values())) + _migration_notes(all_static, before),
         diagnostics=_diagnostics(stiffness, list(swings.values())),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
 
 
-def _newest_runs(trials: Sequence[Trial]) -> tuple[list[Trial], dict[str, str]]:
-    """The trials that count, and for every other file the sentence why not."""
-    newest: dict[tuple[str, int], Trial] = {}
-    for trial in trials:
-        key = trial.test, trial.repeat
-        if key not in newest or trial.run > newest[key].run:
-            newest[key] = trial
-    counting = [trial for trial in trials if newest[trial.test, trial.repeat] is trial]
-    superseded = {
-        trial.file: f"recorded again as {newest[trial.test, trial.repeat].file}"
-        for trial in trials
-        if newest[trial.test, trial.repeat] is not trial
-    }
-    return counting, superseded
+def _newest_first(trials: Sequence[ReducedTrial]) -> list[list[ReducedTrial]]:
+    """The trials of one test by repeat, in the order of their newest runs; of a repeat the newest run comes first."""
+    repeats: dict[int, list[ReducedTrial]] = {}
+    for each in sorted(trials, key=lambda each: each.trial.run, reverse=True):
+        repeats.setdefault(each.trial.repeat, []).append(each)
+    return sorted(repeats.values(), key=lambda runs: (runs[0].trial.start_utc_ns, runs[0].trial.file))
 
 
 def _reduce(trials: Sequence[Trial], reasons: dict[str, str]) -> list[ReducedTrial]:
@@ -152,11 +149,13 @@ def _fit_dampings(
     Decided for the donning as a whole: single trials that happened to come out well would be picked.
     """
     free = {}
-    for each in dynamic:
-        try:
-            free[each.trial.file] = fit_damping(each.trial, each.displacement)
-        except UnusableTrial as error:
-            reasons[each.trial.file] = str(error)
+    for runs in _newest_first(dynamic):
+        for each in runs:
+            try:
+                free[each.trial.file] = fit_damping(each.trial, each.displacement)
+                break
+            except UnusableTrial as error:
+                reasons[each.trial.file] = str(error)
     if stiffness is None or not free or _relative_error(free) < TIE_ABOVE:
         return free
     tied = {
@@ -196,9 +195,28 @@ def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict
     return None, Verdict.DAMPING_UNCERTAIN if _is_open(noise) else Verdict.LAG
 
 
-def _judge_migration(static: Sequence[ReducedTrial]) -> tuple[Estimate | None, Verdict | None]:
+def _judge_migration(static: Sequence[ReducedTrial], before: Sequence[str]) -> tuple[Estimate | None, Verdict | None]:
     migration = fit_migration([each.plateaus for each in static])
-    return migration, Verdict.NOT_UNLOADED if static and migration is None else None
+    if migration is None:
+        return None, Verdict.NOT_UNLOADED if static else None
+    return (None, Verdict.MIGRATED_BEFORE) if before else (migration, None)
+
+
+def _started_before(
+    static: Sequence[ReducedTrial],
+    trials: Sequence[Trial],
+    rejected: Sequence[RejectedTrial],
+    reasons: Mapping[str, str],
+) -> list[str]:
+    """The static recordings of which nothing can be read, although the cuff migrated in them before the first trial."""
+    if not static:
+        return []
+    first = static[0].trial.start_utc_ns
+    begun = [(trial.file, trial.test, trial.start_utc_ns) for trial in trials if trial.file in reasons]
+    begun += [
+        (each.file, each.capture.test, each.capture.start_utc_ns) for each in rejected if each.capture is not None
+    ]
+    return [file for file, test, start in begun if test == "static" and start < first]
 
 
 def _is_open(estimate: Estimate) -> bool:
@@ -211,13 +229,14 @@ def _list_trials(
     static: Mapping[str, StaticFit],
     damping: Mapping[str, DampingFit],
     reasons: Mapping[str, str],
-    superseded: Mapping[str, str],
 ) -> tuple[TrialFit, ...]:
     """Every recording of the donning with its part in the fit."""
+    counting = {(each.trial.test, each.trial.repeat): file for file, each in reduced.items()}
     listed = []
     for trial in trials:
         file = trial.file
         is_used = file in reduced
+        again = counting.get((trial.test, trial.repeat), file)
         listed.append(
             TrialFit(
                 file=file,
@@ -225,8 +244,8 @@ def _list_trials(
                 test=trial.test,
                 repeat=trial.repeat,
                 run=trial.run,
-                state="used" if is_used else "superseded" if file in superseded else "unusable",
-                reason=superseded.get(file, reasons.get(file, "")),
+                state="used" if is_used else "unusable" if file in reasons else "superseded",
+                reason=reasons.get(file, "" if is_used else f"recorded again as {again}"),
                 notes=reduced[file].notes if is_used else trial.notes,
                 stiffness=trial_stiffness(static[file]) if file in static else None,
                 damping=damping[file].damping.estimate if file in damping else None,
@@ -252,6 +271,16 @@ def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str,
         if not 0.8 < ratio < 1.25:
             notes.append(f"the cuff is {ratio:.2f} times as stiff when it swings as under held loads")
     return tuple(notes)
+
+
+def _migration_notes(static: Sequence[ReducedTrial], before: Sequence[str]) -> tuple[str, ...]:
+    migration = fit_migration([each.plateaus for each in static])
+    if not before or migration is None:
+        return ()
+    return (
+        f"from {static[0].trial.file} on the cuff migrated by {1e3 * migration.value:.2f} mm; how far it had in "
+        f"{', '.join(before)}, recorded before, is not known",
+    )
 
 
 def _diagnostics(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> dict[str, float]:

@@ -64,6 +64,19 @@ def require_rigid_anchor(labels: tuple[str, ...], reference: NDArray[np.float64]
         )
 
 
+def loss_notes(
+    force_gaps: tuple[tuple[float, float], ...], frame_gaps: tuple[tuple[float, float], ...]
+) -> tuple[str, ...]:
+    """A note for each stream that lost samples: gaps are (start, end) [s]."""
+    notes = []
+    for what, gaps in (("force samples were", force_gaps), ("marker frames were", frame_gaps)):
+        if gaps:
+            lost = [end - start for start, end in gaps]
+            times = "once" if len(gaps) == 1 else f"{len(gaps)} times"
+            notes.append(f"{what} lost {times}, {sum(lost):.2f} s in all, at most {max(lost):.2f} s at a time")
+    return tuple(notes)
+
+
 def occlusion_notes(displacement: NDArray[np.float64]) -> tuple[str, ...]:
     """Notes on the frames without displacement (NaN in (frames, 3)). Raises UnusableTrial if they are the majority."""
     if not len(displacement):

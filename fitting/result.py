@@ -43,6 +43,10 @@ class Verdict(StrEnum):
     NOT_UNLOADED = (
         "migration is not identified: the first static trial does not start, or the last does not end, unloaded"
     )
+    MIGRATED_BEFORE = (
+        "migration is not identified: an earlier static recording of this donning cannot be used, and the cuff may "
+        "have migrated in it; don the cuff anew and record again"
+    )
 
 
 class NotIdentified(Exception):

@@ -21,7 +21,12 @@ def fit_session(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
     donnings: dict[str, dict[str, CuffFit]] = {}
     curves: dict[str, TrialCurves] = {}
     for (cuff, donning), of_donning in together.items():
-        fit, drawn = fit_donning(of_donning)
+        lost = [
+            each
+            for each in rejected
+            if each.capture and (each.capture.cuff.name, each.capture.donning) == (cuff, donning)
+        ]
+        fit, drawn = fit_donning(of_donning, lost)
         donnings.setdefault(cuff, {})[donning] = fit
         curves |= drawn
     return SessionFit(donnings, tuple(rejected), curves)

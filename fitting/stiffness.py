@@ -92,8 +92,9 @@ def fit_stiffness(trials: Sequence[Sequence[Plateau]], gain_sd: float) -> Stiffn
 
 
 def trial_stiffness(fit: StaticFit) -> Estimate | None:
-    """k [N/m] from this trial alone."""
-    return _inverse(fit.repeat.estimate) if fit.repeat else None
+    """k [N/m] from this trial alone, None if its interval has no end."""
+    stiffness = _inverse(fit.repeat.estimate) if fit.repeat else None
+    return stiffness if stiffness and math.isfinite(stiffness.ci95[1]) else None
 
 
 def _fit_trials(

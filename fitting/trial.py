@@ -16,8 +16,8 @@ from fitting.clocks import LagUncertainty, SyncEdges
 from fitting.quality import UnusableTrial
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, TestKind
-from recordings.reader import Track, open_recording
-from recordings.samples import Stream
+from recordings.reader import Recording, Track, open_recording
+from recordings.samples import Event, Stream
 
 MILLIMETRE = 1e-3
 DEFAULT_CUFF_MASS = 0.2
@@ -39,6 +39,7 @@ class Trial:
     gain_sd         relative standard uncertainty of the load cell's scale
     cuff_mass       kg moving with the cuff between load cell and body
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
+    is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
     notes           what a reader should know before believing it
     """
 
@@ -61,6 +62,7 @@ class Trial:
     cuff_mass: float = DEFAULT_CUFF_MASS
     force_gaps: tuple[tuple[float, float], ...] = ()
     frame_gaps: tuple[tuple[float, float], ...] = ()
+    is_whole: bool = True
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -79,31 +81,49 @@ class Trial:
 
 @dataclass(frozen=True)
 class RejectedTrial:
-    """A recording that could not be used, and the sentence why."""
+    """A recording that could not be used, and the sentence why.
+
+    capture is its manifest if its capture had begun, so that the cuff may have been loaded.
+    """
 
     file: str
     reason: str
+    capture: Manifest | None = None
 
 
 def read_trial(path: Path) -> Trial:
     """Reads one recording. Raises UnusableTrial, or RecordingError if the file is none of ours."""
-    recording = open_recording(path)
-    if recording.outcome is not None and not recording.outcome.accepted:
-        raise UnusableTrial(f"the trial was not accepted when it was recorded: {recording.outcome.sentence}")
-    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
-    trial = build_trial(recording.manifest, tracks, path.name, hashlib.sha256(path.read_bytes()).hexdigest())
-    return replace(trial, notes=trial.notes + recording.missing)
+    return _read(path, open_recording(path))
 
 
 def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
     """Reads every recording that can be used, and says why the others cannot."""
     trials, rejected = [], []
     for path in paths:
+        recording = None
         try:
-            trials.append(read_trial(path))
+            recording = open_recording(path)
+            trials.append(_read(path, recording))
         except (UnusableTrial, RecordingError) as error:
-            rejected.append(RejectedTrial(path.name, str(error)))
+            rejected.append(RejectedTrial(path.name, str(error), _begun(recording)))
     return tuple(trials), tuple(rejected)
+
+
+def _read(path: Path, recording: Recording) -> Trial:
+    if recording.outcome is not None and not recording.outcome.accepted:
+        raise UnusableTrial(f"the trial was not accepted when it was recorded: {recording.outcome.sentence}")
+    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
+    trial = build_trial(recording.manifest, tracks, path.name, hashlib.sha256(path.read_bytes()).hexdigest())
+    is_whole = trial.is_whole and recording.complete
+    return replace(trial, is_whole=is_whole, notes=trial.notes + recording.missing)
+
+
+def _begun(recording: Recording | None) -> Manifest | None:
+    """The manifest, unless the station was still waiting for the edge when the recording ended."""
+    if recording is None:
+        return None
+    has_edge = any(isinstance(item, Event) and item.kind == "sync_edge" for item in recording.items())
+    return recording.manifest if has_edge or recording.outcome is None else None
 
 
 def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> Trial:
@@ -124,6 +144,9 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
     marker_time = first_frame + np.arange(len(grid)) / frames.stream.rate_hz
     in_force, in_frames = _overlap(force_time, marker_time)
     newtons = calibration.to_newtons(raw, manifest.load_cell)
+    end = min(force_time[-1], marker_time[-1])
+    force_gaps = _gaps(force.numbers, force_time, end)
+    frame_gaps = _gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0], end)
     return Trial(
         cuff=site,
         test=manifest.test,
@@ -142,9 +165,10 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         lag=LagUncertainty(float(np.hypot(force_sd, frames_sd)), clocks.DECLARED_LAG_SD, drift),
         gain_sd=float(_setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
         cuff_mass=float(_setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
-        force_gaps=_gaps(force.numbers, force_time),
-        frame_gaps=_gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0]),
-        notes=notes,
+        force_gaps=force_gaps,
+        frame_gaps=frame_gaps,
+        is_whole=not force_gaps and not frame_gaps,
+        notes=notes + quality.loss_notes(force_gaps, frame_gaps),
     )
 
 
@@ -257,9 +281,10 @@ def _overlap(
     return in_force, in_frames
 
 
-def _gaps(numbers: NDArray[np.int64], time: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+def _gaps(numbers: NDArray[np.int64], time: NDArray[np.float64], end: float) -> tuple[tuple[float, float], ...]:
+    """(start, end) s of every jump of the numbers between the edge and the trial's end."""
     jumps = np.flatnonzero(np.diff(numbers) > 1)
-    return tuple((float(time[i]), float(time[i + 1])) for i in jumps)
+    return tuple((float(time[i]), float(time[i + 1])) for i in jumps if time[i + 1] > 0 and time[i] < end)
 
 
 def _full_scale(manifest: Manifest, stream: Stream) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,5 +87,12 @@ def test_a_trial_that_cannot_tell_damping_is_refused_in_a_sentence(
 def test_hidden_markers_through_most_of_the_pull_are_refused() -> None:
     trial, x = _trial()
     x[400:1400] = np.nan
-    with pytest.raises(UnusableTrial, match="hidden in most"):
+    with pytest.raises(UnusableTrial, match="hidden or missing in most"):
         fit_damping(trial, x)
+
+
+def test_frames_that_end_before_the_pull_are_refused() -> None:
+    trial, x = _trial()
+    early = replace(trial, marker_time=trial.marker_time[:200], markers=trial.markers[:200])
+    with pytest.raises(UnusableTrial, match="hidden or missing in most"):
+        fit_damping(early, x[:200])

@@ -11,7 +11,7 @@ import pytest
 
 from fitting.result import CuffFit, Verdict
 from fitting.session import fit_session
-from fitting.trial import Trial, build_trial
+from fitting.trial import RejectedTrial, Trial, build_trial
 from tests.fitting.experiment import PUBLISHED, Session, published
 
 
@@ -150,6 +150,40 @@ def test_a_repeat_recorded_again_counts_and_the_earlier_is_superseded() -> None:
     fit = _fit([first, dynamic, replace(second, repeat=1, run=2)])
     states = {trial.file: trial.state for trial in fit.trials}
     assert states == {first.file: "superseded", dynamic.file: "used", second.file: "used"}
+
+
+@pytest.mark.parametrize("test", ["static", "dynamic"])
+def test_a_later_run_that_cannot_be_used_supersedes_nothing(test: str) -> None:
+    trials = _donning("hand", repeats=2)[0]
+    good = trials[0 if test == "static" else 1]
+    again = trials[2 if test == "static" else 3]
+    dark = replace(again, repeat=1, run=2, markers=np.full_like(again.markers, np.nan))
+    fit = _fit([*trials[:2], dark])
+    states = {trial.file: trial.state for trial in fit.trials}
+    assert states == {trials[0].file: "used", trials[1].file: "used", dark.file: "unusable"}
+    assert good.file in fit.sources
+    assert fit.verdicts == (Verdict.IDENTIFIED,)
+
+
+def test_migration_counts_from_a_trial_that_was_recorded_again() -> None:
+    (first, dynamic, second, _), slip = _donning("hand", repeats=2)
+    fit = _fit([first, dynamic, replace(second, repeat=1, run=2)])
+    assert fit.migration
+    assert fit.migration.value == pytest.approx(slip, abs=2e-4)
+    assert set(fit.sources) == {first.file, dynamic.file, second.file}
+
+
+def test_migration_is_open_where_an_earlier_recording_of_the_donning_is_lost() -> None:
+    _, dynamic, second, _ = _donning("hand", repeats=2)[0]
+    manifest = replace(Session(published("hand"), 1).static()[0], start_utc_ns=second.start_utc_ns - 10**11)
+    assert _fit([dynamic, second]).migration
+    lost = RejectedTrial("lost.mcap", "the load cell went silent", manifest)
+    fit = fit_session([dynamic, second], [lost]).cuffs["hand"]
+    assert fit.migration is None
+    assert fit.verdicts == (Verdict.MIGRATED_BEFORE,)
+    assert "lost.mcap" in fit.notes[-1]
+    for other in (replace(manifest, test="dynamic"), replace(manifest, donning="2"), None):
+        assert fit_session([dynamic, second], [replace(lost, capture=other)]).cuffs["hand"].migration
 
 
 def test_donnings_are_never_pooled() -> None:

@@ -129,3 +129,11 @@ def test_a_load_cell_of_the_wrong_sign_is_named() -> None:
         require_positive_loads(falling)
     require_positive_loads(_held(UP + DOWN))
     require_positive_loads([])
+
+
+def test_a_trial_whose_interval_has_no_end_has_no_stiffness_of_its_own() -> None:
+    scattered = _held(UP + DOWN, np.array([0, 9, -9, 8, -8, 9, -9, 7, -9, 8, -6]) * 1e-3)
+    fit = fit_stiffness([scattered], 0.0)
+    assert fit.trials[0].repeat is not None
+    assert fit.trials[0].repeat.estimate.ci95[0] < 0 < fit.trials[0].repeat.estimate.ci95[1]
+    assert trial_stiffness(fit.trials[0]) is None

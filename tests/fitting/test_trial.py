@@ -13,7 +13,7 @@ from fitting.quality import UnusableTrial
 from fitting.trial import build_trial, read_trial, read_trials
 from recordings.manifest import LoadCell, Manifest, Outcome
 from recordings.reader import Track
-from recordings.samples import Samples
+from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
 from tests.fitting.experiment import Session, published
 
@@ -120,6 +120,8 @@ def test_lost_frames_are_gaps_of_nan_and_lost_samples_are_left_out() -> None:
     trial = build_trial(manifest, {**tracks, "/markers": holed}, "a.mcap", "hash")
     assert np.isnan(trial.markers[300:320]).all()
     assert trial.frame_gaps == (pytest.approx((2.99, 3.20)),)
+    assert not trial.is_whole
+    assert trial.notes == ("marker frames were lost once, 0.21 s in all, at most 0.21 s at a time",)
 
 
 def test_frame_numbers_that_did_not_start_with_the_capture_are_aligned_by_arrival() -> None:
@@ -190,9 +192,11 @@ def test_a_missing_stream_is_named() -> None:
         build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
 
 
-def _write(path: Path, outcome: Outcome) -> None:
+def _write(path: Path, outcome: Outcome, *events: Event) -> None:
     manifest, tracks = _recorded()
     writer = RecordingWriter(path, manifest, [track.stream for track in tracks.values()])
+    for event in events:
+        writer.write(event)
     for name, track in tracks.items():
         for part in np.array_split(np.arange(len(track.sample_numbers)), 40):
             writer.write(
@@ -215,7 +219,17 @@ def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
     np.testing.assert_array_equal(trial.markers, plain.markers)
     np.testing.assert_allclose(trial.force_time, plain.force_time, atol=1e-9)
     assert len(trial.sha256) == 64
+    assert trial.is_whole
     assert trial.notes == ()
+
+
+def test_a_recording_that_was_cut_is_not_whole_and_says_what_is_missing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, Outcome(True, "closed", "the capture ended"))
+    path.write_bytes(path.read_bytes()[:-100])
+    trial = read_trial(path)
+    assert not trial.is_whole
+    assert trial.notes
 
 
 def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -> None:
@@ -225,3 +239,11 @@ def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -
     assert trials == ()
     assert "QTM went silent" in rejected[0].reason
     assert rejected[1].file == "b.mcap"
+    assert [each.capture for each in rejected] == [None, None]
+
+
+def test_a_rejected_recording_whose_capture_had_begun_says_what_it_was_of(tmp_path: Path) -> None:
+    edge = Event("sync_edge", "the sync line rose", _recorded()[0].start_utc_ns, "station")
+    _write(tmp_path / "a.mcap", Outcome(False, "failed", "QTM went silent"), edge)
+    rejected = read_trials([tmp_path / "a.mcap"])[1]
+    assert rejected[0].capture == _recorded()[0]
