@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ class MillardCurves:
     passive_low_slope: float = 0.2
     passive_slope: float = 2.0 / 0.7
     passive_curviness: float = 0.75
+    is_idle_when_shortest: ClassVar[bool] = False
 
     def active_force_length(self, length: Array) -> Array:
         return _evaluate(_active_force_length(self), length)
@@ -72,6 +74,7 @@ class ThelenCurves:
     strongest: float = 1.4
     linear_beyond: float = 0.95
     shortest: float = 0.0
+    is_idle_when_shortest: ClassVar[bool] = True
 
     def active_force_length(self, length: Array) -> Array:
         force: Array = np.exp(-((length - 1.0) ** 2) / self.active_shape)

@@ -157,7 +157,8 @@ def _axes(motion: AxisMotion, q: Array, u: Array) -> _Motion:
     for i, function in enumerate(motion.functions):
         at = q[:, drivers[i]] if is_driven[i] else np.zeros(1)
         value[:, i], slope[:, i], curvature[:, i] = function.derivatives(at)
-    speed = np.where(is_driven, u[:, drivers], 0.0)
+    speed = np.zeros((frames, 6))
+    speed[:, is_driven] = u[:, drivers[is_driven]]
     rate, bend = slope * speed, curvature * speed**2
     translation = value[:, 3:] @ motion.axes[3:]
     axes, rotation = _turned_axes(motion, value, is_driven | value.any(axis=0))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.curves import Curves, MillardCurves
+from solver.curves import Curves
 from solver.model import Model, Muscle
 
 Array = NDArray[np.float64]
@@ -67,9 +67,8 @@ def _forces(muscles: Sequence[Muscle], lengths: Array, lengthening_speeds: Array
     is_shortest = fiber <= shortest
     is_held = is_shortest & (fiber_speed <= 0.0)
     velocity_factor = np.where(is_slack | is_held, 1.0, curves.force_velocity(fiber_speed / (fastest * optimal)))
-    length_factor = curves.active_force_length(fiber / optimal)
-    if not isinstance(curves, MillardCurves):
-        length_factor = np.where(is_shortest, 0.0, length_factor)
+    is_idle = is_shortest & curves.is_idle_when_shortest
+    length_factor = np.where(is_idle, 0.0, curves.active_force_length(fiber / optimal))
     passive_factor = curves.passive_force_length(fiber / optimal)
     return MuscleForces(
         active=strength * length_factor * velocity_factor * cos_pennation,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
+from solver.functions import polynomial
 from solver.kinematics import (
     Postures,
     jacobians,
@@ -15,7 +18,7 @@ from solver.kinematics import (
     rates_of_coordinates,
     speeds_from_rates,
 )
-from solver.model import GROUND, Model, ModelError
+from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model, ModelError
 from solver.spatial import rotate, skew_matrix
 from tests.solver.linkage import linkage
 
@@ -99,6 +102,16 @@ def test_a_shoulder_coordinate_moves_the_arm_and_nothing_before_it() -> None:
         "radius",
         "hand",
     ]
+
+
+def test_a_welded_body_stays_where_it_is() -> None:
+    still = AxisMotion(np.vstack([np.eye(3)] * 2), np.full(6, NO_COORDINATE), (polynomial([0.0]),) * 6)
+    joint = replace(MODEL.joints[0], motion=still)
+    welded = replace(MODEL, bodies=MODEL.bodies[:2], coordinates=(), joints=(joint,))
+    state = postures(welded, np.zeros((2, 0)), np.zeros((2, 0)))
+    rotation = joint.frame_in_parent.rotation @ joint.frame_in_child.rotation.T
+    assert np.allclose(state.rotation_to_ground[:, 1], rotation)
+    assert not state.angular_velocity.any()
 
 
 def test_the_scapula_keeps_to_its_ellipsoid() -> None:
