@@ -62,7 +62,9 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
+    progress("fitting", 0, len(trials))
     fitted = fit_session(trials, rejected)
+    progress("fitting", len(trials), len(trials))
     if output is not None:
         write_whole(output, fitted.to_json())
     return fitted

@@ -98,6 +98,7 @@ def simulator_settings(config: StationConfig) -> dict[str, Any]:
         "wiring": {"device": daq.device, "force_channel": daq.force_channel, "sync_channel": daq.sync_channel},
         "amplifier": {"capacity_kg": cell.capacity_kg, "full_scale_v": cell.full_scale_v},
         "protocol": {"repeats": config.protocol.repeats},
+        "serial": {"line_format": cell.line_format},
     }
     return _laid_over(follows, config.simulation)
 
@@ -124,8 +125,8 @@ def serve_until_stopped(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     try:
-        ni_port = int(config.daq.grpc_target.rpartition(":")[2]) if config.daq.grpc_target else NI_PORT
-        ports = {"ports": {"ni": ni_port, "qtm": config.mocap.port}}
+        ports = {"ports": {"ni": _port(config.daq.grpc_target, NI_PORT), "qtm": config.mocap.port}}
+        ports["ports"]["serial"] = _port(config.load_cell.port, 0)
         settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
         with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
             world = bench.world
@@ -143,6 +144,12 @@ def serve_until_stopped(
                     _say(f"capture {told}: {capture.trial.cuff}, {capture.trial.test}")
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error
+
+
+def _port(address: str | None, otherwise: int) -> int:
+    """The TCP port at the end of "host:port" or "socket://host:port"; a serial line of this machine has none."""
+    digits = (address or "").rpartition(":")[2]
+    return int(digits) if digits.isdigit() else otherwise
 
 
 def _laid_over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
