@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ Place = tuple[Condition, str | None]
 
 SEED = 1
 NODES = 8  # rest lengths of a drawn curve
+PAIRS_AT_ONCE = 40  # bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +62,35 @@ def wear_draws(
     spans: Mapping[Place, tuple[float, float]],
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Draws:
-    """Wear `count` draws of all cuffs, each curve at a few rest lengths over its span [m], around its optimum."""
+    """Wear `count` draws of all cuffs, each curve at a few rest lengths over its span [m], around its optimum.
+
+    progress(done, total) counts pairs of a waist and an arm cuff.
+    """
     generator = np.random.default_rng(SEED)
-    reference = worn.suit.reference_rest_length
     waists = draw_cuff(waist, count, generator) if waist else [None] * (count + 1)
     pairs = [pair for arm in arms for pair in zip(waists, draw_cuff(arm, count, generator), strict=True)]
-    wearings = [Wearing("rigid", None, None, np.append(worn.suit.rest_lengths, reference))]
-    for pair in pairs:
-        for condition in CUFF_CONDITIONS:
-            nodes = np.linspace(*spans[condition, pair[1].name], NODES)
-            wearings.append(Wearing(condition, *pair, np.append(nodes, reference)))
-    slack, efforts = solve_wearings(worn, wearings, progress)
-    rigid, *others = zip(wearings, efforts, strict=True)
-    readings: dict[Place, list[Readings]] = {("rigid", None): [read_curves(worn, slack, {"rigid": rigid})["rigid"]]}
-    for number, pair in enumerate(pairs):
-        own = others[number * len(CUFF_CONDITIONS) :][: len(CUFF_CONDITIONS)]
-        curves = read_curves(worn, slack, {"rigid": rigid, **dict(zip(CUFF_CONDITIONS, own, strict=True))})
-        for condition in CUFF_CONDITIONS:
-            readings.setdefault((condition, pair[1].name), []).append(curves[condition])
+    reference = worn.suit.reference_rest_length
+    rigid = Wearing("rigid", None, None, np.append(worn.suit.rest_lengths, reference))
+    slack, (effort,) = solve_wearings(worn, [rigid])
+    readings: dict[Place, list[Readings]] = {
+        ("rigid", None): [read_curves(worn, slack, {"rigid": (rigid, effort)})["rigid"]]
+    }
+    for first in range(0, len(pairs), PAIRS_AT_ONCE):
+        batch = pairs[first : first + PAIRS_AT_ONCE]
+        wearings = [wearing for pair in batch for wearing in _wearings(*pair, spans, reference)]
+        solved = zip(wearings, solve_wearings(worn, wearings)[1], strict=True)
+        for _, arm in batch:
+            own = {wearing.condition: (wearing, found) for wearing, found in islice(solved, len(CUFF_CONDITIONS))}
+            for condition, reading in read_curves(worn, slack, {"rigid": (rigid, effort), **own}).items():
+                if condition != "rigid":
+                    readings.setdefault((condition, arm.name), []).append(reading)
+        progress(first + len(batch), len(pairs))
     return Draws({place: stacked(each) for place, each in readings.items()}, count, worn.every)
+
+
+def _wearings(
+    waist: CuffParameters | None, arm: CuffParameters, spans: Mapping[Place, tuple[float, float]], reference: float
+) -> list[Wearing]:
+    """A pair of cuffs in every condition, at rest lengths over its span and at the reference."""
+    lengths = {condition: np.linspace(*spans[condition, arm.name], NODES) for condition in CUFF_CONDITIONS}
+    return [Wearing(condition, waist, arm, np.append(nodes, reference)) for condition, nodes in lengths.items()]
