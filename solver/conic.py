@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
 LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is looked for
-VIOLATION_WEIGHT = 1e6  # of violation against effort, in least_violation
+EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
 
 
 class Outcome(Enum):
@@ -114,7 +114,7 @@ def _with_misses(problem: ConicProblem, in_equalities: Array, in_cone: Array) ->
     unbounded = np.full((problems, misses), np.inf)
     solution = solve_conic(
         ConicProblem(
-            weights=np.append(problem.weights / VIOLATION_WEIGHT, np.ones(misses)),
+            weights=np.append(EFFORT_SHARE * problem.weights, np.ones(misses)),
             equality_matrix=np.hstack([problem.equality_matrix, in_equalities]),
             equality_target=problem.equality_target,
             lower=np.hstack([problem.lower, -unbounded]),

@@ -257,8 +257,12 @@ def solve_redundancy(
     problem: RedundancyProblem,
     loads: LoadResponse | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
+    workers: int | None = None,
 ) -> RedundancySolution:
-    """Solve all frames in order, each scenario for itself; progress(done, total) counts frames."""
+    """Solve all frames in order, each scenario for itself; progress(done, total) counts frames.
+
+    workers share the scenarios, as many as there are processors unless a number is given; Clarabel always works alone.
+    """
     frames, coordinates = len(problem.time), len(problem.tracked)
     loads = loads or LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
     target = problem.acceleration_target - loads.acceleration[..., problem.tracked]
@@ -274,7 +278,7 @@ def solve_redundancy(
         rise=rise,
         fall=fall,
     )
-    controls, outcomes = _SOLVERS[problem.solver](sequence, progress)
+    controls, outcomes = _SOLVERS[problem.solver](sequence, progress, workers)
     controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
     residual = _each_frame(problem.acceleration_matrix, controls) - target
     reaction = reaction_at_rest + _each_frame(problem.reaction_matrix, controls)

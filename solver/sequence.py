@@ -65,7 +65,7 @@ class FrameSequence:
     fall: Array
 
 
-def follow(sequence: FrameSequence, progress: Progress) -> tuple[Array, Outcomes]:
+def follow(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
     """x (scenarios, frames, controls) and outcomes; x violates cone or equalities by as little as can be if INFEASIBLE.
 
     By the compiled solver, unless the problem has not the structure it needs (sharing/reduction.py).
@@ -79,7 +79,7 @@ def follow(sequence: FrameSequence, progress: Progress) -> tuple[Array, Outcomes
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
-    workers = min(scenarios, os.cpu_count() or 1)
+    workers = min(scenarios, workers or os.cpu_count() or 1)
     shares = [_Share(sequence, reduction, slice(i, None, workers)) for i in range(workers)]
     with ThreadPoolExecutor(workers) as pool:
         for start in range(0, frames, FRAMES_AT_ONCE):
@@ -90,7 +90,11 @@ def follow(sequence: FrameSequence, progress: Progress) -> tuple[Array, Outcomes
     return controls, outcomes
 
 
-def follow_with_clarabel(sequence: FrameSequence, progress: Progress) -> tuple[Array, Outcomes]:
+def follow_with_clarabel(
+    sequence: FrameSequence,
+    progress: Progress,
+    workers: int | None = None,  # noqa: ARG001 (it works alone)
+) -> tuple[Array, Outcomes]:
     """The same by Clarabel, frame by frame: slower by two orders of magnitude, and the reference."""
     scenarios, frames = sequence.target.shape[:2]
     rows, to_rows = _reachable_rows(sequence.matrix)

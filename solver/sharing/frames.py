@@ -23,7 +23,7 @@ Codes = NDArray[np.int8]
 SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE = 0, 1, 2, 3
 """What became of a problem. BEYOND_RATE: solved without the bounds that the frame before sets, infeasible in them."""
 
-VIOLATION_WEIGHT = 1e6  # of violation against effort, where a problem is infeasible
+EFFORT_SHARE = 1e-6  # of effort against violation, where a problem is infeasible
 
 
 def solve_in_turn_from(sources: str) -> Callable[..., str]:
@@ -94,28 +94,30 @@ def _solve(
     if not interior_point(q, M, R, t, equalities, lower, upper, v):
         return INFEASIBLE
     found = v.copy()
-    if newton(q, M, R, t, equalities, lower, upper, a, v) <= NEWTON_GOAL:
-        return SOLVED
-    v[:] = found
-    error, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, np.empty(len(q)), np.empty(len(t)))
-    return SOLVED if error <= VIOLATION_LIMIT else NOT_CONVERGED
+    left = newton(q, M, R, t, equalities, lower, upper, a, v)
+    if not left <= VIOLATION_LIMIT:
+        v[:] = found
+        left, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, np.empty(len(q)), np.empty(len(t)))
+    return SOLVED if left <= VIOLATION_LIMIT else NOT_CONVERGED
 
 
 @compiled
 def _violate_least(
     q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
 ) -> None:
-    """The cone may be left along its axis, at a price: one more eliminated unknown in R. If that is not enough, or
-    there is no cone, the equalities may be missed as well.
+    """The cone may be left along its axis: one more eliminated unknown in R, of weight 1 against the effort's share. If
+    that is not enough, or there is no cone, the equalities may be missed as well.
     """
-    loose = R.copy()
+    cheap, loose = EFFORT_SHARE * q, R / EFFORT_SHARE
+    code = INFEASIBLE
     if equalities < len(t):
-        loose[equalities, equalities] += 0.5 / VIOLATION_WEIGHT
-        if _solve(q, M, loose, t, equalities, lower, upper, a, v) != INFEASIBLE:
-            return
-    for i in range(equalities):
-        loose[i, i] += 0.5 / VIOLATION_WEIGHT
-    _solve(q, M, loose, t, equalities, lower, upper, a, v)
+        loose[equalities, equalities] += 0.5
+        code = _solve(cheap, M, loose, t, equalities, lower, upper, a, v)
+    if code == INFEASIBLE:
+        for i in range(equalities):
+            loose[i, i] += 0.5
+        _solve(cheap, M, loose, t, equalities, lower, upper, a, v)
+    v /= EFFORT_SHARE
 
 
 @compiled

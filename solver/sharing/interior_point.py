@@ -141,13 +141,15 @@ def _row_errors(M: Array, R: Array, t: Array, a: Array, v: Array, s: Ray, p: int
 def _is_certificate(R: Array, t: Array, lower: Array, upper: Array, v: Array, pull: Array) -> bool:
     """Farkas: for points that meet the rows, v·t ≤ v·M a + v·R u, with u what the eliminated unknowns do. The first is
     at most what the bounds' best corner gives, the second at most √(v·R v) √(u·R u), too little with a bearable u.
+    What is missing, the depth, over Σ |v| is a violation that no point can avoid.
     """
-    depth, effort = dot(v, t), 0.0
+    depth, effort, size = dot(v, t), 0.0, 0.0
     for j in range(len(pull)):
         depth -= max(lower[j] * pull[j], upper[j] * pull[j])
     for i in range(len(v)):
         effort += v[i] * dot(R[i], v)
-    return depth > 0.0 and depth * depth > 2.0 * LARGEST_EFFORT * effort
+        size += abs(v[i])
+    return depth > VIOLATION_LIMIT * size and depth * depth > 2.0 * LARGEST_EFFORT * effort
 
 
 @compiled

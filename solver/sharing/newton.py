@@ -11,6 +11,8 @@ cone: equations with kinks, for which Newton's method still converges fast (semi
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,19 +23,20 @@ from solver.wrapping.vectors import compiled
 Array = NDArray[np.float64]
 
 NEWTON_GOAL = 1e-11
-MOST_STEPS = 10
+MOST_STEPS = 12
+SHORTEST_STEP = 0.05
 
 
 @compiled
 def newton(
     q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
 ) -> float:
-    """Improve v; returns the largest error of the conditions of optimality (infinite if it went astray), a with it."""
-    loose, error = np.empty(len(q)), np.empty(len(t))
+    """Improve v; returns the size of what is left of the errors (infinite if it went astray), and a with it."""
+    loose, error, old = np.empty(len(q)), np.empty(len(t)), np.empty(len(t))
     matrix, order, weighted = np.empty((len(t), len(t))), np.empty(len(t), np.int64), np.empty(len(q))
-    largest, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
+    size, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
     for _ in range(MOST_STEPS):
-        if largest <= NEWTON_GOAL:
+        if size <= NEWTON_GOAL:
             break
         rows_times_rows(M, loose, R, weighted, matrix)
         if equalities < len(t):
@@ -41,10 +44,17 @@ def newton(
         if not factor(matrix, order):
             return np.inf
         divide(matrix, order, error)
-        for i in range(len(v)):
-            v[i] -= error[i]
-        largest, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
-    return largest
+        change = error.copy()
+        old[:] = v
+        length, before = 1.0, size
+        while True:
+            for i in range(len(v)):
+                v[i] = old[i] - length * change[i]
+            size, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
+            if size < before or length < SHORTEST_STEP:
+                break
+            length *= 0.5
+    return size
 
 
 @compiled
@@ -61,7 +71,7 @@ def conditions(
     loose: Array,
     error: Array,
 ) -> tuple[float, Ray]:
-    """Fill a of v, loose (1/q where a is within its bounds, else 0) and the rows' errors; their largest, and λ − s.
+    """Fill a of v, loose (1/q where a is within its bounds, else 0) and the rows' errors; gives their size, and λ − s.
 
     An equality's error is its gap, the cone's λ − projection of (λ − s).
     """
@@ -79,7 +89,4 @@ def conditions(
         near = project(ray)
         for i in range(3):
             error[p + i] = v[p + i] - near[i]
-    largest = 0.0
-    for i in range(len(t)):
-        largest = max(largest, abs(error[i])) if error[i] == error[i] else np.inf
-    return largest, ray
+    return sqrt(dot(error, error)), ray
