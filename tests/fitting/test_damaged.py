@@ -1,0 +1,87 @@
+"""Damaged recordings: whatever happened to the tracks, the fit says so in a sentence and never in a traceback."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fitting.quality import UnusableTrial
+from fitting.session import fit_session
+from fitting.trial import build_trial
+from recordings.manifest import Manifest
+from recordings.reader import Track
+from tests.fitting.experiment import Session, published
+
+Tracks = dict[str, Track]
+
+
+@cache
+def _recorded() -> tuple[tuple[Manifest, Tracks], ...]:
+    """A short static and a short dynamic trial, force at 100 Hz."""
+    truth = published("elbow", force_rate=100.0, hold=2.5, weights=(20.0, 40.0), duration=9.0)
+    session = Session(truth, 7)
+    return session.static(), session.dynamic()
+
+
+def _keep(track: Track, index: np.ndarray) -> Track:
+    parts = (track.sample_numbers, track.device_time_ns, track.host_time_ns, track.values)
+    return Track(track.stream, *(part[index] for part in parts))
+
+
+def _damage(track: Track, kind: str, first: float, last: float) -> Track:
+    """One damage to the stretch between two fractions of the track."""
+    n = len(track.sample_numbers)
+    part = slice(int(first * n), int(last * n))
+    inside = np.zeros(n, bool)
+    inside[part] = True
+    if kind == "lost":
+        return _keep(track, np.flatnonzero(~inside))
+    if kind == "only":
+        return _keep(track, np.flatnonzero(inside))
+    changed = {
+        name: getattr(track, name).copy() for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+    }
+    if kind in ("nan", "zero", "huge"):
+        changed["values"][part] = {"nan": math.nan, "zero": 0.0, "huge": 1e6}[kind]
+    elif kind == "stuck":
+        changed["values"][part] = changed["values"][part.start : part.start + 1]
+    elif kind == "renumbered":
+        changed["sample_numbers"][part.stop :] += np.uint64(500)
+    elif kind == "late":
+        changed["host_time_ns"][part] += 5_000_000_000
+    elif kind == "stamps":
+        changed["device_time_ns"][part] = 0
+    return replace(track, **changed)
+
+
+KINDS = ("lost", "only", "nan", "zero", "huge", "stuck", "renumbered", "late", "stamps")
+fractions = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted)
+damages = st.lists(
+    st.tuples(st.integers(0, 1), st.sampled_from(["/force", "/sync", "/markers"]), st.sampled_from(KINDS), fractions),
+    max_size=3,
+)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(damages)
+def test_damaged_tracks_are_fitted_or_refused_in_a_sentence(damages: list[tuple[int, str, str, list[float]]]) -> None:
+    tracks = [dict(tracks) for _, tracks in _recorded()]
+    for trial, name, kind, (first, last) in damages:
+        tracks[trial][name] = _damage(tracks[trial][name], kind, first, last)
+    trials = []
+    for i, (manifest, _) in enumerate(_recorded()):
+        try:
+            trials.append(build_trial(manifest, tracks[i], f"{i}.mcap", "hash"))
+        except UnusableTrial as error:
+            assert len(str(error)) > 20
+    json.loads(fit_session(trials).to_json(), parse_constant=_no_constant)
+
+
+def _no_constant(name: str) -> None:
+    raise AssertionError(f"cuffs.json holds {name}")
