@@ -192,6 +192,7 @@ class WrapSurface:
     dimensions  (3,) [m]: ellipsoid: semi-axes; sphere: its radius three times; cylinder: radius, radius, length (its
                 axis is the surface's z)
     quadrant    "all", or the side a path must stay on: "+x", "-y", …
+    is_active   paths pass through a surface that is not
     """
 
     name: str
@@ -200,6 +201,7 @@ class WrapSurface:
     kind: Literal["ellipsoid", "sphere", "cylinder"]
     dimensions: Array
     quadrant: str
+    is_active: bool = True
 
     def __post_init__(self) -> None:
         _freeze(self, dimensions=(3,))

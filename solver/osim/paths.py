@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,21 +43,23 @@ _SIDES = {
 def read_surface(body: int, element: Element) -> WrapSurface:
     if element.tag not in _SIDES:
         raise element.unsupported("wrap object", ", ".join(_SIDES))
-    element.require("active", "true")
     quadrant = element.word("quadrant", "all").lower().replace("unassigned", "all")
     if quadrant not in _SIDES[element.tag]:
         raise element.refusal(f"has the quadrant {quadrant}; the solver has {', '.join(_SIDES[element.tag])}")
     rotation = rotation_body_fixed_xyz(element.numbers("xyz_body_rotation", 3, "0 0 0"))
     placement = Placement(rotation, element.numbers("translation", 3, "0 0 0"))
+    kind, dimensions = _shape(element)
+    is_active = element.word("active", "true") == "true"
+    return WrapSurface(element.name, body, placement, kind, dimensions, quadrant, is_active)
+
+
+def _shape(element: Element) -> tuple[Literal["ellipsoid", "sphere", "cylinder"], Array]:
     if element.tag == "WrapEllipsoid":
-        return WrapSurface(
-            element.name, body, placement, "ellipsoid", element.numbers("dimensions", 3, "0.05 0.05 0.05"), quadrant
-        )
-    radius = element.number("radius", "0.05" if element.tag == "WrapSphere" else "1")
+        return "ellipsoid", element.numbers("dimensions", 3, "0.05 0.05 0.05")
     if element.tag == "WrapSphere":
-        return WrapSurface(element.name, body, placement, "sphere", np.full(3, radius), quadrant)
-    dimensions = np.array([radius, radius, element.number("length", "1")])
-    return WrapSurface(element.name, body, placement, "cylinder", dimensions, quadrant)
+        return "sphere", np.full(3, element.number("radius", "0.05"))
+    radius = element.number("radius", "1")
+    return "cylinder", np.array([radius, radius, element.number("length", "1")])
 
 
 def _point(element: Element, names: Names) -> AnyPathPoint:

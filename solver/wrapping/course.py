@@ -196,7 +196,7 @@ def _wrap(wrap: PathWrap, surface: WrapSurface, path: Path) -> tuple[object, ...
         placement.translation,
         surface.dimensions,
         *_side(surface.quadrant),
-        wrap.first,
+        wrap.first if surface.is_active else len(path.points),
         len(path.points) - 1 if wrap.last is None else wrap.last,
     )
 

@@ -201,7 +201,6 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             '<ExpressionBasedBushingForce name="cuff"/></objects></ForceSet>',
             "ExpressionBasedBushingForce cuff is a force the solver does not have",
         ),
-        ("<active>true", "<active>false", "WrapCylinder hinge has <active> false; the solver has only true"),
         (">midpoint<", ">spiral<", "PathWrap wrap has the method spiral"),
         ("<prescribed>false", "<prescribed>true", "Coordinate angle has <prescribed> true; the solver has only false"),
         ("<min_control>-Inf", "<min_control>-1", "CoordinateActuator motor has <min_control> -1"),

@@ -106,6 +106,21 @@ def test_a_path_wraps_only_between_two_of_its_points(points: tuple[int, int], ki
     assert difference(model, tmp_path).is_nought()
 
 
+@pytest.mark.parametrize("active", [(True, True), (False, True), (True, False), (False, False)])
+def test_a_surface_that_is_not_active_is_passed_through(active: tuple[bool, bool], tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    path = path_of(add_muscle(model, "wrapper", ENDS))
+    for index, is_active in enumerate(active):
+        surface = opensim.WrapCylinder()
+        surface.setName(f"bump_{index}")
+        surface.set_active(is_active)
+        surface.set_radius(0.08 + 0.04 * index)
+        surface.set_translation(vec3(0.05, -0.05, 0.1 * index))
+        model.getBodySet().get("upper").addWrapObject(given(surface))
+        path.addPathWrap(surface)
+    assert difference(model, tmp_path).is_nought()
+
+
 def is_touched(model: Any, folder: Path) -> bool:
     """Whether the surface makes the last muscle's path longer than the straight line, in some posture."""
     ours = read_back(model, folder)
