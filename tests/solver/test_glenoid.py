@@ -37,6 +37,21 @@ def test_a_force_away_from_the_glenoid_is_outside_though_on_the_axis():
     assert (cone_rows(CONE, rotation) @ -CONE.axis)[0, 0] < 0
 
 
+def test_an_elliptic_rim_goes_through_the_edge_marker_and_is_narrower_across():
+    cone = glenoid_cone(MODEL, aspect=0.75)
+    rows = cone_rows(cone, np.eye(3)[None])[0]
+    slope = np.tan(cone.half_angle)
+    along, across = cone.edge, np.cross(cone.axis, cone.edge)
+    for direction, width in ((along, 1.0), (-along, 1.0), (across, 0.75), (-across, 0.75)):
+        ray = rows @ (cone.axis + width * slope * direction)
+        assert ray[0] == pytest.approx(np.hypot(ray[1], ray[2]))
+
+
+def test_a_rim_without_width_is_refused():
+    with pytest.raises(ModelError, match="aspect should be positive and is 0"):
+        glenoid_cone(MODEL, aspect=0.0)
+
+
 def test_a_marker_that_makes_no_cone_is_refused():
     markers = tuple(
         replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker

@@ -20,6 +20,7 @@ from solver.redundancy import (
     go_through,
     solve_motion,
     solve_redundancy,
+    with_reserves,
 )
 
 MODEL = bundled_model()
@@ -98,6 +99,9 @@ def test_an_infeasible_frame_is_an_outcome_and_the_next_one_is_solved():
     assert list(solution.outcomes[0]) == [FrameOutcome.INFEASIBLE, FrameOutcome.SOLVED]
     assert np.isnan(solution.controls[0, 0]).all()
     assert np.isfinite(solution.controls[0, 1]).all()
+    # muscle 1, which alone pulls along the axis, gives 1 N of the 50; muscle 2 is left what hardly matters
+    assert solution.cone_slack[0, 0] == pytest.approx(-0.5 * 49, abs=0.5)
+    assert solution.equality_residual[0, 0] == pytest.approx(0, abs=1e-4)
 
 
 def test_scenarios_solved_together_are_those_solved_alone():
@@ -134,6 +138,48 @@ def test_a_free_coordinate_is_not_tracked_and_saves_effort():
     assert problem.acceleration_matrix.shape[1] == 15
     tracked, free = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, options)
     assert (free.activations**2).sum() < (tracked.activations**2).sum()
+
+
+def test_clarabel_as_the_reference_shares_the_work_alike():
+    problem = build_redundancy(MODEL, go_through(MODEL, SLOW), RedundancyOptions(solver="clarabel"))
+    reference, found = solve_redundancy(problem), solve_redundancy(replace(problem, solver="interior_point"))
+    assert (reference.outcomes == FrameOutcome.SOLVED).all()
+    np.testing.assert_allclose(found.controls, reference.controls, atol=1e-4)
+    effort, known = ((problem.weights * s.controls**2).sum(axis=-1) for s in (found, reference))
+    np.testing.assert_allclose(effort, known, rtol=1e-5)
+
+
+def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator():
+    dear = MODEL.muscle_names[4]
+    options = RedundancyOptions(weights={dear: 7.0, "plane_elv": 3.0})
+    weights = build_redundancy(MODEL, go_through(MODEL, thin(SLOW, 10)), options).weights
+    plane = [actuator.coordinate for actuator in MODEL.actuators].index(MODEL.coordinate_index("plane_elv"))
+    assert weights[4] == 7.0
+    assert weights[33 + plane] == 3.0
+    assert sorted(set(weights)) == [0.0, 1.0, 3.0, 7.0, 10.0]
+
+
+def test_a_weight_of_nobody_or_below_zero_is_refused():
+    mechanics = go_through(MODEL, thin(SLOW, 10))
+    with pytest.raises(ModelError, match="weight of biceps_of_nobody"):
+        build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"biceps_of_nobody": 1.0}))
+    with pytest.raises(ModelError, match="the least is -1"):
+        build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"plane_elv": -1.0}))
+
+
+def test_a_stronger_reserve_takes_the_place_of_the_coordinates_own():
+    stronger = with_reserves(MODEL, {"plane_elv": 20.0})
+    assert len(stronger.actuators) == len(MODEL.actuators)
+    usual, eased = solve_motion(MODEL, SLOW), solve_motion(stronger, SLOW)
+    own = [actuator.coordinate for actuator in MODEL.actuators].index(MODEL.coordinate_index("plane_elv"))
+    assert stronger.actuators[-1].optimal_force == 20.0
+    assert np.abs(eased.reserves[:, -1]).max() > 2 * np.abs(usual.reserves[:, own]).max()
+
+
+def test_a_narrower_glenoid_costs_more():
+    round_one, narrow = (solve_motion(MODEL, SLOW, RedundancyOptions(glenoid_aspect=aspect)) for aspect in (1.0, 0.7))
+    assert (narrow.activations**2).sum() > (round_one.activations**2).sum()
+    assert narrow.cone_slack.min() > -1e-3
 
 
 def test_an_unknown_free_coordinate_is_named():
