@@ -24,11 +24,16 @@ LARGEST_PACKET_BYTES = 4_000_000
 
 @dataclass(frozen=True)
 class Frame:
-    """number as QTM counts, its time stamp [µs], and little-endian float32 (markers, 4): x, y, z, residual [mm]."""
+    """number as QTM counts, its time stamp [µs], and little-endian float32 (markers, 4): x, y, z, residual [mm].
+
+    drop_rate and out_of_sync_rate are what QTM says of its cameras' images, in per mille.
+    """
 
     number: int
     timestamp_us: int
     points: bytes
+    drop_rate: int
+    out_of_sync_rate: int
 
 
 def decode_frame(body: bytes) -> Frame:
@@ -39,12 +44,12 @@ def decode_frame(body: bytes) -> Frame:
         for _ in range(components):
             size, kind = COMPONENT.unpack_from(body, place)
             if kind == LABELLED_3D_WITH_RESIDUALS:
-                count, _drop_rate, _out_of_sync_rate = MARKERS.unpack_from(body, place + COMPONENT.size)
+                count, drop_rate, out_of_sync_rate = MARKERS.unpack_from(body, place + COMPONENT.size)
                 first = place + COMPONENT.size + MARKERS.size
                 points = body[first : first + 16 * count]
                 if len(points) != 16 * count:
                     raise ValueError(f"frame {number}, which announces {count} markers and ends before the last")
-                return Frame(number, timestamp_us, points)
+                return Frame(number, timestamp_us, points, drop_rate, out_of_sync_rate)
             place += max(size, COMPONENT.size)
     except struct.error as error:
         raise ValueError(f"a frame of {len(body)} bytes, which ends within a field") from error
@@ -58,8 +63,9 @@ def readable(body: bytes) -> bytes:
     """
     frame = decode_frame(body)
     head = FRAME.pack(frame.timestamp_us, frame.number, 1)
-    markers = MARKERS.pack(len(frame.points) // 16, 0, 0) + frame.points
-    return head + COMPONENT.pack(COMPONENT.size + len(markers), LABELLED_3D_WITH_RESIDUALS) + markers
+    markers = MARKERS.pack(len(frame.points) // 16, frame.drop_rate, frame.out_of_sync_rate)
+    size = COMPONENT.size + len(markers) + len(frame.points)
+    return head + COMPONENT.pack(size, LABELLED_3D_WITH_RESIDUALS) + markers + frame.points
 
 
 def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
@@ -160,6 +166,7 @@ class MarkerBlocks:
         self._arrived_ns = 0
         self._last: Frame | None = None
         self._fits = True
+        self._worst_rates = (0, 0)
 
     @property
     def has_frames(self) -> bool:
@@ -186,6 +193,7 @@ class MarkerBlocks:
                 items += self._misfit(frame, len(self.labels))
                 continue
             self._fits = True
+            items += self._rates(frame)
             notice = self._notice(frame)
             if notice is not None:
                 items += [*self._block(block), notice]
@@ -193,6 +201,18 @@ class MarkerBlocks:
             block.append(frame)
             self._last = frame
         return [*items, *self._block(block)]
+
+    def _rates(self, frame: Frame) -> list[Item]:
+        """What QTM says that it drops itself, whenever that is worse than before."""
+        drop_rate, out_of_sync_rate = self._worst_rates
+        self._worst_rates = max(drop_rate, frame.drop_rate), max(out_of_sync_rate, frame.out_of_sync_rate)
+        if self._worst_rates == (drop_rate, out_of_sync_rate):
+            return []
+        text = (
+            f"{self._source} says at frame {frame.number} that {frame.drop_rate / 10:g} % of its cameras' images are "
+            f"dropped and {frame.out_of_sync_rate / 10:g} % out of step"
+        )
+        return [Event("images_dropped", text, self._arrived_ns, self._source)]
 
     def _misfit(self, frame: Frame, expected: int) -> list[Item]:
         """What there is to say of a frame without place for its markers, once in a row; its number will be missing."""

@@ -299,6 +299,20 @@ def test_a_frame_with_another_number_of_markers_than_labels_is_told_and_missing(
     assert [(item.first_missing, item.count) for item in items if isinstance(item, Loss)] == [(2, 2)]
 
 
+def test_what_qtm_says_it_drops_is_told_whenever_it_gets_worse() -> None:
+    def dropping(number: int, drop_rate: int, out_of_sync_rate: int) -> bytes:
+        whole = two(number)
+        return whole[:36] + struct.pack("<HH", drop_rate, out_of_sync_rate) + whole[40:]
+
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(dropping(2, 0, 0) + dropping(3, 25, 0) + dropping(4, 25, 0) + dropping(5, 10, 4) + dropping(6, 0, 0))
+        items = received(device, 6)
+    told = [item.text for item in items if is_event(item, "images_dropped") and isinstance(item, Event)]
+    assert len(told) == 2
+    assert "at frame 3 that 2.5 %" in told[0]
+    assert "dropped and 0.4 % out of step" in told[1]
+
+
 def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qualisys, "LONGEST_QUEUE", 100)
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
