@@ -25,7 +25,7 @@ Freedom = Literal["stiffness", "waist", "shoulder", "arm"]
 Pair = tuple[CuffParameters | None, CuffParameters | None]
 
 # one step of the search, and how many of them it may go
-REST_LENGTH_STEP = 0.02  # m; as far as the suit's rest lengths go
+REST_LENGTH_STEP = 0.02  # m; from half the suit's shortest to its longest
 STIFFNESS_STEP, MOST_STIFFNESS_STEPS = np.log(1.2), 8.0  # a factor of 4.3 either way
 POINT_STEP, MOST_POINT_STEPS = 0.01, 5.0  # m
 PRECISION = 0.01  # of a step
@@ -36,13 +36,15 @@ TRIES_PER_FREEDOM = 80
 class TriedSuit:
     """A suit whose reference rest length is the one to wear, and its normalised cost.
 
-    cost    with the fitted cuffs, muscles solved in all frames that were asked for
-    drawn   (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
+    cost      with the fitted cuffs, muscles solved in all frames that were asked for
+    drawn     (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
+    at_limit  what the search would have moved further, had it been allowed to
     """
 
     suit: Suit
     cost: float
     drawn: Array
+    at_limit: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +90,9 @@ def optimise(
             suit=each,
             cost=float(_costs(whole, each, condition, pairs[:1])[0]),
             drawn=_costs(search.worn, each, condition, pairs[1:]),
+            at_limit=at_limit,
         )
-        for each in (suit, fitted, robust)
+        for each, at_limit in ((suit, ()), fitted, robust)
     )
     return Optimised(start, best, safe, search.tried)
 
@@ -127,15 +130,15 @@ class _Search:
     ) -> None:
         self.worn, self.condition, self.free, self.progress = worn, condition, free, progress
         start = worn.suit
-        lengths = (start.rest_lengths[[0, -1]] - start.reference_rest_length) / REST_LENGTH_STEP
+        lengths = (start.rest_lengths[[0, -1]] * [0.5, 1.0] - start.reference_rest_length) / REST_LENGTH_STEP
         self.bounds = [(float(lengths[0]), float(lengths[1]))]
         for freedom in free:
             most, count = (MOST_STIFFNESS_STEPS, 1) if freedom == "stiffness" else (MOST_POINT_STEPS, 3)
             self.bounds += [(-most, most)] * count
         self.tried = 0
 
-    def best(self, pairs: Sequence[Pair]) -> Suit:
-        """The suit with the least mean cost over these pairs of cuffs."""
+    def best(self, pairs: Sequence[Pair]) -> tuple[Suit, tuple[str, ...]]:
+        """The suit with the least mean cost over these pairs of cuffs, and what of it is at the end of its bounds."""
         from scipy.optimize import minimize  # slow to import, and needed only here
 
         def mean_cost(steps: Array) -> float:
@@ -150,7 +153,7 @@ class _Search:
             "maxfev": TRIES_PER_FREEDOM * size,
         }
         found = minimize(mean_cost, np.zeros(size), method="Nelder-Mead", bounds=self.bounds, options=options)
-        return self._suit(found.x)
+        return self._suit(found.x), self._at_limit(found.x)
 
     def _mean_cost(self, steps: Array, pairs: Sequence[Pair]) -> float:
         self.tried += 1
@@ -171,3 +174,10 @@ class _Search:
                 moved = point.location + POINT_STEP * np.array([next(rest) for _ in range(3)])
                 changed = replace(changed, **{freedom: replace(point, location=moved)})
         return changed
+
+    def _at_limit(self, steps: Array) -> tuple[str, ...]:
+        names = ["rest_length"]
+        for freedom in self.free:
+            names += [freedom] * (1 if freedom == "stiffness" else 3)
+        room = np.abs(np.array(self.bounds).T - steps).min(axis=0)
+        return tuple(dict.fromkeys(name for name, left in zip(names, room, strict=True) if left < 2 * PRECISION))

@@ -279,6 +279,8 @@ def optimise(
     with progress_bars(Console(stderr=True)) as progress:
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
     Console().print(optimum_table(optimised))
+    for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
+        _say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")
 
 
 @app.command()

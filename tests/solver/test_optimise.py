@@ -56,6 +56,14 @@ def test_a_freed_point_moves_by_five_centimetres_at_most():
     np.testing.assert_array_equal(freed.waist.location, SUIT.waist.location)
 
 
+def test_a_search_that_ends_at_its_limit_says_so(rest_length_only):
+    assert rest_length_only.fitted.at_limit == ()
+    narrow = replace(SUIT, rest_lengths=np.linspace(0.6, 0.68, 5), reference_rest_length=0.66)
+    stopped = optimise(MODEL, MOTION, narrow, WAIST, HAND, "rigid", draws=0, draw_every=10)
+    assert stopped.fitted.at_limit == ("rest_length",)
+    assert stopped.fitted.suit.reference_rest_length == pytest.approx(0.68, abs=1e-3)
+
+
 def test_the_robust_optimum_is_the_better_one_on_average():
     # a cuff that slips by 12 ± 10 mm: too short a cord costs more than one that is too long
     both = found(condition="both", draws=12)
