@@ -55,8 +55,8 @@ def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
     for axis in axes[len(muscles) :]:
         axis.set_visible(False)
     axes[0].set_ylabel("activation")
-    axes[0].set_xlabel("time [s]")
-    axes[0].legend(loc="best", fontsize=6.5)
+    axes[len(muscles) - 1].set_xlabel("time [s]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, fontsize=8)
     return as_png(figure)
 
 
@@ -81,7 +81,7 @@ def reduction_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
     axis.set_yticks(rows + height / 2, names)
     axis.invert_yaxis()
     axis.set_xlabel("reduction of mean activation [%]")
-    axis.legend(loc="best")
+    figure.legend(loc="outside upper left", ncols=3, fontsize=7.5)
     return as_png(figure)
 
 

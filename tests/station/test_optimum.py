@@ -1,0 +1,31 @@
+"""From cuffs.json to optimum.json, for one arm cuff at a time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from station.assessment_inputs import AssessmentInputs, InputError
+from station.optimum import optimise_file
+from tests.station.test_assessment import write_cuffs
+
+
+def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    found = optimise_file(inputs, tmp_path / "out", "both", draws=2)
+    plain = json.loads((tmp_path / "out" / "optimum.json").read_text(encoding="utf-8"))
+    assert (plain["cuff"], plain["condition"], plain["free"]) == ("hand", "both", ["rest_length"])
+    assert plain["start"]["rest_length_m"] == {"value": 0.74, "ci95": None}
+    assert plain["optimum"]["rest_length_m"]["value"] == found.fitted.suit.reference_rest_length
+    assert plain["optimum"]["normalised_cost"]["value"] < plain["start"]["normalised_cost"]["value"]
+    low, high = plain["robust_optimum"]["normalised_cost_of_draws"]["ci95"]
+    assert low <= plain["robust_optimum"]["normalised_cost_of_draws"]["value"] <= high
+    assert plain["suits_tried"] == found.tried
+    assert plain["inputs"]["cuffs"].startswith("cuffs.json ")
+
+
+def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="one arm cuff at a time and there are hand, elbow; choose one by --cuff"):
+        optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json")), tmp_path)
