@@ -211,8 +211,9 @@ class _Conversation:
             step = "frames"
             async with self._turn:
                 await self._connection.stream_frames("allframes", ["3dres"], self._on_packet)
-            if self._is_capturing:
-                self._ask_state()
+            if self._is_capturing:  # the answer is an event; qtm_rt's own get_state() has no time-out
+                self._is_asking_state = True
+                self._client.send_command("getstate", callback=False)
         except TimeoutError as error:
             raise DeviceUnavailable(
                 f"{self._name} was asked for its {step} and did not answer in time; check that this is QTM's "
@@ -254,11 +255,6 @@ class _Conversation:
         self._blocks = MarkerBlocks(kept, rate_hz, self._name)
         self._blocks.labels = labels
         self.streams = self._resumed or (Stream("/markers", "mm", kept, rate_hz, self._name),)
-
-    def _ask_state(self) -> None:
-        """The answer is an event. qtm_rt's get_state() has no time-out, and none of its own would leave it usable."""
-        self._is_asking_state = True
-        self._client.send_command("getstate", callback=False)
 
     async def _watch(self) -> None:
         """Asks a quiet QTM for what it has answered before; one that does not answer is not there any more."""
