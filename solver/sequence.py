@@ -82,9 +82,10 @@ def follow(sequence: FrameSequence, progress: Progress, workers: int | None = No
     workers = min(scenarios, workers or os.cpu_count() or 1)
     shares = [_Share(sequence, reduction, slice(i, None, workers)) for i in range(workers)]
     with ThreadPoolExecutor(workers) as pool:
+        spread = pool.map if workers > 1 else map  # a live frame does not wait for a thread
         for start in range(0, frames, FRAMES_AT_ONCE):
             part = slice(start, min(start + FRAMES_AT_ONCE, frames))
-            for share, solved in zip(shares, pool.map(_Share.solve, shares, [part] * workers), strict=True):
+            for share, solved in zip(shares, spread(_Share.solve, shares, [part] * workers), strict=True):
                 controls[share.scenarios, part], outcomes[share.scenarios, part] = solved
             progress(part.stop, frames)
     return controls, outcomes
