@@ -21,7 +21,7 @@ from drivers.device import Device
 from drivers.errors import DeviceUnavailable
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, Outcome
-from recordings.samples import Item, Stream
+from recordings.samples import Item
 from recordings.writer import RecordingWriter
 from station.clock import Clock
 from station.config import StationConfig
@@ -94,15 +94,15 @@ class Daemon:
             try:
                 for feed in feeds:
                     feed.start()
-                streams = self._open(feeds, inbox)
-                return self._record(folder, spec, cuff, duration_s, feeds, inbox, streams)
+                opened = self._open(feeds, inbox)
+                return self._record(folder, spec, cuff, duration_s, feeds, inbox, opened)
             finally:
                 self._release(feeds)
 
-    def _open(self, feeds: Sequence[DeviceFeed], inbox: Inbox) -> list[Stream]:
+    def _open(self, feeds: Sequence[DeviceFeed], inbox: Inbox) -> list[Opened]:
         """Waits until every device is open. Raises the first error that a device reports."""
         waiting = {feed.device.name for feed in feeds}
-        streams: list[Stream] = []
+        opened: list[Opened] = []
         deadline = self._clock.wall_s() + OPEN_TIMEOUT_S
         while waiting:
             if self._stops_asked:
@@ -119,8 +119,8 @@ class Daemon:
                 raise message.error
             if isinstance(message, Opened):
                 waiting.discard(message.device)
-                streams.extend(message.streams)
-        return streams
+                opened.append(message)
+        return opened
 
     def _record(
         self,
@@ -130,8 +130,10 @@ class Daemon:
         duration_s: float | None,
         feeds: Sequence[DeviceFeed],
         inbox: Inbox,
-        streams: Sequence[Stream],
+        opened: Sequence[Opened],
     ) -> TrialResult:
+        streams = [stream for one in opened for stream in one.streams]
+        device_of = {stream.name: one.device for one in opened for stream in one.streams}
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
         writer = RecordingWriter(path, self._manifest(spec, run, cuff), streams)
@@ -140,7 +142,7 @@ class Daemon:
         )
         session = TrialSession(rules, writer, self._clock)
         try:
-            session.arm(streams)
+            session.arm(streams, device_of)
             self._run(session, feeds, inbox)
         except RecordingError as error:
             session.abandon(str(error))

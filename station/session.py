@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Protocol
@@ -91,6 +91,8 @@ class TrialSession:
         self._sync = SyncLine(rules.threshold_v)
         self._pre_roll: deque[Item] = deque()
         self._streams: tuple[Stream, ...] = ()
+        self._device_of: Mapping[str, str] = {}  # by stream
+        self._away: set[str] = set()  # devices that are lost and may come back
         self._last_seen_wall_s: dict[str, float] = {}
         self._reach = {"/force": Reach(), "/sync": Reach()}
         self._armed_station_s = self._armed_wall_s = 0.0
@@ -109,9 +111,12 @@ class TrialSession:
         recorded = max(0, self._latest_device_ns - self._edge_device_ns) * 1e-9 if self.has_edge else 0.0
         return Snapshot(self.state, self.sentence, self._sync.level_v, waited, recorded, self.lost_samples)
 
-    def arm(self, streams: Sequence[Stream]) -> None:
-        """All devices are open: from now on what comes is kept, and the edge is waited for."""
-        self._streams = tuple(streams)
+    def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:
+        """All devices are open: from now on what comes is kept, and the edge is waited for.
+
+        device_of names the device of each stream by its name: while it says that it is away its silence is no news.
+        """
+        self._streams, self._device_of = tuple(streams), device_of or {}
         self._armed_station_s, self._armed_wall_s = self._clock.station_s(), self._clock.wall_s()
         self._enter(State.ARMED, "armed, waiting for the sync edge")
         self._record(self._event("armed", "all devices are open; waiting for the sync edge"))
@@ -133,6 +138,7 @@ class TrialSession:
             self._recorder.write(item)
         if isinstance(item, Event):
             self._follow_capture(item)
+            self._follow_connection(item)
         elif isinstance(item, Samples) and item.stream == "/sync":
             self._follow_sync(item)
 
@@ -266,11 +272,22 @@ class TrialSession:
         """Wall seconds since the edge; 0 unless the trial is recording."""
         return self._clock.wall_s() - self._edge_wall_s if self.state is State.RECORDING else 0.0
 
+    def _follow_connection(self, event: Event) -> None:
+        """A device that is lost is brought back by its driver, which gives up in an error of its own."""
+        if event.kind == "connection_lost":
+            self._away.add(event.source)
+        elif event.kind == "connection_restored":
+            self._away.discard(event.source)
+            for stream, device in self._device_of.items():
+                if device == event.source:
+                    self._last_seen_wall_s[stream] = self._clock.wall_s()
+
     def _check_silence(self, expected: tuple[str, ...], since_wall_s: float) -> None:
         now = self._clock.wall_s()
         for stream in self._streams:
             quiet_s = now - max(self._last_seen_wall_s.get(stream.name, since_wall_s), since_wall_s)
-            if stream.name in expected and quiet_s > SILENCE_S:
+            is_away = self._device_of.get(stream.name) in self._away
+            if stream.name in expected and quiet_s > SILENCE_S and not is_away:
                 self._note_silence(stream, quiet_s * self._clock.speed)
                 self.fail(
                     f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "

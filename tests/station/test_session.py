@@ -47,7 +47,7 @@ class Bench:
         self.daq_sends = self.mocap_sends = True
 
     def arm(self) -> Bench:
-        self.session.arm(STREAMS)
+        self.session.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
         return self
 
     def run(self, station_s: float) -> None:
@@ -315,3 +315,32 @@ def test_the_capture_is_wanted_only_after_the_pre_roll() -> None:
     assert not bench.session.wants_capture_start
     bench.run(1.0)
     assert bench.session.wants_capture_start
+
+
+def test_a_device_that_is_away_may_be_silent_until_it_is_back_and_no_other() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
+    bench.daq_sends = False
+    bench.run(8.0)
+    assert bench.session.state is State.RECORDING
+    bench.session.handle(Event("connection_restored", "back", bench.clock.utc_ns(), "NI Dev1"))
+    bench.run(2.0)
+    assert bench.session.state is State.RECORDING
+    bench.run(2.0)
+    assert bench.session.state is State.FAILED
+    assert "sent nothing on /force" in bench.session.sentence
+
+
+def test_while_one_device_is_away_another_that_falls_silent_ends_the_trial() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
+    bench.daq_sends = bench.mocap_sends = False
+    bench.run(4.0)
+    assert bench.session.state is State.FAILED
+    assert "/markers" in bench.session.sentence
