@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fitting.errors_in_variables import TAU, C, K, Record, Solution, estimate
 from fitting.oscillation import Oscillation, find_oscillation
 from fitting.quality import UnusableTrial
+from fitting.slip import Slip, find_slip
 from fitting.trial import Trial
 from fitting.uncertainty import NORMAL_95, Estimate, Repeat
 
@@ -20,6 +21,8 @@ MIN_AMPLITUDE = 1.0
 """Times the marker noise."""
 STEADY_STIFFNESS = 0.005
 """How far (relative) the stiffness of a swinging load may be from that of held ones where one serves the other."""
+MAX_FEIGNED = 0.1
+"""Part of c that the slip of a cuff may feign which never settles."""
 FIT_RATE = 250.0
 """Hz to which force is averaged: 5 % of a thousandth of its swing at 3 Hz is lost, and the fit is four times faster."""
 
@@ -36,6 +39,7 @@ class DampingFit:
     force_noise, marker_noise  standard deviation per sample [N] (at FIT_RATE), [m], as estimated
     uses_static_stiffness      whether k was tied to that of the held loads, because the lag is too uncertain
     oscillation  the stretch that was fitted
+    notes        what a reader should know
     time, displacement, velocity, damper_force  (n,) [s, m, m/s, N]: the fitted motion, and the measured
                  F − k x − m ẍ − F0 − F1 u over it, whose slope against velocity is c
     """
@@ -53,6 +57,7 @@ class DampingFit:
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]
     damper_force: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
 
 
 def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate | None = None) -> DampingFit:
@@ -63,13 +68,16 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
     """
     oscillation = find_oscillation(trial.force_time, trial.force)
     _require_cycles(trial, oscillation)
-    record = _cut(trial, displacement, oscillation)
-    if tie is not None:
-        error = math.hypot(tie.standard_error, STEADY_STIFFNESS * tie.value)
-        record = replace(record, stiffness_prior=(tie.value, error))
+    record = _cut(trial, displacement, oscillation, tie)
     solution = estimate(record)
     _require_amplitude(solution)
-    return _fit(trial, oscillation, record, solution)
+    slip = _slip_of(record, solution, oscillation)
+    if not slip.cycles:
+        return _fit(trial, oscillation, record, solution, slip.damping)
+    oscillation = replace(oscillation, start=oscillation.start + slip.cycles / oscillation.frequency)
+    record = _cut(trial, displacement, oscillation, tie)
+    note = f"the cuff slipped by {1e3 * slip.distance:.2f} mm in the first {slip.cycles} cycles, which are left out"
+    return replace(_fit(trial, oscillation, record, estimate(record), slip.damping), notes=(note,))
 
 
 def _require_cycles(trial: Trial, oscillation: Oscillation) -> None:
@@ -94,7 +102,20 @@ def _require_amplitude(solution: Solution) -> None:
         )
 
 
-def _cut(trial: Trial, displacement: NDArray[np.float64], oscillation: Oscillation) -> Record:
+def _slip_of(record: Record, solution: Solution, oscillation: Oscillation) -> Slip:
+    """Slip within the record. Raises UnusableTrial if it never ends and would feign much of c."""
+    k, c = float(solution.parameters[K]), float(solution.parameters[C])
+    offset = record.displacement - np.interp(record.marker_time, record.force_time, record.force) / k
+    slip = find_slip(record.marker_time, offset, solution.marker_noise, oscillation, k)
+    if not slip.settles and slip.damping > MAX_FEIGNED * abs(c):
+        raise UnusableTrial(
+            f"the cuff slips by {1e3 * slip.distance:.2f} mm while it swings and never settles, which looks like "
+            f"damping of {slip.damping:.0f} N s/m; fasten it tighter or pull with less force"
+        )
+    return slip
+
+
+def _cut(trial: Trial, displacement: NDArray[np.float64], oscillation: Oscillation, tie: Estimate | None) -> Record:
     in_force = (trial.force_time >= oscillation.start) & (trial.force_time <= oscillation.end)
     seen = (trial.marker_time >= oscillation.start) & (trial.marker_time <= oscillation.end)
     seen &= np.isfinite(displacement)
@@ -109,6 +130,7 @@ def _cut(trial: Trial, displacement: NDArray[np.float64], oscillation: Oscillati
         displacement[seen],
         trial.cuff_mass,
         trial.lag.total(oscillation.middle),
+        (tie.value, math.hypot(tie.standard_error, STEADY_STIFFNESS * tie.value)) if tie else None,
     )
 
 
@@ -119,15 +141,20 @@ def _averaged(time: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[ND
     return time[:whole].reshape(-1, together).mean(axis=1), force[:whole].reshape(-1, together).mean(axis=1)
 
 
-def _fit(trial: Trial, oscillation: Oscillation, record: Record, solution: Solution) -> DampingFit:
-    """Splits what is uncertain into what is new in every trial and what all share (declared lag, drift, static k)."""
+def _fit(trial: Trial, oscillation: Oscillation, record: Record, solution: Solution, feigned: float) -> DampingFit:
+    """Splits what is uncertain into what is new in every trial and what all share (declared lag, drift, static k).
+
+    feigned is c [N s/m] that slip may feign; it counts as noise.
+    """
     k, k_error = float(solution.parameters[K]), math.sqrt(float(solution.covariance[K, K]))
-    c, noise = float(solution.parameters[C]), float(solution.known_lag_sd[1])
+    c, noise = float(solution.parameters[C]), math.hypot(float(solution.known_lag_sd[1]), feigned)
     if record.stiffness_prior is None:
         # To first order c_app = c + k τ; what the data say of τ beyond that hangs on harmonics, and is not counted.
         damping = Repeat(c, math.hypot(noise, k * trial.lag.edge), k * trial.lag.common(oscillation.middle))
     else:
-        damping = Repeat(c, noise, math.sqrt(max(0.0, float(solution.covariance[C, C]) - noise**2)))
+        damping = Repeat(
+            c, noise, math.sqrt(max(0.0, float(solution.covariance[C, C]) - float(solution.known_lag_sd[1]) ** 2))
+        )
     return DampingFit(
         damping=damping,
         noise=noise,

@@ -246,7 +246,8 @@ def _list_trials(
                 run=trial.run,
                 state="used" if is_used else "unusable" if file in reasons else "superseded",
                 reason=reasons.get(file, "" if is_used else f"recorded again as {again}"),
-                notes=reduced[file].notes if is_used else trial.notes,
+                notes=(reduced[file].notes if is_used else trial.notes)
+                + (damping[file].notes if file in damping else ()),
                 stiffness=trial_stiffness(static[file]) if file in static else None,
                 damping=damping[file].damping.estimate if file in damping else None,
                 migration=fit_migration([reduced[file].plateaus]) if is_used else None,

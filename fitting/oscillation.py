@@ -14,6 +14,7 @@ WINDOW = 2.0
 """Seconds over which swinging is judged."""
 TRANSIENT = 1.5
 """Seconds left out at both ends: hanging the weight on and taking it off."""
+NO_SWING = "the force does not swing for more than a few seconds; pull longer, about once a second"
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ def find_oscillation(time: NDArray[np.float64], force: NDArray[np.float64]) -> O
     binned = np.interp(grid, grid[count > 0], means)
     swing = _moving_deviation(binned, side)
     is_swinging = swing > 0.5 * float(np.percentile(swing, 75))
+    if not is_swinging.any():
+        raise UnusableTrial(NO_SWING)
     bounds = np.flatnonzero(np.diff(np.concatenate(([0], is_swinging.astype(np.int8), [0])))).reshape(-1, 2)
     first, last = bounds[np.argmax(bounds[:, 1] - bounds[:, 0])]
     start, end = float(grid[first]), float(grid[last - 1])
@@ -55,7 +58,7 @@ def find_oscillation(time: NDArray[np.float64], force: NDArray[np.float64]) -> O
     end = time[-1] if last == len(grid) else end - TRANSIENT
     inside = binned[(grid >= start) & (grid <= end)]
     if len(inside) < 4 * side:
-        raise UnusableTrial("the force does not swing for more than a few seconds; pull longer, about once a second")
+        raise UnusableTrial(NO_SWING)
     return Oscillation(float(start), float(end), *_main_swing(inside, width))
 
 

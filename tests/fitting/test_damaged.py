@@ -24,7 +24,7 @@ Tracks = dict[str, Track]
 @cache
 def _recorded() -> tuple[tuple[Manifest, Tracks], ...]:
     """A short static and a short dynamic trial, force at 100 Hz."""
-    truth = published("elbow", force_rate=100.0, hold=2.5, weights=(20.0, 40.0), duration=9.0)
+    truth = published("elbow", force_rate=100.0, hold=4.0, weights=(20.0, 40.0), duration=9.0)
     session = Session(truth, 7)
     return session.static(), session.dynamic()
 

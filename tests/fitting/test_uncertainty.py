@@ -30,6 +30,25 @@ def test_repeats_that_differ_by_more_than_noise_widen_the_interval_as_student_as
     assert _half_width(estimate) == pytest.approx(4.302653 / np.sqrt(3), rel=1e-6)
 
 
+def test_two_repeats_as_far_apart_as_noise_puts_them_are_not_widened_by_luck() -> None:
+    widths = [_half_width(combine([Repeat(10.0, 0.1), Repeat(10.0 + apart, 0.1)])) for apart in (0.0, 0.1, 0.2)]
+    assert all(0.1 < width < 0.4 for width in widths)
+    assert widths == sorted(widths)
+
+
+def test_two_repeats_that_contradict_each_other_are_as_uncertain_as_student_says() -> None:
+    assert _half_width(combine([Repeat(9.0, 0.1), Repeat(11.0, 0.1)])) == pytest.approx(12.7062, rel=1e-5)
+
+
+@pytest.mark.parametrize(("extra", "least"), [(0.0, 0.97), (0.5, 0.95)])
+def test_the_interval_of_two_repeats_covers_although_noise_is_taken_as_known(extra: float, least: float) -> None:
+    random = np.random.default_rng(8)
+    means = 100 + np.hypot(0.5, extra) * random.standard_normal((500, 2))
+    estimates = [combine([Repeat(value, 0.5) for value in pair]) for pair in means]
+    assert np.mean([e.ci95[0] <= 100 <= e.ci95[1] for e in estimates]) >= least
+    assert np.median([_half_width(e) for e in estimates]) < 1.5
+
+
 def test_scatter_within_a_trial_beyond_its_noise_widens_the_interval() -> None:
     quiet, rough = Repeat(10.0, 0.1, chi_square=4.0, dof=4), Repeat(10.0, 0.1, chi_square=36.0, dof=4)
     assert combine([rough]).standard_error == pytest.approx(3 * combine([quiet]).standard_error)

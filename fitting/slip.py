@@ -1,0 +1,76 @@
+"""Whether the cuff still slips while it is pulled to and fro, and what that would feign as damping.
+
+Averaged over a whole cycle, x − F/k stays where the cuff holds. Where it moves on by s with every cycle, the crest of
+the force, A above its mean, does the work A s on it, as a damper of A s / (π ω X²) would take in a swing of ± X.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.oscillation import Oscillation
+
+MIN_SETTLED = 4
+"""Cycles in which the cuff must hold to be believed."""
+SIGNIFICANCE = 3.0
+
+
+@dataclass(frozen=True)
+class Slip:
+    """cycles at the start in which the cuff slipped by `distance` [m], after which it holds if it settles.
+
+    damping is c [N s/m] that the movement left in the others may feign; if the cuff never settles, cycles is 0.
+    """
+
+    settles: bool
+    cycles: int
+    distance: float
+    damping: float
+
+
+def find_slip(
+    time: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    noise: float,
+    oscillation: Oscillation,
+    stiffness: float,
+) -> Slip:
+    """Slip in the offsets x − F/k (frames,) [m] at time [s]; noise is that of one frame [m], stiffness k [N/m]."""
+    means, error = _cycle_means(time, offset, noise, oscillation)
+    if len(means) < MIN_SETTLED:
+        return Slip(True, 0, 0.0, 0.0)
+    amplitude = oscillation.amplitude / stiffness
+    feigned = oscillation.amplitude / (2 * math.pi**2 * oscillation.frequency * amplitude**2)
+    for first in range(len(means) - MIN_SETTLED + 1):
+        slope, slope_sd = _slope(means[first:], error)
+        if slope < SIGNIFICANCE * slope_sd:
+            moved = float(np.mean(means[first:]) - means[0]) if first else 0.0
+            return Slip(True, first, moved, feigned * abs(slope))
+    slope, _ = _slope(means, error)
+    return Slip(False, 0, float(means[-1] - means[0]), feigned * slope)
+
+
+def _cycle_means(
+    time: NDArray[np.float64], offset: NDArray[np.float64], noise: float, oscillation: Oscillation
+) -> tuple[NDArray[np.float64], float]:
+    """Means of the offset over whole cycles (cycles,), and the standard deviation of one as neighbours show it."""
+    whole = int(oscillation.cycles)
+    cycle = ((time - oscillation.start) * oscillation.frequency).astype(np.intp)
+    inside = cycle < whole
+    count = np.bincount(cycle[inside], minlength=whole)
+    means = np.bincount(cycle[inside], offset[inside], minlength=whole) / np.maximum(count, 1)
+    is_seen = count > 0.5 * count.max(initial=1)
+    means = np.interp(np.arange(whole), np.flatnonzero(is_seen), means[is_seen])
+    white = noise / math.sqrt(max(1.0, float(np.median(count))))
+    rough = 1.4826 * float(np.median(np.abs(np.diff(means, 2)))) / math.sqrt(6) if whole > 2 else 0.0
+    return means, max(white, rough)
+
+
+def _slope(values: NDArray[np.float64], error: float) -> tuple[float, float]:
+    """Of the line through values (n,) at 0, 1, …, and its standard error."""
+    u = np.arange(len(values)) - (len(values) - 1) / 2
+    return float(u @ values / (u @ u)), error / math.sqrt(float(u @ u))
