@@ -21,6 +21,8 @@ MIN_AMPLITUDE = 1.0
 """Times the marker noise."""
 STEADY_STIFFNESS = 0.005
 """How far (relative) the stiffness of a swinging load may be from that of held ones where one serves the other."""
+NEGLIGIBLE_SLIP = 0.5
+"""Standard errors of c that slip may feign without being looked at; they are in the error all the same."""
 MAX_FEIGNED = 0.1
 """Part of c that the slip of a cuff may feign which never settles."""
 FIT_RATE = 250.0
@@ -76,7 +78,8 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
         return _fit(trial, oscillation, record, solution, slip.damping)
     oscillation = replace(oscillation, start=oscillation.start + slip.cycles / oscillation.frequency)
     record = _cut(trial, displacement, oscillation, tie)
-    note = f"the cuff slipped by {1e3 * slip.distance:.2f} mm in the first {slip.cycles} cycles, which are left out"
+    cycles = "the first cycle, which is" if slip.cycles == 1 else f"the first {slip.cycles} cycles, which are"
+    note = f"the cuff slipped by {1e3 * slip.distance:.2f} mm in {cycles} left out"
     return replace(_fit(trial, oscillation, record, estimate(record), slip.damping), notes=(note,))
 
 
@@ -106,7 +109,8 @@ def _slip_of(record: Record, solution: Solution, oscillation: Oscillation) -> Sl
     """Slip within the record. Raises UnusableTrial if it never ends and would feign much of c."""
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
     offset = record.displacement - np.interp(record.marker_time, record.force_time, record.force) / k
-    slip = find_slip(record.marker_time, offset, solution.marker_noise, oscillation, k)
+    negligible = NEGLIGIBLE_SLIP * float(solution.known_lag_sd[1])
+    slip = find_slip(record.marker_time, offset, solution.marker_noise, oscillation, k, negligible)
     if not slip.settles and slip.damping > MAX_FEIGNED * abs(c):
         raise UnusableTrial(
             f"the cuff slips by {1e3 * slip.distance:.2f} mm while it swings and never settles, which looks like "

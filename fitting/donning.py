@@ -158,11 +158,14 @@ def _fit_dampings(
                 reasons[each.trial.file] = str(error)
     if stiffness is None or not free or _relative_error(free) < TIE_ABOVE:
         return free
-    tied = {
-        each.trial.file: fit_damping(each.trial, each.displacement, stiffness)
-        for each in dynamic
-        if each.trial.file in free
-    }
+    try:
+        tied = {
+            each.trial.file: fit_damping(each.trial, each.displacement, stiffness)
+            for each in dynamic
+            if each.trial.file in free
+        }
+    except UnusableTrial:  # with the stiffness given, another c may be left that slip explains
+        return free
     return tied if _relative_error(tied) < TIE_BELOW else free
 
 

@@ -38,8 +38,12 @@ def find_slip(
     noise: float,
     oscillation: Oscillation,
     stiffness: float,
+    negligible: float,
 ) -> Slip:
-    """Slip in the offsets x − F/k (frames,) [m] at time [s]; noise is that of one frame [m], stiffness k [N/m]."""
+    """Slip in the offsets x − F/k (frames,) [m] at time [s]; noise is that of one frame [m], stiffness k [N/m].
+
+    What feigns less than `negligible` [N s/m] is no slip.
+    """
     means, error = _cycle_means(time, offset, noise, oscillation)
     if len(means) < MIN_SETTLED:
         return Slip(True, 0, 0.0, 0.0)
@@ -47,7 +51,7 @@ def find_slip(
     feigned = oscillation.amplitude / (2 * math.pi**2 * oscillation.frequency * amplitude**2)
     for first in range(len(means) - MIN_SETTLED + 1):
         slope, slope_sd = _slope(means[first:], error)
-        if slope < SIGNIFICANCE * slope_sd:
+        if slope < SIGNIFICANCE * slope_sd or feigned * slope < negligible:
             moved = float(np.mean(means[first:]) - means[0]) if first else 0.0
             return Slip(True, first, moved, feigned * abs(slope))
     slope, _ = _slope(means, error)

@@ -20,13 +20,17 @@ time = np.arange(2.0, 14.0, 0.01)
 
 def _find(offset: np.ndarray) -> Slip:
     noise = 2e-4 * np.random.default_rng(2).standard_normal(len(time))
-    return find_slip(time, offset + noise, 2e-4, SWING, K)
+    return find_slip(time, offset + noise, 2e-4, SWING, K, 2.0)
 
 
 def test_a_cuff_that_holds_loses_no_cycle() -> None:
     slip = _find(np.full(len(time), 0.011))
     assert (slip.settles, slip.cycles) == (True, 0)
     assert slip.damping < 10
+
+
+def test_slip_that_feigns_next_to_nothing_costs_no_cycle() -> None:
+    assert _find(np.minimum(time - 2.0, 2.0) * 1.5e-5).cycles == 0
 
 
 def test_the_cycles_before_it_settles_are_counted() -> None:
@@ -45,12 +49,12 @@ def test_slip_without_an_end_is_told_by_the_work_it_takes() -> None:
 
 def test_a_hidden_cycle_is_no_slip() -> None:
     seen = (time < 6.0) | (time > 7.0)
-    slip = find_slip(time[seen], np.full(np.count_nonzero(seen), 0.01), 2e-4, SWING, K)
+    slip = find_slip(time[seen], np.full(np.count_nonzero(seen), 0.01), 2e-4, SWING, K, 2.0)
     assert slip == Slip(True, 0, 0.0, pytest.approx(0.0, abs=1e-6))
 
 
 def test_too_few_cycles_cannot_tell() -> None:
-    assert find_slip(time, 1e-3 * time, 2e-4, replace(SWING, end=5.0), K) == Slip(True, 0, 0.0, 0.0)
+    assert find_slip(time, 1e-3 * time, 2e-4, replace(SWING, end=5.0), K, 2.0) == Slip(True, 0, 0.0, 0.0)
 
 
 def test_damping_of_a_cuff_that_slips_anew_in_the_swing_is_from_the_cycles_after() -> None:
