@@ -326,7 +326,7 @@ def _channel_with_deadline(target: str) -> Any:
     """A gRPC channel on which every call ends within RPC_DEADLINE_S."""
     import grpc
 
-    class Deadline(grpc.UnaryUnaryClientInterceptor):  # type: ignore[type-arg]
+    class Deadline(grpc.UnaryUnaryClientInterceptor):
         def intercept_unary_unary(self, continuation: Any, client_call_details: Any, request: Any) -> Any:
             return continuation(client_call_details._replace(timeout=RPC_DEADLINE_S), request)
 

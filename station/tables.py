@@ -59,7 +59,7 @@ def assessment_table(assessment: Assessment) -> Table:
             _figure(curve.figures["at_reference"]),
             _figure(curve.figures["rest_length"]),
             _figure(curve.figures["lowest_cost"]),
-            _figure(curve.figures["permissible_error"], 100.0, ".1f"),
+            _figure(curve.figures["permissible_error"], 100.0, ".2f"),
         )
     return table
 
@@ -86,7 +86,7 @@ def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | No
     return words if true is None else f"{words} (true {true * scale:{form}})"
 
 
-def _figure(figure: Figure, scale: float = 1.0, form: str = ".3f") -> str:
+def _figure(figure: Figure, scale: float = 1.0, form: str = ".4f") -> str:
     """Value ± half-width of the 95 % interval, where there is one."""
     if figure.value is None:
         return "-"
