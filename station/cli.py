@@ -183,6 +183,8 @@ def fit(
         print(fitted.to_json(), end="")
     else:
         print_cuffs(fitted, Console())
+    is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
+    raise typer.Exit(0 if is_whole else LOSSY)
 
 
 @app.command()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
 from station.assessment_inputs import AssessmentInputs
+from station.cli import main
 from station.clock import RealClock
 from station.config import parse_config
 from station.daemon import Daemon
@@ -61,6 +63,21 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
     page = write_report(session, fitted).read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 3 * 4 + 3 * 3, "three per cuff, three more per arm cuff"
     assert "http://" not in page and "https://" not in page, "self-contained"
+
+
+def test_a_fit_of_a_cut_recording_is_done_and_lossy(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "cuff-waist_test-static_run-1.mcap"
+    content = (session / name).read_bytes()
+    codes = []
+    for kept in (len(content), len(content) * 9 // 10):
+        (tmp_path / name).write_bytes(content[:kept])
+        monkeypatch.setattr(sys, "argv", ["station", "fit", str(tmp_path), "--format", "json"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        codes.append(ended.value.code)
+    assert codes == [0, 3]
 
 
 def test_a_rerecording_of_one_repeat_supersedes_it(session: Path) -> None:
