@@ -11,7 +11,16 @@ def frames_taken(*numbers_and_times_us: tuple[int, int]) -> list[Item]:
     blocks = MarkerBlocks(("a",), 100.0, "QTM")
     blocks.labels = ("a",)
     for number, timestamp_us in numbers_and_times_us:
-        blocks.add(Frame(timestamp_us=timestamp_us, number=number, points=np.zeros(4, "<f4").tobytes()), 0)
+        blocks.add(
+            Frame(
+                timestamp_us=timestamp_us,
+                number=number,
+                points=np.zeros(4, "<f4").tobytes(),
+                drop_rate=0,
+                out_of_sync_rate=0,
+            ),
+            0,
+        )
     return blocks.take()
 
 
