@@ -121,6 +121,8 @@ def test_it_gives_control_back_and_leaves_the_capture_saved() -> None:
 def test_stopping_what_does_not_run_is_no_error() -> None:
     with simulator() as qtm, opened(driver(qtm.port, control="start")) as device:
         device.stop_capture()
+        device.start_capture()
+        assert received(device, 10), "and the next capture runs"
 
 
 def test_wanted_labels_come_first_and_all_others_follow() -> None:

@@ -42,8 +42,10 @@ def _about_origin(body):
     return body.inertia + body.mass * (c @ c * np.eye(3) - np.outer(c, c))
 
 
-def test_the_bundled_suit_fits_the_bundled_model():
+def test_the_bundled_suit_fits_the_bundled_model_and_no_other_body():
     ensure_fits(SUIT, MODEL)
+    with pytest.raises(SuitError, match="pelvis"):
+        ensure_fits(replace(SUIT, waist=replace(SUIT.waist, body="pelvis")), MODEL)
 
 
 @pytest.mark.parametrize(
