@@ -36,6 +36,7 @@ class Trial:
     labels          of the markers: anchor, cuff, rope
     markers         (frames, markers, 3) m in the mocap frame; a marker not seen, and a frame not received, is NaN
     lag             uncertainty of force time against marker time
+    sync_fall       s, when the sync line fell again; None where that was not recorded
     gain_sd         relative standard uncertainty of the load cell's scale
     cuff_mass       kg moving with the cuff between load cell and body
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
@@ -58,6 +59,7 @@ class Trial:
     labels: tuple[str, ...]
     markers: NDArray[np.float64]
     lag: LagUncertainty
+    sync_fall: float | None = None
     gain_sd: float = 0.0
     cuff_mass: float = DEFAULT_CUFF_MASS
     force_gaps: tuple[tuple[float, float], ...] = ()
@@ -163,6 +165,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         labels=labels,
         markers=MILLIMETRE * grid[in_frames],
         lag=LagUncertainty(float(np.hypot(force_sd, frames_sd)), clocks.DECLARED_LAG_SD, drift),
+        sync_fall=None if edges.falling is None else (edges.falling - edges.rising) / ratio,
         gain_sd=float(_setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
         cuff_mass=float(_setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
         force_gaps=force_gaps,

@@ -98,13 +98,19 @@ def _draw_trial(axis: Axes, curves: TrialCurves) -> None:
     right.grid(visible=False)
     right.plot(curves.marker_time, 1e3 * curves.displacement, color=MOTION, linewidth=0.8)
     right.set_ylabel("displacement [mm]", color=MOTION)
-    axis.axvline(0.0, color=LINE, linewidth=1.0)
-    axis.annotate("sync edge = start", (0.0, 0.98), xycoords=("data", "axes fraction"), va="top", fontsize=7.5)
-    axis.axvline(trial.end, color=LINE, linewidth=1.0, linestyle="--")
-    axis.annotate("end", (trial.end, 0.98), xycoords=("data", "axes fraction"), va="top", ha="right", fontsize=7.5)
+    _mark(axis, 0.0, "sync edge = start", "-", "left")
+    _mark(axis, trial.end, "end", "--", "right")
+    if trial.sync_fall is not None:
+        _mark(axis, trial.sync_fall, "sync falls", ":", "right", height=0.88)
     if curves.dynamic is not None:
         fitted = curves.dynamic.time
         axis.axvspan(float(fitted[0]), float(fitted[-1]), color="#f1efe4", zorder=0, label="fitted")
+
+
+def _mark(axis: Axes, time: float, words: str, line: str, side: str, height: float = 0.98) -> None:
+    """A line at a moment of the session, and what it is."""
+    axis.axvline(time, color=LINE, linewidth=1.0, linestyle=line)
+    axis.annotate(words, (time, height), xycoords=("data", "axes fraction"), va="top", ha=side, fontsize=7.5)
 
 
 def _draw_held_loads(axis: Axes, curves: TrialCurves, fit: CuffFit, shade: str) -> None:

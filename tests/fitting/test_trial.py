@@ -52,6 +52,16 @@ def test_session_time_zero_is_the_edge_and_frame_one_is_exposed_there() -> None:
     assert trial.lag.edge == pytest.approx(1e-3 / np.sqrt(12))
 
 
+def test_the_fall_of_the_sync_line_is_where_the_capture_s_frames_end() -> None:
+    manifest, tracks = _recorded()
+    trial = build_trial(manifest, tracks, "a.mcap", "hash")
+    assert trial.sync_fall == pytest.approx(len(tracks["/markers"].sample_numbers) / 100, abs=0.002)
+    high = tracks["/sync"]
+    rise = int((high.values[:, 0] > 2.5).argmax())
+    stays = replace(high, values=np.where(np.arange(len(high.values))[:, None] >= rise, 5.0, 0.0))
+    assert build_trial(manifest, {**tracks, "/sync": stays}, "a.mcap", "hash").sync_fall is None
+
+
 def test_positions_are_metres_and_missing_markers_are_not_a_number() -> None:
     manifest, tracks = _recorded()
     values = tracks["/markers"].values.copy()
