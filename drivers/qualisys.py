@@ -331,6 +331,8 @@ class _Conversation:
             self._cameras_are_connected.set()
         elif kind in ("capture_started", "capture_stopped"):
             self._is_capturing = kind == "capture_started"
+            if kind == "capture_stopped" and self.streams:
+                self._blocks.capture_ended()
         elif kind == "camera_settings_changed" and self.streams:
             self._blocks.labels = None  # the frames wait until their order is known again
             if self._relabelling is not None:

@@ -165,6 +165,7 @@ class MarkerBlocks:
         self._waiting: list[Frame] = []
         self._arrived_ns = 0
         self._last: Frame | None = None
+        self._follows_a_capture = False
         self._fits = True
         self._worst_rates = (0, 0)
 
@@ -180,6 +181,10 @@ class MarkerBlocks:
     def forget_last(self) -> None:
         """The latest frame was not what it seemed."""
         del self._waiting[-1:]
+
+    def capture_ended(self) -> None:
+        """What comes next is another capture or live preview, whose numbers have nothing to do with those before."""
+        self._follows_a_capture = True
 
     def take(self) -> list[Item]:
         """Everything that waits. A jump of the numbers is a Loss; where they start again, an Event says so."""
@@ -225,12 +230,15 @@ class MarkerBlocks:
 
     def _notice(self, frame: Frame) -> Item | None:
         """What there is to say before this frame."""
-        last = self._last
+        last, follows_a_capture = self._last, self._follows_a_capture
+        self._follows_a_capture = False
         if last is None or frame.number == last.number + 1:
             return None
         passed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
         jumped = frame.number - last.number
-        if jumped <= 0 or passed < jumped / 2:  # frames that nobody had the time to take were never there
+        if (
+            follows_a_capture or jumped <= 0 or passed < jumped / 2
+        ):  # frames that nobody had the time to take were never there
             text = f"{self._source} numbers its frames anew, from {frame.number} after {last.number}"
             return Event("numbering_restarted", text, self._arrived_ns, self._source)
         return Loss(

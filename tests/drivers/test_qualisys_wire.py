@@ -39,3 +39,17 @@ def test_numbers_that_jump_without_time_have_begun_anew_and_nothing_is_lost(numb
     items = frames_taken((1211, 12_100_000), (number, timestamp_us))
     assert [type(item) for item in items] == [Samples, Event, Samples]
     assert isinstance(items[1], Event) and items[1].kind == "numbering_restarted"
+
+
+def test_what_follows_a_capture_is_counted_anew_even_where_time_jumps_too() -> None:
+    blocks = MarkerBlocks(("a",), 100.0, "QTM")
+    blocks.labels = ("a",)
+    points = np.zeros(4, "<f4").tobytes()
+    told = []
+    for number in (1800, 16878, 16880):
+        frame = Frame(timestamp_us=10_000 * number, number=number, points=points, drop_rate=0, out_of_sync_rate=0)
+        blocks.add(frame, 0)
+        told += [type(item) for item in blocks.take() if not isinstance(item, Samples)]
+        if number == 1800:
+            blocks.capture_ended()
+    assert told == [Event, Loss], "the jump behind the capture is none, the next one is"
