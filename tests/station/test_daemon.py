@@ -26,16 +26,16 @@ SPEC = TrialSpec("hand", "static", 1)
 CONFIG = parse_config(
     {
         "cuffs": {"hand": {"anchor_markers": ["anchor_1", "anchor_2", "anchor_3"], "cuff_markers": ["cuff_1"]}},
-        "sync": {"timeout_s": 20},
+        "sync": {"timeout_s": 40},
     },
     "test",
 )
 
 
 class Rig:
-    """A daemon on fake devices: a capture of 6 s begins 3 s after they are made; `prepare` may spoil them."""
+    """A daemon on fake devices; a capture of 6 s begins 20 s after they are made. `prepare` may spoil them."""
 
-    def __init__(self, delay_s: float = 3.0, prepare: Callable[[FakeDaq], None] = lambda daq: None) -> None:
+    def __init__(self, delay_s: float = 20.0, prepare: Callable[[FakeDaq], None] = lambda daq: None) -> None:
         self.clock = RealClock(SPEED)
         self._delay_s, self._prepare = delay_s, prepare
         self.made: list[Device] = []
@@ -74,7 +74,7 @@ def test_a_second_recording_of_the_same_repeat_gets_the_next_number(tmp_path: Pa
 def test_no_edge_leaves_no_file(tmp_path: Path) -> None:
     result = Rig(delay_s=1000.0).daemon().record(tmp_path, SPEC)
     assert (result.path, result.accepted) == (None, False)
-    assert "no sync edge came within 20 s" in result.sentence
+    assert "no sync edge came within 40 s" in result.sentence
     assert not list(tmp_path.glob("*.mcap"))
 
 
@@ -103,7 +103,7 @@ def test_a_device_that_does_not_open_is_one_error_and_the_others_are_closed(tmp_
 
 def test_a_device_lost_in_mid_trial_leaves_a_readable_file_that_is_not_accepted(tmp_path: Path) -> None:
     def spoil(daq: FakeDaq) -> None:
-        daq.lost_after = 5000
+        daq.lost_after = 22_000
 
     result = Rig(prepare=spoil).daemon().record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
