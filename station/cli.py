@@ -16,8 +16,9 @@ from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
+from station.exit_code import DONE, FAILED, LOSSY
+
 ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
-LOSSY = 3
 
 app = typer.Typer(
     help="From the cuff on the bench to the muscles under the suit, left to right: simulate, check, record, info, "
@@ -52,8 +53,8 @@ def main() -> NoReturn:
         if type(error).__module__.split(".")[0] not in ROOMS and not isinstance(error, OSError):
             raise
         _say(f"station: {_one_line(error)}")
-        sys.exit(getattr(error, "exit_code", 1))
-    sys.exit(0)
+        sys.exit(getattr(error, "exit_code", FAILED))
+    sys.exit(DONE)
 
 
 @app.command()
@@ -136,7 +137,7 @@ def record(
     _say(result.sentence)
     if result.path is not None:
         print(result.path)
-    code = 0 if result.accepted and not result.lost_samples else LOSSY if result.path else 1
+    code = DONE if result.accepted and not result.lost_samples else LOSSY if result.path else FAILED
     if left_behind:
         _leave(code, left_behind)
     raise typer.Exit(code)
@@ -184,7 +185,7 @@ def fit(
     else:
         print_cuffs(fitted, Console())
     is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
-    raise typer.Exit(0 if is_whole else LOSSY)
+    raise typer.Exit(DONE if is_whole else LOSSY)
 
 
 @app.command()
@@ -215,7 +216,7 @@ def rmr(
         frames = sum(each.value == outcome for each in solution.outcomes)
         _say(f"{frames} of {len(solution.outcomes)} frames: {outcome}")
     print(output)
-    raise typer.Exit(LOSSY if solution.unsolved else 0)
+    raise typer.Exit(LOSSY if solution.unsolved else DONE)
 
 
 @app.command()
@@ -250,7 +251,7 @@ def assess(
     Console().print(assessment_table(assessed.assessment))
     for sentence in findings(assessed.assessment):
         _say(sentence)
-    raise typer.Exit(LOSSY if assessed.assessment.unsolved else 0)
+    raise typer.Exit(LOSSY if assessed.assessment.unsolved else DONE)
 
 
 @app.command()

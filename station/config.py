@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from recordings.manifest import CuffSite, LoadCell
+from station.exit_code import WRONG_USAGE
 
 STANDARD_GRAVITY = 9.80665
 DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
@@ -21,7 +22,7 @@ Positive = Annotated[float, Field(gt=0)]
 class ConfigError(Exception):
     """The configuration cannot be used; one sentence names file, key, expected and found."""
 
-    exit_code = 2
+    exit_code = WRONG_USAGE
 
 
 class _Section(BaseModel):

@@ -12,6 +12,7 @@ from station.assessment_inputs import AssessmentInputs
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.daemon import Daemon, TrialResult
+from station.exit_code import DONE, LOSSY
 from station.pipeline import assess_cuffs, fit_session_folder, write_assessment, write_whole
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
@@ -19,7 +20,6 @@ from station.report import TRUTH_FILE, write_report
 from station.simulation import SimulatedBench, simulator_settings
 from station.tables import assessment_table, cuff_table
 
-LOSSY = 3
 MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16, "draws": 50}
 """At most so much of the bundled motion is solved; the assessment's own verb takes all of it and 200 draws."""
 
@@ -57,7 +57,7 @@ def run_demo(folder: Path | None, speed: float, seed: int) -> int:
     data.print(assessment_table(assessed.assessment))
     print(page)
     is_whole = all(result.accepted and not result.lost_samples for result in results)
-    return 0 if is_whole and not assessed.assessment.unsolved else LOSSY
+    return DONE if is_whole and not assessed.assessment.unsolved else LOSSY
 
 
 def record_session(

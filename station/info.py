@@ -10,8 +10,7 @@ from rich.table import Table
 
 from recordings.contents import Contents, contents_of
 from recordings.recovery import recover
-
-LOSSY = 3
+from station.exit_code import DONE, LOSSY
 
 
 def show_contents(path: Path, as_json: bool) -> int:
@@ -21,7 +20,7 @@ def show_contents(path: Path, as_json: bool) -> int:
         print(contents.to_json())
     else:
         _print_tables(contents, Console())
-    return 0 if contents.complete and not contents.gaps else LOSSY
+    return DONE if contents.complete and not contents.gaps else LOSSY
 
 
 def recover_recording(path: Path, output: Path | None) -> int:
@@ -30,7 +29,7 @@ def recover_recording(path: Path, output: Path | None) -> int:
     for sentence in report.sentences():
         print(sentence, file=sys.stderr)
     print(report.output)
-    return 0 if report.lossless and not report.damage else LOSSY
+    return DONE if report.lossless and not report.damage else LOSSY
 
 
 def _print_tables(contents: Contents, console: Console) -> None:
