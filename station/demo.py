@@ -8,17 +8,19 @@ from pathlib import Path
 from rich.console import Console
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
+from station.assess import assess_cuffs, write_assessment
 from station.assessment_inputs import AssessmentInputs
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.daemon import Daemon, TrialResult
 from station.exit_code import DONE, LOSSY
-from station.pipeline import assess_cuffs, fit_session_folder, write_assessment, write_whole
+from station.fit import fit_session_folder
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
 from station.report import TRUTH_FILE, write_report
 from station.simulation import SimulatedBench, simulator_settings
 from station.tables import assessment_table, cuff_table
+from station.whole_file import write_whole
 
 MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16, "draws": 50}
 """At most so much of the bundled motion is solved; the assessment's own verb takes all of it and 200 draws."""

@@ -13,8 +13,8 @@ from solver.optimise import Freedom, Optimised, TriedSuit, optimise
 from solver.suit import PARTS, Suit
 from solver.worn import Condition
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
-from station.pipeline import write_whole
 from station.progress import Progress, silent
+from station.whole_file import write_whole
 
 
 def optimise_file(

@@ -16,9 +16,10 @@ from fitting.result import CuffFit, SessionFit, read_cuffs
 from fitting.uncertainty import Estimate
 from station.assessment_section import assessment_section
 from station.figures import dynamic_figure, static_figure, trial_figure
+from station.fit import fit_session_folder, recordings_in
 from station.pictures import Picture, picture
-from station.pipeline import fit_session_folder, recordings_in, write_whole
 from station.progress import Progress, silent
+from station.whole_file import write_whole
 
 TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from station.assess import assess_cuffs, write_assessment
 from station.assessment_inputs import AssessmentInputs
 from station.cli import main
 from station.clock import RealClock
 from station.config import parse_config
 from station.daemon import Daemon
 from station.demo import demo_config, record_session
-from station.pipeline import assess_cuffs, fit_session_folder, write_assessment
+from station.fit import fit_session_folder
 from station.progress import silent
 from station.protocol import TrialSpec
 from station.report import write_report

@@ -11,9 +11,9 @@ import pytest
 from markupsafe import escape
 
 from solver.suit import BUNDLED_SUIT
+from station.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.emg import EmgError, read_emg
-from station.pipeline import AssessedSuit, assess_cuffs, write_assessment
 from station.report import write_report
 
 

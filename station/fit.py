@@ -1,0 +1,49 @@
+"""A session's folder → its cuffs: recordings, trials, fit, cuffs.json."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fitting.result import SessionFit
+from fitting.session import fit_session
+from fitting.trial import read_trials
+from station.progress import Progress, silent
+from station.whole_file import write_whole
+
+
+class SessionError(Exception):
+    """The folder cannot be fitted or assessed; one sentence."""
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """The session's trial files; where one was recovered, the recovered file stands for the cut one."""
+    files = sorted(folder.glob("*.mcap"))
+    cut = {path.with_suffix("").with_suffix(".mcap") for path in files if path.suffixes[-2:] == [".recovered", ".mcap"]}
+    return [path for path in files if path not in cut]
+
+
+def fit_session_folder(folder: Path, output: Path | None, progress: Progress = silent) -> SessionFit:
+    """Recordings → trials → fit → cuffs.json. Raises SessionError when not one trial can be used."""
+    if not folder.is_dir():
+        raise SessionError(f"{folder} is not a folder; give the folder that `station record` wrote into")
+    paths = recordings_in(folder)
+    if not paths:
+        raise SessionError(f"{folder} holds no recording (*.mcap); record a trial into it first")
+    trials, rejected = read_trials(_counted(paths, "reading trials", progress))
+    if not trials:
+        reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
+        raise SessionError(f"no recording in {folder} can be used: {reasons}")
+    progress("fitting", 0, len(trials))
+    fitted = fit_session(trials, rejected)
+    progress("fitting", len(trials), len(trials))
+    if output is not None:
+        write_whole(output, fitted.to_json())
+    return fitted
+
+
+def _counted(paths: Sequence[Path], what: str, progress: Progress) -> Iterator[Path]:
+    for done, path in enumerate(paths):
+        progress(what, done, len(paths))
+        yield path
+    progress(what, len(paths), len(paths))

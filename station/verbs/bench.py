@@ -1,0 +1,100 @@
+"""At the bench: simulate, check, record."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+from station.exit_code import DONE, FAILED, LOSSY
+from station.verbs.options import ConfigPath, Seed, Speed, Test, say
+
+
+def simulate(
+    config: ConfigPath = Path("station.toml"),
+    speed: Speed = 1.0,
+    seed: Seed = 1,
+    cuff: Annotated[str | None, typer.Option(help="Play trials of this cuff; default: the plan, in order.")] = None,
+    test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, in order.")] = None,
+    faults: Annotated[Path | None, typer.Option(help="A plan of what goes wrong, and when (.toml).")] = None,
+) -> None:
+    """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C."""
+    from station.config import load_config
+    from station.simulation import serve_until_stopped
+
+    serve_until_stopped(load_config(config), speed, seed, cuff=cuff, test=test, fault_plan=faults)
+
+
+def check(
+    config: ConfigPath = Path("station.toml"),
+    session: Annotated[Path, typer.Option(help="Folder of the session, for the room on its disk.")] = Path(),
+) -> None:
+    """Show what answers: devices, rates, the level of the sync line, labels, disk."""
+    from station.check import check_bench
+    from station.config import load_config
+
+    raise typer.Exit(check_bench(load_config(config), session))
+
+
+def record(
+    config: ConfigPath,
+    session: Annotated[Path, typer.Option(help="Folder of the session; made if it is not there.")],
+    cuff: Annotated[str, typer.Option(help="The cuff under test, as the configuration names it.")],
+    test: Annotated[Test, typer.Option(help="Which of the two tests.")],
+    repeat: Annotated[int, typer.Option(min=1, help="Which repeat of this test on this donning.")],
+    duration: Annotated[
+        float | None, typer.Option(min=0.1, help="Seconds after the edge; without it, until the capture ends.")
+    ] = None,
+    donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
+    speed: Annotated[float, typer.Option(min=0.1, help="Speed of the simulated world that is recorded.")] = 1.0,
+    rrd: Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")] = None,
+) -> None:
+    """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
+    from contextlib import ExitStack
+
+    from station.clock import RealClock
+    from station.config import load_config
+    from station.daemon import Daemon, View
+    from station.live import LiveView
+    from station.protocol import TrialSpec
+
+    clock = RealClock(speed)
+    spec = TrialSpec(cuff, test, repeat, donning)
+    with ExitStack() as stack:
+        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff} {test} {repeat}"))]
+        if rrd is not None:
+            from station.rerun_log import RerunLog
+
+            views.append(stack.enter_context(RerunLog(rrd)))
+        daemon = Daemon(load_config(config), clock, views)
+        _stop_on_signals(daemon)
+        try:
+            result = daemon.record(session, spec, duration)
+        finally:
+            left_behind = daemon.left_behind
+    say(result.sentence)
+    if result.path is not None:
+        print(result.path)
+    code = DONE if result.accepted and not result.lost_samples else LOSSY if result.path else FAILED
+    if left_behind:
+        _leave(code, left_behind)
+    raise typer.Exit(code)
+
+
+def _stop_on_signals(daemon: Any) -> None:
+    def stop(_signal: int, _frame: Any) -> None:
+        daemon.stop()
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+
+
+def _leave(code: int, left_behind: list[str]) -> NoReturn:
+    """A frozen device's thread would hold the interpreter's own way out; everything of ours is closed by now."""
+    say(f"left behind, still frozen: {', '.join(left_behind)}")
+    sys.stdout.flush()
+    os._exit(code)
