@@ -1,0 +1,148 @@
+"""session.jsonl: what was decided in a session, one line each, only ever appended to.
+
+The recordings hold what was measured; the journal holds what people said of it: who was measured, to which plan, which
+trial counts, which is redone and why, what a mark in a trial was. Nothing in it is ever changed: a later line
+overrules an earlier one, and a line that a power cut tore in two is passed over.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+JOURNAL_FILE = "session.jsonl"
+
+Choice = Literal["accept", "redo"]
+
+
+class JournalError(Exception):
+    """The journal cannot be read or written; one sentence."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Who is measured by whom, with which cuffs, each test so many times over. subject is a code, never a name."""
+
+    subject: str
+    operator: str
+    cuffs: tuple[str, ...]
+    repeats: int
+    has_bounce: bool = True
+    number: str = "1"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the operator said of one recording, and why."""
+
+    choice: Choice
+    reason: str
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What became of one trial, by the recorder's own account; file is its name in the session's folder."""
+
+    file: str
+    cuff: str | None
+    test: str
+    repeat: int
+    donning: str
+    accepted: bool
+    lost_samples: int
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Journal:
+    """All that the lines say so far; verdicts and the names of marks go by the recording's file name."""
+
+    setup: Setup | None = None
+    recorded: tuple[Recorded, ...] = ()
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    marks: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+
+    @property
+    def redone(self) -> dict[str, str]:
+        """File name → reason of every recording that the operator does not let count."""
+        return {name: each.reason for name, each in self.verdicts.items() if each.choice == "redo"}
+
+
+def read_journal(folder: Path) -> Journal:
+    """The journal of a session's folder; empty where there is none. Raises JournalError naming the line that is wrong.
+
+    The last line may be torn: it was being written when the power went, and its decision is asked for again.
+    """
+    path = folder / JOURNAL_FILE
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return Journal()
+    except (OSError, UnicodeDecodeError) as error:
+        raise JournalError(f"{path} cannot be read: {error}") from error
+    journal = Journal()
+    for number, line in enumerate(text[: text.rfind("\n") + 1].splitlines(), 1):
+        try:
+            journal = _with(journal, dict(json.loads(line)))
+        except (ValueError, TypeError, KeyError) as error:
+            found = f"expected an entry of the journal, found {line[:60]!r}"
+            raise JournalError(f"{path}, line {number}: {found}") from error
+    return journal
+
+
+def write_setup(folder: Path, setup: Setup) -> None:
+    _append(folder, "setup", **asdict(setup))
+
+
+def write_recorded(folder: Path, recorded: Recorded) -> None:
+    _append(folder, "recorded", **asdict(recorded))
+
+
+def write_verdict(folder: Path, file: str, choice: Choice, reason: str) -> None:
+    """Raises JournalError where a trial is to be redone and nobody says why."""
+    if choice == "redo" and not reason.strip():
+        raise JournalError(f"{file} is to be redone and no reason is given; say in a few words what was wrong with it")
+    _append(folder, "verdict", file=file, choice=choice, reason=reason.strip())
+
+
+def write_mark(folder: Path, file: str, number: int, name: str) -> None:
+    """Names the n-th mark (from 1) of a recording."""
+    _append(folder, "mark", file=file, number=number, name=name.strip())
+
+
+def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
+    """The journal and one line more."""
+    kind = entry.pop("kind")
+    entry.pop("at")
+    if kind == "setup":
+        return replace(journal, setup=Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}))
+    if kind == "recorded":
+        return replace(journal, recorded=(*journal.recorded, Recorded(**entry)))
+    if kind == "verdict" and entry["choice"] in get_args(Choice):
+        verdict = Verdict(entry["choice"], entry["reason"])
+        return replace(journal, verdicts={**journal.verdicts, entry["file"]: verdict})
+    if kind == "mark":
+        named = {**journal.marks.get(entry["file"], {}), int(entry["number"]): str(entry["name"])}
+        return replace(journal, marks={**journal.marks, entry["file"]: named})
+    raise ValueError(kind)
+
+
+def _append(folder: Path, kind: str, **said: Any) -> None:
+    """One line, on the disk before this returns. A torn line that is there already is closed first."""
+    path = folder / JOURNAL_FILE
+    line = json.dumps({"at": datetime.now(UTC).isoformat(timespec="milliseconds"), "kind": kind, **said})
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        written = path.read_bytes() if path.exists() else b""
+        with path.open("ab") as file:
+            file.truncate(written.rfind(b"\n") + 1)
+            file.write(line.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise JournalError(f"{path} cannot be written: {error.strerror}; the decision is not stored") from error

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from station.journal import (
+    JOURNAL_FILE,
+    Journal,
+    JournalError,
+    Recorded,
+    Setup,
+    Verdict,
+    read_journal,
+    write_mark,
+    write_recorded,
+    write_setup,
+    write_verdict,
+)
+
+SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
+TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, "the mocap capture ended")
+
+
+def test_a_folder_without_a_journal_has_an_empty_one(tmp_path: Path) -> None:
+    assert read_journal(tmp_path) == Journal()
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    write_setup(tmp_path, SETUP)
+    write_recorded(tmp_path, TRIAL)
+    write_verdict(tmp_path, "a.mcap", "redo", " the cuff slipped ")
+    write_mark(tmp_path, "a.mcap", 2, "coughed")
+    journal = read_journal(tmp_path)
+    assert journal.setup == SETUP
+    assert journal.recorded == (TRIAL,)
+    assert journal.verdicts == {"a.mcap": Verdict("redo", "the cuff slipped")}
+    assert journal.redone == {"a.mcap": "the cuff slipped"}
+    assert journal.marks == {"a.mcap": {2: "coughed"}}
+
+
+def test_the_later_verdict_counts_and_the_earlier_stays_in_the_file(tmp_path: Path) -> None:
+    write_verdict(tmp_path, "a.mcap", "redo", "the wearer moved")
+    write_verdict(tmp_path, "a.mcap", "accept", "on second thought")
+    assert read_journal(tmp_path).redone == {}
+    assert (tmp_path / JOURNAL_FILE).read_text().count('"kind": "verdict"') == 2
+
+
+def test_a_redo_wants_a_reason(tmp_path: Path) -> None:
+    with pytest.raises(JournalError, match="no reason is given"):
+        write_verdict(tmp_path, "a.mcap", "redo", "  ")
+    assert not (tmp_path / JOURNAL_FILE).exists()
+
+
+def test_a_line_torn_by_a_power_cut_is_passed_over_and_never_glued_to_the_next(tmp_path: Path) -> None:
+    write_setup(tmp_path, SETUP)
+    write_recorded(tmp_path, TRIAL)
+    path = tmp_path / JOURNAL_FILE
+    whole = path.read_bytes()
+    for cut in range(len(whole.splitlines(keepends=True)[0]), len(whole)):
+        path.write_bytes(whole[:cut])
+        assert read_journal(tmp_path).setup == SETUP
+        write_verdict(tmp_path, "a.mcap", "accept", "")
+        journal = read_journal(tmp_path)
+        assert (journal.setup, set(journal.verdicts)) == (SETUP, {"a.mcap"})
+
+
+@pytest.mark.parametrize("line", ["{", "[]", '{"kind": "setup", "at": ""}', '{"kind": "dream", "at": ""}', "null"])
+def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
+    (tmp_path / JOURNAL_FILE).write_text(line + "\n")
+    with pytest.raises(JournalError, match="line 1: expected an entry"):
+        read_journal(tmp_path)
+
+
+def test_a_disk_that_refuses_is_told(tmp_path: Path) -> None:
+    (tmp_path / JOURNAL_FILE).mkdir()
+    with pytest.raises(JournalError, match="cannot be written"):
+        write_setup(tmp_path, SETUP)
