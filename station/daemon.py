@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from queue import Empty
+from queue import Empty, SimpleQueue
 from typing import Protocol
 
 from filelock import FileLock, Timeout
@@ -75,11 +75,16 @@ class Daemon:
     ) -> None:
         self._config, self._clock, self._views, self._make_devices = config, clock, views, make_devices
         self._stops_asked = 0
+        self._marks_asked: SimpleQueue[None] = SimpleQueue()
         self.left_behind: list[str] = []  # devices whose thread never came back
 
     def stop(self) -> None:
         """Once: ends the trial cleanly. Twice: at once."""
         self._stops_asked += 1
+
+    def mark(self) -> None:
+        """Marks this moment in the trial that is being recorded."""
+        self._marks_asked.put(None)
 
     def record(self, folder: Path, spec: TrialSpec, duration_s: float | None = None) -> TrialResult:
         """Records one trial into the session folder and returns what became of it.
@@ -163,6 +168,9 @@ class Daemon:
         while not session.is_over:
             self._take(session, inbox)
             session.tick()
+            while not self._marks_asked.empty():
+                self._marks_asked.get()
+                session.mark()
             if self._stops_asked:
                 session.stop(at_once=self._stops_asked > 1)
             if session.wants_capture_start and not capture_asked:

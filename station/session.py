@@ -71,6 +71,7 @@ class Snapshot:
     waited_s: float = 0.0
     recorded_s: float = 0.0
     lost_samples: int = 0
+    marks: int = 0
 
 
 class TrialSession:
@@ -84,6 +85,7 @@ class TrialSession:
         self.sentence = "idle"
         self.has_edge = False
         self.lost_samples = 0
+        self.marks = 0
         self.wants_capture_start = False
         self._rules = rules
         self._recorder = recorder
@@ -109,7 +111,9 @@ class TrialSession:
     def snapshot(self) -> Snapshot:
         waited = self._clock.station_s() - self._armed_station_s if self.state is State.ARMED else 0.0
         recorded = max(0, self._latest_device_ns - self._edge_device_ns) * 1e-9 if self.has_edge else 0.0
-        return Snapshot(self.state, self.sentence, self._sync.level_v, waited, recorded, self.lost_samples)
+        return Snapshot(
+            self.state, self.sentence, self._sync.level_v, waited, recorded, self.lost_samples, self.marks
+        )
 
     def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:
         """All devices are open: from now on what comes is kept, and the edge is waited for.
@@ -161,6 +165,12 @@ class TrialSession:
             self._close("operator_stop", "stopped by the operator", accepted=True)
         if at_once and self.state is State.CLOSING:
             self._finish()
+
+    def mark(self) -> None:
+        """The operator points at this moment, to be named later; before the edge there is nothing to point at."""
+        if self.state in (State.RECORDING, State.CLOSING):
+            self.marks += 1
+            self._record(self._event("mark", f"mark {self.marks}"))
 
     def fail(self, sentence: str) -> None:
         """A device is gone: the trial ends here. One that goes while the trial is closing takes nothing with it."""

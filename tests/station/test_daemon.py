@@ -13,7 +13,7 @@ from drivers.device import Device
 from drivers.errors import DeviceUnavailable
 from recordings.manifest import CuffSite
 from recordings.reader import open_recording
-from recordings.samples import Item
+from recordings.samples import Event, Item
 from station.clock import Clock, RealClock
 from station.config import StationConfig, parse_config
 from station.daemon import Daemon, TrialRefused
@@ -174,3 +174,20 @@ def test_a_view_that_blocks_its_own_thread_does_not_touch_the_recording(tmp_path
     view.__exit__(None, None, None)
     assert result.accepted and result.lost_samples == 0
     assert time.monotonic() - before < 60
+
+
+def test_a_mark_asked_for_in_mid_trial_is_in_the_file(tmp_path: Path) -> None:
+    class MarksTheSecondSecond:
+        def offer(self, item: Item) -> None: ...
+
+        def show(self, snapshot: Snapshot) -> None:
+            if snapshot.state is State.RECORDING and snapshot.recorded_s > 1.0 and not snapshot.marks:
+                daemon.mark()
+
+    daemon = Rig().daemon(MarksTheSecondSecond())
+    result = daemon.record(tmp_path, SPEC)
+    assert result.path is not None
+    events = [
+        item.text for item in open_recording(result.path).items() if isinstance(item, Event) and item.kind == "mark"
+    ]
+    assert events[0] == "mark 1"

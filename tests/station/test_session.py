@@ -344,3 +344,16 @@ def test_while_one_device_is_away_another_that_falls_silent_ends_the_trial() -> 
     bench.run(4.0)
     assert bench.session.state is State.FAILED
     assert "/markers" in bench.session.sentence
+
+
+def test_a_mark_is_recorded_where_there_is_something_to_point_at() -> None:
+    bench = Bench().arm()
+    bench.session.mark()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.mark()
+    bench.session.mark()
+    marks = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "mark"]
+    assert marks == ["mark 1", "mark 2"]
+    assert bench.session.snapshot().marks == 2
