@@ -56,7 +56,7 @@ def reference_posture(trial: Trial) -> Reference:
     best = int(np.argmax(visible))
     quality.require_rigid_anchor(trial.cuff.anchor_markers, anchor[best])
     lead_in = slice(best, best + int(np.searchsorted(trial.marker_time - trial.marker_time[0], LEAD_IN)) + 1)
-    pose = _fit_pose(anchor[best], anchor[lead_in])
+    pose = fit_pose(anchor[best], anchor[lead_in])
     both = pose.to_reference(np.concatenate((anchor[lead_in], cuff[lead_in]), axis=1))
     seen = _is_seen(both)
     weight = np.where(seen.any(axis=0), seen.sum(axis=0), np.nan)
@@ -70,7 +70,7 @@ def reference_posture(trial: Trial) -> Reference:
 
 def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     """The trial's motion against a reference of the same donning."""
-    pose = _fit_pose(reference.anchor, _without_ghosts(reference.anchor, trial.positions(trial.cuff.anchor_markers)))
+    pose = fit_pose(reference.anchor, _without_ghosts(reference.anchor, trial.positions(trial.cuff.anchor_markers)))
     way = pose.to_reference(trial.positions(trial.cuff.cuff_markers)) - reference.cuff
     seen = _is_seen(way)
     count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
@@ -116,7 +116,7 @@ def along(motion: CuffMotion, direction: NDArray[np.float64]) -> NDArray[np.floa
 
 
 @dataclass(frozen=True)
-class _Pose:
+class Pose:
     """p = R (reference − reference_centre) + centre, per frame; NaN where fewer than three markers were seen."""
 
     rotation: NDArray[np.float64]
@@ -131,7 +131,7 @@ class _Pose:
         )
 
 
-def _fit_pose(reference: NDArray[np.float64], points: NDArray[np.float64]) -> _Pose:
+def fit_pose(reference: NDArray[np.float64], points: NDArray[np.float64]) -> Pose:
     """Kabsch's rotation per frame of (frames, markers, 3) over the markers seen there and in the reference."""
     seen = _is_seen(points) & _is_seen(reference)
     weight = seen / np.maximum(seen.sum(axis=1), 1)[:, None]
@@ -150,12 +150,12 @@ def _fit_pose(reference: NDArray[np.float64], points: NDArray[np.float64]) -> _P
     # A frame needs three markers, and two directions in which they are apart.
     is_frame = (seen.sum(axis=1) >= quality.MIN_ANCHOR_MARKERS) & (spread[:, 1] > quality.MIN_ANCHOR_WIDTH**2)
     rotation = np.where(is_frame[:, None, None], rotation, np.nan)
-    return _Pose(rotation, centre, reference_centre, np.where(is_frame, residual, np.nan))
+    return Pose(rotation, centre, reference_centre, np.where(is_frame, residual, np.nan))
 
 
 def _without_ghosts(reference: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (frames, markers, 3) with every marker NaN that alone spoils its frame's rigid fit."""
-    residual = _fit_pose(reference, points).residual
+    residual = fit_pose(reference, points).residual
     if not np.isfinite(residual).any():
         return points
     usual = max(GHOST_FACTOR * float(np.nanmedian(residual)), GHOST_FLOOR)
@@ -166,7 +166,7 @@ def _without_ghosts(reference: NDArray[np.float64], points: NDArray[np.float64])
     without = np.repeat(points[suspect][None], points.shape[1], axis=0)
     for marker in range(points.shape[1]):
         without[marker, :, marker] = np.nan
-    remaining = np.array([_fit_pose(reference, candidate).residual for candidate in without])
+    remaining = np.array([fit_pose(reference, candidate).residual for candidate in without])
     remaining = np.where(np.isfinite(remaining), remaining, np.inf)
     culprit = np.argmin(remaining, axis=0)
     is_cured = remaining[culprit, np.arange(len(suspect))] <= usual

@@ -72,6 +72,7 @@ class Snapshot:
     recorded_s: float = 0.0
     lost_samples: int = 0
     marks: int = 0
+    streams: tuple[Stream, ...] = ()
 
 
 class TrialSession:
@@ -112,7 +113,14 @@ class TrialSession:
         waited = self._clock.station_s() - self._armed_station_s if self.state is State.ARMED else 0.0
         recorded = max(0, self._latest_device_ns - self._edge_device_ns) * 1e-9 if self.has_edge else 0.0
         return Snapshot(
-            self.state, self.sentence, self._sync.level_v, waited, recorded, self.lost_samples, self.marks
+            self.state,
+            self.sentence,
+            self._sync.level_v,
+            waited,
+            recorded,
+            self.lost_samples,
+            self.marks,
+            self._streams,
         )
 
     def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:
