@@ -24,7 +24,7 @@ def main(rounds: int) -> None:
     losses: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as folder, KillBench(Path(folder)) as bench:
         for _ in range(rounds):
-            for killed in bench.kill(random.uniform(0, 10, DAEMONS)):
+            for killed in bench.kill(random.uniform(0, 10, DAEMONS).tolist()):
                 losses.append(killed.losses_s())
                 ensure_contiguous(open_recording(killed.path))
                 ensure_recovered(killed.path)

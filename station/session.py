@@ -7,7 +7,6 @@ path through it can be walked by a test with a clock that stands still.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -15,13 +14,11 @@ from typing import Literal, Protocol
 
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.clock import Clock
+from station.hearing import Hearing
+from station.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
 from station.reach import Reach
 from station.sync_line import Edge, SyncLine
 
-PRE_ROLL_S = 2.0
-"""Station seconds kept from before the edge."""
-LATENESS_S = 1.0
-"""Wall seconds by which one device's samples may arrive after another's; the pre-roll waits that much longer."""
 POST_ROLL_S = 0.5
 """Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
 GRACE_S = 1.0
@@ -30,8 +27,6 @@ LONGEST_CLOSING_S = 15.0
 """Wall seconds after which closing waits no longer at all, though a backlog still comes in."""
 SHORT_S = 0.1
 """Wall seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
-SILENCE_S = 3.0
-"""Wall seconds after which a stream that should flow counts as lost."""
 
 
 class State(Enum):
@@ -92,11 +87,9 @@ class TrialSession:
         self._recorder = recorder
         self._clock = clock
         self._sync = SyncLine(rules.threshold_v)
-        self._pre_roll: deque[Item] = deque()
+        self._pre_roll = PreRoll(clock)
         self._streams: tuple[Stream, ...] = ()
-        self._device_of: Mapping[str, str] = {}  # by stream
-        self._away: set[str] = set()  # devices that are lost and may come back
-        self._last_seen_wall_s: dict[str, float] = {}
+        self._hearing = Hearing(clock, (), {})
         self._reach = {"/force": Reach(), "/sync": Reach()}
         self._armed_station_s = self._armed_wall_s = 0.0
         self._edge_device_ns = self._latest_device_ns = 0
@@ -126,9 +119,10 @@ class TrialSession:
     def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:
         """All devices are open: from now on what comes is kept, and the edge is waited for.
 
-        device_of names the device of each stream by its name: while it says that it is away its silence is no news.
+        device_of names the device of each stream by its name.
         """
-        self._streams, self._device_of = tuple(streams), device_of or {}
+        self._streams = tuple(streams)
+        self._hearing = Hearing(self._clock, streams, device_of or {})
         self._armed_station_s, self._armed_wall_s = self._clock.station_s(), self._clock.wall_s()
         self._enter(State.ARMED, "armed, waiting for the sync edge")
         self._record(self._event("armed", "all devices are open; waiting for the sync edge"))
@@ -138,19 +132,15 @@ class TrialSession:
         if self.state not in (State.ARMED, State.RECORDING, State.CLOSING):
             return
         if isinstance(item, Samples) and len(item.device_time_ns):
-            self._last_seen_wall_s[item.stream] = self._clock.wall_s()
+            self._hearing.hear(item.stream)
             if item.stream in self._reach:
                 self._reach[item.stream].feed(item)
         elif isinstance(item, Loss):
             self.lost_samples += item.count if self.has_edge else 0
-        if self.state is State.ARMED:
-            self._pre_roll.append(item)
-            self._prune_pre_roll()
-        else:
-            self._recorder.write(item)
+        self._record(item)
         if isinstance(item, Event):
             self._follow_capture(item)
-            self._follow_connection(item)
+            self._hearing.follow(item)
         elif isinstance(item, Samples) and item.stream == "/sync":
             self._follow_sync(item)
 
@@ -194,18 +184,12 @@ class TrialSession:
 
     # -- armed ---------------------------------------------------------------------------------------------------
 
-    def _prune_pre_roll(self) -> None:
-        keep_ns = int((PRE_ROLL_S + LATENESS_S * self._clock.speed) * 1e9)
-        oldest = self._clock.utc_ns() - keep_ns
-        while self._pre_roll and self._pre_roll[0].host_time_ns < oldest:
-            self._pre_roll.popleft()
-
     def _check_armed(self) -> None:
         waited = self._clock.station_s() - self._armed_station_s
         if self._rules.start == "sync_edge":
             self._check_silence(("/sync",), self._armed_wall_s)
             self._check_polarity()
-            self.wants_capture_start = waited >= PRE_ROLL_S and "/sync" in self._last_seen_wall_s
+            self.wants_capture_start = waited >= PRE_ROLL_S and self._hearing.last_s("/sync") is not None
         else:
             self.wants_capture_start = True
         if self.state is State.ARMED and waited > self._rules.timeout_s:
@@ -264,16 +248,9 @@ class TrialSession:
         self.has_edge = True
         self._edge_device_ns, self._edge_wall_s = device_time_ns, self._clock.wall_s()
         self._enter(State.RECORDING, "recording")
-        for item in self._cut_pre_roll(device_time_ns):
+        for item in self._pre_roll.cut(device_time_ns):
             self._recorder.write(item)
         self._record(self._event("sync_edge", f"{words} at sample {sample_number}; recording"))
-
-    def _cut_pre_roll(self, edge_device_ns: int) -> list[Item]:
-        """Force and sync from 2 s before the edge on; of the other streams all that was kept."""
-        first_ns = edge_device_ns - int(PRE_ROLL_S * 1e9)
-        kept = [item for item in self._pre_roll if not _ends_before(item, first_ns)]
-        self._pre_roll.clear()
-        return kept
 
     # -- recording and closing -----------------------------------------------------------------------------------
 
@@ -290,28 +267,15 @@ class TrialSession:
         """Wall seconds since the edge; 0 unless the trial is recording."""
         return self._clock.wall_s() - self._edge_wall_s if self.state is State.RECORDING else 0.0
 
-    def _follow_connection(self, event: Event) -> None:
-        """A device that is lost is brought back by its driver, which gives up in an error of its own."""
-        if event.kind == "connection_lost":
-            self._away.add(event.source)
-        elif event.kind == "connection_restored":
-            self._away.discard(event.source)
-            for stream, device in self._device_of.items():
-                if device == event.source:
-                    self._last_seen_wall_s[stream] = self._clock.wall_s()
-
-    def _check_silence(self, expected: tuple[str, ...], since_wall_s: float) -> None:
-        now = self._clock.wall_s()
-        for stream in self._streams:
-            quiet_s = now - max(self._last_seen_wall_s.get(stream.name, since_wall_s), since_wall_s)
-            is_away = self._device_of.get(stream.name) in self._away
-            if stream.name in expected and quiet_s > SILENCE_S and not is_away:
-                self._note_silence(stream, quiet_s * self._clock.speed)
-                self.fail(
-                    f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
-                    "samples a second; check the device and its cable"
-                )
-                return
+    def _check_silence(self, expected: Sequence[str], since_wall_s: float) -> None:
+        silent = self._hearing.silent(expected, since_wall_s)
+        if silent is not None:
+            stream, quiet_s = silent
+            self._note_silence(stream, quiet_s * self._clock.speed)
+            self.fail(
+                f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
+                "samples a second; check the device and its cable"
+            )
 
     def _note_silence(self, stream: Stream, quiet_s: float) -> None:
         """Counts what a stream should have sent in so many station seconds, once anything is recorded."""
@@ -322,7 +286,7 @@ class TrialSession:
 
     def _check_quiet_capture_end(self) -> None:
         """A mocap system that sends no events ends its capture by a low sync line and no more frames."""
-        last = self._last_seen_wall_s.get("/markers")
+        last = self._hearing.last_s("/markers")
         quiet = last is not None and self._clock.wall_s() - last > GRACE_S
         if self.state is State.RECORDING and quiet and self._rules.start == "sync_edge" and not self._sync.is_high:
             self._close("capture_ended", "the sync line is low and the frames ended", accepted=True)
@@ -337,7 +301,7 @@ class TrialSession:
         """Waits for the DAQ's samples up to the capture's end and a little more; a backlog may take its time."""
         behind = [stream for stream in self._streams if self._behind_s(stream) > -POST_ROLL_S]
         now = self._clock.wall_s()
-        heard = max([self._closing_wall_s, *(self._last_seen_wall_s.get(stream.name, 0.0) for stream in behind)])
+        heard = max([self._closing_wall_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
         if behind and now - heard < GRACE_S and now - self._closing_wall_s < LONGEST_CLOSING_S:
             return
         for stream in behind:
@@ -364,19 +328,12 @@ class TrialSession:
 
     def _record(self, item: Item) -> None:
         if self.state is State.ARMED:
-            self._pre_roll.append(item)
+            self._pre_roll.keep(item)
         else:
             self._recorder.write(item)
 
     def _event(self, kind: str, text: str) -> Event:
         return Event(kind, text, self._clock.utc_ns(), "station")
-
-
-def _ends_before(item: Item, device_time_ns: int) -> bool:
-    """Whether a block from the DAQ lies wholly before a moment of its clock; only DAQ blocks can tell."""
-    if not isinstance(item, Samples) or item.stream == "/markers":
-        return False
-    return len(item.device_time_ns) > 0 and int(item.device_time_ns[-1]) < device_time_ns
 
 
 def _wrong_polarity(fell: Edge) -> str:

@@ -79,7 +79,8 @@ class KillBench:
         self._rounds = 0
 
     def __enter__(self) -> KillBench:
-        for server in (self._qtm, *self._daqs):
+        servers: list[NiDaqSimulator | QualisysSimulator] = [self._qtm, *self._daqs]
+        for server in servers:
             server.start()
             self._running.callback(server.stop)
         return self

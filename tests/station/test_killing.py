@@ -26,7 +26,7 @@ def test_fifty_killed_daemons_leave_all_but_half_a_second(tmp_path: Path) -> Non
 def _killed_and_checked(folder: Path, rounds: int) -> list[Killed]:
     random = np.random.default_rng(rounds)
     with KillBench(folder) as bench:
-        killed = [one for _ in range(rounds) for one in bench.kill(random.uniform(0, 10, DAEMONS))]
+        killed = [one for _ in range(rounds) for one in bench.kill(random.uniform(0, 10, DAEMONS).tolist())]
     for one in killed:
         assert max(one.losses_s().values()) <= LOSS_BOUND_S
         ensure_contiguous(open_recording(one.path))

@@ -1,0 +1,50 @@
+"""When each stream was last heard of: one that should flow and is silent is lost, whatever the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from recordings.samples import Event, Stream
+from station.clock import Clock
+
+SILENCE_S = 3.0
+"""Wall seconds after which a stream that should flow counts as lost."""
+
+
+class Hearing:
+    """Follows the streams of a trial; times are wall seconds.
+
+    device_of names the device of each stream: while it says that it is away, its silence is no news. Its driver brings
+    it back, or gives up in an error of its own.
+    """
+
+    def __init__(self, clock: Clock, streams: Sequence[Stream], device_of: Mapping[str, str]) -> None:
+        self._clock, self._streams, self._device_of = clock, tuple(streams), device_of
+        self._away: set[str] = set()
+        self._last_s: dict[str, float] = {}
+
+    def hear(self, stream: str) -> None:
+        self._last_s[stream] = self._clock.wall_s()
+
+    def last_s(self, stream: str) -> float | None:
+        """When it was last heard of; None before the first time."""
+        return self._last_s.get(stream)
+
+    def follow(self, event: Event) -> None:
+        """A device tells that its connection is lost, or restored."""
+        if event.kind == "connection_lost":
+            self._away.add(event.source)
+        elif event.kind == "connection_restored":
+            self._away.discard(event.source)
+            for stream in (name for name, device in self._device_of.items() if device == event.source):
+                self.hear(stream)
+
+    def silent(self, expected: Sequence[str], since_s: float) -> tuple[Stream, float] | None:
+        """The first of the expected streams that was silent for too long since then, and for how long."""
+        now = self._clock.wall_s()
+        for stream in self._streams:
+            quiet_s = now - max(self._last_s.get(stream.name, since_s), since_s)
+            is_away = self._device_of.get(stream.name) in self._away
+            if stream.name in expected and quiet_s > SILENCE_S and not is_away:
+                return stream, quiet_s
+        return None

@@ -1,0 +1,42 @@
+"""What came before the sync edge: kept in memory while armed, and cut to two seconds when the edge comes."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from recordings.samples import Item, Samples
+from station.clock import Clock
+
+PRE_ROLL_S = 2.0
+"""Station seconds kept from before the edge."""
+LATENESS_S = 1.0
+"""Wall seconds by which one device's samples may arrive after another's; the pre-roll waits that much longer."""
+
+
+class PreRoll:
+    """The items of the last few seconds, in the order of arrival."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._items: deque[Item] = deque()
+
+    def keep(self, item: Item) -> None:
+        """Takes one more, and forgets what is too old to matter."""
+        self._items.append(item)
+        oldest_ns = self._clock.utc_ns() - int((PRE_ROLL_S + LATENESS_S * self._clock.speed) * 1e9)
+        while self._items and self._items[0].host_time_ns < oldest_ns:
+            self._items.popleft()
+
+    def cut(self, edge_device_ns: int) -> list[Item]:
+        """Hands over force and sync from 2 s before the edge on, and of the other streams all that was kept."""
+        first_ns = edge_device_ns - int(PRE_ROLL_S * 1e9)
+        kept = [item for item in self._items if not _ends_before(item, first_ns)]
+        self._items.clear()
+        return kept
+
+
+def _ends_before(item: Item, device_time_ns: int) -> bool:
+    """Whether a block from the DAQ lies wholly before a moment of its clock; only DAQ blocks can tell."""
+    if not isinstance(item, Samples) or item.stream == "/markers":
+        return False
+    return len(item.device_time_ns) > 0 and int(item.device_time_ns[-1]) < device_time_ns
