@@ -20,12 +20,12 @@ BACKLOG = 2000
 
 
 class StreamTally:
-    """Rate and last value of one stream, over the refreshes of the last few seconds."""
+    """Last value of one stream, and its rate over so many refreshes of the view."""
 
-    def __init__(self) -> None:
+    def __init__(self, refreshes: int = 12) -> None:
         self.total = 0
         self.last = ""
-        self._history: deque[tuple[float, int]] = deque(maxlen=12)
+        self._history: deque[tuple[float, int]] = deque(maxlen=refreshes)
 
     def add(self, samples: Samples) -> None:
         self.total += len(samples.values)

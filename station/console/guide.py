@@ -1,0 +1,236 @@
+"""What the hands do next, recognised from the force itself.
+
+A guide is handed the force as it comes, in station seconds and newtons, and says at any moment one thing to do, how far
+the body is from rest, and how long it still has to last. It decides nothing: whoever ignores it records as well.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+
+STANDARD_GRAVITY = 9.80665
+WINDOW_S = 1.0
+"""The force of so many last seconds tells whether it rests."""
+STEADY_SLOPE_N_PER_S = 1.5
+STEADY_SD_N = 0.6
+STEADY_SD_SHARE = 0.015
+"""A hanging weight sways with the body; this much of the force may come and go."""
+LEVEL_N, LEVEL_SHARE = 3.0, 0.08
+"""How far a level may be from what its weights give: the rope's friction at a pulley is some percent."""
+ELSEWHERE_S = 3.0
+REST_S = 2.0
+SWING_WINDOW_S = 4.0
+LEAST_SWING_N = 2.0
+
+
+class Rest(StrEnum):
+    """How far the body is from rest, by the force."""
+
+    WAITING = "no force yet"
+    MOVING = "moving"
+    SETTLING = "still settling"
+    STEADY = "steady"
+
+
+@dataclass(frozen=True)
+class Cue:
+    """What to do now. left_s counts down where something must last; step counts from 0 to steps."""
+
+    sentence: str
+    rest: Rest
+    step: int
+    steps: int
+    left_s: float | None = None
+    target_n: float | None = None
+    is_done: bool = False
+
+
+class Guide(Protocol):
+    def take(self, points: Iterable[tuple[float, float]]) -> None:
+        """Force as it came: (time s, newtons), in order."""
+        ...
+
+    def cue(self) -> Cue: ...
+
+
+class RecentForce:
+    """The force of the last seconds, and what can be said of it."""
+
+    def __init__(self, window_s: float) -> None:
+        self._window_s = window_s
+        self._points: deque[tuple[float, float]] = deque()
+
+    def add(self, time: float, force: float) -> None:
+        self._points.append((time, force))
+        while self._points[-1][0] - self._points[0][0] > self._window_s:
+            self._points.popleft()
+
+    @property
+    def mean(self) -> float:
+        return float(np.mean([force for _, force in self._points]))
+
+    def rest(self) -> Rest:
+        if len(self._points) < 5 or self._points[-1][0] - self._points[0][0] < 0.7 * self._window_s:
+            return Rest.WAITING
+        time, force = np.array(self._points).T
+        slope, level = np.polyfit(time - time.mean(), force, 1)
+        spread = float(np.std(force - slope * (time - time.mean()) - level))
+        if spread > max(STEADY_SD_N, STEADY_SD_SHARE * abs(level)):
+            return Rest.MOVING
+        return Rest.STEADY if abs(slope) < STEADY_SLOPE_N_PER_S else Rest.SETTLING
+
+    def swing(self) -> tuple[float, float]:
+        """Frequency [Hz] and amplitude [N] of what swings about the window's mean, from its upward crossings."""
+        if len(self._points) < 10:
+            return 0.0, 0.0
+        time, force = np.array(self._points).T
+        about = force - force.mean()
+        up = np.flatnonzero((about[:-1] < 0) & (about[1:] >= 0))
+        frequency = (len(up) - 1) / (time[up[-1]] - time[up[0]]) if len(up) > 1 else 0.0
+        return float(frequency), float(np.std(about) * np.sqrt(2))
+
+
+class StaticGuide:
+    """Weights put on one by one, each level held, then taken off one by one, each level held again."""
+
+    def __init__(self, step_masses_kg: Sequence[float], hold_s: float) -> None:
+        steps = [mass * STANDARD_GRAVITY for mass in step_masses_kg]
+        rising = np.cumsum([0.0, *steps])
+        self._levels = [*rising, *rising[-2::-1]]  # N above the empty hook
+        self._hold_s = hold_s
+        self._force = RecentForce(WINDOW_S)
+        self._empty: float | None = None  # N, what the empty hook pulls
+        self._step = 0
+        self._held_since: float | None = None
+        self._elsewhere_since: float | None = None
+        self._now = 0.0
+
+    def take(self, points: Iterable[tuple[float, float]]) -> None:
+        for time, force in points:
+            self._force.add(time, force)
+            self._now = time
+            self._follow()
+
+    def cue(self) -> Cue:
+        rest, steps = self._force.rest(), len(self._levels)
+        if self._step == steps:
+            return Cue("all weights are off and held: end the capture", rest, steps, steps, is_done=True)
+        target = self._target()
+        left = self._needed_s() - (self._now - self._held_since) if self._held_since is not None else self._needed_s()
+        sentence = self._elsewhere() or self._order(target)
+        return Cue(sentence, rest, self._step, steps, max(left, 0.0), target)
+
+    def _follow(self) -> None:
+        """One point more: does the level count as held, and for how long?"""
+        if self._step == len(self._levels):
+            return
+        rest, level = self._force.rest(), self._force.mean
+        target = self._target()
+        near = target is None or abs(level - target) < max(LEVEL_N, LEVEL_SHARE * abs(target))
+        if rest is not Rest.STEADY:
+            self._held_since = self._elsewhere_since = None
+        elif not near:
+            self._held_since = None
+            self._elsewhere_since = self._now if self._elsewhere_since is None else self._elsewhere_since
+        else:
+            self._elsewhere_since = None
+            self._held_since = self._now if self._held_since is None else self._held_since
+            if self._now - self._held_since >= self._needed_s():
+                self._empty = level if self._empty is None else self._empty
+                self._step, self._held_since = self._step + 1, None
+
+    def _needed_s(self) -> float:
+        return self._hold_s if self._step else REST_S
+
+    def _target(self) -> float | None:
+        return None if self._empty is None else self._empty + float(self._levels[self._step])
+
+    def _elsewhere(self) -> str | None:
+        """The sentence for a force that rests where it should not."""
+        target = self._target()
+        if self._elsewhere_since is None or target is None or self._now - self._elsewhere_since < ELSEWHERE_S:
+            return None
+        if abs(self._force.mean - (target - self._change())) < LEVEL_N:
+            return None  # the weight of this step is not in play yet
+        return (
+            f"the force rests at {self._force.mean:.1f} N, expected {target:.1f} N: "
+            "is it the right weight, and does the rope run free over the pulley?"
+        )
+
+    def _change(self) -> float:
+        return float(self._levels[self._step] - self._levels[self._step - 1])
+
+    def _order(self, target: float | None) -> str:
+        if target is None:
+            return "leave the hook empty and stand still"
+        weights = (len(self._levels) - 1) // 2
+        if self._step <= weights:
+            return f"add weight {self._step} of {weights}: {target:.0f} N, hold {self._hold_s:g} s"
+        off = 2 * weights + 1 - self._step
+        return f"take weight {off} off: {max(target, 0.0):.0f} N, hold {self._hold_s:g} s"
+
+
+class SwingGuide:
+    """A weight on a spring that swings for some time, for the dynamic test and for the bounce calibration."""
+
+    def __init__(self, what: str, swing_s: float) -> None:
+        self._what, self._swing_s = what, swing_s
+        self._force, self._still = RecentForce(SWING_WINDOW_S), RecentForce(WINDOW_S)
+        self._swung_s = self._rested_s = 0.0
+        self._now: float | None = None
+
+    def take(self, points: Iterable[tuple[float, float]]) -> None:
+        for time, force in points:
+            passed = 0.0 if self._now is None else time - self._now
+            self._now = time
+            self._force.add(time, force)
+            self._still.add(time, force)
+            if self._is_swinging():
+                self._swung_s += passed
+            elif self._still.rest() is Rest.STEADY:
+                self._rested_s += passed
+
+    def cue(self) -> Cue:
+        rest, (frequency, amplitude) = self._still.rest(), self._force.swing()
+        if self._swung_s >= self._swing_s:
+            if rest is Rest.STEADY and not self._is_swinging():
+                return Cue("it rests: end the capture", rest, 2, 2, is_done=True)
+            return Cue("let it come to rest", rest, 2, 2)
+        left = self._swing_s - self._swung_s
+        if self._is_swinging():
+            words = f"keep it swinging: {frequency:.2f} Hz, ±{amplitude:.0f} N"
+            return Cue(words, rest, 1, 2, left)
+        if self._rested_s < REST_S and not self._swung_s:
+            return Cue("stand still", rest, 0, 2, REST_S - self._rested_s)
+        return Cue(f"{self._what}, about once a second", rest, 1, 2, left)
+
+    def _is_swinging(self) -> bool:
+        frequency, amplitude = self._force.swing()
+        return amplitude > LEAST_SWING_N and frequency > 0.3
+
+
+@dataclass(frozen=True)
+class Ceilings:
+    """What a cuff on a person may never see: newtons, and newtons a second over a tenth of one."""
+
+    force_n: float
+    rate_n_per_s: float
+
+    def broken_by(self, points: Sequence[tuple[float, float]]) -> str | None:
+        """The sentence for the stop, None while all is well."""
+        for time, force in points:
+            if force > self.force_n:
+                return f"STOP: {force:.0f} N at the cuff, at most {self.force_n:.0f} N are allowed; unload the rope"
+            before = [earlier for earlier in points if 0.05 <= time - earlier[0] <= 0.2]
+            if before and (force - before[-1][1]) / (time - before[-1][0]) > self.rate_n_per_s:
+                return (
+                    f"STOP: the force rose by more than {self.rate_n_per_s:.0f} N a second; unload the rope and "
+                    "look at cuff and skin"
+                )
+        return None

@@ -1,0 +1,81 @@
+"""Records one trial in a process of its own, spoken to in lines of JSON; `python -m station.console.recorder`.
+
+The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "speed": 1.0}. Each further line
+is a wish: {"stop": true} (once: cleanly; twice: at once), {"mark": true}. Standard output carries telemetry (twenty
+lines a second) and, last, {"result": {…}} or {"refused": "a sentence"}. The console may die, freeze or stop reading:
+the trial goes on to the end of its capture, and what became of it is in the session's journal.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from station.clock import RealClock
+from station.config import StationConfig, parse_config
+from station.console.telemetry import Telemetry
+from station.daemon import Daemon, TrialResult
+from station.journal import Recorded, write_recorded
+from station.protocol import TrialSpec
+
+
+def main() -> int:
+    # Ctrl-C in a terminal reaches the whole group; a trial is ended by its operator, not by the console's end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    request = json.loads(sys.stdin.readline())
+    try:
+        config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
+        result, left_behind = _record(config, Path(request["folder"]), spec, float(request["speed"]))
+        said: dict[str, Any] = {"result": asdict(result)}
+    except Exception as error:  # whatever it is, the operator must hear of it
+        said, left_behind = {"refused": " ".join(str(error).split()) or type(error).__name__}, []
+    _say(said)
+    if left_behind:
+        os._exit(0)  # a frozen device's thread would hold the interpreter's own way out
+    return 0
+
+
+def _record(config: StationConfig, folder: Path, spec: TrialSpec, speed: float) -> tuple[Recorded, list[str]]:
+    clock = RealClock(speed)
+    site = config.cuff_site(spec.cuff)
+    with Telemetry(sys.stdout, site, config.calibration()) as telemetry:
+        daemon = Daemon(config, clock, [telemetry])
+        threading.Thread(target=_obey, args=(daemon,), name="wishes", daemon=True).start()
+        result = daemon.record(folder, spec)
+    recorded = _account(spec, result)
+    if result.path is not None:
+        write_recorded(folder, recorded)
+    return recorded, daemon.left_behind
+
+
+def _account(spec: TrialSpec, result: TrialResult) -> Recorded:
+    file = result.path.name if result.path else ""
+    return Recorded(
+        file, spec.cuff, spec.test, spec.repeat, spec.donning, result.accepted, result.lost_samples, result.sentence
+    )
+
+
+def _obey(daemon: Daemon) -> None:
+    for line in sys.stdin:
+        wish = json.loads(line)
+        if wish.get("stop"):
+            daemon.stop()
+        elif wish.get("mark"):
+            daemon.mark()
+
+
+def _say(said: dict[str, Any]) -> None:
+    try:
+        print(json.dumps(said), flush=True)
+    except OSError:  # the console is gone; the journal has it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+
+
+if __name__ == "__main__":
+    sys.exit(main())

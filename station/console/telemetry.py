@@ -1,0 +1,132 @@
+"""What the console's page shows of a running trial: lines of JSON, twenty a second, from the recorder's process.
+
+A line holds the trial's state, the rate of each stream, and what came since the line before. When nobody reads them
+the view falls behind and drops; the recorder does not notice.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.manifest import CuffSite, LoadCell
+from recordings.samples import Event, Item, Loss, Samples
+from station.background_view import BackgroundView
+from station.console.live_displacement import LiveDisplacement
+from station.live import StreamTally
+from station.session import Snapshot, State
+
+REFRESH_S = 0.05
+RATE_REFRESHES = 60
+BACKLOG = 2000
+POINTS_A_BLOCK = 4
+"""Of each curve: ten blocks a second make a smooth line of it."""
+
+
+@dataclass
+class _Since:
+    """What came since the last line."""
+
+    force: list[tuple[float, float]] = field(default_factory=list)  # s, N
+    displacement: list[tuple[float, float]] = field(default_factory=list)  # s, mm
+    words: list[str] = field(default_factory=list)
+
+
+class Telemetry(BackgroundView):
+    """A view of one trial. Times are station seconds since the view's first sample."""
+
+    def __init__(self, out: TextIO, cuff: CuffSite | None, load_cell: LoadCell) -> None:
+        super().__init__("telemetry", REFRESH_S, BACKLOG)
+        self._out, self._cuff, self._load_cell = out, cuff, load_cell
+        self._snapshot = Snapshot(State.IDLE, "opening the devices")
+        self._tallies: dict[str, StreamTally] = {}
+        self._since = _Since()
+        self._first_host_ns: int | None = None
+        self._now_s = 0.0
+        self._displacement: LiveDisplacement | None = None
+        self._seen: dict[str, bool] = {}
+        self._sync_v: float | None = None
+
+    def show(self, snapshot: Snapshot) -> None:
+        self._snapshot = snapshot
+
+    def _refresh(self) -> None:
+        super()._refresh()
+        line = json.dumps(self._line(), allow_nan=False)
+        self._since = _Since()
+        try:
+            self._out.write(line + "\n")
+            self._out.flush()
+        except (OSError, ValueError):  # nobody reads any more: the console is gone, the trial goes on
+            return
+
+    def _line(self) -> dict[str, Any]:
+        shown, nominal = self._snapshot, {stream.name: stream.rate_hz for stream in self._snapshot.streams}
+        return {
+            "state": shown.state.value,
+            "sentence": shown.sentence,
+            "sync_v": self._sync_v if shown.sync_level_v is None else shown.sync_level_v,
+            "waited_s": shown.waited_s,
+            "recorded_s": shown.recorded_s,
+            "lost_samples": shown.lost_samples,
+            "marks": shown.marks,
+            "dropped": self.dropped,
+            "streams": {
+                name: {"rate_hz": tally.rate(self._now_s), "nominal_hz": nominal.get(name, 0.0), "samples": tally.total}
+                for name, tally in self._tallies.items()
+            },
+            "force": self._since.force,
+            "displacement": self._since.displacement,
+            "seen": self._seen,
+            "words": self._since.words,
+        }
+
+    def _take(self, item: Item) -> None:
+        if isinstance(item, Event):
+            self._since.words.append(item.text)
+        elif isinstance(item, Loss):
+            self._since.words.append(f"lost {item.count} samples of {item.stream}: {item.cause}")
+        elif len(item.values):
+            self._tallies.setdefault(item.stream, StreamTally(RATE_REFRESHES)).add(item)
+            self._take_samples(item, self._times(item))
+
+    def _take_samples(self, samples: Samples, times: NDArray[np.float64]) -> None:
+        self._now_s = max(self._now_s, float(times[-1]))
+        if samples.stream == "/force":
+            newtons = samples.values[:, 0] * self._load_cell.newtons_per_unit * self._load_cell.polarity
+            self._since.force += _thinned(times, newtons)
+        elif samples.stream == "/sync":
+            self._sync_v = float(samples.values[-1, 0])
+        elif samples.stream == "/markers":
+            self._take_markers(samples, times)
+
+    def _take_markers(self, samples: Samples, times: NDArray[np.float64]) -> None:
+        labels: Mapping[str, tuple[str, ...]] = {stream.name: stream.labels for stream in self._snapshot.streams}
+        there = labels.get("/markers", ())
+        if len(there) != samples.values.shape[1]:
+            return
+        self._seen = dict(zip(there, np.isfinite(samples.values[-1, :, 0]).tolist(), strict=True))
+        if self._cuff is None:
+            return
+        if self._displacement is None:
+            self._displacement = LiveDisplacement(self._cuff, there)
+        self._since.displacement += _thinned(times, self._displacement.take(samples.values))
+
+    def _times(self, samples: Samples) -> NDArray[np.float64]:
+        """Seconds on the host's clock: the block's last sample lies at its arrival, the others by the device's."""
+        if self._first_host_ns is None:
+            self._first_host_ns = samples.host_time_ns
+        host = samples.host_time_ns - self._first_host_ns
+        return np.asarray((host + samples.device_time_ns - samples.device_time_ns[-1]) * 1e-9)
+
+
+def _thinned(times: NDArray[np.float64], values: NDArray[np.floating]) -> list[tuple[float, float]]:
+    """At most a few points of a block, evenly spread, its last among them; what is NaN is left out."""
+    chosen = np.unique(np.linspace(0, len(times) - 1, min(len(times), POINTS_A_BLOCK)).round().astype(int))
+    points = [(round(float(times[i]), 4), round(float(values[i]), 4)) for i in chosen]
+    return [point for point in points if np.isfinite(point[1])]

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from station.console.guide import Ceilings, Cue, Rest, StaticGuide, SwingGuide
+
+RNG = np.random.default_rng(7)
+MASSES = (1.5, 1.5, 1.5)
+WEIGHT_N = 1.5 * 9.80665
+
+
+def told(
+    guide: StaticGuide | SwingGuide, until_s: float, force: Callable[[float], float], start_s: float = 0.0
+) -> list[Cue]:
+    """The cue after every 0.1 s of a force with some noise, 40 points a second."""
+    cues = []
+    for block in np.arange(start_s, until_s, 0.1):
+        times = block + np.arange(4) * 0.025
+        guide.take([(float(t), force(float(t)) + float(RNG.normal(0, 0.05))) for t in times])
+        cues.append(guide.cue())
+    return cues
+
+
+def steps_of(heights: list[float], hold_s: float) -> Callable[[float], float]:
+    """Each level for hold_s, the hand-over lasting the last 0.5 s of it; the empty hook pulls 2 N."""
+    times, values = [], []
+    for number, height in enumerate(heights):
+        times += [number * hold_s, (number + 1) * hold_s - 0.5]
+        values += [height, height]
+    return lambda t: 2.0 + float(np.interp(t, times, values))
+
+
+def test_a_whole_static_trial_is_led_step_by_step_to_its_end() -> None:
+    guide = StaticGuide(MASSES, 4.0)
+    up = [0.0, WEIGHT_N, 2 * WEIGHT_N, 3 * WEIGHT_N]
+    cues = told(guide, 8.0 * 7, steps_of([*up, *up[-2::-1]], 8.0))
+    orders = list(dict.fromkeys(cue.sentence for cue in cues))
+    assert orders == [
+        "leave the hook empty and stand still",
+        "add weight 1 of 3: 17 N, hold 4 s",
+        "add weight 2 of 3: 31 N, hold 4 s",
+        "add weight 3 of 3: 46 N, hold 4 s",
+        "take weight 3 off: 31 N, hold 4 s",
+        "take weight 2 off: 17 N, hold 4 s",
+        "take weight 1 off: 2 N, hold 4 s",
+        "all weights are off and held: end the capture",
+    ]
+    assert cues[-1].is_done
+    assert not any(cue.is_done for cue in cues[: len(cues) // 2])
+
+
+def test_the_hold_counts_down_only_while_the_force_rests_at_its_level() -> None:
+    guide = StaticGuide(MASSES, 8.0)
+    cues = told(guide, 16.0, steps_of([0.0, WEIGHT_N, WEIGHT_N, WEIGHT_N], 4.0))
+    first_level = [cue for cue in cues if cue.step == 1]
+    assert {cue.left_s for cue in first_level if cue.rest is not Rest.STEADY} == {8.0}
+    assert min(cue.left_s for cue in first_level if cue.left_s is not None) < 1.0
+
+
+def test_a_body_that_moves_is_told_from_a_force_that_settles() -> None:
+    swaying = told(StaticGuide(MASSES, 4.0), 3.0, lambda t: 20.0 + 3.0 * np.sin(2 * np.pi * 2.0 * t))
+    settling = told(StaticGuide(MASSES, 4.0), 3.0, lambda t: 20.0 + 4.0 * t)
+    resting = told(StaticGuide(MASSES, 4.0), 3.0, lambda t: 20.0)
+    assert [cues[-1].rest for cues in (swaying, settling, resting)] == [Rest.MOVING, Rest.SETTLING, Rest.STEADY]
+    assert resting[0].rest is Rest.WAITING
+
+
+def test_a_wrong_weight_is_named_with_what_was_expected() -> None:
+    guide = StaticGuide(MASSES, 4.0)
+    cues = told(guide, 16.0, steps_of([0.0, 0.6 * WEIGHT_N], 8.0))
+    assert cues[-1].sentence == (
+        "the force rests at 10.8 N, expected 16.7 N: is it the right weight, and does the rope run free over the pulley?"
+    )
+    assert cues[-1].step == 1
+
+
+def test_a_swing_is_counted_and_brought_to_rest() -> None:
+    def force(t: float) -> float:
+        return 25.0 + (12.0 * np.sin(2 * np.pi * 0.9 * t) if 4.0 < t < 26.0 else 0.0)
+
+    cues = told(SwingGuide("pull the spring", 15.0), 34.0, force)
+    assert cues[10].sentence == "stand still"
+    swinging = cues[150]
+    assert swinging.sentence.startswith("keep it swinging: 0.9")
+    assert swinging.left_s is not None and 2.0 < swinging.left_s < 9.0
+    assert cues[220].sentence == "let it come to rest"
+    assert cues[-1].is_done
+
+
+@pytest.mark.parametrize(
+    ("points", "word"),
+    [([(0.0, 151.0)], "151 N at the cuff"), ([(0.0, 0.0), (0.1, 80.0)], "rose by more than 500 N a second")],
+)
+def test_a_ceiling_is_an_unmistakable_stop(points: list[tuple[float, float]], word: str) -> None:
+    said = Ceilings(150.0, 500.0).broken_by(points)
+    assert said is not None and said.startswith("STOP: ") and word in said
+
+
+def test_below_the_ceilings_nothing_is_said() -> None:
+    assert Ceilings(150.0, 500.0).broken_by([(0.0, 0.0), (0.1, 40.0), (0.2, 80.0)]) is None
