@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,9 @@ from rich.table import Table
 from recordings.samples import Samples, Stream
 from station.clock import Clock, RealClock
 from station.config import StationConfig
-from station.daemon import LEAST_FREE_BYTES, MakeDevices
+from station.daemon import MakeDevices
 from station.devices import devices_for
+from station.disk import bytes_free, bytes_needed
 from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
 
 OPEN_S = 5.0
@@ -77,7 +77,7 @@ def check_bench(
         *_device_lines(answers, names),
         *_sync_line(answers, config),
         *_label_lines(answers, config),
-        _disk_line(folder),
+        _disk_line(folder, bytes_needed(answers.streams.values(), config, folder, None)),
     ]
     table = Table("", "what", "found")
     for line in lines:
@@ -145,7 +145,7 @@ def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
     return lines
 
 
-def _disk_line(folder: Path) -> Line:
-    there = next(each for each in (folder.resolve(), *folder.resolve().parents) if each.is_dir())
-    free = shutil.disk_usage(there).free
-    return Line("disk", free >= LEAST_FREE_BYTES, f"{free / 1e9:.1f} GB free at {there}")
+def _disk_line(folder: Path, needed: float) -> Line:
+    free = bytes_free(folder)
+    words = f"{free / 1e9:.1f} GB free for {folder.resolve()}, the plan needs {needed / 1e9:.2f} GB"
+    return Line("disk", free >= needed, words)

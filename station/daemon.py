@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +23,7 @@ from recordings.writer import RecordingWriter
 from station.clock import Clock
 from station.config import StationConfig
 from station.devices import devices_for
+from station.disk import DiskWatch, bytes_free, bytes_needed
 from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
 from station.protocol import TrialSpec
 from station.session import Snapshot, State, TrialRules, TrialSession
@@ -33,8 +31,8 @@ from station.session import Snapshot, State, TrialRules, TrialSession
 OPEN_TIMEOUT_S = 15.0
 """Wall seconds for all devices to open; they should take less than 4, a driver that hangs must not hold us for ever."""
 CLOSE_TIMEOUT_S = 2.0
-LEAST_FREE_BYTES = 200e6
-"""An hour-long trial of thirty markers at 100 Hz takes less than this."""
+LOCK = ".recording.lock"
+"""In the session's folder, from its first trial on."""
 RECORDED_VERSIONS = ("cuffstation", "nidaqmx", "qtm-rt", "pyserial", "mcap", "numpy")
 
 
@@ -92,7 +90,7 @@ class Daemon:
         Raises ConfigError, DeviceError, TrialRefused or RecordingError, each one sentence, when it cannot begin.
         """
         cuff = self._config.cuff_site(spec.cuff)
-        _ensure_room(folder)
+        _ensure_folder(folder)
         with _one_trial_at_a_time(folder):
             inbox = Inbox()
             feeds = [DeviceFeed(device, inbox) for device in self._make_devices(self._config, cuff, self._clock)]
@@ -139,6 +137,7 @@ class Daemon:
     ) -> TrialResult:
         streams = [stream for one in opened for stream in one.streams]
         device_of = {stream.name: one.device for one in opened for stream in one.streams}
+        _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
         writer = RecordingWriter(path, self._manifest(spec, run, cuff), streams)
@@ -148,7 +147,7 @@ class Daemon:
         session = TrialSession(rules, writer, self._clock)
         try:
             session.arm(streams, device_of)
-            self._run(session, feeds, inbox)
+            self._run(session, feeds, inbox, DiskWatch(folder, self._clock))
         except RecordingError as error:
             session.abandon(str(error))
         self._show(session)
@@ -162,12 +161,14 @@ class Daemon:
             return TrialResult(path, False, session.lost_samples, str(error))
         return TrialResult(path, accepted, session.lost_samples, session.sentence)
 
-    def _run(self, session: TrialSession, feeds: Sequence[DeviceFeed], inbox: Inbox) -> None:
+    def _run(self, session: TrialSession, feeds: Sequence[DeviceFeed], inbox: Inbox, disk: DiskWatch) -> None:
         controllers = [feed for feed in feeds if feed.can_control_capture and self._config.mocap.control == "start"]
         capture_asked = False
         while not session.is_over:
             self._take(session, inbox)
             session.tick()
+            if warning := disk.warning():
+                session.cut_short("disk_nearly_full", warning)
             while not self._marks_asked.empty():
                 self._marks_asked.get()
                 session.mark()
@@ -227,32 +228,36 @@ class Daemon:
         )
 
 
-def _ensure_room(folder: Path) -> None:
+def _ensure_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        free = shutil.disk_usage(folder).free
     except OSError as error:
         raise TrialRefused(
             f"the session's folder {folder} cannot be made ({error.strerror}); give --session a folder that can"
         ) from error
     if not os.access(folder, os.W_OK):
         raise TrialRefused(f"the session's folder {folder} cannot be written into; give another --session")
-    if free < LEAST_FREE_BYTES:
+
+
+def _ensure_room(folder: Path, needed: float) -> None:
+    free = bytes_free(folder)
+    if free < needed:
         raise TrialRefused(
-            f"the disk of {folder} has {free / 1e6:.0f} MB free, expected at least {LEAST_FREE_BYTES / 1e6:.0f} MB "
-            "for a trial; free some room"
+            f"the disk of {folder} has {free / 1e6:.0f} MB free, expected at least {needed / 1e6:.0f} MB "
+            "for the trials that are planned; free some room"
         )
 
 
 @contextmanager
 def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
-    """Across processes too. The lock lies with the machine's temporary files: the session holds recordings only."""
-    name = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
-    lock = FileLock(Path(tempfile.gettempdir()) / f"cuffstation-{name}.lock", timeout=0)
+    """Across processes too; the operating system releases the lock of a process that dies."""
+    lock = FileLock(folder / LOCK, timeout=0)
     try:
         lock.acquire()
     except Timeout as error:
         raise TrialRefused(f"another trial is being recorded into {folder}; wait for it to end") from error
+    except (OSError, NotImplementedError) as error:
+        raise TrialRefused(f"{folder} lets no file be locked ({error}); record onto a disk of this machine") from error
     try:
         yield
     finally:

@@ -178,6 +178,13 @@ class TrialSession:
         elif self.state in (State.IDLE, State.ARMED):
             self._enter(State.FAILED, sentence)
 
+    def cut_short(self, kind: str, sentence: str) -> None:
+        """The trial cannot go on: what was recorded is closed well and kept, and not accepted."""
+        if self.state is State.RECORDING:
+            self._close(kind, sentence, accepted=False)
+        elif self.state in (State.IDLE, State.ARMED):
+            self._enter(State.FAILED, sentence)
+
     def abandon(self, sentence: str) -> None:
         """The recorder failed: nothing more can be written."""
         self._enter(State.FAILED, sentence)

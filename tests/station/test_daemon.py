@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import re
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -14,6 +16,7 @@ from drivers.errors import DeviceUnavailable
 from recordings.manifest import CuffSite
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
+from station import disk
 from station.clock import Clock, RealClock
 from station.config import StationConfig, parse_config
 from station.daemon import Daemon, TrialRefused
@@ -153,6 +156,56 @@ def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6))
     with pytest.raises(TrialRefused, match="5 MB free"):
         Rig().daemon().record(tmp_path, SPEC)
+
+
+def test_a_disk_that_fills_meanwhile_ends_the_trial_well_before_it_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = 1e12
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
+    monkeypatch.setattr(disk, "GLANCE_S", 0.0)
+
+    class Fills:
+        def offer(self, item: Item) -> None: ...
+
+        def show(self, snapshot: Snapshot) -> None:
+            nonlocal free
+            if snapshot.recorded_s > 1.0:
+                free = 1e6
+
+    result = Rig().daemon(Fills()).record(tmp_path, SPEC)
+    assert not result.accepted and result.path is not None
+    assert "1 MB left" in result.sentence
+    recording = open_recording(result.path)
+    assert recording.complete
+    assert recording.outcome is not None and recording.outcome.sentence == result.sentence
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="this system sets no limit to the size of a file")
+def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good_sample(tmp_path: Path) -> None:
+    import resource
+
+    told: list[str] = []
+
+    class Listens:
+        def offer(self, item: Item) -> None: ...
+
+        def show(self, snapshot: Snapshot) -> None:
+            if snapshot.state is State.FAILED:
+                told.append(snapshot.sentence)
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
+    try:
+        result = Rig().daemon(Listens()).record(tmp_path, SPEC)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not result.accepted and result.path is not None
+    stored = re.search(r"\(File too large\): the last stored samples are /force (\d+), /sync \d+", told[0])
+    assert stored is not None and result.sentence == told[0]
+    recording = open_recording(result.path)
+    assert not recording.complete
+    assert recording.load("/force").sample_numbers[-1] >= int(stored[1])
 
 
 def test_a_view_that_blocks_its_own_thread_does_not_touch_the_recording(tmp_path: Path) -> None:

@@ -309,6 +309,25 @@ def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
         assert bench.session.state is expected
 
 
+def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.cut_short("disk_nearly_full", "the disk is nearly full")
+    assert bench.session.state is State.CLOSING
+    bench.run(2.0)
+    assert (bench.session.state, bench.session.sentence) == (State.FAILED, "the disk is nearly full")
+    assert "disk_nearly_full" in bench.recorder.events()
+
+
+def test_a_trial_that_is_cut_short_while_armed_records_nothing() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.session.cut_short("disk_nearly_full", "the disk is nearly full")
+    assert (bench.session.state, bench.recorder.items) == (State.FAILED, [])
+
+
 def test_the_capture_is_wanted_only_after_the_pre_roll() -> None:
     bench = Bench().arm()
     bench.run(1.5)
