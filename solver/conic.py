@@ -38,7 +38,7 @@ class ConicProblem:
 
     weights          w (n,), not negative
     equality_matrix  E (m, n);  equality_target  e (problems, m)
-    lower, upper     (problems, n), infinite in all problems or in none
+    lower, upper     (problems, n); a bound is infinite in all problems or in none
     cone_matrix      C (k, n) and cone_offset c (problems, k); k = 0 where there is no cone
     """
 
@@ -71,12 +71,12 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
     Raises ValueError where the arrays do not fit together; an infeasible problem is an outcome, not an error.
     """
     _ensure_shapes(problem)
-    bounded = np.isfinite(problem.lower[0]) & np.isfinite(problem.upper[0])
-    matrix = _stacked_matrix(problem, bounded)
+    below, above = np.isfinite(problem.lower[0]), np.isfinite(problem.upper[0])
+    matrix = _stacked_matrix(problem, below, above)
     targets = np.hstack(
-        [problem.equality_target, problem.upper[:, bounded], -problem.lower[:, bounded], problem.cone_offset]
+        [problem.equality_target, problem.upper[:, above], -problem.lower[:, below], problem.cone_offset]
     )
-    solver = _clarabel_solver(problem, matrix, targets[0], 2 * int(bounded.sum()))
+    solver = _clarabel_solver(problem, matrix, targets[0], int(above.sum() + below.sum()))
     x = np.empty(problem.lower.shape)
     violation, optimality = np.empty((2, len(x)))
     outcomes: list[Outcome] = []
@@ -145,10 +145,10 @@ def _ensure_shapes(problem: ConicProblem) -> None:
             )
 
 
-def _stacked_matrix(problem: ConicProblem, bounded: NDArray[np.bool_]) -> Array:
+def _stacked_matrix(problem: ConicProblem, below: NDArray[np.bool_], above: NDArray[np.bool_]) -> Array:
     """Rows A of Clarabel's A x + s = b: equalities, upper bounds, lower bounds, cone."""
-    unit = np.eye(problem.weights.size)[bounded]
-    return np.vstack([problem.equality_matrix, unit, -unit, -problem.cone_matrix])
+    unit = np.eye(problem.weights.size)
+    return np.vstack([problem.equality_matrix, unit[above], -unit[below], -problem.cone_matrix])
 
 
 def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds: int) -> Any:

@@ -24,13 +24,21 @@ class GlenoidCone:
     half_angle  between axis and rim, towards the edge marker [rad]
     edge        (3,) unit vector across the axis towards the edge marker
     aspect      width of the rim across axis and edge, over that along the edge; 1 is a circle
+    distance    from the head's centre to the glenoid's [m]
     """
 
     body: int
     axis: Array
     half_angle: float
     edge: Array
-    aspect: float = 1.0
+    aspect: float
+    distance: float
+
+    @property
+    def rim(self) -> tuple[float, float]:
+        """Half the glenoid's width [m] along the edge's direction and across it, in the plane through its centre."""
+        along = self.distance * float(np.tan(self.half_angle))
+        return along, self.aspect * along
 
 
 def glenoid_cone(model: Model, aspect: float = 1.0) -> GlenoidCone:
@@ -53,7 +61,12 @@ def glenoid_cone(model: Model, aspect: float = 1.0) -> GlenoidCone:
     axis, rim = _unit(center.location - head_in_scapula), _unit(edge.location - head_in_scapula)
     along = float(axis @ rim)
     return GlenoidCone(
-        body=joint.parent, axis=axis, half_angle=float(np.arccos(along)), edge=_unit(rim - along * axis), aspect=aspect
+        body=joint.parent,
+        axis=axis,
+        half_angle=float(np.arccos(along)),
+        edge=_unit(rim - along * axis),
+        aspect=aspect,
+        distance=float(np.linalg.norm(center.location - head_in_scapula)),
     )
 
 
@@ -66,6 +79,17 @@ def cone_rows(cone: GlenoidCone, rotation_to_ground: Array) -> Array:
     across = np.cross(cone.axis, cone.edge) / cone.aspect
     rows = np.vstack([np.tan(cone.half_angle) * cone.axis, cone.edge, across])
     return rows @ np.swapaxes(rotation_to_ground, -1, -2)
+
+
+def contact_points(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -> Array:
+    """(frames, 2) where a reaction (frames, 3) in ground that goes through the head's centre meets the glenoid's plane.
+
+    In metres from the glenoid's centre, along the edge's direction and across it; NaN where the reaction points away.
+    """
+    plane = np.vstack([cone.axis, cone.edge, np.cross(cone.axis, cone.edge)])
+    depth, along, across = np.einsum("fij,fj->if", plane @ np.swapaxes(rotation_to_ground, -1, -2), force)
+    scale = cone.distance / np.where(depth > 0, depth, np.nan)
+    return np.stack([scale * along, scale * across], axis=-1)
 
 
 def angle_to_axis(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -> Array:

@@ -283,11 +283,20 @@ Constraint = PointConstraint | CoordinateCoupler | CoordinateLock
 
 @dataclass(frozen=True)
 class CoordinateActuator:
-    """Pushes one coordinate with optimal_force [N or N m] times its control."""
+    """Pushes one coordinate with optimal_force [N or N m] times its control, which stays within its limits."""
 
     name: str
     coordinate: int
     optimal_force: float
+    min_control: float = -np.inf
+    max_control: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.min_control <= self.max_control:
+            raise ModelError(
+                f"the actuator {self.name} should have its least control below its greatest and has "
+                f"{self.min_control:g} and {self.max_control:g}; exchange them"
+            )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -52,6 +52,13 @@ class Kinematics:
     accelerations: Array
     cutoff: float | None
 
+    @property
+    def filter(self) -> str:
+        """In words, as results state it."""
+        if self.cutoff is None:
+            return "none"
+        return f"Butterworth low-pass at {self.cutoff:g} Hz, order 4, forwards and backwards"
+
 
 def read_motion(path: Path, model: Model) -> Motion:
     """Read the model's coordinates from an OpenSim .mot or .sto, or from a .csv in radians and metres.
@@ -60,7 +67,7 @@ def read_motion(path: Path, model: Model) -> Motion:
     MotionError naming the file and what is missing or malformed.
     """
     names = model.coordinate_names
-    columns, table, in_degrees = _read_table(path)
+    columns, table, in_degrees = read_table(path)
     if "time" not in columns:
         raise MotionError(f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it")
     missing = [name for name in names if name not in columns]
@@ -112,18 +119,29 @@ def thin(kinematics: Kinematics, every: int) -> Kinematics:
     )
 
 
-def write_table(path: Path, names: Sequence[str], time: Array, values: Array) -> None:
-    """Write time [s] and values (frames, names) with a column per name: .csv plain, else with OpenSim's header."""
-    separator = "," if path.suffix == ".csv" else "\t"
-    lines = [separator.join(["time", *names])]
+def write_table(
+    path: Path, names: Sequence[str], time: Array, values: Array, notes: Mapping[str, str] | None = None
+) -> None:
+    """Write time [s] and values (frames, names) with a column per name, and notes above them, a line each.
+
+    A .csv has its notes behind a #, anything else OpenSim's header.
+    """
+    is_csv = path.suffix == ".csv"
+    separator = "," if is_csv else "\t"
+    lines = [f"{'# ' * is_csv}{name}={note}" for name, note in (notes or {}).items()]
+    if not is_csv:
+        counts = f"version=1\nnRows={len(time)}\nnColumns={len(names) + 1}\ninDegrees=no"
+        lines = [path.stem, counts, *lines, "endheader"]
+    lines.append(separator.join(["time", *names]))
     lines += [separator.join(f"{value:.10g}" for value in row) for row in np.column_stack([time, values])]
-    if path.suffix != ".csv":
-        header = f"{path.stem}\nversion=1\nnRows={len(time)}\nnColumns={len(names) + 1}\ninDegrees=no\nendheader"
-        lines.insert(0, header)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _read_table(path: Path) -> tuple[list[str], Array, bool]:
+def read_table(path: Path) -> tuple[list[str], Array, bool]:
+    """Names of the columns, their values (frames, columns), and whether angles are in degrees.
+
+    Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -136,7 +154,7 @@ def _read_table(path: Path) -> tuple[list[str], Array, bool]:
         first = ends[0] + 1
         header = {line.replace(" ", "").lower() for line in lines[:first]}
         in_degrees = "indegrees=yes" in header
-    rows = [line.replace(",", " ").split() for line in lines[first:] if line.strip()]
+    rows = [line.replace(",", " ").split() for line in lines[first:] if line.strip() and line[0] != "#"]
     if len(rows) < 3:
         raise MotionError(f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows")
     for number, row in enumerate(rows):

@@ -12,7 +12,7 @@ reported per frame as the equality residual.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.dynamics import EquationsOfMotion, ResponseMaps, equations_of_motion, response_maps
-from solver.glenoid import cone_rows, glenoid_cone
+from solver.glenoid import cone_rows, contact_points, glenoid_cone
 from solver.kinematics import Postures, postures
+from solver.loads import ExternalForce, load_wrenches
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics, MotionError
 from solver.muscle import MuscleForces, muscle_forces
@@ -88,6 +89,7 @@ class RedundancyProblem:
     reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
     solver          as in RedundancyOptions
+    control_limits  (2, actuators) least and greatest control; None is no limits
     """
 
     time: Array
@@ -101,6 +103,7 @@ class RedundancyProblem:
     reaction_at_rest: Array
     cone: Array
     solver: Solver = "interior_point"
+    control_limits: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +147,9 @@ class Redundancy:
     muscle_forces      (frames, muscles) [N], of which passive_forces (frames, muscles) [N]
     reserves           (frames, actuators) of Model.actuators [N or N m]
     reaction           (frames, 6) moment [N m] and force [N] on the scapula at the glenohumeral joint, in ground
+    contact            (frames, 2) where it meets the glenoid's plane [m], as glenoid.contact_points; NaN where it does
+                       not, or the model has no markers of the glenoid
+    effort             (frames,) Σ w x²
     equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²]; mostly what the constraint forbids
     cone_slack         (frames,) how far the reaction is inside the glenoid [N], infinite where it was not asked for
     outcomes           (frames,) of FrameOutcome
@@ -155,6 +161,8 @@ class Redundancy:
     passive_forces: Array
     reserves: Array
     reaction: Array
+    contact: Array
+    effort: Array
     equality_residual: Array
     cone_slack: Array
     outcomes: tuple[FrameOutcome, ...]
@@ -170,14 +178,16 @@ def solve_motion(
     kinematics: Kinematics,
     options: RedundancyOptions | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
+    loads: Sequence[ExternalForce] = (),
 ) -> Redundancy:
-    """Activations of a whole motion; progress(done, total) counts frames.
+    """Activations of a whole motion under loads, sampled at its frames; progress(done, total) counts frames.
 
     Raises ModelError where a free coordinate or, with the cone, a glenoid marker is not in the model, MotionError where
     the model cannot be evaluated.
     """
-    mechanics = go_through(model, kinematics)
-    solution = solve_redundancy(build_redundancy(model, mechanics, options or RedundancyOptions()), progress=progress)
+    mechanics, options = go_through(model, kinematics, loads=loads), options or RedundancyOptions()
+    problem = build_redundancy(model, mechanics, options)
+    solution = solve_redundancy(problem, progress=progress)
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
     return Redundancy(
         time=kinematics.time,
@@ -186,13 +196,17 @@ def solve_motion(
         passive_forces=mechanics.forces.passive,
         reserves=controls * [actuator.optimal_force for actuator in model.actuators],
         reaction=solution.reaction[0],
+        contact=_contact(model, mechanics.state, options.glenoid_aspect, solution.reaction[0]),
+        effort=solution.controls[0] ** 2 @ problem.weights,
         equality_residual=solution.equality_residual[0],
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
     )
 
 
-def go_through(model: Model, kinematics: Kinematics, paths: PathState | None = None) -> Mechanics:
+def go_through(
+    model: Model, kinematics: Kinematics, paths: PathState | None = None, loads: Sequence[ExternalForce] = ()
+) -> Mechanics:
     """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
 
     Raises MotionError naming the time of a posture in which the model cannot be evaluated.
@@ -201,7 +215,7 @@ def go_through(model: Model, kinematics: Kinematics, paths: PathState | None = N
     paths = paths or evaluate_paths(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     equations = equations_of_motion(model, state)
-    maps = response_maps(model, equations, paths, forces)
+    maps = response_maps(model, equations, paths, forces, load_wrenches(loads, state) if loads else None)
     is_finite = np.isfinite(maps.acceleration_at_rest + maps.acceleration_per_control.sum(axis=-1)).all(axis=-1)
     if not is_finite.all():
         time = kinematics.time[int(np.argmin(is_finite))]
@@ -250,6 +264,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         reaction_at_rest=maps.reaction_at_rest,
         cone=cone,
         solver=options.solver,
+        control_limits=np.array([[each.min_control, each.max_control] for each in model.actuators]).reshape(-1, 2).T,
     )
 
 
@@ -277,6 +292,7 @@ def solve_redundancy(
         cone_offset=_each_frame(cone, reaction_at_rest[..., 3:]),
         rise=rise,
         fall=fall,
+        limits=problem.control_limits,
     )
     controls, outcomes = _SOLVERS[problem.solver](sequence, progress, workers)
     controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
@@ -287,6 +303,14 @@ def solve_redundancy(
     slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
     return RedundancySolution(controls, outcomes, np.abs(residual).max(axis=-1), reaction, slack)
+
+
+def _contact(model: Model, state: Postures, aspect: float, reaction: Array) -> Array:
+    try:
+        glenoid = glenoid_cone(model, aspect)
+    except ModelError:  # a model without markers, which is solved without the cone
+        return np.full((len(reaction), 2), np.nan)
+    return contact_points(glenoid, state.rotation_to_ground[:, glenoid.body], reaction[:, 3:])
 
 
 _SOLVERS = {"interior_point": follow, "clarabel": follow_with_clarabel}

@@ -42,7 +42,10 @@ class FrameOutcome(Enum):
     BEYOND_ACTIVATION_RATE = (
         "the muscles cannot change their activation fast enough since the last frame; solved without that limit"
     )
-    INFEASIBLE = "no activations between 0 and 1 keep the joint reaction inside the glenoid"
+    INFEASIBLE = (
+        "no activations between 0 and 1 and controls within their limits give the accelerations and keep the joint "
+        "reaction inside the glenoid"
+    )
     NOT_CONVERGED = "the solver stopped before its residuals were small; its last point is given"
 
 
@@ -54,6 +57,7 @@ class FrameSequence:
     cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
                 both scaled so that 1e-8 is small
     rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation
+    limits      (2, actuators) least and greatest control, infinite where there is none; None is none at all
     """
 
     weights: Array
@@ -63,13 +67,17 @@ class FrameSequence:
     cone_offset: Array
     rise: Array
     fall: Array
+    limits: Array | None = None
 
 
 def follow(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
     """x (scenarios, frames, controls) and outcomes; x violates cone or equalities by as little as can be if INFEASIBLE.
 
-    By the compiled solver, unless the problem has not the structure it needs (sharing/reduction.py).
+    By the compiled solver, unless the problem has not the structure it needs (sharing/reduction.py): actuators without
+    limits, for one.
     """
+    if sequence.limits is not None and np.isfinite(sequence.limits).any():
+        return follow_with_clarabel(sequence, progress)
     from solver.sharing.reduction import reduce_frames  # the compiler behind it takes long to import
 
     _announce_compilation()
@@ -185,6 +193,8 @@ def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Arra
     muscles, controls = len(sequence.rise), len(sequence.weights)
     lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
     lower[:, :muscles], upper[:, :muscles] = 0.0, 1.0
+    if sequence.limits is not None:
+        lower[:, muscles:], upper[:, muscles:] = sequence.limits
     return lower, upper
 
 

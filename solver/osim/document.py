@@ -114,7 +114,8 @@ def read_document(file: Path) -> Element:
     try:
         parser.Parse(file.read_bytes(), True)
     except OSError as error:
-        raise ModelError(f"cannot read the model {file}: {error.strerror}") from error
+        raise ModelError(f"cannot read {file}: {error.strerror}; check the path") from error
     except xml.parsers.expat.ExpatError as error:
-        raise ModelError(f"{file.name} is not a model: not well-formed XML in line {error.lineno}") from error
+        complaint = xml.parsers.expat.ErrorString(error.code)
+        raise ModelError(f"{file.name} is not well-formed XML: {complaint} in line {error.lineno}") from error
     return top.children[0]

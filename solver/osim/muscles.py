@@ -30,10 +30,13 @@ def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> 
 
 
 def read_actuator(element: Element, names: Names) -> CoordinateActuator:
-    element.require("min_control", "-Inf")
-    element.require("max_control", "Inf")
-    coordinate = names.coordinate(element, element.child("coordinate").text)
-    return CoordinateActuator(element.name, coordinate, element.number("optimal_force", "1"))
+    return CoordinateActuator(
+        name=element.name,
+        coordinate=names.coordinate(element, element.child("coordinate").text),
+        optimal_force=element.number("optimal_force", "1"),
+        min_control=element.number("min_control", "-inf"),
+        max_control=element.number("max_control", "inf"),
+    )
 
 
 _MILLARD = {
