@@ -64,27 +64,31 @@ def recover(path: Path, output: Path | None = None) -> RecoveryReport:
     file gives the same bytes again. The output takes its name when it is whole, and never replaces a different file.
     Raises RecordingError where nothing can be kept, or the output cannot be made.
     """
-    survey = survey_file(path)
     output = output or recovered_path(path)
     part = output.with_name(f"{output.name}.part")
     try:
         with part.open("wb") as file:
-            _copy(path, file)
+            damage = _copy(path, file)
         _give_name(part, output)
     except OSError as error:
         raise RecordingError(f"{output} cannot be written: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
-    return RecoveryReport(path, output, survey.damage, contents_of(output))
+    return RecoveryReport(path, output, damage, contents_of(output))
 
 
-def _copy(path: Path, file: BinaryIO) -> None:
+def _copy(path: Path, file: BinaryIO) -> tuple[Damage, ...]:
+    """Returns what of the source could not be read. Raises RecordingError where nothing could."""
     writer = Writer(file, compression=CompressionType.ZSTD)
     writer.start(profile=topics.PROFILE)
     channels = topics.register_topics(writer)
+    damage: list[Damage] = []
     chunk = None
     for entry in read_entries(path):
-        if isinstance(entry, Damage) or not is_ours(entry):
+        if isinstance(entry, Damage):
+            damage.append(entry)
+            continue
+        if not is_ours(entry):
             continue
         if chunk is not None and entry.chunk_offset != chunk:
             writer.flush()  # type: ignore[no-untyped-call]
@@ -96,9 +100,12 @@ def _copy(path: Path, file: BinaryIO) -> None:
             sequence=entry.sequence,
             data=entry.data,
         )
+    if chunk is None:
+        survey_file(path)  # raises, and says why
     writer.finish()  # type: ignore[no-untyped-call]
     file.flush()
     os.fsync(file.fileno())
+    return tuple(damage)
 
 
 def _give_name(part: Path, output: Path) -> None:

@@ -12,6 +12,7 @@ from mcap.stream_reader import StreamReader
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import recover, recovered_path
+from tests.recordings.cutting import Victim, record_boundaries, whole_file
 from tests.recordings.trials import chunk_ends, items_of, record, trial
 
 
@@ -54,6 +55,29 @@ def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Pat
         assert len(messages) == sum(topic.messages for topic in report.contents.topics.values())
         with report.output.open("rb") as file:
             assert len(list(StreamReader(file, validate_crcs=True).records)) > len(messages)
+
+
+@pytest.mark.parametrize(("seconds", "cuts"), [(3.7, 150), (60.0, 8)])
+def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float, cuts: int) -> None:
+    victim = Victim(whole_file(tmp_path, seconds), tmp_path)
+    for size in np.random.default_rng(4).integers(0, len(victim.data) + 1, cuts).tolist():
+        victim.ensure_cut_is_recovered(size)
+    assert len(victim.kept) > cuts / 2
+
+
+def test_a_cut_around_any_record_keeps_exactly_the_whole_chunks(tmp_path: Path) -> None:
+    victim = Victim(whole_file(tmp_path, 1.0), tmp_path)
+    for boundary in record_boundaries(victim.data):
+        for size in {max(0, boundary - 1), boundary, min(boundary + 1, len(victim.data))}:
+            victim.ensure_cut_is_recovered(size)
+    assert max(victim.kept) == len(victim.messages)
+
+
+def test_a_flipped_bit_costs_no_more_than_its_chunk(tmp_path: Path) -> None:
+    victim = Victim(whole_file(tmp_path, 3.7), tmp_path)
+    for bit in np.random.default_rng(5).integers(0, 8 * len(victim.data), 50).tolist():
+        victim.ensure_flip_is_recovered(bit)
+    assert min(victim.kept) < len(victim.messages)
 
 
 def test_what_is_missing_is_said_exactly(whole: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 
 from recordings.manifest import CuffSite, LoadCell, Manifest, Outcome
 from recordings.packing import pack
@@ -97,16 +98,25 @@ def items_of(recording: Recording) -> list[Any]:
     return bits(list(recording.items()))
 
 
+def chunk_starts(path: Path) -> list[int]:
+    """Where each chunk begins, as the mcap package's own reader of whole files sees it."""
+    return [chunk.chunk_start_offset for chunk in _chunks(path)]
+
+
 def chunk_ends(path: Path) -> list[int]:
-    """Where each chunk ends, as the mcap package's own reader of whole files sees it."""
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    return [chunk.chunk_start_offset + chunk.chunk_length for chunk in summary.chunk_indexes]
+    """Where each chunk ends, likewise."""
+    return [chunk.chunk_start_offset + chunk.chunk_length for chunk in _chunks(path)]
 
 
 def skipped(first: int, count: int) -> Loss:
     return Loss("/markers", "skipped", first, count, (first - 1) * 10_000_000, _arrival(first * 10_000_000))
+
+
+def _chunks(path: Path) -> list[ChunkIndex]:
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return summary.chunk_indexes
 
 
 def _arrival(device_time_ns: int) -> int:
