@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 
 from solver.kinematics import Postures, point_acceleration, points_in_ground, rates_of_coordinates
 from solver.model import CoordinateCoupler, CoordinateLock, Model, PointConstraint
-from solver.spatial import rotate, skew_matrix
+from solver.moving.tables import tables_of
+from solver.spatial import cross, rotate
 
 Array = NDArray[np.float64]
 
 
-def constraint_rows(model: Model, state: Postures, jacobians: Array) -> tuple[Array, Array]:
-    """G (frames, rows, coordinates) and b (frames, rows); jacobians as kinematics.jacobians gives them."""
+def constraint_rows(model: Model, state: Postures) -> tuple[Array, Array]:
+    """G (frames, rows, coordinates) and b (frames, rows)."""
     frames, count = state.coordinates.shape
     rows, biases = [np.zeros((frames, 0, count))], [np.zeros((frames, 0))]
     for constraint in model.constraints:
         if isinstance(constraint, PointConstraint):
-            row, bias = _point_rows(model, state, constraint, jacobians)
+            row, bias = _point_rows(model, state, constraint)
         else:
             row, bias = _coordinate_row(model, state, constraint)
         rows.append(row)
@@ -64,24 +65,26 @@ def _coordinate_row(
     return row[:, None], (remainder + (gradient * drift).sum(axis=1))[:, None]
 
 
-def _point_rows(model: Model, state: Postures, constraint: PointConstraint, jacobians: Array) -> tuple[Array, Array]:
+def _point_rows(model: Model, state: Postures, constraint: PointConstraint) -> tuple[Array, Array]:
     """As in Simbody, both bodies are taken at the second point, which matters where the gap is not closed."""
     one, two = constraint.body_1, constraint.body_2
     point = points_in_ground(state, two, constraint.location_2)
     to_ancestor = _to_ancestor(model, state, constraint)
-    relative = jacobians[:, two] - jacobians[:, one]
+    moves = tables_of(model).moves
+    relative = state.screws * (moves[two] - moves[one])[:, None]
     velocity_1, acceleration_1 = _at_point(state, one, point)
     velocity_2, acceleration_2 = _at_point(state, two, point)
     turning = state.angular_velocity[:, _common_ancestor(model, constraint)]
-    coriolis = 2.0 * np.cross(turning, velocity_2 - velocity_1)
-    rows = to_ancestor @ (relative[:, 3:] - skew_matrix(point) @ relative[:, :3])
+    coriolis = 2.0 * cross(turning, velocity_2 - velocity_1)
+    columns = relative[..., 3:] + cross(relative[..., :3], point[:, None])
+    rows = to_ancestor @ np.swapaxes(columns, 1, 2)
     return rows, rotate(to_ancestor, acceleration_2 - acceleration_1 - coriolis)
 
 
 def _at_point(state: Postures, body: int, point: Array) -> tuple[Array, Array]:
     """Velocity and bias acceleration (frames, 3) of the material point of a body that is just at `point` in ground."""
     angular, change = state.angular_velocity[:, body], state.bias_acceleration[:, body]
-    velocity = state.origin_velocity[:, body] + np.cross(angular, point - state.origin_in_ground[:, body])
+    velocity = state.origin_velocity[:, body] + cross(angular, point - state.origin_in_ground[:, body])
     return velocity, point_acceleration(change[:, :3], change[:, 3:], angular, velocity, point)
 
 

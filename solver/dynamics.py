@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.constraints import constraint_rows
-from solver.kinematics import Postures, jacobians, point_acceleration, points_in_ground
+from solver.kinematics import Postures, points_in_ground
 from solver.model import CoordinateForce, Model, ModelError
+from solver.moving.tables import Indices, Tables, tables_of
 from solver.muscle import MuscleForces
 from solver.paths import PathState
-from solver.spatial import rotate, skew_matrix
+from solver.spatial import rotate
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,10 @@ class EquationsOfMotion:
     constraint_bias       b (frames, rows)
     mobility              P (frames, coordinates, coordinates)
     multiplier_per_force  Kᵀ (frames, rows, coordinates)
-    body_jacobians        (frames, bodies, 6, coordinates) as kinematics.jacobians
+    tables, screws        how loads reach the coordinates, as in moving/tables.py and kinematics.Postures
     acceleration_unloaded (frames, coordinates) u̇ at f = 0
     multipliers_unloaded  (frames, rows) λ at f = 0
-    beyond                (bodies,) which bodies the reaction joint carries
+    reaction_body         index of the body that the reaction joint carries
     reaction_point        (frames, 3) origin of that joint's frame in its parent, in ground [m]
     reaction_per_acceleration  R_a (frames, 6, coordinates)
     reaction_unloaded     (frames, 6) R at f = 0: moment [N m] and force [N] on the joint's parent, in ground
@@ -52,10 +53,11 @@ class EquationsOfMotion:
     constraint_bias: Array
     mobility: Array
     multiplier_per_force: Array
-    body_jacobians: Array
+    tables: Tables
+    screws: Array
     acceleration_unloaded: Array
     multipliers_unloaded: Array
-    beyond: NDArray[np.bool_]
+    reaction_body: int
     reaction_point: Array
     reaction_per_acceleration: Array
     reaction_unloaded: Array
@@ -82,14 +84,29 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
 
     ModelError where the mass matrix or the constraints are singular, or the model has no such joint.
     """
-    inertia = _Inertia.of(model, state)
-    spin, center = inertia.spin_jacobian, inertia.center_jacobian
-    mass_matrix = _sum_over_bodies(spin, inertia.tensor @ spin)
-    mass_matrix += _sum_over_bodies(center, inertia.mass[:, None, None] * center)
-    bias_force = np.einsum("fbij,fbi->fj", spin, inertia.moment) + np.einsum("fbij,fbi->fj", center, inertia.force)
+    from solver.moving.masses import weigh  # the compiler behind it takes a third of a second to import
+
+    frames, count = state.coordinates.shape
+    tables, joint = tables_of(model), model.joint(reaction_joint)
+    point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
+    mass_matrix, bias_force = np.zeros((frames, count, count)), np.zeros((frames, count))
+    per_acceleration, reaction_bias = np.zeros((frames, 6, count)), np.zeros((frames, 6))
     for passive in model.coordinate_forces:
         bias_force[:, passive.coordinate] -= _own_force(passive, state)
-    jacobian, bias = constraint_rows(model, state, inertia.jacobians)
+    weigh(
+        tables.bodies,
+        tables.moves,
+        np.array(model.gravity),
+        state.poses,
+        state.screws,
+        mass_matrix,
+        bias_force,
+        _carried(model, joint.child),
+        point,
+        per_acceleration,
+        reaction_bias,
+    )
+    jacobian, bias = constraint_rows(model, state)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
     inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
@@ -98,10 +115,6 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     mobility = inverse - gain @ np.swapaxes(inverse_times, 1, 2)
     acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
 
-    joint = model.joint(reaction_joint)
-    beyond = _carried(model, joint.child)
-    point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
-    per_acceleration, reaction_bias = _reaction(inertia, beyond, point)
     return EquationsOfMotion(
         mass_matrix=mass_matrix,
         bias_force=bias_force,
@@ -109,10 +122,11 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
         constraint_bias=bias,
         mobility=mobility,
         multiplier_per_force=np.swapaxes(gain, 1, 2),
-        body_jacobians=inertia.jacobians,
+        tables=tables,
+        screws=state.screws,
         acceleration_unloaded=acceleration,
         multipliers_unloaded=rotate(stiffness, bias) - rotate(np.swapaxes(gain, 1, 2), bias_force),
-        beyond=beyond,
+        reaction_body=joint.child,
         reaction_point=point,
         reaction_per_acceleration=per_acceleration,
         reaction_unloaded=reaction_bias - rotate(per_acceleration, acceleration),
@@ -136,14 +150,25 @@ def response_to_loads(
                         ground; spatial.wrench_about_origin makes them of forces at points
     generalised_forces  (frames, loads, coordinates), what acts on coordinates without being a wrench on a body [N, N m]
     """
-    frames, loads, bodies, _ = wrenches.shape
-    jacobian = equations.body_jacobians.reshape(frames, bodies * 6, -1)
-    force = wrenches.reshape(frames, loads, bodies * 6) @ jacobian + generalised_forces
-    acceleration = force @ equations.mobility
-    direct = wrenches[:, :, equations.beyond].sum(axis=2)
-    direct[..., :3] -= np.cross(equations.reaction_point[:, None], direct[..., 3:])
-    reaction = direct - acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2)
-    return Response(acceleration, reaction)
+    from solver.moving.loads import respond
+
+    count = equations.screws.shape[1]
+    forces = np.empty((*wrenches.shape[:2], count))
+    forces[...] = generalised_forces
+    response = Response(np.empty(forces.shape), np.empty((*wrenches.shape[:2], 6)))
+    respond(
+        equations.tables.joints,
+        equations.reaction_body,
+        equations.screws,
+        equations.mobility,
+        equations.reaction_point,
+        equations.reaction_per_acceleration,
+        np.array(wrenches, order="C"),
+        forces,
+        response.acceleration,
+        response.reaction,
+    )
+    return response
 
 
 def response_maps(
@@ -174,58 +199,10 @@ def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array
     return equations.multipliers_unloaded + rotate(equations.multiplier_per_force, generalised_force)
 
 
-@dataclass(frozen=True)
-class _Inertia:
-    """Masses at the mass centres, in ground, and what holds them on their course while u̇ = 0.
-
-    moment, force  (frames, bodies, 3) I α + w × I w and m (a − g) with the bias accelerations α and a
-    """
-
-    mass: Array
-    tensor: Array
-    center: Array
-    jacobians: Array
-    spin_jacobian: Array
-    center_jacobian: Array
-    moment: Array
-    force: Array
-
-    @staticmethod
-    def of(model: Model, state: Postures) -> _Inertia:
-        rotation = state.rotation_to_ground
-        mass = np.array([body.mass for body in model.bodies])
-        tensor = rotation @ np.array([body.inertia for body in model.bodies]) @ np.swapaxes(rotation, -1, -2)
-        lever = rotate(rotation, np.array([body.mass_center for body in model.bodies]))
-        center = state.origin_in_ground + lever
-        columns = jacobians(model, state)
-        spin = columns[..., :3, :]
-        angular, alpha = state.angular_velocity, state.bias_acceleration[..., :3]
-        velocity = state.origin_velocity + np.cross(angular, lever)
-        acceleration = point_acceleration(alpha, state.bias_acceleration[..., 3:], angular, velocity, center)
-        return _Inertia(
-            mass=mass,
-            tensor=tensor,
-            center=center,
-            jacobians=columns,
-            spin_jacobian=spin,
-            center_jacobian=columns[..., 3:, :] - skew_matrix(center) @ spin,
-            moment=rotate(tensor, alpha) + np.cross(angular, rotate(tensor, angular)),
-            force=mass[:, None] * (acceleration - model.gravity),
-        )
-
-
 def _own_force(passive: CoordinateForce, state: Postures) -> Array:
     q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
     force: Array = passive.force.derivatives(q)[0] + passive.resistance.derivatives(q)[0] * u
     return force
-
-
-def _sum_over_bodies(left: Array, right: Array) -> Array:
-    """Σ_b L_bᵀ R_b (frames, coordinates, coordinates) of two (frames, bodies, 3, coordinates)."""
-    frames, bodies, rows, columns = left.shape
-    shape = (frames, bodies * rows, columns)
-    product: Array = np.swapaxes(left.reshape(shape), 1, 2) @ right.reshape(shape)
-    return product
 
 
 def _inverse(matrix: Array, whose: str) -> Array:
@@ -239,31 +216,18 @@ def _inverse(matrix: Array, whose: str) -> Array:
     return inverse
 
 
-def _carried(model: Model, body: int) -> NDArray[np.bool_]:
-    """(bodies,) the body and all that hang on it."""
-    carried = np.zeros(len(model.bodies), dtype=bool)
-    carried[body] = True
+def _carried(model: Model, body: int) -> Indices:
+    """(bodies,) 1 for the body and all that hang on it, else 0."""
+    carried = np.zeros(len(model.bodies), dtype=np.int64)
+    carried[body] = 1
     for joint in model.joints:
         carried[joint.child] |= carried[joint.parent]
     return carried
 
 
-def _reaction(inertia: _Inertia, beyond: NDArray[np.bool_], point: Array) -> tuple[Array, Array]:
-    """R_a and R_b of EquationsOfMotion: minus the rate of momentum of the bodies beyond the joint, about its point."""
-    lever = inertia.center[:, beyond] - point[:, None]
-    momentum = inertia.mass[beyond, None, None] * inertia.center_jacobian[:, beyond]
-    spin = inertia.tensor[:, beyond] @ inertia.spin_jacobian[:, beyond]
-    moment_rows = (spin + skew_matrix(lever) @ momentum).sum(axis=1)
-    per_acceleration = np.concatenate([moment_rows, momentum.sum(axis=1)], axis=1)
-    force = inertia.force[:, beyond]
-    moment = inertia.moment[:, beyond] + np.cross(lever, force)
-    return per_acceleration, -np.concatenate([moment.sum(axis=1), force.sum(axis=1)], axis=1)
-
-
 def _actuator_response(model: Model, equations: EquationsOfMotion) -> Response:
-    frames, bodies = equations.body_jacobians.shape[:2]
-    push = np.zeros((len(model.actuators), len(model.coordinates)))
-    for index, actuator in enumerate(model.actuators):
-        push[index, actuator.coordinate] = actuator.optimal_force
-    none = np.zeros((frames, len(push), bodies, 6))
-    return response_to_loads(equations, none, np.broadcast_to(push, (frames, *push.shape)))
+    """That of each actuator's full control, a force on one coordinate: a row of P, times its size."""
+    driven = [actuator.coordinate for actuator in model.actuators]
+    strength = np.array([actuator.optimal_force for actuator in model.actuators])
+    acceleration = equations.mobility[:, driven] * strength[:, None]
+    return Response(acceleration, -acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2))

@@ -62,6 +62,13 @@ def rotate(rotation: Array, vector: Array) -> Array:
     return turned
 
 
+def cross(a: Array, b: Array) -> Array:
+    """(…, 3) vector product; leading axes broadcast. NumPy's own takes 20 µs to begin."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
 def wrench_about_origin(point: Array, force: Array) -> Array:
     """(…, 6) moment about the origin and force, of a force (…, 3) that acts at a point (…, 3)."""
-    return np.concatenate([np.cross(point, force), force], axis=-1)
+    return np.concatenate([cross(point, force), force], axis=-1)

@@ -23,7 +23,7 @@ from solver.dynamics import (
     multipliers,
     response_maps,
 )
-from solver.kinematics import Postures, postures, speeds_from_rates
+from solver.kinematics import Postures, jacobians, postures, speeds_from_rates
 from solver.model import Model
 from solver.motion import differentiate, read_motion
 from solver.muscle import MuscleForces, muscle_forces
@@ -39,6 +39,7 @@ class Comparison:
     """OpenSim's values and everything the solver computes at the same states."""
 
     expected: dict[str, Array]
+    model: Model
     state: Postures
     equations: EquationsOfMotion
     paths: PathState
@@ -46,7 +47,7 @@ class Comparison:
     maps: ResponseMaps
 
     def force_per_tension(self) -> Array:
-        wrench, columns = self.paths.wrench_per_tension, self.equations.body_jacobians
+        wrench, columns = self.paths.wrench_per_tension, jacobians(self.model, self.state)
         return np.einsum("fmbi,fbij->fmj", wrench, columns) + self.paths.mobility_per_tension
 
 
@@ -67,7 +68,9 @@ def compared(request: pytest.FixtureRequest) -> Comparison:
     state = postures(model, expected["q"], expected["u"])
     equations, paths = equations_of_motion(model, state), evaluate_paths(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
-    return Comparison(expected, state, equations, paths, forces, maps=response_maps(model, equations, paths, forces))
+    return Comparison(
+        expected, model, state, equations, paths, forces, maps=response_maps(model, equations, paths, forces)
+    )
 
 
 def test_poses_and_velocities_of_bodies(compared: Comparison) -> None:

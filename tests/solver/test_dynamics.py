@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.dynamics import equations_of_motion, multipliers, response_maps, response_to_loads
-from solver.kinematics import Postures, points_in_ground, postures, speeds_from_rates
+from solver.kinematics import Postures, jacobians, points_in_ground, postures, speeds_from_rates
 from solver.model import Model, ModelError
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
@@ -30,7 +30,7 @@ FORCES = RANDOM.normal(size=(FRAMES, 3, len(MODEL.coordinates)))
 def test_accelerations_and_multipliers_solve_the_equations_of_motion() -> None:
     response = response_to_loads(EQUATIONS, LOADS, FORCES)
     acceleration = EQUATIONS.acceleration_unloaded + response.acceleration[:, 0]
-    force = np.einsum("fbij,fbi->fj", EQUATIONS.body_jacobians, LOADS[:, 0]) + FORCES[:, 0]
+    force = np.einsum("fbij,fbi->fj", jacobians(MODEL, STATE), LOADS[:, 0]) + FORCES[:, 0]
     held = rotate(np.swapaxes(EQUATIONS.constraint_jacobian, 1, 2), multipliers(EQUATIONS, force))
     inertial = rotate(EQUATIONS.mass_matrix, acceleration) + EQUATIONS.bias_force
     assert np.allclose(inertial + held, force, atol=1e-10)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from solver.constraints import constraint_gaps
 from solver.dynamics import equations_of_motion
-from solver.kinematics import postures, rates_of_coordinates
+from solver.kinematics import jacobians, postures, rates_of_coordinates
 from solver.model import Model
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
@@ -140,7 +140,7 @@ def solvers_values(model: Model, q: Array, u: Array) -> dict[str, Array]:
     state = postures(model, q, u)
     equations = equations_of_motion(model, state, reaction_joint="second")
     paths = evaluate_paths(model, state)
-    force = np.einsum("fmbi,fbij->fmj", paths.wrench_per_tension, equations.body_jacobians)
+    force = np.einsum("fmbi,fbij->fmj", paths.wrench_per_tension, jacobians(model, state))
     to_rates, _ = rates_of_coordinates(model, state)
     velocity = np.concatenate([state.angular_velocity, state.origin_velocity], axis=-1)[:, 1:]
     pose = np.concatenate([state.rotation_to_ground, state.origin_in_ground[..., None]], axis=-1)[:, 1:]

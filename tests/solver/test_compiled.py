@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numba
+import pytest
+
+from solver import compiled
+
+KERNEL = """
+from solver.compiled import compiled, compiled_for_python
+FACTOR = {factor}
+
+@compiled
+def scaled(x):
+    return FACTOR * x {more}
+
+@compiled_for_python
+def kernel(x):
+    return scaled(x)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+
+
+def _kernel(folder: Path, factor: float = 2.0, more: str = "") -> Any:
+    file = folder / "kernel.py"
+    if not file.exists():  # the source as the compiler sees it never changes
+        file.write_text(KERNEL, encoding="utf-8")
+    module = ModuleType("kernel")
+    module.__file__ = str(file)
+    exec(compile(KERNEL.format(factor=factor, more=more), file, "exec"), vars(module))  # noqa: S102
+    return vars(module)["kernel"]
+
+
+def test_the_first_call_says_what_it_waits_for(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert _kernel(tmp_path)(3.0) == 6.0
+    first, last = [record.getMessage() for record in caplog.records if record.name == compiled.__name__]
+    assert first.startswith("compiling kernel.kernel")
+    assert last.startswith("compiled kernel.kernel in")
+
+
+def test_what_is_kept_on_disk_is_not_compiled_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    _kernel(tmp_path)(3.0)
+    caplog.clear()
+    assert _kernel(tmp_path)(3.0) == 6.0
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(("change", "expected"), [({"factor": 5.0}, 15.0), ({"more": "+ 1.0"}, 7.0)])
+def test_a_change_in_what_a_kernel_calls_compiles_it_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, change: dict[str, Any], expected: float
+) -> None:
+    caplog.set_level(logging.WARNING)
+    _kernel(tmp_path)(3.0)
+    assert _kernel(tmp_path, **change)(3.0) == expected
+    assert sum("compiling" in record.getMessage() for record in caplog.records) == 2
