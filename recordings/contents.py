@@ -15,7 +15,7 @@ from recordings import topics
 from recordings.chunks import Damage, read_entries
 from recordings.manifest import Manifest, Outcome
 from recordings.reader import is_ours, read, survey_file
-from recordings.samples import Loss, Samples, Stream
+from recordings.samples import Event, Loss, Samples, Stream
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class Contents:
     gaps      all samples that are not in the file, in the order of their discovery. Beside the causes of the ledger:
               "file_damage" (the file has lost messages), "unexplained" (the sample numbers jump and no Loss says why)
               and "numbers_went_back" (the device began to count anew; how many are missing is not known, so 0)
+    events    all that the devices, the station and the operator had to say, in file order
     missing   damage to the file and messages that it has lost, in sentences
     """
 
@@ -64,7 +65,12 @@ class Contents:
     topics: dict[str, TopicContents]
     streams: dict[str, StreamContents]
     gaps: tuple[Loss, ...]
+    events: tuple[Event, ...]
     missing: tuple[str, ...]
+
+    def lost(self, stream: str) -> int:
+        """Samples of a stream that are not in the file, as far as their number is known."""
+        return sum(gap.count for gap in self.gaps if gap.stream == stream)
 
     @property
     def complete(self) -> bool:
@@ -72,7 +78,7 @@ class Contents:
         return not self.missing
 
     def to_json(self) -> str:
-        """One JSON object with the keys topics, streams, gaps, complete, missing, manifest, outcome, file."""
+        """One JSON object with the keys topics, streams, gaps, events, complete, missing, manifest, outcome, file."""
         plain: dict[str, Any] = asdict(self)
         plain["file"] = str(plain.pop("path"))
         plain["complete"] = self.complete
@@ -85,6 +91,7 @@ def contents_of(path: Path) -> Contents:
     found: dict[str, TopicContents] = {}
     tallies = {stream.name: _Tally(stream) for stream in survey.streams}
     losses: list[Loss] = []
+    events: list[Event] = []
     for entry in read_entries(path):
         if isinstance(entry, Damage) or not is_ours(entry):
             continue
@@ -98,6 +105,8 @@ def contents_of(path: Path) -> Contents:
                 tallies.setdefault(block.stream, _undescribed(block.stream)).add(block, entry.sequence)
             case Loss() as loss:
                 losses.append(loss)
+            case Event() as event:
+                events.append(event)
     return Contents(
         path=path,
         manifest=survey.manifest,
@@ -105,6 +114,7 @@ def contents_of(path: Path) -> Contents:
         topics={topic: found[topic] for topic in topics.SCHEMA_OF_TOPIC if topic in found},
         streams={name: tally.contents() for name, tally in tallies.items()},
         gaps=_explained([gap for tally in tallies.values() for gap in tally.gaps], losses),
+        events=tuple(events),
         missing=survey.missing,
     )
 

@@ -44,6 +44,10 @@ def _print_tables(contents: Contents, console: Console) -> None:
     console.print(words, highlight=False)
     console.print(_topics_table(contents))
     console.print(_streams_table(contents))
+    began_ns = contents.events[0].host_time_ns if contents.events else 0
+    for event in contents.events:
+        words = f"{(event.host_time_ns - began_ns) * 1e-9:8.2f} s  {event.text}"
+        console.print(words, highlight=False, markup=False, soft_wrap=True)
     for gap in contents.gaps:
         console.print(f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}", style="red")
     for sentence in contents.missing:
@@ -58,12 +62,13 @@ def _topics_table(contents: Contents) -> Table:
 
 
 def _streams_table(contents: Contents) -> Table:
-    table = Table("stream", "samples", "rate", "nominal", "unit", "worst occluded")
+    table = Table("stream", "samples", "lost", "rate", "nominal", "unit", "worst occluded")
     for name, stream in contents.streams.items():
         worst = max(stream.occluded.items(), key=lambda pair: pair[1], default=None)
         table.add_row(
             name,
             str(stream.samples),
+            str(contents.lost(name)),
             "-" if stream.rate_hz is None else f"{stream.rate_hz:.2f}",
             f"{stream.nominal_rate_hz:g}",
             stream.unit,

@@ -96,6 +96,7 @@ class TrialSession:
         self._edge_wall_s = 0.0
         self._fell: tuple[float, Edge] | None = None  # wall time and edge
         self._capture_started_wall_s: float | None = None
+        self._has_capture_ended = False
         self._closing_host_ns, self._closing_wall_s, self._closing_ok = 0, 0.0, True
 
     @property
@@ -129,7 +130,7 @@ class TrialSession:
 
     def handle(self, item: Item) -> None:
         """Takes one item from a device, in the order of arrival."""
-        if self.state not in (State.ARMED, State.RECORDING, State.CLOSING):
+        if self.state not in (State.ARMED, State.RECORDING, State.CLOSING) or self._is_of_another_capture(item):
             return
         if isinstance(item, Samples) and len(item.device_time_ns):
             self._hearing.hear(item.stream)
@@ -269,6 +270,10 @@ class TrialSession:
         elif event.kind == "numbering_restarted" and self._recorded_wall_s > LATENESS_S:
             self._close("capture_ended", "the mocap system numbers its frames anew: its capture ended", accepted=True)
 
+    def _is_of_another_capture(self, item: Item) -> bool:
+        """Frames that come after our capture's end are a preview's, or the next one's."""
+        return self._has_capture_ended and isinstance(item, Samples | Loss) and item.stream == "/markers"
+
     @property
     def _recorded_wall_s(self) -> float:
         """Wall seconds since the edge; 0 unless the trial is recording."""
@@ -300,6 +305,7 @@ class TrialSession:
 
     def _close(self, kind: str, sentence: str, accepted: bool) -> None:
         self._closing_ok = accepted
+        self._has_capture_ended = kind == "capture_ended"
         self._closing_host_ns, self._closing_wall_s = self._clock.utc_ns(), self._clock.wall_s()
         self._enter(State.CLOSING, sentence)
         self._record(self._event(kind, sentence))

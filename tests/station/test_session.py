@@ -136,6 +136,20 @@ def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
     assert bench.session.sentence == "4 s recorded after the edge"
 
 
+def test_frames_that_come_after_the_capture_s_end_are_another_s_and_are_not_recorded() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.stop_capture()
+    recorded = len(bench.recorder.samples("/markers"))
+    bench.frame = 1
+    bench.send_frames(10)
+    bench.session.handle(Loss("/markers", "skipped", 11, 5, 0, bench.clock.utc_ns()))
+    bench.run(2.0)
+    assert (len(bench.recorder.samples("/markers")), bench.session.lost_samples) == (recorded, 0)
+
+
 def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
     bench = Bench(duration_s=100.0).arm()
     bench.run(1.0)
