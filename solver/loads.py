@@ -53,6 +53,11 @@ def load_wrenches(loads: Sequence[ExternalForce], state: Postures) -> Array:
     return wrenches
 
 
+def data_file(path: Path) -> Path:
+    """The file of columns that an ExternalLoads file names."""
+    return _data_file(_loads(path))
+
+
 def read_external_loads(path: Path, model: Model, time: Array) -> tuple[ExternalForce, ...]:
     """The forces of an ExternalLoads file at times (frames,) [s], those that are switched off left out.
 

@@ -226,16 +226,25 @@ def go_through(
     return Mechanics(kinematics, state, paths, forces, equations, maps)
 
 
-def with_reserves(model: Model, optimal_forces: Mapping[str, float]) -> Model:
-    """The model with an actuator on each of these coordinates, by name, that gives so much [N or N m] at x = 1.
+@dataclass(frozen=True)
+class Reserve:
+    """An actuator that gives optimal_force [N or N m] at x = 1, and keeps x within its limits."""
+
+    optimal_force: float
+    min_control: float = -np.inf
+    max_control: float = np.inf
+
+
+def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
+    """The model with such an actuator on each of these coordinates, by name.
 
     It takes the place of the coordinate's actuator if there is one. Raises ModelError where there is no coordinate.
     """
-    named = {model.coordinate_index(name): force for name, force in optimal_forces.items()}
+    named = {model.coordinate_index(name): reserve for name, reserve in reserves.items()}
     kept = tuple(actuator for actuator in model.actuators if actuator.coordinate not in named)
     added = tuple(
-        CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, force)
-        for coordinate, force in named.items()
+        CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, **vars(reserve))
+        for coordinate, reserve in named.items()
     )
     return replace(model, actuators=kept + added)
 

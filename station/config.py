@@ -165,10 +165,11 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
     try:
         return StationConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(f"{origin}: {_sentence(error)}") from error
+        raise ConfigError(f"{origin}: {fault_in_words(error)}") from error
 
 
-def _sentence(error: ValidationError) -> str:
+def fault_in_words(error: ValidationError) -> str:
+    """The first fault of a file: its key, what was found, what is expected."""
     first, *more = error.errors()
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":

@@ -1,4 +1,4 @@
-"""From cuffs to muscles: rmr, assess, optimise."""
+"""From cuffs to muscles: rmr, assess, optimise, sweep."""
 
 from __future__ import annotations
 
@@ -13,32 +13,46 @@ from station.verbs.options import Condition, Freedom, say
 
 def rmr(
     motion: Annotated[Path, typer.Option(help="Coordinates over time: .mot, .sto, or .csv in radians and metres.")],
-    output: Annotated[Path, typer.Option(help="Activations: time and one column per muscle; .csv or .sto.")],
+    output: Annotated[Path, typer.Option(help="Activations, forces, reserves, joint reaction: .csv, .sto, .parquet.")],
     model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    external_loads: Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads: .xml, names its data.")] = None,
+    effort: Annotated[Path | None, typer.Option(help="Weights, and reserves of your own: .toml.")] = None,
     no_glenoid: Annotated[bool, typer.Option(help="Without keeping the joint reaction inside the glenoid.")] = False,
+    glenoid_aspect: Annotated[float, typer.Option(min=0.1, max=10.0, help="Its width across, over along.")] = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
     cutoff_hz: Annotated[float, typer.Option(min=0.01, help="Low-pass filter of the motion.")] = 3.0,
     start: Annotated[float | None, typer.Option("--from", help="First second that is solved.")] = None,
     end: Annotated[float | None, typer.Option("--to", help="Last second that is solved.")] = None,
     every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="Draw it: one .png, or a folder for its parts.")] = None,
 ) -> None:
     """Solve the muscle-redundancy problem of a motion: which muscles do the work."""
     from rich.console import Console
 
     from solver.redundancy import RedundancyOptions
     from station.progress import progress_bars
-    from station.rmr import MotionCut, solve_muscles
+    from station.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
+    from station.rmr_table import ensure_writable, write_solved
 
+    ensure_writable(output)
+    if plot is not None and plot.suffix not in ("", ".png"):
+        raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
-    options = RedundancyOptions(has_glenoid_cone=not no_glenoid, free_coordinates=free)
+    options = RedundancyOptions(has_glenoid_cone=not no_glenoid, free_coordinates=free, glenoid_aspect=glenoid_aspect)
+    inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz, start, end, every)
     with progress_bars(Console(stderr=True)) as progress:
-        solution = solve_muscles(model, motion, output, MotionCut(cutoff_hz, start, end, every), options, progress)
-    say(f"Butterworth low-pass at {cutoff_hz:g} Hz, order 4, forwards and backwards")
-    for outcome in sorted({each.value for each in solution.outcomes if each.name != "SOLVED"}):
-        frames = sum(each.value == outcome for each in solution.outcomes)
-        say(f"{frames} of {len(solution.outcomes)} frames: {outcome}")
+        solved = solve_muscles(inputs, cut, options, progress)
+    say(f"filter: {solved.notes['filter']}")
+    for sentence in unsolved_in_words(solved.solution):
+        say(sentence)
+    write_solved(output, solved)
     print(output)
-    raise typer.Exit(LOSSY if solution.unsolved else DONE)
+    if plot is not None:
+        from station.rmr_figures import draw_solved
+
+        draw_solved(plot, solved)
+        print(plot)
+    raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
 
 
 def assess(
@@ -104,3 +118,31 @@ def optimise(
     Console().print(optimum_table(optimised))
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
         say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")
+
+
+def sweep(
+    plan: Annotated[Path, typer.Argument(help="What is varied, in TOML; docs/sweep.md has an example.")],
+    output: Annotated[Path, typer.Option(help="Folder for sweep.parquet; what it holds of the plan is kept.")],
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, tcp://…; default: this machine.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, where no scheduler is given.")] = 2,
+) -> None:
+    """Wear many suits in many cases, resumed where it was ended, into one table."""
+    from functools import partial
+
+    from rich.console import Console
+
+    from station.progress import progress_bars
+    from station.sweep.cluster import connected, solve_on
+    from station.sweep.plan import read_plan
+    from station.sweep.run import run_sweep
+
+    read = read_plan(plan)
+    with progress_bars(Console(stderr=True)) as progress, connected(scheduler, workers) as client:
+        swept = run_sweep(read, output, partial(solve_on, client), progress)
+    say(f"{swept.cases} cases, {swept.found_finished} of them finished before")
+    if swept.failed:
+        say(f"{swept.failed} cases failed; the column error says why")
+    if swept.unsolved:
+        say(f"{swept.unsolved} cases have frames that stayed unsolved; the column unsolved counts them")
+    print(swept.table)
+    raise typer.Exit(LOSSY if swept.failed or swept.unsolved else DONE)

@@ -16,6 +16,7 @@ from solver.redundancy import (
     LoadResponse,
     RedundancyOptions,
     RedundancyProblem,
+    Reserve,
     build_redundancy,
     go_through,
     solve_motion,
@@ -168,7 +169,7 @@ def test_a_weight_of_nobody_or_below_zero_is_refused():
 
 
 def test_a_stronger_reserve_takes_the_place_of_the_coordinates_own():
-    stronger = with_reserves(MODEL, {"plane_elv": 20.0})
+    stronger = with_reserves(MODEL, {"plane_elv": Reserve(20.0)})
     assert len(stronger.actuators) == len(MODEL.actuators)
     usual, eased = solve_motion(MODEL, SLOW), solve_motion(stronger, SLOW)
     own = [actuator.coordinate for actuator in MODEL.actuators].index(MODEL.coordinate_index("plane_elv"))
