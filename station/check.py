@@ -71,19 +71,23 @@ def check_bench(
     config: StationConfig, folder: Path, console: Console | None = None, make_devices: MakeDevices = devices_for
 ) -> int:
     """Prints the table, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
-    clock = RealClock()
-    answers, names = _listen(config, clock, make_devices)
-    lines = [
-        *_device_lines(answers, names),
-        *_sync_line(answers, config),
-        *_label_lines(answers, config),
-        _disk_line(folder, bytes_needed(answers.streams.values(), config, folder, None)),
-    ]
+    lines = look_at_bench(config, folder, make_devices)
     table = Table("", "what", "found")
     for line in lines:
         table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
     (console or Console()).print(table)
     return 0 if all(line.is_good for line in lines) else 1
+
+
+def look_at_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[Line]:
+    """Opens the devices, listens for some seconds and says what is as it should be and what is not."""
+    answers, names = _listen(config, RealClock(), make_devices)
+    return [
+        *_device_lines(answers, names),
+        *_sync_line(answers, config),
+        *_label_lines(answers, config),
+        _disk_line(folder, bytes_needed(answers.streams.values(), config, folder, None)),
+    ]
 
 
 def _listen(config: StationConfig, clock: Clock, make_devices: MakeDevices) -> tuple[Answers, list[str]]:

@@ -18,8 +18,8 @@ from station.verbs.options import say
 ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
 
 app = typer.Typer(
-    help="From the cuff on the bench to the muscles under the suit, left to right: simulate, check, record, info, "
-    "recover, fit, rmr, assess, optimise, report. `demo` walks the whole way on simulated devices.",
+    help="From the cuff on the bench to the muscles under the suit, left to right: simulate, check, record, serve, info, "
+    "recover, fit, rmr, assess, optimise, sweep, report. `demo` walks the whole way on simulated devices.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -30,15 +30,18 @@ for verb in (
     bench.simulate,
     bench.check,
     bench.record,
+    whole.serve,
     files.info,
     files.recover,
+    files.import_,
     cuffs.fit,
     muscles.rmr,
     muscles.assess,
     muscles.optimise,
+    muscles.sweep,
     whole.report,
 ):
-    app.command()(verb)
+    app.command(verb.__name__.rstrip("_"))(verb)
 
 
 def main() -> NoReturn:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from recordings.manifest import CuffSite, LoadCell
+from recordings.manifest import BounceRig, CuffSite, LoadCell
 from station.exit_code import WRONG_USAGE
 
 STANDARD_GRAVITY = 9.80665
@@ -61,6 +61,8 @@ class LoadCellSection(_Section):
 class Sync(_Section):
     threshold_v: float = 2.5
     timeout_s: Positive = 60.0
+    lag_s: float = 0.0  # a force sample stamped t was taken at t + lag_s by the markers' clock
+    lag_sd_s: float = Field(default=0.0005, ge=0)  # its standard uncertainty, where no bounce trial measures it
 
 
 class Mocap(_Section):
@@ -88,11 +90,53 @@ class Cuff(_Section):
         return labels
 
 
-class Protocol(_Section):
-    """The published plan: static, dynamic, a pause, three times over, each cuff donned once."""
+class Bounce(_Section):
+    """The weight on a steel spring that calibrates the load cell, and the marker on the weight."""
 
+    mass_kg: Positive
+    marker: str = Field(min_length=1)
+    spring_mass_kg: float = Field(default=0.0, ge=0)
+    mass_relative_sd: float = Field(default=0.0005, ge=0)
+
+
+class Protocol(_Section):
+    """The published plan: static, dynamic, a pause, three times over, each cuff donned once.
+
+    step_masses_kg are the weights of a static test in the order they are hung on; the fit checks every step against it.
+    """
+
+    step_masses_kg: tuple[Positive, ...] = ()
     repeats: int = Field(default=3, ge=1)
     pause_s: float = Field(default=60.0, ge=0)
+
+
+class Safety(_Section):
+    """What the console stops at, loudly: newtons at the cuff, and newtons a second."""
+
+    force_ceiling_n: Positive = 150.0
+    force_rate_ceiling_n_per_s: Positive = 500.0
+
+
+class Session(_Section):
+    """What the console records into: a folder for each subject and session, and the names of the files in it."""
+
+    folder: Path = Path("sessions")
+    file_name: str = "sub-{subject}_ses-{session}_task-{test}_acq-{cuff}_run-{run}"
+
+    @field_validator("file_name")
+    @classmethod
+    def _names_are_told_apart(cls, template: str) -> str:
+        known = {"subject": "s", "session": "1", "test": "static", "cuff": "c", "run": 1}
+        try:
+            named = template.format(**known)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            raise ValueError(f"{template!r} holds {error}; the fields are {', '.join(known)}, in braces") from error
+        needed = [field for field in ("test", "cuff", "run") if "{" + field + "}" not in template]
+        if needed or Path(named).name != named:
+            raise ValueError(
+                f"{template!r} must hold {{test}}, {{cuff}}, {{run}} and no folder: no two trials may share a name"
+            )
+        return template
 
 
 class StationConfig(_Section):
@@ -102,6 +146,9 @@ class StationConfig(_Section):
     mocap: Mocap = Mocap()
     cuffs: dict[str, Cuff] = Field(default_factory=dict)
     protocol: Protocol = Protocol()
+    bounce: Bounce | None = None
+    safety: Safety = Safety()
+    session: Session = Session()
     simulation: dict[str, Any] = Field(default_factory=dict)  # checked by the simulators, who own its meaning
 
     @model_validator(mode="before")
@@ -137,6 +184,17 @@ class StationConfig(_Section):
             )
         cuff = self.cuffs[name]
         return CuffSite(name, cuff.site, cuff.anchor_markers, cuff.cuff_markers, cuff.rope_markers)
+
+    def subject(self, cuff: str | None) -> CuffSite | BounceRig:
+        """What a trial is of: a cuff, or without one the bouncing weight. Raises ConfigError if it has no section."""
+        if cuff is not None:
+            return self.cuff_site(cuff)
+        if self.bounce is None:
+            raise ConfigError(
+                "the configuration has no [bounce], expected the weight's mass_kg and the marker on it; add the "
+                "section to record a bounce trial"
+            )
+        return BounceRig(**self.bounce.model_dump())
 
     def calibration(self) -> LoadCell:
         """How the recorded force becomes newtons."""

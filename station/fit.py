@@ -7,7 +7,10 @@ from pathlib import Path
 
 from fitting.result import SessionFit
 from fitting.session import fit_session
-from fitting.trial import read_trials
+from fitting.trial import RejectedTrial, read_trials
+from recordings.errors import RecordingError
+from recordings.reader import open_recording
+from station.journal import read_journal
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
@@ -30,7 +33,10 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
     paths = recordings_in(folder)
     if not paths:
         raise SessionError(f"{folder} holds no recording (*.mcap); record a trial into it first")
-    trials, rejected = read_trials(_counted(paths, "reading trials", progress))
+    redone = read_journal(folder).redone
+    counting = [path for path in paths if path.name not in redone]
+    trials, rejected = read_trials(_counted(counting, "reading trials", progress))
+    rejected += tuple(_set_aside(path, redone[path.name]) for path in paths if path.name in redone)
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
@@ -40,6 +46,15 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
     if output is not None:
         write_whole(output, fitted.to_json())
     return fitted
+
+
+def _set_aside(path: Path, reason: str) -> RejectedTrial:
+    """A recording that the operator redid. Its cuff was loaded all the same, and may have migrated in it."""
+    try:
+        manifest = open_recording(path).manifest
+    except RecordingError:
+        manifest = None
+    return RejectedTrial(path.name, f"set aside by the operator: {reason}", manifest)
 
 
 def _counted(paths: Sequence[Path], what: str, progress: Progress) -> Iterator[Path]:

@@ -66,6 +66,7 @@ class Journal:
     recorded: tuple[Recorded, ...] = ()
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     marks: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+    donnings: Mapping[str, int] = field(default_factory=dict)  # cuff → how often it was donned anew
 
     @property
     def redone(self) -> dict[str, str]:
@@ -115,6 +116,11 @@ def write_mark(folder: Path, file: str, number: int, name: str) -> None:
     _append(folder, "mark", file=file, number=number, name=name.strip())
 
 
+def write_donned(folder: Path, cuff: str) -> None:
+    """The cuff was taken off and donned anew: what was measured before belongs to another donning."""
+    _append(folder, "donned", cuff=cuff)
+
+
 def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     """The journal and one line more."""
     kind = entry.pop("kind")
@@ -129,6 +135,9 @@ def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     if kind == "mark":
         named = {**journal.marks.get(entry["file"], {}), int(entry["number"]): str(entry["name"])}
         return replace(journal, marks={**journal.marks, entry["file"]: named})
+    if kind == "donned":
+        cuff = str(entry["cuff"])
+        return replace(journal, donnings={**journal.donnings, cuff: journal.donnings.get(cuff, 0) + 1})
     raise ValueError(kind)
 
 

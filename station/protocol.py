@@ -8,20 +8,26 @@ from pathlib import Path
 
 from recordings.manifest import TestKind
 
-TESTS: tuple[TestKind, ...] = ("static", "dynamic")
+CUFF_TESTS: tuple[TestKind, ...] = ("static", "dynamic")
 
 
 @dataclass(frozen=True)
 class TrialSpec:
-    """One trial of the plan: this cuff, this test, for the n-th time (from 1), in one donning of the cuff."""
+    """One trial of the plan: this cuff, this test, for the n-th time (from 1), in one donning of the cuff.
 
-    cuff: str
+    cuff is None for a bounce: the weight then hangs from the load cell, and nobody wears anything.
+    name is the template of the file's name; where there is no cuff its part is left out.
+    """
+
+    cuff: str | None
     test: TestKind
     repeat: int
     donning: str = "1"
+    name: str = "cuff-{cuff}_test-{test}_run-{run}"
 
     def file_name(self, run: int) -> str:
-        return f"cuff-{self.cuff}_test-{self.test}_run-{run}.mcap"
+        parts = [part for part in self.name.split("_") if self.cuff is not None or "{cuff}" not in part]
+        return "_".join(parts).format(cuff=self.cuff, test=self.test, run=run) + ".mcap"
 
     def next_free_run(self, session: Path) -> int:
         """The repeat's own number, or the next that no file has: nothing is overwritten.
@@ -34,9 +40,11 @@ class TrialSpec:
         return run
 
 
-def published_plan(cuffs: Iterable[str], repeats: int) -> Iterator[TrialSpec]:
-    """Static, dynamic, `repeats` times over, cuff after cuff, each donned once."""
+def published_plan(cuffs: Iterable[str], repeats: int, *, has_bounce: bool = False) -> Iterator[TrialSpec]:
+    """Static, dynamic, `repeats` times over, cuff after cuff, each donned once; before all of it, one bounce."""
+    if has_bounce:
+        yield TrialSpec(None, "bounce", 1)
     for cuff in cuffs:
         for repeat in range(1, repeats + 1):
-            for test in TESTS:
+            for test in CUFF_TESTS:
                 yield TrialSpec(cuff, test, repeat)

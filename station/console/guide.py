@@ -176,6 +176,40 @@ class StaticGuide:
         return f"take weight {off} off: {max(target, 0.0):.0f} N, hold {self._hold_s:g} s"
 
 
+class FreeStaticGuide:
+    """Weights whose masses nobody has told: counts the levels that were held."""
+
+    def __init__(self, hold_s: float) -> None:
+        self._hold_s = hold_s
+        self._force = RecentForce(WINDOW_S)
+        self._levels: list[float] = []
+        self._held_since: float | None = None
+        self._now = 0.0
+
+    def take(self, points: Iterable[tuple[float, float]]) -> None:
+        for time, force in points:
+            self._now = time
+            self._force.add(time, force)
+            if self._force.rest() is not Rest.STEADY:
+                self._held_since = None
+            elif self._held_since is None:
+                self._held_since = time
+            elif time - self._held_since >= self._hold_s and self._is_new():
+                self._levels.append(self._force.mean)
+
+    def cue(self) -> Cue:
+        rest, held = self._force.rest(), len(self._levels)
+        if self._held_since is not None and self._is_new():
+            left = max(0.0, self._hold_s - (self._now - self._held_since))
+            return Cue(f"hold it at {self._force.mean:.0f} N", rest, held, held, left)
+        counted = f"{held} level{'' if held == 1 else 's'} held: " if held else ""
+        return Cue(f"{counted}add a weight or take one off, and hold it for {self._hold_s:g} s", rest, held, held)
+
+    def _is_new(self) -> bool:
+        """Whether the level is another than the one held last."""
+        return not self._levels or abs(self._force.mean - self._levels[-1]) > LEVEL_N
+
+
 class SwingGuide:
     """A weight on a spring that swings for some time, for the dynamic test and for the bounce calibration."""
 

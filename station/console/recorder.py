@@ -43,7 +43,7 @@ def main() -> int:
 
 def _record(config: StationConfig, folder: Path, spec: TrialSpec, speed: float) -> tuple[Recorded, list[str]]:
     clock = RealClock(speed)
-    site = config.cuff_site(spec.cuff)
+    site = None if spec.cuff is None else config.cuff_site(spec.cuff)
     with Telemetry(sys.stdout, site, config.calibration()) as telemetry:
         daemon = Daemon(config, clock, [telemetry])
         threading.Thread(target=_obey, args=(daemon,), name="wishes", daemon=True).start()

@@ -7,6 +7,7 @@ the view falls behind and drops; the recorder does not notice.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TextIO
@@ -24,8 +25,8 @@ from station.session import Snapshot, State
 REFRESH_S = 0.05
 RATE_REFRESHES = 60
 BACKLOG = 2000
-POINTS_A_BLOCK = 4
-"""Of each curve: ten blocks a second make a smooth line of it."""
+POINT_S = 0.025
+"""Station seconds between two points of a curve."""
 
 
 @dataclass
@@ -126,7 +127,8 @@ class Telemetry(BackgroundView):
 
 
 def _thinned(times: NDArray[np.float64], values: NDArray[np.floating]) -> list[tuple[float, float]]:
-    """At most a few points of a block, evenly spread, its last among them; what is NaN is left out."""
-    chosen = np.unique(np.linspace(0, len(times) - 1, min(len(times), POINTS_A_BLOCK)).round().astype(int))
+    """Some points of a block, evenly spread; what is NaN is left out."""
+    count = min(len(times), 1 + math.ceil((times[-1] - times[0]) / POINT_S))
+    chosen = np.unique(np.linspace(0, len(times) - 1, count).round().astype(int))
     points = [(round(float(times[i]), 4), round(float(values[i]), 4)) for i in chosen]
     return [point for point in points if np.isfinite(point[1])]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.verbs.options import Seed, Speed
+from station.verbs.options import ConfigPath, Seed, Speed
 
 
 def demo(
@@ -19,6 +19,29 @@ def demo(
     from station.demo import run_demo
 
     raise typer.Exit(run_demo(output, speed, seed))
+
+
+def serve(
+    config: ConfigPath = Path("station.toml"),
+    host: Annotated[str, typer.Option(help="Beyond this machine only by name: then a token is needed.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535)] = 8421,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    simulated: Annotated[bool, typer.Option(help="On simulated devices, to practise or to rehearse on.")] = False,
+    speed: Speed = 1.0,
+    seed: Seed = 1,
+) -> None:
+    """The operator's console: a page that leads through a session, live to the verdict. Prints its address."""
+    from station.config import load_config
+    from station.console.server import serve as serve_console
+
+    serve_console(
+        load_config(config),
+        host=host,
+        port=port,
+        is_opened=open_page,
+        simulated_speed=speed if simulated else None,
+        seed=seed,
+    )
 
 
 def report(

@@ -12,6 +12,7 @@ from station.journal import (
     Setup,
     Verdict,
     read_journal,
+    write_donned,
     write_mark,
     write_recorded,
     write_setup,
@@ -31,12 +32,14 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     write_recorded(tmp_path, TRIAL)
     write_verdict(tmp_path, "a.mcap", "redo", " the cuff slipped ")
     write_mark(tmp_path, "a.mcap", 2, "coughed")
+    write_donned(tmp_path, "hand")
     journal = read_journal(tmp_path)
     assert journal.setup == SETUP
     assert journal.recorded == (TRIAL,)
     assert journal.verdicts == {"a.mcap": Verdict("redo", "the cuff slipped")}
     assert journal.redone == {"a.mcap": "the cuff slipped"}
     assert journal.marks == {"a.mcap": {2: "coughed"}}
+    assert journal.donnings == {"hand": 1}
 
 
 def test_the_later_verdict_counts_and_the_earlier_stays_in_the_file(tmp_path: Path) -> None:

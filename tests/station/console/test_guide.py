@@ -5,16 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from station.console.guide import Ceilings, Cue, Rest, StaticGuide, SwingGuide
+from station.console.guide import Ceilings, Cue, FreeStaticGuide, Guide, Rest, StaticGuide, SwingGuide
 
 RNG = np.random.default_rng(7)
 MASSES = (1.5, 1.5, 1.5)
 WEIGHT_N = 1.5 * 9.80665
 
 
-def told(
-    guide: StaticGuide | SwingGuide, until_s: float, force: Callable[[float], float], start_s: float = 0.0
-) -> list[Cue]:
+def told(guide: Guide, until_s: float, force: Callable[[float], float], start_s: float = 0.0) -> list[Cue]:
     """The cue after every 0.1 s of a force with some noise, 40 points a second."""
     cues = []
     for block in np.arange(start_s, until_s, 0.1):
@@ -72,9 +70,17 @@ def test_a_wrong_weight_is_named_with_what_was_expected() -> None:
     guide = StaticGuide(MASSES, 4.0)
     cues = told(guide, 16.0, steps_of([0.0, 0.6 * WEIGHT_N], 8.0))
     assert cues[-1].sentence == (
-        "the force rests at 10.8 N, expected 16.7 N: is it the right weight, and does the rope run free over the pulley?"
+        "the force rests at 10.8 N, expected 16.7 N: "
+        "is it the right weight, and does the rope run free over the pulley?"
     )
     assert cues[-1].step == 1
+
+
+def test_weights_of_unknown_mass_are_counted_level_by_level() -> None:
+    cues = told(FreeStaticGuide(4.0), 24.0, steps_of([0.0, WEIGHT_N, 0.0], 8.0))
+    orders = list(dict.fromkeys(cue.sentence for cue in cues))
+    assert "hold it at 17 N" in orders
+    assert cues[-1].sentence == "3 levels held: add a weight or take one off, and hold it for 4 s"
 
 
 def test_a_swing_is_counted_and_brought_to_rest() -> None:

@@ -1,0 +1,332 @@
+"""The desk: one session and at most one running trial, which every open page shows and any of them may steer.
+
+All of it runs in the event loop's thread. What takes long (recording, fitting) is done by other processes, so that no
+page can slow the recorder and no fit a page.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import re
+import shutil
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from station.check import Line, look_at_bench
+from station.config import StationConfig
+from station.console.adoption import adopt_recordings
+from station.console.agenda import Agenda, agenda
+from station.console.guide import Ceilings, Cue, FreeStaticGuide, Guide, StaticGuide, SwingGuide
+from station.console.judgement import Judgement, be_ready, judge_recording
+from station.console.summary import Summary, SummaryError, summarise
+from station.console.trial_process import TrialProcess
+from station.journal import (
+    JOURNAL_FILE,
+    Choice,
+    Journal,
+    JournalError,
+    Setup,
+    read_journal,
+    write_donned,
+    write_mark,
+    write_setup,
+    write_verdict,
+)
+from station.protocol import TrialSpec
+from station.simulation import SimulatedBench
+
+SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
+NAME = re.compile(r"[A-Z]?[a-z]{3,}([ ,.-]*[A-Z]?[a-z]*)*")
+KEPT_POINTS = 1600
+"""Of each live curve: half a minute."""
+HOLD_S, SWING_S = 8.0, 25.0
+"""How long a load is held, and a spring swung, in the published protocol as far as it is told."""
+
+
+def looks_like_a_name(subject: str) -> bool:
+    """Letters only, as in Maria or smith; a code has a digit in it."""
+    return NAME.fullmatch(subject.strip()) is not None
+
+
+class DeskRefusal(Exception):
+    """The desk cannot do that now; one sentence."""
+
+
+@dataclass
+class Live:
+    """What the running trial has shown so far."""
+
+    spec: TrialSpec
+    guide: Guide
+    latest: dict[str, Any] = field(default_factory=lambda: {"state": "idle", "sentence": "opening the devices"})
+    force: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    words: deque[str] = field(default_factory=lambda: deque(maxlen=8))
+    alarm: str | None = None
+
+    @property
+    def cue(self) -> Cue:
+        return self.guide.cue()
+
+    def take(self, said: dict[str, Any], ceilings: Ceilings) -> None:
+        """One line of telemetry."""
+        self.latest = said
+        force = [(t, n) for t, n in said["force"]]
+        self.force.extend(force)
+        self.displacement.extend((t, d) for t, d in said["displacement"])
+        self.words.extend(said["words"])
+        self.alarm = self.alarm or ceilings.broken_by(list(self.force)[-8 - len(force) :])
+        if said["state"] == "recording":
+            self.guide.take(force)
+
+
+class Desk:
+    """Raises DeskRefusal, JournalError, SimulationError: each one sentence, for the page that asked."""
+
+    def __init__(self, config: StationConfig, speed: float = 1.0, bench: SimulatedBench | None = None) -> None:
+        self.config, self.speed, self._bench = config, speed, bench
+        self.folder: Path | None = None
+        self.is_rehearsal = False
+        self.live: Live | None = None
+        self.last_live: Live | None = None
+        self.judgement: Judgement | None = None
+        self.summary: Summary | None = None
+        self.message = self.progress = ""
+        self.is_judging = False
+        self._decided_s = -math.inf
+        self._read: tuple[tuple[int, int], Journal] | None = None
+        self._trial: TrialProcess | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._worker = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+        self._ceilings = Ceilings(config.safety.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s)
+        self._prepared: TrialSpec | None = None
+
+    # -- the session ---------------------------------------------------------------------------------------------
+
+    @property
+    def journal(self) -> Journal:
+        """As it is on the disk now: the recorder writes into it too."""
+        if self.folder is None:
+            return Journal()
+        try:
+            seen = (self.folder / JOURNAL_FILE).stat()
+        except FileNotFoundError:
+            return Journal()
+        stamp = seen.st_mtime_ns, seen.st_size
+        if self._read is None or self._read[0] != stamp:
+            self._read = stamp, read_journal(self.folder)
+        return self._read[1]
+
+    @property
+    def agenda(self) -> Agenda | None:
+        journal = self.journal
+        if self.folder is None or journal.setup is None:
+            return None
+        return agenda(journal.setup, journal, self.folder)
+
+    def folder_of(self, setup: Setup) -> Path:
+        return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
+
+    def begin(self, setup: Setup, *, is_rehearsal: bool = False) -> None:
+        """Opens a session; one that is in its folder already goes on where it was."""
+        self._refuse_while_running()
+        if not SUBJECT.fullmatch(setup.subject):
+            raise DeskRefusal(
+                f"the subject is {setup.subject!r}, expected a code of letters and digits, like P01: it becomes part "
+                "of file names"
+            )
+        unknown = [cuff for cuff in setup.cuffs if cuff not in self.config.cuffs]
+        if unknown or not setup.cuffs:
+            raise DeskRefusal(
+                f"no cuff {', '.join(unknown) or 'is chosen'}; the configuration has {', '.join(self.config.cuffs)}"
+            )
+        folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else self.folder_of(setup)
+        before = read_journal(folder).setup
+        if before is not None and (before.cuffs, before.repeats) != (setup.cuffs, setup.repeats):
+            raise DeskRefusal(
+                f"session {setup.number} of {setup.subject} was planned with {before.repeats} repeats of "
+                f"{', '.join(before.cuffs)}; resume it as it is or give this one another session number"
+            )
+        if before is None:
+            write_setup(folder, setup)
+        self.folder, self.is_rehearsal, self.judgement, self.summary = folder, is_rehearsal, None, None
+        self.message, self._read = "", None
+
+    def leave(self) -> None:
+        """Closes the session; nothing is kept of a rehearsal."""
+        self._refuse_while_running()
+        if self.is_rehearsal and self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
+
+    def sessions(self) -> list[tuple[Setup, Path]]:
+        """Those that are there to go on with, the last one first."""
+        found = []
+        for path in self.config.session.folder.glob(f"*/{JOURNAL_FILE}"):
+            try:
+                setup = read_journal(path.parent).setup
+            except JournalError:
+                continue
+            if setup is not None:
+                found.append((path.stat().st_mtime, setup, path.parent))
+        return [(setup, folder) for _, setup, folder in sorted(found, key=lambda each: -each[0])]
+
+    async def preflight(self) -> list[Line]:
+        """What answers at the bench, and what does not."""
+        self._refuse_while_running()
+        lines: list[Line] = await self.in_worker(look_at_bench, self.config, self.config.session.folder)
+        return lines
+
+    async def finish(self) -> None:
+        """Fit, assessment and report of the session; a minute or two."""
+        if self.folder is None or self.progress:
+            raise DeskRefusal("it is being done already" if self.progress else "no session is open")
+        self.progress = "fitting, assessing and writing the report: a minute or two"
+        try:
+            self.summary = await self.in_worker(summarise, self.folder)
+        except SummaryError as error:
+            self.message = str(error)
+        finally:
+            self.progress = ""
+
+    @property
+    def rest_left_s(self) -> float:
+        """Wall seconds that the wearer should still rest, of the protocol's pause."""
+        return self.config.protocol.pause_s / self.speed - (time.monotonic() - self._decided_s)
+
+    # -- the trial -----------------------------------------------------------------------------------------------
+
+    async def arm(self) -> None:
+        """Starts the recorder for the next trial of the plan."""
+        self._refuse_while_running()
+        plan = self.agenda
+        if plan is None or self.folder is None:
+            raise DeskRefusal("no session is open; set one up first")
+        if plan.undecided is not None:
+            raise DeskRefusal(f"{plan.undecided.file} waits for accept or redo; decide that first")
+        if plan.spec is None:
+            raise DeskRefusal("every trial of the plan is accepted; the session is complete")
+        spec = replace(plan.spec, name=self._name())
+        self.message, self.judgement = "", None
+        self.live = Live(spec, self._guide(spec))
+        try:
+            await asyncio.to_thread(self._prepare, plan)
+            self._trial = await TrialProcess.start(self.config, self.folder, spec, self.speed)
+        except BaseException:
+            self.live = None
+            raise
+        self._spawn(self._follow(self._trial))
+
+    async def stop(self) -> None:
+        """Once: the trial ends cleanly; twice: at once. While it is armed this cancels it."""
+        if self._trial is None:
+            raise DeskRefusal("no trial is running")
+        await self._trial.stop()
+
+    async def mark(self) -> None:
+        if self._trial is None:
+            raise DeskRefusal("no trial is running: there is nothing to mark")
+        await self._trial.mark()
+
+    def silence(self) -> None:
+        """Takes note of an alarm; it comes back if its cause does."""
+        if self.live is not None:
+            self.live.alarm = None
+
+    # -- the verdict ---------------------------------------------------------------------------------------------
+
+    def decide(self, choice: Choice, reason: str, *, is_donned_anew: bool = False) -> None:
+        """What counts of the recording that waits. A cuff that is donned anew starts its repeats anew."""
+        plan = self.agenda
+        if plan is None or self.folder is None or plan.undecided is None:
+            raise DeskRefusal("no recording waits for a decision")
+        write_verdict(self.folder, plan.undecided.file, choice, reason)
+        if is_donned_anew and plan.undecided.cuff is not None:
+            write_donned(self.folder, plan.undecided.cuff)
+        self.judgement, self._decided_s = None, time.monotonic()
+
+    def name_mark(self, number: int, name: str) -> None:
+        plan = self.agenda
+        if plan is None or self.folder is None or plan.undecided is None:
+            raise DeskRefusal("no recording is looked at; marks are named before it is accepted or redone")
+        write_mark(self.folder, plan.undecided.file, number, name)
+
+    async def warm_up(self) -> None:
+        """Lets the worker import what a fit needs before the first trial waits for it."""
+        await self.in_worker(be_ready)
+
+    async def in_worker(self, work: Callable[..., Any], *arguments: Any) -> Any:
+        """Runs a function of a module in the worker process."""
+        return await asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
+
+    def close(self) -> None:
+        """The console ends; a running trial goes on to its end by itself."""
+        for task in self._tasks:
+            task.cancel()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    # -- inside --------------------------------------------------------------------------------------------------
+
+    def _refuse_while_running(self) -> None:
+        if self.live is not None:
+            raise DeskRefusal("a trial is running; stop it or wait for its end")
+
+    def _name(self) -> str:
+        setup = self.journal.setup
+        assert setup is not None  # noqa: S101  (an agenda has one)
+        keep = {"test": "{test}", "cuff": "{cuff}", "run": "{run}"}
+        return self.config.session.file_name.format(subject=setup.subject, session=setup.number, **keep)
+
+    def _guide(self, spec: TrialSpec) -> Guide:
+        if spec.test == "static" and self.config.protocol.step_masses_kg:
+            return StaticGuide(self.config.protocol.step_masses_kg, HOLD_S)
+        if spec.test == "static":
+            return FreeStaticGuide(HOLD_S)
+        return SwingGuide("bounce the weight" if spec.test == "bounce" else "pull the spring", SWING_S)
+
+    def _prepare(self, plan: Agenda) -> None:
+        """Tells simulated devices what a person would do at the bench before this trial."""
+        spec = plan.spec
+        if self._bench is None or spec is None:
+            return
+        if plan.is_new_cuff:
+            self._bench.tell({"don": spec.cuff})
+        elif plan.has_pause and self._prepared != spec:
+            self._bench.tell({"pause_s": self.config.protocol.pause_s})
+        self._prepared = spec
+        self._bench.tell({"trial": {"cuff": spec.cuff, "test": spec.test}})
+
+    async def _follow(self, trial: TrialProcess) -> None:
+        live = self.live
+        assert live is not None  # noqa: S101  (arm() has just made it)
+        await trial.follow(lambda said: live.take(said, self._ceilings))
+        self.last_live, self.live, self._trial = live, None, None
+        said = trial.recorded
+        self.message = trial.refusal or (said.sentence if said else "")
+
+    async def look_after(self) -> None:
+        """What is to be done without anybody's asking, once a second: adopt recordings, judge what waits."""
+        if self.folder is None or self.live is not None or self.is_judging:
+            return
+        self.is_judging = True
+        try:
+            await asyncio.to_thread(adopt_recordings, self.folder)
+            plan = self.agenda
+            waits = plan.undecided.file if plan is not None and plan.undecided is not None else None
+            if waits is not None and (self.judgement is None or self.judgement.file != waits):
+                self.judgement = await self.in_worker(judge_recording, self.folder, waits)
+        finally:
+            self.is_judging = False
+
+    def _spawn(self, work: Any) -> None:
+        task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

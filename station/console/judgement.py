@@ -1,0 +1,180 @@
+"""What a recording says, in one screen: its own figures, those of the session so far, and whether to keep it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.curves import TrialCurves
+from fitting.result import CuffFit, SessionFit, TrialFit
+from fitting.uncertainty import Estimate
+from recordings.errors import RecordingError
+from recordings.reader import open_recording
+from station.fit import SessionError, fit_session_folder
+from station.journal import Choice, JournalError, Recorded, read_journal
+
+SHOWN_POINTS = 400
+DIFFERS_BY = 3.0
+"""Standard errors, combined, from which one repeat is said to differ from the others."""
+SLIPPED_M = 0.025
+"""Migration in one trial that is more than any published cuff has shown in a session (22 mm)."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity in words: of this trial, of the earlier repeats, and of the donning with this trial in it."""
+
+    quantity: str
+    this: str
+    earlier: str
+    so_far: str
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """advice is what the figures speak for, and reasons say why; the operator decides.
+
+    path is (displacement mm, force N) to draw, marks the numbers of the moments that were marked.
+    """
+
+    file: str
+    title: str
+    advice: Choice
+    reasons: tuple[str, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+    path: tuple[tuple[float, float], ...]
+    marks: int
+
+
+QUANTITIES = {
+    "stiffness": ("k", 1.0, "N/m", ".0f"),
+    "damping": ("c", 1.0, "N s/m", ".1f"),
+    "migration": ("migration", 1e3, "mm", ".2f"),
+}
+
+
+def be_ready() -> None:
+    """Importing this module is what takes a worker's time."""
+
+
+def judge_recording(folder: Path, file: str) -> Judgement:
+    """Fits the session with this recording in it. Never raises for what is in the recordings: that is a reason."""
+    try:
+        recorded = {each.file: each for each in read_journal(folder).recorded}.get(file)
+        fitted = fit_session_folder(folder, None)
+    except (SessionError, JournalError, RecordingError) as error:
+        return Judgement(file, file, "redo", (str(error),), (), (), (), _marks_in(folder / file))
+    rejected = [each.reason for each in fitted.rejected if each.file == file]
+    of_trial, of_cuff = _find(fitted, file)
+    if of_trial is None or of_cuff is None:
+        reasons = tuple(rejected) or ("the fit makes no use of this recording",)
+        advice: Choice = "redo" if rejected else "accept"
+        return Judgement(file, _title(recorded, file), advice, reasons, (), (), (), _marks_in(folder / file))
+    others = [
+        each for each in of_cuff.trials if each.test == of_trial.test and each.file != file and each.state == "used"
+    ]
+    reasons = _against(recorded, of_trial, others)
+    return Judgement(
+        file=file,
+        title=_title(recorded, file),
+        advice="redo" if reasons else "accept",
+        reasons=reasons,
+        rows=tuple(_rows(of_trial, others, of_cuff)),
+        notes=(*of_trial.notes, *of_cuff.notes, *(f"so far: {verdict}" for verdict in of_cuff.verdicts)),
+        path=_path(fitted.curves.get(file)),
+        marks=_marks_in(folder / file),
+    )
+
+
+def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | None]:
+    for donnings in fitted.donnings.values():
+        for cuff in donnings.values():
+            for trial in cuff.trials:
+                if trial.file == file:
+                    return trial, cuff
+    return None, None
+
+
+def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialFit]) -> tuple[str, ...]:
+    """Everything that speaks against keeping this recording."""
+    reasons = []
+    if recorded is not None and not recorded.accepted:
+        reasons.append(recorded.sentence)
+    if recorded is not None and recorded.lost_samples:
+        reasons.append(f"{recorded.lost_samples} samples were lost on the way")
+    if trial.state == "unusable":
+        reasons.append(trial.reason)
+    if trial.migration is not None and trial.migration.value > SLIPPED_M:
+        reasons.append(
+            f"the cuff slipped by {1e3 * trial.migration.value:.0f} mm in this trial, more than any cuff should "
+            f"({1e3 * SLIPPED_M:.0f} mm); tighten its straps, don it anew and redo it"
+        )
+    for name, (symbol, scale, unit, form) in QUANTITIES.items():
+        mine, theirs = getattr(trial, name), [getattr(each, name) for each in others if getattr(each, name) is not None]
+        if name != "migration" and mine is not None and theirs:
+            mean, error = _pooled(theirs)
+            apart = abs(mine.value - mean) / max(np.hypot(mine.standard_error, error), 1e-12)
+            if apart > DIFFERS_BY:
+                reasons.append(
+                    f"{symbol} is {scale * mine.value:{form}} {unit}, the earlier repeats say {scale * mean:{form}}: "
+                    f"{apart:.0f} standard errors apart"
+                )
+    return tuple(reasons)
+
+
+def _pooled(estimates: Sequence[Estimate]) -> tuple[float, float]:
+    """Mean of some estimates and its standard error, from their spread or their own errors, whichever is more."""
+    values = np.array([each.value for each in estimates])
+    own = float(np.sqrt(np.mean([each.standard_error**2 for each in estimates])))
+    spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+    return float(values.mean()), max(own, spread)
+
+
+def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:
+    rows = []
+    for name, (symbol, scale, unit, form) in QUANTITIES.items():
+        earlier = [getattr(each, name) for each in others if getattr(each, name) is not None]
+        words = [
+            _words(getattr(trial, name), scale, form),
+            ", ".join(f"{scale * each.value:{form}}" for each in earlier),
+        ]
+        rows.append(Row(f"{symbol} [{unit}]", words[0], words[1] or "-", _words(getattr(cuff, name), scale, form)))
+    return rows
+
+
+def _words(estimate: Estimate | None, scale: float, form: str) -> str:
+    if estimate is None:
+        return "-"
+    low, high = estimate.ci95
+    return f"{scale * estimate.value:{form}}  ({scale * low:{form}} to {scale * high:{form}})"
+
+
+def _title(recorded: Recorded | None, file: str) -> str:
+    if recorded is None:
+        return file
+    return f"{recorded.cuff or 'load cell'}, {recorded.test}, repeat {recorded.repeat}"
+
+
+def _path(curves: TrialCurves | None) -> tuple[tuple[float, float], ...]:
+    """Force over displacement, evenly thinned."""
+    if curves is None:
+        return ()
+    force: NDArray[np.float64] = np.interp(curves.marker_time, curves.force_time, curves.force)
+    seen = np.flatnonzero(np.isfinite(curves.displacement) & np.isfinite(force))
+    chosen = (
+        seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), SHOWN_POINTS)).astype(int))] if len(seen) else seen
+    )
+    return tuple((round(1e3 * float(curves.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)
+
+
+def _marks_in(path: Path) -> int:
+    try:
+        recording = open_recording(path)
+        return sum(getattr(item, "kind", "") == "mark" for item in recording.items())
+    except RecordingError:
+        return 0

@@ -1,0 +1,131 @@
+"""`station serve`: the console's page on this machine, and who may see it."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import webbrowser
+from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from http.cookies import SimpleCookie
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+from nicegui import app, ui
+from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+
+from station.config import StationConfig, parse_config
+from station.console.desk import Desk
+from station.console.page import show_page
+from station.simulation import SimulatedBench, simulator_settings
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+COOKIE = "station_token"
+HEARTBEAT_S = 1.0
+
+Scope = dict[str, Any]
+AsgiApp = Callable[[Scope, Any, Any], Awaitable[None]]
+
+
+class Doorkeeper:
+    """Lets in whoever shows the token, where there is one, and no page of another site in any case.
+
+    A browser names the site a request comes from in Origin; one that is not ours is a page elsewhere that tries to
+    steer the console through its reader's browser.
+    """
+
+    def __init__(self, inner: AsgiApp, token: str | None) -> None:
+        self._inner, self._token = inner, token
+
+    async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._inner(scope, receive, send)
+            return
+        headers = {name.decode().lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        origin, host = headers.get("origin"), headers.get("host", "")
+        if origin is not None and origin.split("://", 1)[-1] != host:
+            await self._turn_away(scope, receive, send, "this page is steered from its own address only")
+        elif self._token is None:
+            if host.rsplit(":", 1)[0].strip("[]") in LOOPBACK:
+                await self._inner(scope, receive, send)
+            else:
+                await self._turn_away(scope, receive, send, "this console answers on this machine only")
+        elif self._is_shown_in(SimpleCookie(headers.get("cookie", "")).get(COOKIE)):
+            await self._inner(scope, receive, send)
+        elif scope["type"] == "http" and self._is_right(parse_qs(scope["query_string"].decode()).get("token", [""])[0]):
+            answer = RedirectResponse(scope["path"])
+            answer.set_cookie(COOKIE, self._token or "", httponly=True, samesite="strict")
+            await answer(scope, receive, send)
+        else:
+            await self._turn_away(scope, receive, send, "open the address that `station serve` printed, token and all")
+
+    def _is_shown_in(self, cookie: Any) -> bool:
+        return cookie is not None and self._is_right(cookie.value)
+
+    def _is_right(self, shown: str) -> bool:
+        return self._token is not None and hmac.compare_digest(shown.encode(), self._token.encode())
+
+    async def _turn_away(self, scope: Scope, receive: Any, send: Any, words: str) -> None:
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await PlainTextResponse(words, 403)(scope, receive, send)
+
+
+def serve(
+    config: StationConfig,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8421,
+    is_opened: bool = False,
+    simulated_speed: float | None = None,
+    seed: int = 1,
+) -> None:
+    """Serves until Ctrl-C. simulated_speed: on simulated devices of its own, so much faster than the wall."""
+    token = None if host in LOOPBACK else secrets.token_urlsafe(16)
+    address = f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+    with ExitStack() as stack:
+        bench = None
+        if simulated_speed is not None:
+            settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
+            bench = stack.enter_context(SimulatedBench(settings, simulated_speed, seed))
+            config = _in_control(bench.pointed_at(config))
+        desk = Desk(config, simulated_speed or 1.0, bench)
+        stack.callback(desk.close)
+        app.add_middleware(Doorkeeper, token=token)
+        app.add_api_route("/report", lambda: _report(desk.folder))
+        app.on_startup(lambda: _announce(address, is_opened))
+        app.on_startup(desk.warm_up)
+        app.timer(HEARTBEAT_S, desk.look_after)
+        ui.run(
+            lambda: show_page(desk),
+            host=host,
+            port=port,
+            title="station",
+            favicon="⚖️",
+            dark=None,
+            show=False,
+            reload=False,
+            show_welcome_message=False,
+        )
+
+
+def _in_control(config: StationConfig) -> StationConfig:
+    """There is nobody at a simulated mocap PC: the station starts and stops the captures."""
+    data = config.model_dump(mode="json")
+    data["mocap"]["control"] = "start"
+    return parse_config(data, "the simulated bench")
+
+
+def _report(folder: Path | None) -> Response:
+    """The one file of the session that the page links to."""
+    if folder is None or not (folder / "report.html").is_file():
+        return PlainTextResponse("there is no report of this session yet", 404)
+    return FileResponse(folder / "report.html", media_type="text/html")
+
+
+def _announce(address: str, is_opened: bool) -> None:
+    print(address, flush=True)
+    if is_opened:
+        webbrowser.open(address)

@@ -1,0 +1,61 @@
+"""The end of a session, done in the worker: cuffs.json, the assessment, the report, and what the page says of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fitting.result import CuffsFileError, NotIdentified
+from fitting.uncertainty import Estimate
+from station.fit import SessionError, fit_session_folder
+
+DRAWS = 50
+
+
+class SummaryError(Exception):
+    """The session cannot be summed up; one sentence."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """rows: a cuff each, heading → words; findings: the assessment in sentences."""
+
+    rows: tuple[dict[str, str], ...]
+    findings: tuple[str, ...]
+
+
+def summarise(folder: Path) -> Summary:
+    """Writes cuffs.json, assessment.json and report.html into the session's folder."""
+    from station.assess import assess_file
+    from station.assessment_inputs import AssessmentInputs
+    from station.findings import findings
+    from station.report import write_report
+
+    try:
+        fitted = fit_session_folder(folder, folder / "cuffs.json")
+    except SessionError as error:
+        raise SummaryError(str(error)) from error
+    rows = tuple(
+        {
+            "cuff": name,
+            "k [N/m]": _words(cuff.stiffness, 1.0, ".0f"),
+            "c [N s/m]": _words(cuff.damping, 1.0, ".0f"),
+            "migration [mm]": _words(cuff.migration, 1e3, ".2f"),
+            "verdict": cuff.verdict,
+        }
+        for name, cuff in fitted.cuffs.items()
+    )
+    try:
+        assessed = assess_file(AssessmentInputs(folder / "cuffs.json"), folder, DRAWS)
+        said = tuple(findings(assessed.assessment))
+    except (NotIdentified, CuffsFileError) as error:
+        said = (f"no assessment: {error}",)
+    write_report(folder, fitted)
+    return Summary(rows, said)
+
+
+def _words(estimate: Estimate | None, scale: float, form: str) -> str:
+    if estimate is None:
+        return "not identified"
+    low, high = estimate.ci95
+    return f"{scale * estimate.value:{form}} ({scale * low:{form}} to {scale * high:{form}})"

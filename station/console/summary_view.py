@@ -1,0 +1,30 @@
+"""The end of a session: the cuffs' table, what they do to the muscles, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+from station.console.desk import Desk
+
+
+def show(desk: Desk, act: Callable[..., Any]) -> None:
+    ui.label("Every trial of the plan is accepted").classes("cue").mark("complete")
+    if desk.progress:
+        with ui.row().classes("items-center"):
+            ui.spinner(size="2rem")
+            ui.label(desk.progress).classes("text-xl")
+    summary = desk.summary
+    if summary is None:
+        ui.button("Fit, assess and report", on_click=lambda: act(desk.finish)).mark("finish").set_enabled(
+            not desk.progress
+        )
+    else:
+        columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
+        ui.table(columns=columns, rows=list(summary.rows)).props("flat").classes("text-xl").mark("cuffs-table")
+        for sentence in summary.findings:
+            ui.label(sentence).classes("text-xl").mark("finding")
+        ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
+    ui.button("Leave the session", on_click=lambda: act(desk.leave)).props("outline").mark("leave")

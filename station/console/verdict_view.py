@@ -1,0 +1,111 @@
+"""Accept or redo, with the reasons, while the cuff is still on."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+from station.console.desk import Desk
+from station.console.judgement import Judgement
+from station.journal import Recorded
+
+
+def show(
+    desk: Desk, recorded: Recorded, act: Callable[..., Any], acts: dict[str, Callable[[], Awaitable[None] | None]]
+) -> None:
+    judged = desk.judgement
+    if judged is None or judged.file != recorded.file:
+        with ui.row().classes("items-center"):
+            ui.spinner(size="3rem")
+            ui.label(f"looking at {recorded.file}").classes("cue")
+        return
+    _headline(judged)
+    with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
+        with ui.column().classes("grow"):
+            _figures(judged)
+            _marks(desk, judged, act)
+        if judged.path:
+            ui.echart(_loop(judged)).classes("w-full lg:w-1/2 h-96").mark("loop")
+    _decision(desk, recorded, judged, act, acts)
+
+
+def _headline(judged: Judgement) -> None:
+    good = judged.advice == "accept"
+    with ui.row().classes("items-center gap-4 no-wrap"):
+        ui.icon("check_circle" if good else "replay", color="positive" if good else "negative", size="4rem")
+        ui.label(f"{judged.title}: {'nothing speaks against it' if good else 'better redo it'}").classes("cue").mark(
+            "advice"
+        )
+    for reason in judged.reasons:
+        ui.label(reason).classes("text-2xl text-negative").mark("reason")
+
+
+def _figures(judged: Judgement) -> None:
+    columns = [
+        {"name": name, "label": label, "field": name, "align": "left"}
+        for name, label in (
+            ("quantity", ""),
+            ("this", "this trial (95 %)"),
+            ("earlier", "earlier repeats"),
+            ("so_far", "donning so far (95 %)"),
+        )
+    ]
+    rows = [
+        {"quantity": row.quantity, "this": row.this, "earlier": row.earlier, "so_far": row.so_far}
+        for row in judged.rows
+    ]
+    if rows:
+        ui.table(columns=columns, rows=rows, row_key="quantity").props("flat").classes("text-xl").mark("figures")
+    for note in judged.notes:
+        ui.label(note).classes("opacity-80")
+
+
+def _marks(desk: Desk, judged: Judgement, act: Callable[..., Any]) -> None:
+    for number in range(1, judged.marks + 1):
+        name = ui.input(f"mark {number} was", value=desk.journal.marks.get(judged.file, {}).get(number, ""))
+        name.on("blur", lambda name=name, number=number: act(lambda: desk.name_mark(number, name.value or "")))
+
+
+def _decision(
+    desk: Desk,
+    recorded: Recorded,
+    judged: Judgement,
+    act: Callable[..., Any],
+    acts: dict[str, Callable[[], Awaitable[None] | None]],
+) -> None:
+    reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else judged.reasons[0])
+    reason.classes("w-full").mark("why")
+
+    def keep() -> None:
+        desk.decide("accept", reason.value or "")
+
+    def redo() -> None:
+        desk.decide("redo", reason.value or "")
+
+    def redo_donned_anew() -> None:
+        desk.decide("redo", reason.value or "", is_donned_anew=True)
+
+    acts |= {"keep": keep, "redo": redo}
+    with ui.row():
+        ui.button("Keep (k)", on_click=lambda: act(keep)).props("" if judged.advice == "accept" else "outline").mark(
+            "keep"
+        )
+        ui.button("Redo (r)", on_click=lambda: act(redo)).props("outline" if judged.advice == "accept" else "").mark(
+            "redo"
+        )
+        again = ui.button("Don the cuff anew and redo", on_click=lambda: act(redo_donned_anew)).props("outline")
+        again.mark("don-anew").set_visibility(recorded.cuff is not None)
+
+
+def _loop(judged: Judgement) -> dict[str, Any]:
+    return {
+        "grid": {"left": 60, "right": 20, "top": 40, "bottom": 50},
+        "xAxis": {"type": "value", "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 30, "scale": True},
+        "yAxis": {"type": "value", "name": "force [N]", "scale": True},
+        "series": [
+            {"type": "line", "showSymbol": False, "lineStyle": {"width": 1.5}, "data": [list(p) for p in judged.path]}
+        ],
+        "animation": False,
+    }
