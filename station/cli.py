@@ -17,31 +17,35 @@ from station.verbs.options import say
 
 ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
 
+VERBS = {
+    verb.__name__.rstrip("_"): verb
+    for verb in (
+        whole.demo,
+        bench.simulate,
+        bench.check,
+        bench.record,
+        whole.serve,
+        files.info,
+        files.recover,
+        files.import_,
+        cuffs.fit,
+        muscles.rmr,
+        muscles.assess,
+        muscles.optimise,
+        muscles.sweep,
+        whole.report,
+    )
+}
+
 app = typer.Typer(
-    help="From the cuff on the bench to the muscles under the suit, left to right: simulate, check, record, serve, info, "
-    "recover, fit, rmr, assess, optimise, sweep, report. `demo` walks the whole way on simulated devices.",
+    help=f"From the cuff on the bench to the muscles under the suit, left to right: {', '.join(list(VERBS)[1:])}. "
+    "`demo` walks the whole way on simulated devices.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-for verb in (
-    whole.demo,
-    bench.simulate,
-    bench.check,
-    bench.record,
-    whole.serve,
-    files.info,
-    files.recover,
-    files.import_,
-    cuffs.fit,
-    muscles.rmr,
-    muscles.assess,
-    muscles.optimise,
-    muscles.sweep,
-    whole.report,
-):
-    app.command(verb.__name__.rstrip("_"))(verb)
+for name, verb in VERBS.items():
+    app.command(name)(verb)
 
 
 def main() -> NoReturn:
