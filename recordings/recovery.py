@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 from recordings import topics
 from recordings.chunks import Damage, read_entries
 from recordings.contents import Contents, contents_of
+from recordings.durability import sync_folder
 from recordings.errors import RecordingError
 from recordings.reader import is_ours, survey_file
 
@@ -70,6 +71,7 @@ def recover(path: Path, output: Path | None = None) -> RecoveryReport:
         with part.open("wb") as file:
             damage = _copy(path, file)
         _give_name(part, output)
+        sync_folder(output.parent)
     except OSError as error:
         raise RecordingError(f"{output} cannot be written: {error.strerror or error}") from error
     finally:

@@ -15,6 +15,7 @@ from typing import BinaryIO
 from mcap.writer import CompressionType, Writer
 
 from recordings import topics
+from recordings.durability import BackgroundSync, in_a_thread, sync_folder
 from recordings.errors import RecordingError, WriteFailed
 from recordings.manifest import Manifest, Outcome
 from recordings.packing import Message, pack
@@ -36,12 +37,14 @@ class Stored:
 
 
 def create_exclusively(path: Path) -> BinaryIO:
-    """A new file for writing. Raises FileExistsError rather than overwrite one."""
-    return path.open("xb")
+    """A new file for writing, its name on the disk. Raises FileExistsError rather than overwrite one."""
+    file = path.open("xb")
+    sync_folder(path.parent)
+    return file
 
 
 class RecordingWriter:
-    """Writes one trial. Belongs to the thread that made it; nothing here locks, waits or starts a thread.
+    """Writes one trial. Belongs to the thread that made it; only fsync is left to another, so that no disk holds it up.
 
     The owner calls write() for every item in the order of arrival, and flush_if_due() at least every 0.1 s also when
     nothing arrives: the bounds on loss count on it. An item is stored when `stored` says so, not before. The first
@@ -57,17 +60,20 @@ class RecordingWriter:
         clock: Callable[[], float] = time.monotonic,
         create: Callable[[Path], BinaryIO] = create_exclusively,
         sync: Callable[[int], None] = os.fsync,
+        background: Callable[[Callable[[], None]], None] = in_a_thread,
     ) -> None:
         """Creates the file and puts the manifest and the streams on the disk at once.
 
-        clock gives monotonic wall seconds; create and sync are the two doors to the disk. Raises RecordingError when
-        the file exists or cannot be made.
+        clock gives monotonic wall seconds; create and sync are the two doors to the disk, background has a call of sync
+        done. Raises RecordingError when the file exists or cannot be made.
         """
-        self._path, self._manifest, self._clock, self._sync = path, manifest, clock, sync
+        self._path, self._manifest, self._clock = path, manifest, clock
         self._streams: dict[str, Stream] = {}
         self._counts: Counter[str] = Counter()
         self._stored: dict[str, Stored] = {}
         self._written: dict[str, Stored] = {}
+        self._synced: dict[str, Stored] = {}  # by the last fsync that went well
+        self._syncing: dict[str, Stored] = {}  # by the latest
         self._failure: WriteFailed | None = None
         self._latest_ns = manifest.start_utc_ns  # host time of messages that have none of their own
         self._flush_due_s = self._sync_due_s = math.inf
@@ -77,6 +83,7 @@ class RecordingWriter:
             raise RecordingError(f"{path} exists, and a recording is never overwritten; take another run") from error
         except OSError as error:
             raise RecordingError(f"{path} cannot be made: {error.strerror or error}; check the folder") from error
+        self._disk = BackgroundSync(lambda: sync(self._file.fileno()), background)
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
         try:
             with self._writing():
@@ -85,7 +92,7 @@ class RecordingWriter:
             self._put(manifest)
             for stream in streams:
                 self.describe(stream)
-            self._flush(and_sync=True)
+            self._flush_and_sync()
         except BaseException:
             self._release()
             raise
@@ -120,9 +127,15 @@ class RecordingWriter:
         """To be called at least every 0.1 s of wall time. Raises WriteFailed."""
         if self._failure:
             raise self._failure
+        self._look_at_disk()
         now = self._clock()
-        if now >= min(self._flush_due_s, self._sync_due_s):
-            self._flush(and_sync=now >= self._sync_due_s)
+        is_sync_due = now >= self._sync_due_s and not self._disk.is_busy
+        if now >= self._flush_due_s or is_sync_due:
+            self._flush()
+        if is_sync_due:
+            self._syncing, self._sync_due_s = self._stored, math.inf
+            self._disk.begin()
+            self._look_at_disk()
 
     def close(self, outcome: Outcome) -> None:
         """Writes the outcome with the counts of all that came before it, and the index; releases the file in any case.
@@ -138,7 +151,7 @@ class RecordingWriter:
             self._put(replace(outcome, messages=dict(self._counts), samples=samples))
             with self._writing():
                 self._mcap.finish()  # type: ignore[no-untyped-call]
-            self._flush(and_sync=True)
+            self._flush_and_sync()
         finally:
             self._release()
 
@@ -185,14 +198,27 @@ class RecordingWriter:
         self._flush_due_s = min(self._flush_due_s, now + FLUSH_AFTER_S)
         self._sync_due_s = min(self._sync_due_s, now + SYNC_AFTER_S)
 
-    def _flush(self, and_sync: bool) -> None:
+    def _flush(self) -> None:
         with self._writing():
             self._mcap.flush()  # type: ignore[no-untyped-call]
-            self._flush_due_s = math.inf
-            if and_sync:
-                self._sync(self._file.fileno())
-                self._sync_due_s = math.inf
+        self._flush_due_s = math.inf
         self._stored = dict(self._written)
+
+    def _flush_and_sync(self) -> None:
+        self._flush()
+        self._disk.finish()
+        self._syncing, self._sync_due_s = self._stored, math.inf
+        self._look_at_disk()
+
+    def _look_at_disk(self) -> None:
+        """What it could not keep was never stored, and nobody knows what it has of all since the last good fsync."""
+        if self._disk.is_busy:
+            return
+        if self._disk.failure is not None:
+            self._stored = self._synced
+            with self._writing():
+                raise self._disk.failure
+        self._synced = self._syncing
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

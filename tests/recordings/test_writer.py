@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import errno
 import io
+import os
+import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
@@ -15,7 +18,7 @@ from recordings.errors import RecordingError, WriteFailed
 from recordings.manifest import Outcome
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples, Stream
-from recordings.writer import RecordingWriter
+from recordings.writer import RecordingWriter, create_exclusively
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -113,7 +116,14 @@ def test_the_last_item_is_flushed_without_a_further_one(tmp_path: Path) -> None:
 
 def test_no_message_waits_longer_than_a_second_for_the_disk(tmp_path: Path) -> None:
     wall, syncs = WallClock(), list[float]()
-    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS, clock=wall, sync=lambda _: syncs.append(wall.now))
+    writer = RecordingWriter(
+        tmp_path / "a.mcap",
+        MANIFEST,
+        STREAMS,
+        clock=wall,
+        sync=lambda _: syncs.append(wall.now),
+        background=lambda work: work(),
+    )
     for i in range(1, 200):
         wall.now = i * 0.05
         if i < 150:
@@ -177,14 +187,45 @@ def test_a_failed_fsync_is_a_failed_write(tmp_path: Path) -> None:
         if broken:
             raise OSError(errno.EIO, "Input/output error")
 
-    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS, clock=wall, sync=sync)
-    broken = True
+    writer = RecordingWriter(
+        tmp_path / "a.mcap", MANIFEST, STREAMS, clock=wall, sync=sync, background=lambda work: work()
+    )
     writer.write(scalars("/force", 0, 10))
     wall.now = 1.0
-    with pytest.raises(WriteFailed, match="Input/output error"):
+    writer.flush_if_due()
+    broken = True
+    writer.write(scalars("/force", 10, 10))
+    wall.now = 1.2
+    writer.flush_if_due()
+    assert writer.stored["/force"].samples == 20
+    wall.now = 2.0
+    with pytest.raises(WriteFailed, match=r"Input/output error.*last stored samples are /force 9;"):
         writer.flush_if_due()
-    assert not writer.stored
+    assert writer.stored["/force"].samples == 10, "nobody knows what the disk has of the rest"
     writer.discard()
+
+
+def test_a_disk_that_takes_its_time_holds_up_no_flush(tmp_path: Path) -> None:
+    path, wall, release = tmp_path / "a.mcap", WallClock(), threading.Event()
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, sync=lambda _: None if wall.now < 1 else stuck())
+
+    def stuck() -> None:
+        assert release.wait(20)
+
+    for i in range(50):
+        wall.now = i * 0.1
+        writer.write(scalars("/force", i * 10, 10))
+    assert len(open_recording(path).load("/force").sample_numbers) >= 480
+    release.set()
+    writer.close(ACCEPTED)
+    assert open_recording(path).complete
+
+
+def test_the_name_of_a_new_file_is_put_on_the_disk_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_ino))
+    create_exclusively(tmp_path / "a.mcap").close()
+    assert sys.platform == "win32" or synced == [tmp_path.stat().st_ino]
 
 
 def test_a_discarded_recording_leaves_no_file(tmp_path: Path) -> None:

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from recordings.durability import BackgroundSync, sync_folder
+
+
+def test_beginning_returns_while_the_disk_is_busy_and_finishing_waits_for_it() -> None:
+    release, done = threading.Event(), list[int]()
+
+    def sync() -> None:
+        assert release.wait(20)
+        done.append(1)
+
+    disk = BackgroundSync(sync)
+    disk.begin()
+    assert disk.is_busy and not done
+    release.set()
+    disk.finish()
+    assert not disk.is_busy and len(done) == 2
+
+
+def test_what_one_failed_with_stays() -> None:
+    answers = [OSError("Input/output error"), None]
+
+    def sync() -> None:
+        answer = answers.pop(0)
+        if answer is not None:
+            raise answer
+
+    disk = BackgroundSync(sync, start=lambda work: work())
+    disk.begin()
+    disk.finish()
+    assert str(disk.failure) == "Input/output error"
+
+
+def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(file: int) -> None:
+        raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    sync_folder(tmp_path)
+    sync_folder(tmp_path / "missing")
