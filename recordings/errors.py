@@ -1,7 +1,8 @@
 """What can go wrong with a recording.
 
 RecordingError      the file cannot be read or made; one sentence says who, expected, found, what to do
-└── WriteFailed     the disk took no more; names the last sample that is safely in the file
+├── WriteFailed     the disk took no more; names the last sample that is safely in the file
+└── ForeignFile     a file of another program is not what it should be
 """
 
 from __future__ import annotations
@@ -13,3 +14,7 @@ class RecordingError(Exception):
 
 class WriteFailed(RecordingError):
     """The first failed write of a recording; every later call on its writer raises it again."""
+
+
+class ForeignFile(RecordingError):
+    """A file of another program that cannot be read: names the file, its line where there is one, and the fault."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Protocol
@@ -17,7 +15,7 @@ from filelock import FileLock, Timeout
 from drivers.device import Device
 from drivers.errors import DeviceUnavailable
 from recordings.errors import RecordingError
-from recordings.manifest import CuffSite, Manifest, Outcome
+from recordings.manifest import BounceRig, CuffSite, Manifest, Outcome
 from recordings.samples import Item
 from recordings.writer import RecordingWriter
 from station.clock import Clock
@@ -27,13 +25,13 @@ from station.disk import DiskWatch, bytes_free, bytes_needed
 from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
 from station.protocol import TrialSpec
 from station.session import Snapshot, State, TrialRules, TrialSession
+from station.versions import installed_versions
 
 OPEN_TIMEOUT_S = 15.0
 """Wall seconds for all devices to open; they should take less than 4, a driver that hangs must not hold us for ever."""
 CLOSE_TIMEOUT_S = 2.0
 LOCK = ".recording.lock"
 """In the session's folder, from its first trial on."""
-RECORDED_VERSIONS = ("cuffstation", "nidaqmx", "qtm-rt", "pyserial", "mcap", "numpy")
 
 
 class TrialRefused(Exception):
@@ -58,7 +56,7 @@ class TrialResult:
     sentence: str
 
 
-MakeDevices = Callable[[StationConfig, CuffSite | None, Clock], list[Device]]
+MakeDevices = Callable[[StationConfig, CuffSite | BounceRig | None, Clock], list[Device]]
 
 
 class Daemon:
@@ -89,16 +87,16 @@ class Daemon:
 
         Raises ConfigError, DeviceError, TrialRefused or RecordingError, each one sentence, when it cannot begin.
         """
-        cuff = self._config.cuff_site(spec.cuff)
+        subject = self._config.subject(spec.cuff)
         _ensure_folder(folder)
         with _one_trial_at_a_time(folder):
             inbox = Inbox()
-            feeds = [DeviceFeed(device, inbox) for device in self._make_devices(self._config, cuff, self._clock)]
+            feeds = [DeviceFeed(device, inbox) for device in self._make_devices(self._config, subject, self._clock)]
             try:
                 for feed in feeds:
                     feed.start()
                 opened = self._open(feeds, inbox)
-                return self._record(folder, spec, cuff, duration_s, feeds, inbox, opened)
+                return self._record(folder, spec, subject, duration_s, feeds, inbox, opened)
             finally:
                 self._release(feeds)
 
@@ -129,7 +127,7 @@ class Daemon:
         self,
         folder: Path,
         spec: TrialSpec,
-        cuff: CuffSite,
+        subject: CuffSite | BounceRig,
         duration_s: float | None,
         feeds: Sequence[DeviceFeed],
         inbox: Inbox,
@@ -140,7 +138,7 @@ class Daemon:
         _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
-        writer = RecordingWriter(path, self._manifest(spec, run, cuff), streams)
+        writer = RecordingWriter(path, self._manifest(spec, run, subject), streams)
         rules = TrialRules(
             self._config.daq.start, self._config.sync.threshold_v, self._config.sync.timeout_s, duration_s
         )
@@ -212,9 +210,10 @@ class Daemon:
             if not feed.has_ended(max(0.0, deadline - self._clock.wall_s())):
                 self.left_behind.append(feed.device.name)
 
-    def _manifest(self, spec: TrialSpec, run: int, cuff: CuffSite) -> Manifest:
+    def _manifest(self, spec: TrialSpec, run: int, subject: CuffSite | BounceRig) -> Manifest:
         return Manifest(
-            cuff=cuff,
+            cuff=subject if isinstance(subject, CuffSite) else None,
+            bounce=subject if isinstance(subject, BounceRig) else None,
             test=spec.test,
             repeat=spec.repeat,
             run=run,
@@ -224,7 +223,7 @@ class Daemon:
             load_cell=self._config.calibration(),
             start_utc_ns=self._clock.wall_utc_ns(),
             effective_config=self._config.model_dump(mode="json"),
-            versions=_versions(),
+            versions=installed_versions(),
         )
 
 
@@ -262,13 +261,3 @@ def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in RECORDED_VERSIONS:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found

@@ -11,7 +11,7 @@ import typer
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wall station time runs.")]
-Test = Literal["static", "dynamic"]
+Test = Literal["static", "dynamic", "bounce"]
 Format = Literal["table", "json"]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]

@@ -1,43 +1,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
-from station.cli import main
+from tests.station.command import assert_one_sentence
 from tests.station.test_daemon import Rig
 
 EXAMPLE = Path(__file__).parents[2] / "station.toml"
 CONFIG = str(EXAMPLE)
-
-
-class Ran:
-    def __init__(self, code: int, out: str, err: str) -> None:
-        self.code, self.out, self.err = code, out, err
-
-
-@pytest.fixture
-def station(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*words: object) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["station", *(str(word) for word in words)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        captured = capsys.readouterr()
-        return Ran(int(caught.value.code or 0), captured.out, captured.err)
-
-    return run
-
-
-def assert_one_sentence(ran: Ran, code: int, *words: str) -> None:
-    assert ran.code == code, ran.err
-    assert ran.out == ""
-    assert ran.err.startswith("station: ")
-    assert ran.err.count("\n") == 1
-    for word in words:
-        assert word in ran.err
 
 
 def trial_file(folder: Path) -> Path:

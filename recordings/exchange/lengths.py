@@ -1,0 +1,15 @@
+"""Units of length, as files of markers declare them."""
+
+from __future__ import annotations
+
+from recordings.errors import ForeignFile
+
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+
+
+def millimetres(unit: str, where: str) -> float:
+    """How many millimetres one of a file's units is. Raises ForeignFile for a unit of which nobody knows."""
+    known = MILLIMETRES.get(unit.strip().lower())
+    if known is None:
+        raise ForeignFile(f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; give --mocap-unit")
+    return known

@@ -1,0 +1,125 @@
+"""QTM's export of marker trajectories as TSV: a header of key and values per line, then a row per frame.
+
+After docs.qualisys.com/qtm/content/processing_measurement/motion_data_tsv.htm. Frame and Time columns and the line of
+their titles are options of the export, so is the decimal mark of the country. Positions are in mm.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.errors import ForeignFile
+from recordings.exchange.lengths import millimetres
+from recordings.exchange.tables import MarkerTable, require_labels, settle_times, without_origin
+from recordings.exchange.text import read_lines, read_numbers, write_row
+
+KEY = re.compile(r"[A-Z][A-Z0-9_]+$")
+
+
+def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
+    """Raises ForeignFile where it is no such file, or not all of it is there."""
+    lines = read_lines(path)
+    header, first = _header(lines)
+    if "MARKER_NAMES" not in header:
+        raise ForeignFile(
+            f"{path} has no line MARKER_NAMES, expected QTM's export of 3D trajectories as TSV with its header; "
+            "tick Include TSV header in QTM's export settings"
+        )
+    labels = tuple(header["MARKER_NAMES"])
+    require_labels(labels, f"{path}, MARKER_NAMES,")
+    _require_count(header, "NO_OF_MARKERS", len(labels), "names", path)
+    rows, widest = lines[first:], max((line.count("\t") + 1 for line in lines[first:]), default=0)
+    _require_count(header, "NO_OF_FRAMES", len(rows), "holds", path)
+    extra = _leading_columns(lines[first - 1], rows, widest, len(labels), path)
+    values = read_numbers(rows, "\t", range(extra + 3 * len(labels)), path, first + 1)
+    positions = without_origin(millimetres(unit, str(path)) * values[:, extra:].reshape(len(rows), len(labels), 3))
+    rate, time = _time(values[:, :extra], header, str(path), first + 1)
+    return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]))
+
+
+def write_qtm_tsv(table: MarkerTable) -> str:
+    """The text of such a file, with Frame and Time columns; a missing marker leaves its fields empty."""
+    header = [
+        f"NO_OF_FRAMES\t{len(table.time_s)}",
+        f"NO_OF_MARKERS\t{len(table.labels)}",
+        f"FREQUENCY\t{table.rate_hz:.12g}",
+        "DATA_INCLUDED\t3D",
+        "\t".join(("MARKER_NAMES", *table.labels)),
+        "\t".join(("Frame", "Time", *(f"{label} {axis}" for label in table.labels for axis in "XYZ"))),
+    ]
+    numbers = np.rint(table.time_s * table.rate_hz).astype(np.int64) + 1
+    flat = table.positions.reshape(len(table.time_s), -1)
+    rows = [
+        f"{number}\t" + write_row((time, *row), "\t")
+        for number, time, row in zip(numbers.tolist(), table.time_s.tolist(), flat.tolist(), strict=True)
+    ]
+    return "\n".join(header + rows) + "\n"
+
+
+def _header(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
+    """The header's values by key, and the index of the first row of numbers."""
+    header: dict[str, list[str]] = {}
+    for i, line in enumerate(lines):
+        key, *values = line.split("\t")
+        if KEY.match(key.strip()):
+            header[key.strip()] = [value.strip() for value in values if value.strip()]
+        elif _is_number(line.replace("\t", " ").split()[0] if line.strip() else ""):
+            return header, i
+    return header, len(lines)
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _require_count(header: dict[str, list[str]], key: str, found: int, verb: str, path: Path) -> None:
+    announced = header.get(key)
+    if announced and announced[0].isdigit() and int(announced[0]) != found:
+        raise ForeignFile(f"{path} announces {key} {announced[0]} and {verb} {found}; export it again, whole")
+
+
+def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int, path: Path) -> int:
+    """How many columns stand before the first marker's: by their titles, else by counting fields."""
+    names = [title.strip().lower() for title in titles.split("\t")]
+    if names[0] in ("frame", "time"):
+        return 2 if names[1] == "time" else 1
+    extra = widest - 3 * markers
+    if extra > 0 and all(row.endswith("\t") for row in rows) and not _counts_up(rows):
+        extra -= 1  # every row ends in a tab, and nothing follows it
+    if extra in (0, 1, 2):
+        return extra
+    raise ForeignFile(
+        f"{path} has {widest} columns for {markers} markers, expected {3 * markers}, with Frame and Time at most "
+        f"{3 * markers + 2}; export X, Y and Z of every trajectory and nothing else"
+    )
+
+
+def _counts_up(rows: Sequence[str]) -> bool:
+    first = [row.split("\t", 1)[0] for row in rows[:3]]
+    return all(field.isdigit() for field in first) and len(set(first)) == len(first)
+
+
+def _time(
+    leading: NDArray[np.float64], header: dict[str, list[str]], where: str, first_line: int
+) -> tuple[float, NDArray[np.float64]]:
+    """The frame rate [Hz] and the times (frames,) [s] that the columns Frame and Time and FREQUENCY tell."""
+    announced = (header.get("FREQUENCY") or [""])[0]  # "EXT" where another device gave the beat
+    rate = float(announced.replace(",", ".")) if _is_number(announced) else 0.0
+    numbers, time = np.arange(1, len(leading) + 1, dtype=np.float64), None
+    for column in leading.T:
+        if np.any(column % 1):
+            time = column
+        else:
+            numbers = column
+    if leading.shape[1] == 2:
+        numbers, time = leading.T
+    return settle_times(numbers, time, rate, where, first_line)

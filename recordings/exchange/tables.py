@@ -1,0 +1,122 @@
+"""What files of other programs hold, as arrays on the file's own clock; no alignment, no calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.errors import ForeignFile
+
+
+@dataclass(frozen=True)
+class MarkerTable:
+    """Marker trajectories.
+
+    labels     of the markers, each once
+    rate_hz    nominal frame rate
+    time_s     (frames,) strictly rising; without a time in the file frame n stands at (n − 1)/rate_hz
+    positions  (frames, markers, 3) float64 mm in the mocap frame, NaN where a marker was missing
+    residuals  (frames, markers) mm, 0 where the file tells none
+    """
+
+    labels: tuple[str, ...]
+    rate_hz: float
+    time_s: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+
+    @property
+    def missing(self) -> NDArray[np.bool_]:
+        """(frames, markers) where a marker was not seen."""
+        return np.isnan(self.positions[..., 0])
+
+
+@dataclass(frozen=True)
+class SignalTable:
+    """Scalar signals that were sampled together.
+
+    time_s   (n,) strictly rising
+    signals  name → (n,) float64, of those that were asked for and are there
+    units    name → unit, "" where the file declares none
+    names    of everything in the file
+    """
+
+    time_s: NDArray[np.float64]
+    signals: Mapping[str, NDArray[np.float64]]
+    units: Mapping[str, str]
+    names: tuple[str, ...]
+
+
+def require_rising(time_s: NDArray[np.float64], where: str, first_line: int = 1) -> None:
+    """Raises ForeignFile at the first time (n,) that is no number or not later than the one before.
+
+    where names file and column; times stand on consecutive lines from first_line on.
+    """
+    if len(time_s) < 2:
+        raise ForeignFile(f"{where} holds {len(time_s)} samples, expected at least 2; is the file whole?")
+    broken = np.flatnonzero(~np.isfinite(time_s))
+    if len(broken):
+        raise ForeignFile(f"{where} has no number in line {first_line + broken[0]}; every sample needs its time")
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if len(back):
+        at = int(back[0]) + 1
+        what = "again" if time_s[at] == time_s[at - 1] else f"after {time_s[at - 1]:.9g} s"
+        raise ForeignFile(
+            f"{where} has {time_s[at]:.9g} s {what} in line {first_line + at}, expected times that rise; "
+            "export it anew, with enough digits, or repair the line"
+        )
+
+
+def require_labels(labels: tuple[str, ...], where: str) -> None:
+    """Raises ForeignFile where there is no label, an empty one, or one twice."""
+    twice = next((label for i, label in enumerate(labels) if label in labels[:i]), None)
+    if not labels:
+        raise ForeignFile(f"{where} names no markers; export the labelled trajectories")
+    if twice is not None:
+        raise ForeignFile(f"{where} names the marker {twice!r} twice; give each trajectory a label of its own")
+
+
+def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions (frames, markers, 3) with NaN where a coordinate is missing or all three are exactly zero.
+
+    Zeros are how several programs write a marker that was not seen; no real one stands in the origin to the last bit.
+    """
+    missing = np.isnan(positions).any(axis=2) | (positions == 0).all(axis=2)
+    return np.where(missing[..., None], np.nan, positions)
+
+
+def settle_times(
+    numbers: NDArray[np.float64], time: NDArray[np.float64] | None, rate: float, where: str, first_line: int
+) -> tuple[float, NDArray[np.float64]]:
+    """Frame rate [Hz] and times (frames,) [s] of what a file tells of them: the column of times is believed first.
+
+    numbers (frames,) count the frames, the first of the capture is 1; time (frames,) [s] or None; rate [Hz], 0 where
+    the file does not tell. Raises ForeignFile where they contradict each other or do not rise.
+    """
+    if time is None:
+        if rate <= 0:
+            raise ForeignFile(f"{where} tells neither a frame rate nor times; export it with its time column")
+        require_rising(numbers, f"{where}, frame numbers,", first_line)
+        return rate, (numbers - 1) / rate
+    require_rising(time, f"{where}, times,", first_line)
+    counted = count_samples(time)[1]
+    if rate > 0 and abs(counted / rate - 1) > 0.01:
+        raise ForeignFile(
+            f"{where} announces {rate:g} frames a second, and its times tell {counted:.6g}; are they in s?"
+        )
+    return rate or counted, time
+
+
+def count_samples(time_s: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+    """Sample numbers (n,) from 0 and the rate [Hz] of times (n,) whose counting was lost: a gap is a jump.
+
+    The step is the median over twenty samples, so that neither gaps nor times rounded to milliseconds move it.
+    """
+    stride = min(20, len(time_s) - 1)
+    step = float(np.median(time_s[stride:] - time_s[:-stride])) / stride
+    steps = np.maximum(1, np.rint(np.diff(time_s) / step)).astype(np.int64)
+    numbers = np.concatenate(([0], np.cumsum(steps)))
+    return numbers, float(numbers[-1] / (time_s[-1] - time_s[0]))

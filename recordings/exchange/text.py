@@ -1,0 +1,65 @@
+"""Tables in text files → numbers, whatever country's decimal mark they have; and numbers → text, to the last bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.errors import ForeignFile
+
+MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
+"""How programs write a value that is not there."""
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file. Raises ForeignFile where it cannot be read, is empty or is no text."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ForeignFile(f"{path} cannot be read: {error.strerror or error}") from error
+    if b"\0" in raw[:4096]:
+        raise ForeignFile(f"{path} is no text file, expected a table in text; was it renamed?")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    if not text.strip():
+        raise ForeignFile(f"{path} is empty; export it again")
+    return text.rstrip("\r\n \x1a").splitlines()
+
+
+def read_numbers(
+    lines: Sequence[str], separator: str, columns: Sequence[int], path: Path, first_line: int
+) -> NDArray[np.float64]:
+    """The chosen columns (from 0) of lines of fields → (lines, columns), NaN where a field is empty or not there.
+
+    A comma inside a field is a decimal mark. Raises ForeignFile naming the line, counted from first_line.
+    """
+    is_decimal_comma = separator != ","
+    values = np.full((len(lines), len(columns)), np.nan)
+    for i, line in enumerate(lines):
+        fields = (line.replace(",", ".") if is_decimal_comma else line).split(separator)
+        for j, column in enumerate(columns):
+            field = fields[column].strip().strip('"') if column < len(fields) else ""
+            if field.lower() in MISSING:
+                continue
+            try:
+                values[i, j] = float(field)
+            except ValueError:
+                raise ForeignFile(
+                    f"{path}, line {first_line + i}, has {field!r} in column {column + 1}, expected a number"
+                ) from None
+    return values
+
+
+def write_table(titles: Sequence[str], rows: Iterable[Sequence[float]], separator: str, missing: str = "") -> str:
+    """A line of titles and a line per row, numbers in the fewest digits that give the same bits again."""
+    return "\n".join([separator.join(titles), *(write_row(row, separator, missing) for row in rows)]) + "\n"
+
+
+def write_row(row: Sequence[float], separator: str, missing: str = "") -> str:
+    return separator.join(missing if math.isnan(number) else repr(float(number)) for number in row)

@@ -1,0 +1,254 @@
+"""Force and markers from files of other programs → one recording like those the station makes itself."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.clocks import find_edges
+from fitting.quality import UnusableTrial
+from fitting.trial import read_trials
+from recordings.exchange.tables import MarkerTable, count_samples
+from recordings.manifest import BounceRig, CuffSite, LoadCell, Manifest, Outcome
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from recordings.writer import RecordingWriter
+from station.config import INDICATOR_UNITS_N, StationConfig
+from station.foreign_files import Force, ForceSource, ImportRefused, MarkerSource, WrongImport, read_force, read_markers
+from station.protocol import TrialSpec
+from station.versions import installed_versions
+
+BLOCK_S = 0.1
+LEAST_OVERLAP = 0.5
+"""Of the longer file, or with a sync line of the markers: less in common, and they are of two trials."""
+WORTH_TELLING_S = 1.0
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The recording that was made, and what the operator should know of it, in sentences."""
+
+    path: Path
+    notes: tuple[str, ...]
+
+
+def import_trial(
+    session: Path,
+    spec: TrialSpec,
+    config: StationConfig,
+    force_source: ForceSource,
+    marker_source: MarkerSource,
+    captured: datetime | None = None,
+) -> Imported:
+    """Writes the trial into the session's folder under its next free run; all of it or nothing.
+
+    With a sync line its rising edge is the markers' time 0; without one both files tell the same time. The lag of the
+    force and its uncertainty are those of config.sync. captured is in UTC where it names no zone; without it trials
+    follow each other as they are imported. What the fit could not use is refused here already.
+    Raises ImportRefused, ConfigError or RecordingError, each one sentence.
+    """
+    subject = config.subject(spec.cuff)
+    markers = read_markers(marker_source, subject.labels)
+    force = read_force(force_source, has_own_clock=force_source.path != marker_source.path)
+    files = f"{force_source.path.name} and {marker_source.path.name}"
+    laid = _by_edge(force, markers, config, files) if force.sync is not None else _by_declaration(force, markers, files)
+    run, start_utc_ns = spec.next_free_run(session), _utc_ns(captured)
+    manifest = Manifest(
+        cuff=subject if isinstance(subject, CuffSite) else None,
+        bounce=subject if isinstance(subject, BounceRig) else None,
+        test=spec.test,
+        repeat=spec.repeat,
+        run=run,
+        donning=spec.donning,
+        start="declared" if force.sync is None else "sync_edge",
+        origin_s=laid.origin_s,
+        sync_threshold_v=config.sync.threshold_v,
+        load_cell=_load_cell(force, config),
+        start_utc_ns=start_utc_ns,
+        effective_config=config.model_dump(mode="json"),
+        versions=installed_versions(),
+    )
+    streams = [
+        Stream(
+            "/force", "lbf" if force.unit == "lbs" else force.unit, ("force",), laid.force_rate, force_source.path.name
+        ),
+        Stream("/markers", "mm", markers.labels, markers.rate_hz, marker_source.path.name),
+    ]
+    if force.sync is not None:
+        streams.insert(1, Stream("/sync", "V", ("sync",), laid.force_rate, force_source.path.name))
+    events = _events(laid, (force_source.path, marker_source.path), manifest)
+    path = session / spec.file_name(run)
+    _write(path, manifest, streams, [*events, *_items(laid, force, markers, start_utc_ns)], files)
+    return Imported(path, laid.notes)
+
+
+def with_lag(config: StationConfig, lag_s: float | None, lag_sd_s: float | None) -> StationConfig:
+    """The configuration with another lag of force against markers [s], or another standard uncertainty of it [s]."""
+    said = {"lag_s": lag_s, "lag_sd_s": lag_sd_s}
+    sync = config.sync.model_copy(update={key: value for key, value in said.items() if value is not None})
+    return config.model_copy(update={"sync": sync})
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """Force and markers counted, and placed on session time.
+
+    force_numbers (n,), frame_numbers (frames,) as a device would have counted them; force_rate Hz
+    force_at (n,), frames_at (frames,) s of session time; origin_s, its zero on the files' clock
+    """
+
+    force_numbers: NDArray[np.int64]
+    force_rate: float
+    force_at: NDArray[np.float64]
+    frame_numbers: NDArray[np.int64]
+    frames_at: NDArray[np.float64]
+    origin_s: float
+    words: str
+    notes: tuple[str, ...]
+
+
+def _utc_ns(captured: datetime | None) -> int:
+    if captured is None:
+        return time.time_ns()
+    return round((captured if captured.tzinfo else captured.replace(tzinfo=UTC)).timestamp() * 1e6) * 1000
+
+
+def _by_edge(force: Force, markers: MarkerTable, config: StationConfig, files: str) -> _Laid:
+    numbers, rate = _counted(force.time)
+    assert force.sync is not None  # noqa: S101  (who calls has asked)
+    try:
+        edge = find_edges(numbers / rate, force.sync, config.sync.threshold_v).rising
+    except UnusableTrial as error:
+        raise ImportRefused(f"{files} cannot be used: {error}") from error
+    frames = np.rint(markers.time_s * markers.rate_hz).astype(np.int64) + 1
+    if frames[0] < 1:
+        raise ImportRefused(
+            f"{files}: the markers begin {-markers.time_s[0]:.3g} s before the capture; export from frame 1 on"
+        )
+    force_at, frames_at = numbers / rate - edge, (frames - 1) / markers.rate_hz
+    notes = _require_common_time(force_at, frames_at, frames_at[-1] - frames_at[0], files)
+    words = f"the sync line rises at {edge:.4f} s of the force file: that is time 0 of the markers"
+    return _Laid(numbers, rate, force_at, frames, frames_at, 0.0, words, notes)
+
+
+def _by_declaration(force: Force, markers: MarkerTable, files: str) -> _Laid:
+    numbers, rate = _counted(force.time)
+    origin = float(markers.time_s[0])
+    frames = np.rint((markers.time_s - origin) * markers.rate_hz).astype(np.int64) + 1
+    force_at, frames_at = force.time - origin, markers.time_s - origin
+    longer = max(float(np.ptp(force_at)), float(np.ptp(frames_at)))
+    notes = _require_common_time(force_at, frames_at, longer, files)
+    words = f"there is no sync line: both files are said to tell the same time, {origin:g} s in them is time 0"
+    return _Laid(numbers, rate, force_at, frames, frames_at, origin, words, notes)
+
+
+def _counted(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+    numbers, rate = count_samples(times)
+    return numbers, float(f"{rate:.9g}")  # times are written with so many digits
+
+
+def _require_common_time(
+    force_at: NDArray[np.float64], frames_at: NDArray[np.float64], expected: float, files: str
+) -> tuple[str, ...]:
+    """A note where one file ends long before the other. Raises ImportRefused where they share too little."""
+    starts, ends = (force_at[0], frames_at[0]), (force_at[-1], frames_at[-1])
+    common = min(ends) - max(starts)
+    spans = f"force from {starts[0]:.2f} to {ends[0]:.2f} s, markers from {starts[1]:.2f} to {ends[1]:.2f} s"
+    if common < LEAST_OVERLAP * expected:
+        raise ImportRefused(
+            f"{files} share {max(0.0, common):.2f} s, expected at least half of {expected:.2f} s ({spans}); are they "
+            "of the same trial? If they are, cut the longer one"
+        )
+    if ends[1] - common > WORTH_TELLING_S:
+        return (f"{files} share {common:.2f} s, and nothing else of them is used: {spans}",)
+    return ()
+
+
+def _load_cell(force: Force, config: StationConfig) -> LoadCell:
+    """Volts by the configuration's calibration; newtons and pounds-force as they stand, tension positive."""
+    cell = config.load_cell
+    if force.unit != "V":
+        return LoadCell("daq", 1.0 if force.unit == "N" else INDICATOR_UNITS_N["usb220"], 1, cell.serial_number)
+    if cell.source != "daq":
+        raise WrongImport(
+            f'the configuration has load_cell.source = "{cell.source}" and no scale for the volts of {force.column}; '
+            "give --force-unit N or lbs, or a configuration with the DAQ's capacity_kg and full_scale_v"
+        )
+    return config.calibration()
+
+
+def _events(laid: _Laid, files: Sequence[Path], manifest: Manifest) -> Iterator[Event]:
+    hashes = ", ".join(f"{path.name} (sha256 {hashlib.sha256(path.read_bytes()).hexdigest()})" for path in files)
+    yield Event("imported", f"from {hashes}; {laid.words}", manifest.start_utc_ns, "station")
+    if manifest.start == "sync_edge":
+        yield Event("sync_edge", laid.words, manifest.start_utc_ns, "station")
+
+
+def _items(laid: _Laid, force: Force, markers: MarkerTable, start_utc_ns: int) -> list[Item]:
+    """Blocks and losses in the order in which they would have arrived, the first sample of all at start_utc_ns."""
+    first = min(laid.force_at[0], laid.frames_at[0])
+    host_of_force = start_utc_ns + _nanoseconds(laid.force_at - first)
+    host_of_frames = start_utc_ns + _nanoseconds(laid.frames_at - first)
+    positions = np.concatenate((markers.positions, markers.residuals[..., None]), axis=2)
+    positions[markers.missing] = np.nan
+    device = _nanoseconds(force.time)
+    items = [
+        *_blocks("/force", laid.force_numbers, device, host_of_force, force.values[:, None]),
+        *_blocks(
+            "/markers", laid.frame_numbers, _nanoseconds(markers.time_s), host_of_frames, positions.astype(np.float32)
+        ),
+    ]
+    if force.sync is not None:
+        items += _blocks("/sync", laid.force_numbers, device, host_of_force, force.sync[:, None])
+    return sorted(items, key=lambda item: item.host_time_ns)
+
+
+def _blocks(
+    stream: str,
+    numbers: NDArray[np.int64],
+    device_ns: NDArray[np.int64],
+    host_ns: NDArray[np.int64],
+    values: NDArray[Any],
+) -> Iterator[Item]:
+    """A tenth of a second each, arriving with its last sample; before the first after a gap the loss."""
+    cuts = np.flatnonzero(np.diff((host_ns - host_ns[0]) // round(1e9 * BLOCK_S)) | (np.diff(numbers) != 1)) + 1
+    for part in np.split(np.arange(len(numbers)), cuts):
+        begin, end = int(part[0]), int(part[-1]) + 1
+        if begin and numbers[begin] > numbers[begin - 1] + 1:
+            lost = int(numbers[begin - 1]) + 1
+            yield Loss(
+                stream, "skipped", lost, int(numbers[begin]) - lost, int(device_ns[begin - 1]), int(host_ns[begin])
+            )
+        counted = numbers[begin:end].astype(np.uint64)
+        yield Samples(stream, counted, device_ns[begin:end], int(host_ns[end - 1]), values[begin:end])
+
+
+def _nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.rint(1e9 * seconds).astype(np.int64)
+
+
+def _write(path: Path, manifest: Manifest, streams: Sequence[Stream], items: Sequence[Item], files: str) -> None:
+    """The recording takes its name when it is whole and the fit can read it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f"{path.name}.part")
+    draft.unlink(missing_ok=True)
+    writer = RecordingWriter(draft, manifest, streams)
+    try:
+        for item in items:
+            writer.write(item)
+        writer.close(Outcome(True, "closed", f"imported from {files}"))
+        rejected = read_trials([draft])[1]
+        if rejected:
+            raise ImportRefused(f"{files} cannot be used: {rejected[0].reason}")
+        if path.exists():
+            raise ImportRefused(f"{path} has come into being meanwhile; import again")
+        draft.replace(path)
+    finally:
+        writer.discard()

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings.errors import ForeignFile
+from recordings.exchange.qtm_tsv import read_qtm_tsv, write_qtm_tsv
+from tests.recordings.exchange.walk import FRAMES, same, walk
+
+HEADER = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t12\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nDESCRIPTION\t--\nDATA_INCLUDED\t3D\n"
+NAMES = "MARKER_NAMES\ta\tb\n"
+ROWS = ["1.5\t2\t3\t4\t5\t6", "1.6\t2\t3\t0.000\t0.000\t0.000", "1.7\t2\t3\t\t\t"]
+EXPECTED_A = [1.5, 1.6, 1.7]
+
+
+def export(tmp_path: Path, *parts: str) -> Path:
+    path = tmp_path / "trial.tsv"
+    path.write_bytes("".join(parts).encode())
+    return path
+
+
+def lines(rows: list[str]) -> str:
+    return "\r\n".join(rows) + "\r\n"
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "first_time"),
+    [
+        (HEADER + NAMES, ROWS, 0.0),
+        (HEADER + "MARKER_NAMES\ta\tb\t\nTRAJECTORY_TYPES\tMeasured\tMixed\n", [row + "\t" for row in ROWS], 0.0),
+        (HEADER + NAMES, [f"{i + 101}\t{row}" for i, row in enumerate(ROWS)], 1.0),
+        (HEADER + NAMES, [f"{i + 1}\t{i / 100:.5f}\t{row}" for i, row in enumerate(ROWS)], 0.0),
+        (HEADER + NAMES, [f"{0.5 + i / 100:.5f}\t{row}" for i, row in enumerate(ROWS)], 0.5),
+        (
+            HEADER + NAMES + "Frame\tTime\ta X\ta Y\ta Z\tb X\tb Y\tb Z\n",
+            [f"{i + 1}\t{i / 100}\t{r}" for i, r in enumerate(ROWS)],
+            0.0,
+        ),
+        (HEADER + NAMES + "a X\ta Y\ta Z\tb X\tb Y\tb Z\n", ROWS, 0.0),
+        (HEADER.replace("100", "100,0") + NAMES, [row.replace(".", ",") for row in ROWS], 0.0),
+        ("FILE_VERSION\t2.0.0\nEVENT\tSync\t1\t0.0\n" + HEADER + NAMES, ROWS, 0.0),
+        (HEADER.replace("100", "EXT") + NAMES, [f"{i + 1}\t{i / 100:.5f}\t{row}" for i, row in enumerate(ROWS)], 0.0),
+        (HEADER + NAMES, [ROWS[0], ROWS[1], "1.7\t2\t3\tnull\tnull\tnull"], 0.0),
+    ],
+    ids=[
+        "as it is",
+        "every line ends in a tab",
+        "with frame numbers of a cut capture",
+        "with frames and times",
+        "with times",
+        "with titles",
+        "with titles of the markers alone",
+        "with decimal commas",
+        "of format 2 with an event",
+        "with an external time base",
+        "with null for nothing",
+    ],
+)
+def test_every_variant_of_the_export_reads_the_same(
+    tmp_path: Path, header: str, rows: list[str], first_time: float
+) -> None:
+    read = read_qtm_tsv(export(tmp_path, header, lines(rows)))
+    assert read.labels == ("a", "b")
+    assert read.rate_hz == pytest.approx(100)
+    assert read.positions[:, 0, 0].tolist() == EXPECTED_A
+    assert read.missing.tolist() == [[False, False], [False, True], [False, True]]
+    assert read.time_s == pytest.approx(first_time + np.arange(3) / 100)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (lines(ROWS), "has no line MARKER_NAMES"),
+        (HEADER + "MARKER_NAMES\n" + lines(ROWS), "names no markers"),
+        (HEADER + "MARKER_NAMES\ta\ta\n" + lines(ROWS), "names the marker 'a' twice"),
+        (HEADER + "MARKER_NAMES\ta\n" + lines(ROWS), "announces NO_OF_MARKERS 2 and names 1"),
+        (HEADER + NAMES + lines(ROWS[:2]), "announces NO_OF_FRAMES 3 and holds 2"),
+        (HEADER + NAMES, "announces NO_OF_FRAMES 3 and holds 0"),
+        (HEADER + NAMES + lines([row + "\t7\t8\t9" for row in ROWS]), "has 9 columns for 2 markers, expected 6"),
+        (HEADER + NAMES + lines([ROWS[0], "1.6\t2\tx\t4\t5\t6", ROWS[2]]), "line 9, has 'x' in column 3"),
+        (HEADER.replace("100", "EXT") + NAMES + lines(ROWS), "neither a frame rate nor times"),
+        (HEADER + NAMES + lines([f"{i}\t{row}" for i, row in zip((1, 3, 3), ROWS, strict=True)]), "again in line 10"),
+    ],
+)
+def test_an_export_that_is_none_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ForeignFile, match=words):
+        read_qtm_tsv(export(tmp_path, text))
+
+
+def test_metres_are_metres_where_somebody_says_so(tmp_path: Path) -> None:
+    read = read_qtm_tsv(export(tmp_path, HEADER, NAMES, lines(ROWS)), "m")
+    assert read.positions[0, 0].tolist() == [1500.0, 2000.0, 3000.0]
+
+
+def test_what_was_written_reads_the_same_to_the_last_bit(tmp_path: Path) -> None:
+    text = write_qtm_tsv(walk(first=0.25))
+    assert f"NO_OF_FRAMES\t{FRAMES}" in text
+    assert same(read_qtm_tsv(export(tmp_path, text)), walk(first=0.25))

@@ -1,0 +1,88 @@
+"""An independent experiment, written into the files that other programs leave, and beside them into our own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from recordings.exchange.c3d import write_c3d
+from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.exchange.signal_csv import write_columns
+from recordings.exchange.tables import MarkerTable
+from recordings.exchange.trc import write_trc
+from recordings.manifest import Manifest, Outcome
+from recordings.reader import Track
+from recordings.samples import Samples
+from recordings.writer import RecordingWriter
+from station.config import StationConfig, parse_config
+from tests.fitting.experiment import Session, published
+
+CONFIG = {
+    "cuffs": {"hand": {"anchor_markers": [f"anchor_{i}" for i in (1, 2, 3, 4)], "cuff_markers": ["cuff_1"]}},
+    "bounce": {"mass_kg": 2.0, "marker": "cuff_1"},
+}
+
+
+def config() -> StationConfig:
+    return parse_config(CONFIG, "test")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One trial as the instruments saw it."""
+
+    manifest: Manifest
+    tracks: dict[str, Track]
+
+    @property
+    def edge_s(self) -> float:
+        """Where the sync line rises on the DAQ's clock, within half a sample."""
+        return float(np.argmax(self.tracks["/sync"].values[:, 0] > 2.5) - 0.5) / 1000
+
+    @property
+    def markers(self) -> MarkerTable:
+        track = self.tracks["/markers"]
+        values = track.values.astype(np.float64)
+        time = (track.sample_numbers.astype(np.float64) - 1) / 100
+        return MarkerTable(track.stream.labels, 100.0, time, values[..., :3], values[..., 3])
+
+    def write_csv(
+        self, path: Path, *, has_sync: bool = True, newtons_per_unit: float = 1.0, column: str = "force_v"
+    ) -> Path:
+        time = np.arange(len(self.tracks["/force"].values)) / 1000
+        columns = {"time_s": time if has_sync else time - self.edge_s}
+        columns[column] = newtons_per_unit * self.tracks["/force"].values[:, 0]
+        if has_sync:
+            columns["sync_v"] = self.tracks["/sync"].values[:, 0]
+        path.write_text(write_columns(columns, ","), encoding="utf-8")
+        return path
+
+    def write_markers(self, path: Path) -> Path:
+        """As .tsv, .trc or .c3d; a .c3d holds the force of the same time in volts too."""
+        if path.suffix == ".c3d":
+            first = round(self.edge_s * 1000)
+            volts = self.tracks["/force"].values[first : first + 10 * len(self.markers.time_s), 0]
+            write_c3d(path, self.markers, {"ai0": volts}, {"ai0": "V"})
+        else:
+            text = write_qtm_tsv(self.markers) if path.suffix == ".tsv" else write_trc(self.markers, path.name)
+            path.write_text(text, encoding="utf-8")
+        return path
+
+    def record(self, path: Path) -> Path:
+        """What the station itself would have recorded of it."""
+        streams = [track.stream for track in self.tracks.values()]
+        writer = RecordingWriter(path, self.manifest, streams, sync=lambda _: None)
+        for name, track in self.tracks.items():
+            for host in np.unique(track.host_time_ns):
+                part = track.host_time_ns == host
+                numbers, device, values = track.sample_numbers[part], track.device_time_ns[part], track.values[part]
+                writer.write(Samples(name, numbers, device, int(host), values))
+        writer.close(Outcome(True, "closed", "the mocap capture ended"))
+        return path
+
+
+def static_and_dynamic(seed: int = 3) -> tuple[Truth, Truth]:
+    session = Session(published("hand", hold=4.2, unloads_at_once=True), seed)
+    return Truth(*session.static()), Truth(*session.dynamic())
