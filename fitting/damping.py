@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting import cross_checks
+from fitting.cross_checks import Checks, Method
 from fitting.errors_in_variables import TAU, C, K, Record, Solution, estimate
 from fitting.oscillation import Oscillation, find_oscillation
+from fitting.output_error import output_error
 from fitting.quality import UnusableTrial
 from fitting.slip import Slip, find_slip
 from fitting.trial import Trial
-from fitting.uncertainty import NORMAL_95, Estimate, Repeat
+from fitting.uncertainty import Estimate, Repeat, normal_estimate
 
 MIN_CYCLES = 3.0
 MIN_SAMPLES_PER_CYCLE = 8.0
@@ -25,6 +28,10 @@ NEGLIGIBLE_SLIP = 0.5
 """Standard errors of c that slip may feign without being looked at; they are in the error all the same."""
 MAX_FEIGNED = 0.1
 """Part of c that the slip of a cuff may feign which never settles."""
+COLOURED_NOTE = (
+    "the noise of the markers is correlated in time ({:.2f} between neighbouring frames); check the mocap system's "
+    "smoothing and the markers' hold on the cuff"
+)
 FIT_RATE = 250.0
 """Hz to which force is averaged: 5 % of a thousandth of its swing at 3 Hz is lost, and the fit is four times faster."""
 
@@ -36,11 +43,14 @@ class DampingFit:
     damping      c [N s/m]
     noise        the part of its standard error that remains if the lag is known [N s/m]
     stiffness    k [N/m] of this record
+    method       that gave c and k: errors in variables, or output error where the markers' noise is coloured
+    energy       J that the cuff takes in a cycle, the loop of force over displacement
     lag          τ [s] as far as the data moved it from 0, its prior
     offset       F0 [N]
     force_noise, marker_noise  standard deviation per sample [N] (at FIT_RATE), [m], as estimated
     uses_static_stiffness      whether k was tied to that of the held loads, because the lag is too uncertain
     oscillation  the stretch that was fitted
+    checks       other methods on the same record, its complex stiffness and what is left over
     notes        what a reader should know
     time, displacement, velocity, damper_force  (n,) [s, m, m/s, N]: the fitted motion, and the measured
                  F − k x − m ẍ − F0 − F1 u over it, whose slope against velocity is c
@@ -49,12 +59,15 @@ class DampingFit:
     damping: Repeat
     noise: float
     stiffness: Estimate
+    method: Method
+    energy: Estimate
     lag: float
     offset: float
     force_noise: float
     marker_noise: float
     uses_static_stiffness: bool
     oscillation: Oscillation
+    checks: Checks
     time: NDArray[np.float64]
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -80,7 +93,8 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
     record = _cut(trial, displacement, oscillation, tie)
     cycles = "the first cycle, which is" if slip.cycles == 1 else f"the first {slip.cycles} cycles, which are"
     note = f"the cuff slipped by {1e3 * slip.distance:.2f} mm in {cycles} left out"
-    return replace(_fit(trial, oscillation, record, estimate(record), slip.damping), notes=(note,))
+    fit = _fit(trial, oscillation, record, estimate(record), slip.damping)
+    return replace(fit, notes=(note, *fit.notes))
 
 
 def _require_cycles(trial: Trial, oscillation: Oscillation) -> None:
@@ -146,31 +160,69 @@ def _averaged(time: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[ND
 
 
 def _fit(trial: Trial, oscillation: Oscillation, record: Record, solution: Solution, feigned: float) -> DampingFit:
-    """Splits what is uncertain into what is new in every trial and what all share (declared lag, drift, static k).
-
-    feigned is c [N s/m] that slip may feign; it counts as noise.
-    """
-    k, k_error = float(solution.parameters[K]), math.sqrt(float(solution.covariance[K, K]))
-    c, noise = float(solution.parameters[C]), math.hypot(float(solution.known_lag_sd[1]), feigned)
-    if record.stiffness_prior is None:
-        # To first order c_app = c + k τ; what the data say of τ beyond that hangs on harmonics, and is not counted.
-        damping = Repeat(c, math.hypot(noise, k * trial.lag.edge), k * trial.lag.common(oscillation.middle))
-    else:
-        damping = Repeat(
-            c, noise, math.sqrt(max(0.0, float(solution.covariance[C, C]) - float(solution.known_lag_sd[1]) ** 2))
-        )
+    """The result of a record; feigned is c [N s/m] that slip may feign, and counts as noise."""
+    checks = cross_checks.check(record, solution, oscillation.frequency)
+    default = cross_checks.without_lag(solution)
+    notes = cross_checks.disagreements(default, checks)
+    robust = output_error(record, default[0].value, default[1].value) if checks.is_coloured else None
+    if checks.is_coloured:
+        notes += (COLOURED_NOTE.format(checks.marker_correlation),)
+    method: Method = "errors in variables"
+    stiffness, free = _stiffness(solution), default[1]
+    if robust is not None and record.stiffness_prior is None:
+        method, (stiffness, free) = "output error", robust
+    damping = _damping(trial, oscillation, record, solution, stiffness.value, free, feigned)
+    loop = float(np.mean(solution.velocity**2)) / oscillation.frequency
     return DampingFit(
         damping=damping,
-        noise=noise,
-        stiffness=Estimate(k, k_error, (k - NORMAL_95 * k_error, k + NORMAL_95 * k_error)),
+        noise=math.hypot(free.standard_error, feigned),
+        stiffness=stiffness,
+        method=method,
+        energy=damping.estimate.scaled(loop),
         lag=float(solution.parameters[TAU]),
         offset=float(solution.parameters[2]),
         force_noise=solution.force_noise,
         marker_noise=solution.marker_noise,
         uses_static_stiffness=record.stiffness_prior is not None,
         oscillation=oscillation,
+        checks=checks,
         time=record.force_time,
         displacement=solution.x,
         velocity=solution.velocity,
         damper_force=solution.damper_force,
+        notes=notes,
+    )
+
+
+def _stiffness(solution: Solution) -> Estimate:
+    return normal_estimate(float(solution.parameters[K]), math.sqrt(float(solution.covariance[K, K])))
+
+
+def _damping(
+    trial: Trial,
+    oscillation: Oscillation,
+    record: Record,
+    solution: Solution,
+    k: float,
+    free: Estimate,
+    feigned: float,
+) -> Repeat:
+    """Splits what is uncertain into what is new in every trial and what all share: lag, drift, gain, static k.
+
+    free is c with its error as if the lag were known. To first order c_app = c + k τ; what the data say of τ beyond
+    that hangs on harmonics, and is not counted.
+    """
+    error, bound, gain = free.standard_error, float(solution.known_lag_sd[1]), trial.gain_sd * abs(free.value)
+    if record.stiffness_prior is None:
+        lag, common = k * trial.lag.declared, k * trial.lag.common(oscillation.middle)
+        drift = math.sqrt(max(0.0, common**2 - lag**2))
+        error, bound = math.hypot(error, k * trial.lag.edge), math.hypot(bound, k * trial.lag.edge)
+    else:
+        lag, drift = math.sqrt(max(0.0, float(solution.covariance[C, C]) - bound**2)), 0.0
+    return Repeat(
+        value=free.value,
+        noise=math.hypot(error, feigned),
+        common=math.hypot(lag, drift, gain),
+        causes={"lag": lag, "drift": drift, "gain": gain},
+        bound=bound,
     )

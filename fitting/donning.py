@@ -20,6 +20,7 @@ from fitting.result import CuffFit, TrialFit, Verdict, covariance_of
 from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness, require_positive_loads, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
+from fitting.weak_form import ComplexStiffness, complex_stiffness
 
 MIN_LOADS = 3
 """Held loads without which a donning has no stiffness."""
@@ -82,6 +83,8 @@ def fit_donning(
         trials=_list_trials(trials, used, lines, swings, reasons),
         notes=_notes(stiffness, list(swings.values())) + _migration_notes(all_static, before),
         diagnostics=_diagnostics(stiffness, list(swings.values())),
+        energy=_energy(list(swings.values())),
+        complex_stiffness=_complex_stiffness(list(swings.values()), trials[0].cuff_mass),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
 
@@ -253,6 +256,7 @@ def _list_trials(
                 + (damping[file].notes if file in damping else ()),
                 stiffness=trial_stiffness(static[file]) if file in static else None,
                 damping=damping[file].damping.estimate if file in damping else None,
+                swing=damping.get(file),
                 migration=fit_migration([reduced[file].plateaus]) if is_used else None,
             )
         )
@@ -300,6 +304,22 @@ def _diagnostics(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> dict
         }.items():
             found[key] = float(np.mean(values))
     return found
+
+
+def _energy(damping: Sequence[DampingFit]) -> Estimate | None:
+    """Of a cycle as swung on average: c times the mean of ∮ ẋ dx."""
+    if not damping:
+        return None
+    loops = [float(np.mean(fit.velocity**2)) / fit.oscillation.frequency for fit in damping]
+    return combine([fit.damping for fit in damping]).scaled(float(np.mean(loops)))
+
+
+def _complex_stiffness(damping: Sequence[DampingFit], mass: float) -> tuple[ComplexStiffness, ...]:
+    """From the lines of all dynamic trials, in bands about their mean frequency."""
+    if not damping:
+        return ()
+    frequency = float(np.mean([fit.oscillation.frequency for fit in damping]))
+    return complex_stiffness([line for fit in damping for line in fit.checks.lines], mass, frequency)
 
 
 def _draw(each: ReducedTrial, static: StaticFit | None, dynamic: DampingFit | None) -> TrialCurves:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from fitting.spline import Spline, grounded, solve_banded
+from fitting.spline import Spline, combined, grounded, solve_banded
 from solver.cuff import cuff_force
 
 KNOT_STEP = 0.08
@@ -56,6 +56,7 @@ class Solution:
     known_lag_sd   (2,) standard errors of k and c if the lag were known exactly
     marker_noise, force_noise  standard deviation per sample [m], [N], estimated with the rest
     x, velocity, damper_force  (n,) at the force samples: the fitted motion, and F − k x − m ẍ − F0 − F1 u over it
+    force_residual, marker_residual  (n,) [N], (frames,) [m]: measured minus fitted; outlying frames are NaN
     """
 
     parameters: NDArray[np.float64]
@@ -66,6 +67,8 @@ class Solution:
     x: NDArray[np.float64]
     velocity: NDArray[np.float64]
     damper_force: NDArray[np.float64]
+    force_residual: NDArray[np.float64]
+    marker_residual: NDArray[np.float64]
 
 
 def estimate(record: Record) -> Solution:
@@ -82,7 +85,7 @@ def estimate(record: Record) -> Solution:
         seen = np.abs(step.marker_residual) < OUTLIER * noise[0]
         if np.allclose(before, noise, rtol=2e-3):
             break
-    return _solution(step)
+    return _solution(step, seen)
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ class _Step:
 
     def updated_noise(self, seen: NDArray[np.bool_]) -> tuple[float, float]:
         """Standard deviations (marker, force) of the residuals; θ's degrees of freedom shared as the data share θ."""
-        used_by_force = float(np.trace(np.linalg.solve(self.normal.toarray(), self.normal_of_force.toarray())))
+        used_by_force = float(np.trace(solve_banded(self.normal, self.normal_of_force.toarray())))
         used_by_markers = len(self.theta) - used_by_force
         markers, force = self.marker_residual[seen], self.force_residual
         s_x = np.sqrt(markers @ markers / max(len(markers) - used_by_markers, 1.0))
@@ -143,7 +146,7 @@ def _linearise(
     k, c, f0, f1, tau = parameters
     s_x, s_f = noise
     u = _ramp(record)
-    G = csr_array(k * position + c * velocity + record.mass * acceleration)
+    G = combined((k, c, record.mass), (position, velocity, acceleration))
     normal_of_force = csr_array(csr_array(G.T @ G) / s_f**2)
     seen_markers = csr_array(markers[seen])
     normal = grounded(csr_array(normal_of_force + csr_array(seen_markers.T @ seen_markers) / s_x**2))
@@ -171,7 +174,7 @@ def _linearise(
     )
 
 
-def _solution(step: _Step) -> Solution:
+def _solution(step: _Step, seen: NDArray[np.bool_]) -> Solution:
     covariance = np.asarray(np.linalg.inv(step.information), dtype=np.float64)
     known_lag = np.linalg.inv(step.information[:TAU, :TAU])
     x, velocity = step.jacobian[:, K], step.jacobian[:, C]
@@ -184,6 +187,8 @@ def _solution(step: _Step) -> Solution:
         x=x,
         velocity=velocity,
         damper_force=step.force_residual + step.parameters[C] * velocity,
+        force_residual=step.force_residual,
+        marker_residual=np.where(seen, step.marker_residual, np.nan),
     )
 
 

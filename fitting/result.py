@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.curves import TrialCurves
+from fitting.damping import DampingFit
+from fitting.plain import plain_bands, plain_estimate, plain_swing
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import NORMAL_95, Estimate
+from fitting.weak_form import ComplexStiffness
 from solver.cuff import CuffParameters
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
@@ -61,7 +64,7 @@ class CuffsFileError(Exception):
 class TrialFit:
     """One recording's part in a fit: "used", "superseded" by a later run, or "unusable" for a reason.
 
-    The estimates are from this trial alone, None where it says nothing.
+    The estimates are from this trial alone, None where it says nothing; swing is all that a dynamic one says.
     """
 
     file: str
@@ -75,6 +78,7 @@ class TrialFit:
     stiffness: Estimate | None = None
     damping: Estimate | None = None
     migration: Estimate | None = None
+    swing: DampingFit | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,8 @@ class CuffFit:
     sources     file → SHA-256 of every recording that was used
     trials      every recording of the donning; not read back from cuffs.json
     notes       sentences a reader should know; diagnostics are numbers in SI with the unit in the key
+    energy      J that the cuff takes in a cycle of the dynamic trials
+    complex_stiffness  K* in bands of frequency from all dynamic trials; not read back from cuffs.json
     """
 
     name: str
@@ -99,6 +105,8 @@ class CuffFit:
     trials: tuple[TrialFit, ...] = ()
     notes: tuple[str, ...] = ()
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    energy: Estimate | None = None
+    complex_stiffness: tuple[ComplexStiffness, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -182,6 +190,8 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         "covariance": fit.covariance.tolist(),
         "notes": list(fit.notes),
         "diagnostics": dict(fit.diagnostics),
+        "hysteresis_energy_j": plain_estimate(fit.energy),
+        "complex_stiffness": plain_bands(fit.complex_stiffness),
         "sources": dict(fit.sources),
         "trials": [_plain_trial(trial) for trial in fit.trials],
     }
@@ -198,19 +208,13 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
         "reason": trial.reason,
         "notes": list(trial.notes),
         **_plain_estimates(trial),
+        **({"dynamic": plain_swing(trial.swing)} if trial.swing else {}),
     }
 
 
 def _plain_estimates(fit: CuffFit | TrialFit) -> dict[str, Any]:
     """Three objects of value, standard_error and ci95, each null where the quantity is not identified."""
-    nothing = {"value": None, "standard_error": None, "ci95": None}
-    return {key: _plain_estimate(getattr(fit, name)) or nothing for name, key in QUANTITIES.items()}
-
-
-def _plain_estimate(estimate: Estimate | None) -> dict[str, Any] | None:
-    if estimate is None:
-        return None
-    return {"value": estimate.value, "standard_error": estimate.standard_error, "ci95": list(estimate.ci95)}
+    return {key: plain_estimate(getattr(fit, name)) for name, key in QUANTITIES.items()}
 
 
 def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
@@ -235,6 +239,7 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
         sources=cuff.get("sources", {}),
         notes=tuple(cuff.get("notes", ())),
         diagnostics=cuff.get("diagnostics", {}),
+        energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
     )
 
 
@@ -247,4 +252,8 @@ def _estimate_from(entry: Any, where: str) -> Estimate | None:
     if not all(isinstance(number, int | float) and math.isfinite(number) for number in (value, error)):
         raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value")
     low, high = plain.get("ci95") or (value - NORMAL_95 * error, value + NORMAL_95 * error)
-    return Estimate(float(value), float(error), (float(low), float(high)))
+    parts = {str(cause): float(part) for cause, part in (plain.get("parts") or {}).items()}
+    bound = plain.get("cramer_rao_bound")
+    return Estimate(
+        float(value), float(error), (float(low), float(high)), parts, None if bound is None else float(bound)
+    )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import solveh_banded
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 
 DEGREE = 4
 
@@ -31,13 +32,15 @@ class Spline:
 
         Times outside the spline count as its ends.
         """
-        inside = np.clip(time, self.start, self.end)
-        knots = self.start + self.step * np.arange(-DEGREE, self._intervals + DEGREE + 1)
-        bases = (
-            csr_array(BSpline.design_matrix(inside, knots[order : len(knots) - order], DEGREE - order))
-            for order in range(4)
+        place = (np.clip(time, self.start, self.end) - self.start) / self.step
+        interval = np.minimum(place.astype(np.intp), self._intervals - 1)
+        powers = np.vander(place - interval, DEGREE + 1, increasing=True)
+        columns = (interval[:, None] + np.arange(DEGREE + 1)).ravel()
+        rows = np.arange(0, columns.size + 1, DEGREE + 1)
+        return tuple(
+            csr_array(((powers @ pieces).ravel() / self.step**order, columns, rows), shape=(len(time), self.size))
+            for order, pieces in enumerate(_pieces())
         )
-        return tuple(csr_array(basis @ to) for basis, to in zip(bases, _derivatives(self.size, self.step), strict=True))
 
     @property
     def _intervals(self) -> int:
@@ -45,14 +48,25 @@ class Spline:
 
 
 @cache
-def _derivatives(size: int, step: float) -> tuple[csr_array, ...]:
-    """Matrices from coefficients to those of the spline itself and of its first three derivatives."""
-    found: list[csr_array] = [csr_array(diags_array(np.ones(size)))]
-    for order in range(1, 4):
-        rows = size - order
-        difference: csr_array = csr_array(diags_array([-1 / step, 1 / step], offsets=[0, 1], shape=(rows, rows + 1)))
-        found.append(csr_array(difference @ found[-1]))
+def _pieces() -> tuple[NDArray[np.float64], ...]:
+    """(5, 5) per derivative: coefficients of u⁰ … u⁴ of the five splines that share the interval 0 ≤ u ≤ 1."""
+    bump = BSpline.basis_element(np.arange(DEGREE + 2), extrapolate=False)
+    whole = PPoly.from_spline((bump.t, bump.c, DEGREE))
+    found = []
+    for order in range(4):
+        piece = whole.derivative(order) if order else whole
+        inside = (piece.x[:-1] >= 0) & (piece.x[:-1] < DEGREE + 1) & (np.diff(piece.x) > 0)
+        powers = np.zeros((DEGREE + 1, DEGREE + 1))
+        powers[: DEGREE + 1 - order] = piece.c[::-1, inside]
+        found.append(powers[:, ::-1].copy())
     return tuple(found)
+
+
+def combined(factors: Sequence[float], designs: Sequence[csr_array]) -> csr_array:
+    """The sum of designs for the same times, each times its factor: they have their entries at the same places."""
+    first = designs[0]
+    entries = np.asarray(factors) @ np.stack([design.data for design in designs])
+    return csr_array((entries, first.indices, first.indptr), shape=(first.shape[0], first.shape[1]))
 
 
 def grounded(matrix: csr_array) -> csr_array:

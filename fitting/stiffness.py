@@ -18,7 +18,7 @@ from scipy import stats
 
 from fitting.plateaus import Plateau
 from fitting.quality import UnusableTrial
-from fitting.uncertainty import Estimate, Repeat, combine
+from fitting.uncertainty import Estimate, Repeat, as_inverse, combine
 
 SAME_LOAD = 0.3
 """Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
@@ -86,14 +86,14 @@ def fit_stiffness(trials: Sequence[Sequence[Plateau]], gain_sd: float) -> Stiffn
     if only_rose:
         fits = _straight(_fit_trials(trials, gain_sd, "nowhere")) or fits
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
-    stiffness = _inverse(combine(repeats)) if repeats else None
+    stiffness = as_inverse(combine(repeats)) if repeats else None
     slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness else 0.0
     return StiffnessFit(stiffness, tuple(fits), slip, slips_again, only_rose)
 
 
 def trial_stiffness(fit: StaticFit) -> Estimate | None:
     """k [N/m] from this trial alone, None if its interval has no end."""
-    stiffness = _inverse(fit.repeat.estimate) if fit.repeat else None
+    stiffness = as_inverse(fit.repeat.estimate) if fit.repeat else None
     return stiffness if stiffness and math.isfinite(stiffness.ci95[1]) else None
 
 
@@ -149,8 +149,8 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
     chi_square = float(weight @ (way - compliance * load) ** 2)
     white = 1 / x_sd**2
     noise = 1 / math.sqrt(float(white @ _within(force, segment, white) ** 2))
-    common = math.hypot(math.sqrt(max(0.0, 1 / information - noise**2)), gain_sd * abs(compliance))
-    repeat = Repeat(compliance, noise, common, chi_square, max(dof, 0))
+    causes = {"codes": math.sqrt(max(0.0, 1 / information - noise**2)), "gain": gain_sd * abs(compliance)}
+    repeat = Repeat(compliance, noise, math.hypot(*causes.values()), chi_square, max(dof, 0), causes)
     offset = (force - load) - (x - way) / compliance
     return StaticFit(plateaus, segment, offset, repeat)
 
@@ -178,11 +178,3 @@ def _slip(fit: StaticFit, stiffness: float) -> float:
         return 0.0
     x = np.array([plateau.late[0] - plateau.force / stiffness for plateau in fit.plateaus])
     return float(sum(x[i] - x[i - 1] for i in np.flatnonzero(np.diff(fit.segment)) + 1))
-
-
-def _inverse(compliance: Estimate) -> Estimate:
-    """1/k → k: the interval's ends are inverted, the standard error to first order."""
-    low, high = compliance.ci95
-    stiffness = 1 / compliance.value
-    upper = 1 / low if low > 0 else math.inf
-    return Estimate(stiffness, compliance.standard_error * stiffness**2, (1 / high, upper))

@@ -13,7 +13,7 @@ from fitting.trial import RejectedTrial
 from fitting.uncertainty import Estimate
 
 K, C, M = (
-    Estimate(8520.0, 10.0, (8500.0, 8540.0)),
+    Estimate(8520.0, 10.0, (8500.0, 8540.0), {"noise": 8.0, "between_repeats": 6.0}, 8.0),
     Estimate(210.0, 6.0, (198.0, 222.0)),
     Estimate(0.012, 1e-5, (0.0119, 0.0121)),
 )
@@ -42,7 +42,13 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 def test_the_file_has_the_keys_others_rely_on() -> None:
     cuff = json.loads(_session(_fit()).to_json())["cuffs"]["hand"]
-    assert cuff["stiffness_n_per_m"] == {"value": 8520.0, "standard_error": 10.0, "ci95": [8500.0, 8540.0]}
+    assert cuff["stiffness_n_per_m"] == {
+        "value": 8520.0,
+        "standard_error": 10.0,
+        "ci95": [8500.0, 8540.0],
+        "parts": {"noise": 8.0, "between_repeats": 6.0},
+        "cramer_rao_bound": 8.0,
+    }
     assert set(cuff) >= {"damping_n_s_per_m", "migration_m", "verdict", "donnings", "trials", "sources"}
 
 

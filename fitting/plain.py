@@ -1,0 +1,64 @@
+"""Parts of a fit as plain data, for cuffs.json: units in the keys, the same fit gives the same data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fitting.damping import DampingFit
+from fitting.uncertainty import Estimate
+from fitting.weak_form import ComplexStiffness
+
+
+def plain_estimate(estimate: Estimate | None) -> dict[str, Any]:
+    """value, standard_error and ci95, each null where there is no estimate; parts and bound where they are known."""
+    if estimate is None:
+        return {"value": None, "standard_error": None, "ci95": None}
+    plain: dict[str, Any] = {
+        "value": estimate.value,
+        "standard_error": estimate.standard_error,
+        "ci95": list(estimate.ci95),
+    }
+    if estimate.parts:
+        plain["parts"] = dict(estimate.parts)
+    if estimate.bound is not None:
+        plain["cramer_rao_bound"] = estimate.bound
+    return plain
+
+
+def plain_swing(fit: DampingFit) -> dict[str, Any]:
+    """What a dynamic trial says beside its damping."""
+    return {
+        "method": fit.method,
+        "frequency_hz": fit.oscillation.frequency,
+        "force_amplitude_n": fit.oscillation.amplitude,
+        "dynamic_stiffness_n_per_m": plain_estimate(fit.stiffness),
+        "hysteresis_energy_j": plain_estimate(fit.energy),
+        "lag_s": fit.lag,
+        "force_noise_n": fit.force_noise,
+        "marker_noise_m": fit.marker_noise,
+        "marker_noise_correlation": fit.checks.marker_correlation,
+        "residual_at_harmonics_n": list(fit.checks.harmonics),
+        "residual_between_harmonics_n": fit.checks.harmonic_noise,
+        "cross_checks": [
+            {
+                "method": other.method,
+                "stiffness_n_per_m": plain_estimate(other.stiffness),
+                "damping_n_s_per_m": plain_estimate(other.damping),
+            }
+            for other in fit.checks.others
+        ],
+        "complex_stiffness": plain_bands(fit.checks.complex_stiffness),
+    }
+
+
+def plain_bands(bands: Sequence[ComplexStiffness]) -> list[dict[str, Any]]:
+    """K*(f) = k + i 2πf c, band by band."""
+    return [
+        {
+            "frequency_hz": band.frequency,
+            "stiffness_n_per_m": plain_estimate(band.stiffness),
+            "damping_n_s_per_m": plain_estimate(band.damping),
+        }
+        for band in bands
+    ]
