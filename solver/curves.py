@@ -102,7 +102,7 @@ class ThelenCurves:
 
 Curves = MillardCurves | ThelenCurves
 
-_NEWTON_STEPS = 3  # from a node 1/512 away; each squares the error
+_NODES = 512  # in each corner
 _PLATEAU = 0.05
 
 _Knot = tuple[float, float, float]
@@ -165,7 +165,7 @@ def _passive_force_length(curves: MillardCurves) -> _Chain:
 def _chain(*knots: _Knot, curviness: tuple[float, ...]) -> _Chain:
     """The chain of corners between knots (x, y, slope)."""
     corners = np.array([_corner(a, b, c) for a, b, c in zip(knots[:-1], knots[1:], curviness, strict=True)])
-    s = np.linspace(0.0, len(corners), 512 * len(corners) + 1)
+    s = np.linspace(0.0, len(corners), _NODES * len(corners) + 1)
     index = np.minimum(s.astype(int), len(corners) - 1)
     return _Chain(corners, _bezier(corners[index, 0].T, s - index), s)
 
@@ -183,18 +183,11 @@ def _corner(start: _Knot, end: _Knot, curviness: float) -> Array:
 
 def _evaluate(chain: _Chain, x: Array) -> Array:
     """y of the chain at x; beyond its ends a straight line with the end's slope."""
-    corners = chain.corners
-    first, last = corners[0, :, :2], corners[-1, :, 4:]
-    inside = np.clip(x, first[0, 0], last[0, 1])
-    index = np.searchsorted(corners[1:, 0, 0], inside, side="right")
-    points_x, points_y = np.moveaxis(corners, 0, -1)[..., index]
-    s = np.interp(inside, chain.nodes_x, chain.nodes_s) - index
-    for _ in range(_NEWTON_STEPS):
-        s -= (_bezier(points_x, s) - inside) / _bezier_slope(points_x, s)
-    before, beyond = np.minimum(x - first[0, 0], 0.0), np.maximum(x - last[0, 1], 0.0)
-    (dx0, dy0), (dx1, dy1) = np.diff(first)[:, 0], np.diff(last)[:, 0]
-    value: Array = _bezier(points_y, s) + before * (dy0 / dx0) + beyond * (dy1 / dx1)
-    return value
+    from solver.bezier import follow_chain  # the compiler behind it takes a third of a second to import
+
+    values = np.array(x, dtype=float, order="C")
+    follow_chain(chain.corners, chain.nodes_x, chain.nodes_s, values.reshape(-1))
+    return values
 
 
 def _bezier(p: Array, s: Array) -> Array:
@@ -204,11 +197,3 @@ def _bezier(p: Array, s: Array) -> Array:
     value: Array = tt * t * (tt * p[0] + 5.0 * s * t * p[1] + 10.0 * ss * p[2])
     value += ss * s * (10.0 * tt * p[3] + 5.0 * s * t * p[4] + ss * p[5])
     return value
-
-
-def _bezier_slope(p: Array, s: Array) -> Array:
-    t = 1.0 - s
-    d = 5.0 * np.diff(p, axis=0)
-    slope: Array = t * t * (t * t * d[0] + 4.0 * s * t * d[1] + 6.0 * s * s * d[2])
-    slope += s * s * s * (4.0 * t * d[3] + s * d[4])
-    return slope

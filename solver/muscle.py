@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,25 +36,42 @@ class MuscleForces:
 
 def muscle_forces(model: Model, lengths: Array, lengthening_speeds: Array) -> MuscleForces:
     """Forces at path lengths [m] and lengthening speeds [m/s], both (frames, muscles)."""
-    alike: dict[Curves, list[int]] = {}
-    for index, muscle in enumerate(model.muscles):
-        alike.setdefault(muscle.curves, []).append(index)
-    if len(alike) == 1:
-        return _forces(model.muscles, lengths, lengthening_speeds)
+    groups = _alike(model)
+    if len(groups) == 1:
+        return _forces(groups[0], lengths, lengthening_speeds)
     names = MuscleForces.__dataclass_fields__
     values = {name: np.empty_like(lengths) for name in names}
-    for indices in alike.values():
-        chosen = [model.muscles[index] for index in indices]
-        forces = _forces(chosen, lengths[:, indices], lengthening_speeds[:, indices])
+    for group in groups:
+        forces = _forces(group, lengths[:, group.indices], lengthening_speeds[:, group.indices])
         for name in names:
-            values[name][:, indices] = getattr(forces, name)
+            values[name][:, group.indices] = getattr(forces, name)
     return MuscleForces(**values)
 
 
-def _forces(muscles: Sequence[Muscle], lengths: Array, lengthening_speeds: Array) -> MuscleForces:
-    """Of muscles that all have the same curves."""
-    curves = muscles[0].curves
-    optimal, slack, pennation, steepest, strength, fastest = _parameters(muscles)
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Muscles that have the same curves: indices (muscles,), and of each what the forces take (6, muscles)."""
+
+    curves: Curves
+    indices: NDArray[np.int64]
+    parameters: Array
+
+
+@lru_cache(maxsize=32)
+def _alike(model: Model) -> tuple[_Group, ...]:
+    """Of a model, which is frozen: they are found once."""
+    alike: dict[Curves, list[int]] = {}
+    for index, muscle in enumerate(model.muscles):
+        alike.setdefault(muscle.curves, []).append(index)
+    return tuple(
+        _Group(curves, np.array(indices), _parameters([model.muscles[index] for index in indices]))
+        for curves, indices in alike.items()
+    )
+
+
+def _forces(group: _Group, lengths: Array, lengthening_speeds: Array) -> MuscleForces:
+    curves = group.curves
+    optimal, slack, pennation, steepest, strength, fastest = group.parameters
     height = optimal * np.sin(pennation)
     shortest_pennate = height / np.sin(steepest)
     along = lengths - slack

@@ -8,14 +8,12 @@ can reach is left out. Bounds follow first-order activation dynamics with the pa
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import Enum
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +29,6 @@ Progress = Callable[[int, int], None]
 
 RANK_TOLERANCE = 1e-9
 FRAMES_AT_ONCE = 100  # between two reports of progress
-
-logger = logging.getLogger(__name__)
 
 
 class FrameOutcome(Enum):
@@ -80,7 +76,6 @@ def follow(sequence: FrameSequence, progress: Progress, workers: int | None = No
         return follow_with_clarabel(sequence, progress)
     from solver.sharing.reduction import reduce_frames  # the compiler behind it takes long to import
 
-    _announce_compilation()
     reduction = reduce_frames(sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix)
     if reduction is None:
         return follow_with_clarabel(sequence, progress)
@@ -168,15 +163,6 @@ _OUTCOME_OF_CODE = np.array(  # in the order of the codes of sharing/frames.py
         FrameOutcome.BEYOND_ACTIVATION_RATE,
     ]
 )
-
-
-def _announce_compilation() -> None:
-    """Say what the first run on a machine waits for."""
-    from solver.sharing import frames
-
-    compiled: Any = frames.solve_in_turn
-    if not compiled.signatures and not any(Path(compiled.stats.cache_path).glob("frames.*solve_in_turn*")):
-        logger.warning("compiling the muscle solver, once on this machine; this takes half a minute")
 
 
 def _reachable_rows(matrix: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from math import hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.wrapping.vectors import compiled
+from solver.compiled import compiled
 
 Array = NDArray[np.float64]
 Ray = tuple[float, float, float]

@@ -6,16 +6,12 @@ finds its way and Newton's method finishes, so that a solution never shows where
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from hashlib import sha256
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.compiled import compiled, compiled_for_python
 from solver.sharing.interior_point import VIOLATION_LIMIT, interior_point
 from solver.sharing.newton import NEWTON_GOAL, conditions, newton
-from solver.wrapping.vectors import compiled, compiled_for_python
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -26,62 +22,48 @@ SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE = 0, 1, 2, 3
 EFFORT_SHARE = 1e-6  # of effort against violation, where a problem is infeasible
 
 
-def solve_in_turn_from(sources: str) -> Callable[..., str]:
-    """The compiled function below. The compiler keeps it on disk but does not notice changes in the files it calls;
-    `sources`, their digest, is a variable of its closure and so part of the key under which it is kept.
+@compiled_for_python
+def solve_in_turn(
+    q: Array,
+    M: Array,
+    R: Array,
+    t: Array,
+    equalities: int,
+    rise: Array,
+    fall: Array,
+    reach: Array,
+    guess: Array,
+    a: Array,
+    v: Array,
+    codes: Codes,
+) -> None:
+    """The problem of newton.py in each frame; q (n,), M (frames, m, n) and R (frames, m, m) are common to all
+    scenarios, t (scenarios, frames, m) is not. The first `equalities` rows are no cone's.
+
+    a in [0, 1] changes no faster than activation dynamics let it: rise and fall (n,) are the interval over the time
+    constants. reach (scenarios, 2, n), the next frame's bounds, and guess (scenarios, m), its multipliers, are read
+    and left behind. Fills a (scenarios, frames, n), v (scenarios, frames, m) and codes (scenarios, frames); where
+    INFEASIBLE, a violates rows by as little as possible.
     """
-
-    @compiled_for_python
-    def solve_in_turn(
-        q: Array,
-        M: Array,
-        R: Array,
-        t: Array,
-        equalities: int,
-        rise: Array,
-        fall: Array,
-        reach: Array,
-        guess: Array,
-        a: Array,
-        v: Array,
-        codes: Codes,
-    ) -> str:
-        """The problem of newton.py in each frame; q (n,), M (frames, m, n) and R (frames, m, m) are common to all
-        scenarios, t (scenarios, frames, m) is not. The first `equalities` rows are no cone's.
-
-        a in [0, 1] changes no faster than activation dynamics let it: rise and fall (n,) are the interval over the time
-        constants. reach (scenarios, 2, n), the next frame's bounds, and guess (scenarios, m), its multipliers, are read
-        and left behind. Fills a (scenarios, frames, n), v (scenarios, frames, m) and codes (scenarios, frames); where
-        INFEASIBLE, a violates rows by as little as possible. Returns the digest of the sources it came from.
-        """
-        nothing, everything = np.zeros(len(q)), np.ones(len(q))
-        for scenario in range(t.shape[0]):
-            (lower, upper), v0 = reach[scenario], guess[scenario]
-            for frame in range(t.shape[1]):
-                rows, own, target = M[frame], R[frame], t[scenario, frame]
-                a1, v1 = a[scenario, frame], v[scenario, frame]
-                v1[:] = v0
-                code = _solve(q, rows, own, target, equalities, lower, upper, a1, v1)
-                if code == INFEASIBLE:
-                    code = _solve(q, rows, own, target, equalities, nothing, everything, a1, v1)
-                    code = BEYOND_RATE if code == SOLVED else code
-                if code == INFEASIBLE:
-                    _violate_least(q, rows, own, target, equalities, nothing, everything, a1, v1)
-                codes[scenario, frame] = code
-                if code in (SOLVED, BEYOND_RATE):
-                    _reach(rise, fall, a1, lower, upper)
-                    v0[:] = v1
-                else:
-                    lower[:], upper[:] = 0.0, 1.0
-        return sources
-
-    return solve_in_turn
-
-
-def digest_of_sources() -> str:
-    """Of all files in this folder."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
-    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    nothing, everything = np.zeros(len(q)), np.ones(len(q))
+    for scenario in range(t.shape[0]):
+        (lower, upper), v0 = reach[scenario], guess[scenario]
+        for frame in range(t.shape[1]):
+            rows, own, target = M[frame], R[frame], t[scenario, frame]
+            a1, v1 = a[scenario, frame], v[scenario, frame]
+            v1[:] = v0
+            code = _solve(q, rows, own, target, equalities, lower, upper, a1, v1)
+            if code == INFEASIBLE:
+                code = _solve(q, rows, own, target, equalities, nothing, everything, a1, v1)
+                code = BEYOND_RATE if code == SOLVED else code
+            if code == INFEASIBLE:
+                _violate_least(q, rows, own, target, equalities, nothing, everything, a1, v1)
+            codes[scenario, frame] = code
+            if code in (SOLVED, BEYOND_RATE):
+                _reach(rise, fall, a1, lower, upper)
+                v0[:] = v1
+            else:
+                lower[:], upper[:] = 0.0, 1.0
 
 
 @compiled
@@ -127,6 +109,3 @@ def _reach(rise: Array, fall: Array, a: Array, lower: Array, upper: Array) -> No
         pace = 0.5 + 1.5 * a[i]
         lower[i] = max(a[i] - fall[i] * a[i] * pace, 0.0)
         upper[i] = min(a[i] + rise[i] * (1.0 - a[i]) / pace, 1.0)
-
-
-solve_in_turn = solve_in_turn_from(digest_of_sources())

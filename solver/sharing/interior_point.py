@@ -13,6 +13,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.compiled import compiled
 from solver.sharing.cone import (
     Ray,
     Scaling,
@@ -27,7 +28,6 @@ from solver.sharing.cone import (
     scaling,
 )
 from solver.sharing.linear import Order, columns_times, divide, dot, factor, rows_times_rows
-from solver.wrapping.vectors import compiled
 
 Array = NDArray[np.float64]
 

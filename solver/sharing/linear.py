@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.wrapping.vectors import compiled
+from solver.compiled import compiled
 
 Array = NDArray[np.float64]
 Order = NDArray[np.int64]

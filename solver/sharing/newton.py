@@ -16,9 +16,9 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.compiled import compiled
 from solver.sharing.cone import Ray, project, project_rows
 from solver.sharing.linear import columns_times, divide, dot, factor, rows_times_rows
-from solver.wrapping.vectors import compiled
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.wrapping.vectors import compiled, compiled_for_python
+from solver.compiled import compiled, compiled_for_python
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,63 @@
+"""Chains of quintic Bézier corners, y of x; compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.compiled import compiled, compiled_for_python
+
+Array = NDArray[np.float64]
+
+NEWTON_STEPS = 3  # from between two nodes; each squares the error
+
+
+@compiled_for_python
+def follow_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array) -> None:
+    """Turn values (n,) of x into those of y: corners (corners, 2, 6), nodes_x and nodes_s as in curves.py."""
+    first, last = corners[0], corners[-1]
+    for i in range(len(values)):
+        x = values[i]
+        inside = min(max(x, first[0, 0]), last[0, 5])
+        corner, s = _near(nodes_x, nodes_s, inside)
+        X, Y = corners[corner]
+        for _ in range(NEWTON_STEPS):
+            s -= (_point(X, s) - inside) / _slope(X, s)
+        y = _point(Y, s)
+        if x < first[0, 0]:
+            y += (x - first[0, 0]) * (first[1, 1] - first[1, 0]) / (first[0, 1] - first[0, 0])
+        elif x > last[0, 5]:
+            y += (x - last[0, 5]) * (last[1, 5] - last[1, 4]) / (last[0, 5] - last[0, 4])
+        values[i] = y
+
+
+@compiled
+def _near(nodes_x: Array, nodes_s: Array, x: float) -> tuple[int, float]:
+    """The corner in which x lies, and s on the line between the two nodes about it."""
+    low, high = 0, len(nodes_x) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes_x[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    share = (x - nodes_x[low]) / (nodes_x[high] - nodes_x[low])
+    corner = int(nodes_s[low])
+    return corner, nodes_s[low] + share * (nodes_s[high] - nodes_s[low]) - corner
+
+
+@compiled
+def _point(p: Array, s: float) -> float:
+    """Σ (5 over k) sᵏ (1 − s)⁵⁻ᵏ p_k."""
+    t = 1.0 - s
+    ss, tt = s * s, t * t
+    start = tt * t * (tt * p[0] + 5.0 * s * t * p[1] + 10.0 * ss * p[2])
+    return float(start + ss * s * (10.0 * tt * p[3] + 5.0 * s * t * p[4] + ss * p[5]))
+
+
+@compiled
+def _slope(p: Array, s: float) -> float:
+    t = 1.0 - s
+    ss, tt = s * s, t * t
+    inner = 4.0 * tt * (p[2] - p[1]) + 6.0 * s * t * (p[3] - p[2]) + 4.0 * ss * (p[4] - p[3])
+    return float(5.0 * (tt * tt * (p[1] - p[0]) + s * t * inner + ss * ss * (p[5] - p[4])))
