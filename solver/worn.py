@@ -17,6 +17,7 @@ from solver.cord import CordLine, SuitForces, cord_line, migrated, suit_forces
 from solver.cuff import CuffParameters
 from solver.dynamics import Response, response_to_loads
 from solver.kinematics import Postures, postures
+from solver.loads import ExternalForce
 from solver.model import Model
 from solver.motion import Kinematics, MotionError, thin
 from solver.redundancy import (
@@ -114,6 +115,17 @@ class WornMotion:
         """The same motion in a suit that differs in its cord only, not in its bodies or masses."""
         return replace(self, suit=suit, line=cord_line(suit, self.model, self.postures, self.line.interval))
 
+    def ensure_pulls(self) -> None:
+        """Raises SuitError where the cord is slack in all frames, at the reference or at every rest length to try."""
+        suit = self.suit
+        longest, shortest = float(self.line.length.max()), float(suit.rest_lengths.min())
+        for key, length in (("reference_rest_length_m", suit.reference_rest_length), ("rest_lengths_m", shortest)):
+            if length >= longest:
+                raise SuitError(
+                    f"the suit's {key} should start below {longest:.4g} m, the longest that the cord's line becomes in "
+                    f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter"
+                )
+
     def slack_rest_length(self, wearing: Wearing) -> float:
         """The rest length from which on the cord never pulls in this motion [m]: the longest that its line becomes."""
         line = migrated(self.suit, self.line, wearing.cuffs) if wearing.is_shifted else self.line
@@ -139,20 +151,32 @@ def wear(
     Raises SuitError where the suit does not fit the model or its cord stays slack at the reference rest length,
     MotionError where the motion leaves the range of a joint.
     """
+    worn = lay(model, kinematics, suit, every, options)
+    worn.ensure_pulls()
+    return worn
+
+
+def lay(
+    model: Model,
+    kinematics: Kinematics,
+    suit: Suit,
+    every: int = 1,
+    options: RedundancyOptions | None = None,
+    loads: Sequence[ExternalForce] = (),
+) -> WornMotion:
+    """As wear, whether or not the cord ever pulls; loads from outside are those of the frames that are solved."""
     options = options or RedundancyOptions()
     ensure_fits(suit, model)
     _ensure_within_ranges(model, kinematics)
     worn = with_suit_masses(model, suit)
     state = postures(worn, kinematics.positions, kinematics.speeds)
-    line = cord_line(suit, worn, state, kinematics.interval)
-    _ensure_pulls(suit, line)
-    bare = go_through(model, thin(kinematics, every))
-    mechanics = go_through(worn, bare.kinematics, bare.paths)
+    bare = go_through(model, thin(kinematics, every), loads=loads)
+    mechanics = go_through(worn, bare.kinematics, bare.paths, loads)
     return WornMotion(
         model=worn,
         suit=suit,
         postures=state,
-        line=line,
+        line=cord_line(suit, worn, state, kinematics.interval),
         every=every,
         problem=build_redundancy(worn, mechanics, options),
         bare_problem=build_redundancy(model, bare, options),
@@ -161,9 +185,15 @@ def wear(
 
 
 def solve_wearings(
-    worn: WornMotion, wearings: Sequence[Wearing], progress: Callable[[int, int], None] = lambda *_: None
+    worn: WornMotion,
+    wearings: Sequence[Wearing],
+    progress: Callable[[int, int], None] = lambda *_: None,
+    workers: int | None = None,
 ) -> tuple[Effort, list[Effort]]:
-    """The effort with a slack cord, then that of every wearing; all scenarios of a frame are solved together."""
+    """The effort with a slack cord, then that of every wearing; all scenarios of a frame are solved together.
+
+    workers are the threads that share them, as many as there are processors unless a number is given.
+    """
     loads, cord_forces = [_no_load(worn)], [np.zeros(1)]
     for wearing in wearings:
         forces = worn.forces(wearing)
@@ -173,7 +203,7 @@ def solve_wearings(
         acceleration=np.concatenate([load.acceleration for load in loads]),
         reaction=np.concatenate([load.reaction for load in loads]),
     )
-    solution = solve_redundancy(worn.problem, together, progress)
+    solution = solve_redundancy(worn.problem, together, progress, workers)
     slack = float(_effort(worn.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
     ends = np.cumsum([len(load.acceleration) for load in loads])
     first, *others = (
@@ -183,9 +213,9 @@ def solve_wearings(
     return first, others
 
 
-def solve_bare(worn: WornMotion, slack: Effort) -> Effort:
+def solve_bare(worn: WornMotion, slack: Effort, workers: int | None = None) -> Effort:
     """The effort of the body without the suit's masses, over that of the slack suit."""
-    solution = solve_redundancy(worn.bare_problem)
+    solution = solve_redundancy(worn.bare_problem, workers=workers)
     slack_cost = float((_muscle_weights(worn.problem) * slack.activations[0] ** 2).sum())
     return _effort(worn.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
 
@@ -202,17 +232,6 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
             f"{highest[worst] * scale:g}{unit}, its range in the model, and is at "
             f"{kinematics.positions[frame, worst] * scale:g}{unit} at {kinematics.time[frame]:g} s; leave that part out"
         )
-
-
-def _ensure_pulls(suit: Suit, line: CordLine) -> None:
-    longest = float(line.length.max())
-    shortest_tried = float(suit.rest_lengths.min())
-    for key, length in (("reference_rest_length_m", suit.reference_rest_length), ("rest_lengths_m", shortest_tried)):
-        if length >= longest:
-            raise SuitError(
-                f"the suit's {key} should start below {longest:.4g} m, the longest that the cord's line becomes in "
-                f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter"
-            )
 
 
 def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:

@@ -226,7 +226,7 @@ def test_a_motion_outside_a_joints_range_is_refused_with_the_time():
 
 
 def test_a_frame_that_is_not_solved_is_counted_and_its_curve_has_no_optimum(monkeypatch):
-    def with_a_hole(problem, loads=None, progress=None):
+    def with_a_hole(problem, loads=None, progress=None, workers=None):
         found = solve_redundancy(problem, loads)
         outcomes, controls = found.outcomes.copy(), found.controls.copy()
         if len(controls) > 1:

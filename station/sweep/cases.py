@@ -1,0 +1,169 @@
+"""A plan's cases: every file read once, each case named by the content of all that decides its result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fitting.result import CuffFit
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.loads import data_file, read_external_loads
+from solver.model import Model, ModelError, with_point_mass
+from solver.motion import MotionError, differentiate, read_motion, thin
+from solver.osim.reader import read_osim
+from solver.raise_arm import raise_arm
+from solver.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
+from solver.worn import Wearing
+from station.assessment_inputs import read_cuffs_to_wear, worn_cuffs
+from station.sweep.plan import BUNDLED, NONE, PlanError, Point, SweepPlan, Value
+from station.sweep.solving import Geometry, Task, WornCase
+
+FRAMES_PER_TASK = 100_000
+"""Of all scenarios of a task: seconds of work, which is what a killed worker loses."""
+
+GEOMETRY = ("model", "motion", "external_loads", "hand_mass_kg", "suit")
+"""What cases share that go through the same postures in the same masses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """number in the plan's order, its point of the design, and a key that is the same only for the same result."""
+
+    number: int
+    point: Point
+    worn: WornCase
+
+    @property
+    def key(self) -> str:
+        return self.worn.key
+
+
+class SweepInputs:
+    """Reads what a plan names. Raises PlanError, or what its readers raise, for files that cannot be used."""
+
+    def __init__(self, plan: SweepPlan) -> None:
+        self.plan = plan
+        self.model, self.suit, self.cuffs = cache(self._model), cache(self._suit), cache(self._cuffs)
+        self.digest = cache(self._digest)
+        for each in plan.values("model"):
+            self.model(each)
+        self.cases = [self._case(number, point) for number, point in enumerate(plan.points())]
+
+    def tasks(self, cases: Sequence[Case]) -> Iterator[Task]:
+        """Cases of one geometry together, as many as make a task; motions are read when it is their turn."""
+        groups: dict[tuple[Value, ...], dict[str, WornCase]] = {}
+        for case in cases:
+            groups.setdefault(tuple(case.point[axis] for axis in GEOMETRY), {})[case.key] = case.worn
+        for named, group in groups.items():
+            geometry = self._geometry(dict(zip(GEOMETRY, named, strict=True)))
+            worn = list(group.values())
+            frames = 1 if isinstance(geometry, str) else len(geometry.kinematics.time[:: self.plan.every])
+            size = max(1, FRAMES_PER_TASK // (frames * max(len(each.wearing.rest_lengths) for each in worn)))
+            for first in range(0, len(worn), size):
+                yield Task(geometry, self.plan.every, tuple(worn[first : first + size]))
+
+    def _case(self, number: int, point: Point) -> Case:
+        suit = _changed(self.suit(point["suit"]), point)
+        lengths = np.array([suit.reference_rest_length])
+        if "rest_length_m" not in point:
+            lengths = np.append(suit.rest_lengths, lengths)
+        waist, arm = self._worn_cuffs(point)
+        wearing = Wearing(point["condition"], waist, arm, lengths)  # type: ignore[arg-type]  # the plan has checked it
+        content = {
+            "version": metadata.version("cuffstation"),
+            "every": self.plan.every,
+            "files": [self.digest(axis, point[axis]) for axis in ("model", "motion", "external_loads", "suit")],
+            "hand_mass": point["hand_mass_kg"],
+            "cord": [suit.stiffness, *(getattr(suit, part).location.tolist() for part in PARTS)],
+            "rest_lengths": lengths.tolist(),
+            "condition": wearing.condition,
+            "cuffs": [cuff and [cuff.stiffness, cuff.damping, cuff.migration] for cuff in wearing.cuffs],
+        }
+        key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        return Case(number, point, WornCase(key, suit, wearing))
+
+    def _worn_cuffs(self, point: Point) -> tuple[CuffParameters | None, CuffParameters | None]:
+        """Those at waist and arm; none is worn in the rigid condition."""
+        fits = self.cuffs(point["cuffs"])
+        worn = worn_cuffs(fits, (str(point["cuff"]),))
+        arms, waists = ([cuff for cuff in worn if cuff.site == site] for site in ("arm", "waist"))
+        if len(arms) != 1 or len(waists) > 1:
+            raise PlanError(
+                f"a case wears one arm cuff and at most one at the waist, and with {point['cuff']} of {point['cuffs']} "
+                f"it would wear {', '.join(f'{cuff.name} ({cuff.site})' for cuff in worn)}; name an arm cuff"
+            )
+        return (None, None) if point["condition"] == "rigid" else (waists[0] if waists else None, arms[0])
+
+    def _geometry(self, named: Point) -> Geometry | str:
+        """Or the sentence why there is none."""
+        try:
+            model, motion, loads = self.model(named["model"]), named["motion"], named["external_loads"]
+            kinematics = differentiate(
+                raise_arm(model) if motion == BUNDLED else read_motion(self._path(motion), model)
+            )
+            solved = thin(kinematics, self.plan.every).time
+            return Geometry(
+                model=_with_mass_in_hand(model, float(str(named["hand_mass_kg"]))),
+                kinematics=kinematics,
+                loads=() if loads == NONE else read_external_loads(self._path(loads), model, solved),
+            )
+        except (ModelError, MotionError) as error:
+            return str(error)
+
+    def _model(self, name: Value) -> Model:
+        return bundled_model() if name == BUNDLED else read_osim(self._path(name))
+
+    def _suit(self, name: Value) -> Suit:
+        return read_suit(BUNDLED_SUIT if name == BUNDLED else self._path(name))
+
+    def _cuffs(self, name: Value) -> dict[str, CuffFit]:
+        return read_cuffs_to_wear(self._path(name))
+
+    def _path(self, name: Value) -> Path:
+        return self.plan.folder / str(name)
+
+    def _digest(self, axis: str, name: Value) -> str:
+        """SHA-256 of what a file holds; what is bundled and no file changes with the station's version."""
+        bundled = {"model": resources.files("solver") / "thoracoscapular.toml", "suit": BUNDLED_SUIT}
+        sources: list[Any] = [self._path(name)]
+        if name in (BUNDLED, NONE):
+            sources = [bundled[axis]] if axis in bundled else []
+        try:
+            if axis == "external_loads" and sources:
+                sources.append(data_file(self._path(name)))
+            return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+        except OSError as error:
+            raise PlanError(
+                f"the plan's vary.{axis} names {name}, which cannot be read ({error.strerror}); paths are relative to "
+                "the plan"
+            ) from error
+
+
+def _changed(suit: Suit, point: Point) -> Suit:
+    """The suit with what the point has for its cord."""
+    changes: dict[str, Any] = {
+        part: replace(getattr(suit, part), location=np.array(point[f"{part}_point_m"]))
+        for part in PARTS
+        if f"{part}_point_m" in point
+    }
+    if "rest_length_m" in point:
+        changes["reference_rest_length"] = point["rest_length_m"]
+    if "stiffness_n_per_m" in point:
+        changes["stiffness"] = point["stiffness_n_per_m"]
+    return replace(suit, **changes)
+
+
+def _with_mass_in_hand(model: Model, mass: float) -> Model:
+    """[kg], at the hand's own mass centre."""
+    if not mass:
+        return model
+    return with_point_mass(model, "hand", mass, model.bodies[model.body_index("hand")].mass_center)

@@ -1,0 +1,137 @@
+"""Sweeps on real worker processes: one is killed, the whole sweep is killed, nobody answers, nobody else can listen."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import pytest
+from distributed import Client
+
+from station.sweep.cluster import ClusterError, connected, solve_on
+from station.sweep.plan import SweepPlan, read_plan
+from station.sweep.run import run_sweep
+from station.sweep.solving import solve_task
+from tests.station.sweep.plans import write_plan
+
+VARY = 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]\nhand_mass_kg = [0, 0.5, 1, 1.5, 2]'
+
+KILLED_SWEEP = """
+import os, signal, sys
+from functools import partial
+from pathlib import Path
+from station.sweep.cluster import connected, solve_on
+from station.sweep.plan import read_plan
+from station.sweep.run import run_sweep
+
+def kill_at_half(what, done, total):
+    if 2 * done >= total:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    plan, output = map(Path, sys.argv[1:])
+    with connected(None, 2) as client:
+        run_sweep(read_plan(plan), output, partial(solve_on, client), kill_at_half)
+"""
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> SweepPlan:
+    return read_plan(write_plan(tmp_path_factory.mktemp("plan"), VARY))
+
+
+@pytest.fixture(scope="module")
+def ran_through(plan: SweepPlan) -> bytes:
+    """The table of a sweep that nothing happened to, without a cluster."""
+    table = run_sweep(plan, plan.folder / "through", lambda tasks: ((solve_task(task), True) for task in tasks)).table
+    return table.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    with connected(None, 2) as client:
+        yield client
+
+
+def at(count: int, act: Callable[[], None]) -> Callable[[str, int, int], None]:
+    """A progress that acts once, when so many cases are finished."""
+    due = [act]
+
+    def progress(what: str, done: int, total: int) -> None:
+        if done >= count and due:
+            due.pop()()
+
+    return progress
+
+
+def test_a_sweep_survives_a_killed_worker(client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path) -> None:
+    processes = client.run(os.getpid)
+    victim = next(iter(processes.values()))
+
+    found = run_sweep(plan, tmp_path, partial(solve_on, client), at(1, lambda: os.kill(victim, signal.SIGKILL)))
+    assert (found.cases, found.failed) == (40, 0)
+    assert found.table.read_bytes() == ran_through
+    client.wait_for_workers(2, timeout=60)
+    assert victim not in client.run(os.getpid).values()
+
+
+def test_a_sweep_that_was_killed_goes_on_and_equals_one_that_ran_through(
+    client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path
+) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED_SWEEP, encoding="utf-8")
+    output = tmp_path / "out"
+    command = [sys.executable, str(script), str(plan.folder / "plan.toml"), str(output)]
+    killed = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, check=False)  # noqa: S603
+    assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
+    assert not (output / "sweep.parquet").exists()
+    found = run_sweep(plan, output, partial(solve_on, client))
+    assert 0 < found.found_finished < found.cases
+    assert found.table.read_bytes() == ran_through
+
+
+def test_what_ends_in_an_error_of_ours_is_a_row_and_is_tried_again(
+    client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("station.sweep.cluster.solve_task", divide_by_zero)
+    failed = run_sweep(plan, tmp_path, partial(solve_on, client))
+    assert (failed.cases, failed.failed) == (40, 40)
+    monkeypatch.undo()
+    found = run_sweep(plan, tmp_path, partial(solve_on, client))
+    assert (found.found_finished, found.failed) == (0, 0)
+    assert found.table.read_bytes() == ran_through
+
+
+def test_local_workers_listen_to_this_machine_only_and_serve_no_dashboard(client: Client) -> None:
+    account = client.scheduler_info()
+    addresses = [account["address"], *account["workers"]]
+    assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
+    ports = [each["services"]["dashboard"] for each in (account, *account["workers"].values())]
+    for port in ports:
+        with pytest.raises(HTTPError, match="404"):
+            urlopen(f"http://127.0.0.1:{port}/status")  # where a dashboard would be
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("station.sweep.cluster.CONNECT_TIMEOUT", 1)
+    sentence = "no Dask scheduler answers at tcp://127.0.0.1:9 .*; start one with `dask scheduler`"
+    with pytest.raises(ClusterError, match=sentence), connected("tcp://127.0.0.1:9", 1):
+        pytest.fail("nobody should be there")
+
+
+def test_a_scheduler_that_is_already_there_is_used(client: Client, plan: SweepPlan, tmp_path: Path) -> None:
+    with connected(client.scheduler.address, 1) as joined:
+        found = run_sweep(plan, tmp_path, partial(solve_on, joined))
+    assert (found.cases, found.failed) == (40, 0)
+    assert client.status == "running"
+
+
+def divide_by_zero(task: object) -> None:
+    raise ZeroDivisionError("of a test")

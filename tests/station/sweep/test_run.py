@@ -1,0 +1,180 @@
+"""A sweep without a cluster: its table, its failures, and what it keeps between runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from solver.bundled import bundled_model
+from solver.motion import differentiate, write_table
+from solver.raise_arm import raise_arm
+from solver.suit import read_suit
+from station.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
+from station.sweep.plan import PlanError, read_plan
+from station.sweep.run import Swept, run_sweep
+from station.sweep.solving import Outcome, Task, solve_task
+from tests.station.sweep.plans import write_plan
+
+
+def here(tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:
+    """In this process, one task after the other."""
+    return ((solve_task(task), True) for task in tasks)
+
+
+def nowhere(tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:
+    """Nothing is left to solve."""
+    assert list(tasks) == []
+    return iter(())
+
+
+def swept(folder: Path, vary: str, **more: Any) -> tuple[Swept, pd.DataFrame]:
+    found = run_sweep(read_plan(write_plan(folder, vary)), folder / "out", more.get("solve", here))
+    return found, pd.read_parquet(found.table)
+
+
+def test_each_case_costs_what_the_assessment_says(tmp_path: Path) -> None:
+    from solver.assessment import assess
+
+    found, table = swept(tmp_path, 'condition = ["rigid", "both"]')
+    model = bundled_model()
+    worn = worn_cuffs(read_cuffs_to_wear(tmp_path / "cuffs.json"), ())
+    whole = assess(model, differentiate(raise_arm(model)), read_suit(), worn, every=60, draws=0)
+    assert (found.cases, found.failed, found.unsolved) == (4, 0, 0)
+    for row in table.to_dict("records"):
+        (curve,) = [c for c in whole.curves if (c.condition, c.cuff or row["cuff"]) == (row["condition"], row["cuff"])]
+        assert row["normalised_cost"] == pytest.approx(curve.figures["at_reference"].value, rel=1e-9)
+        assert row["optimum_rest_length_m"] == pytest.approx(curve.figures["rest_length"].value, rel=1e-9)
+        assert row["largest_cord_force_n"] == pytest.approx(curve.figures["cord_force"].value, rel=1e-9)
+        assert row["bare_body_cost"] == pytest.approx(whole.bare_body_cost, rel=1e-9)
+        assert row["frames"] == len(whole.time)
+
+
+def test_rows_follow_the_plan_and_show_the_suit_as_it_is_worn(tmp_path: Path) -> None:
+    vary = (
+        'condition = "rigid"\nstiffness_n_per_m = [300, 600]\narm_point_m = [-0.01, -0.1, -0.06]\nrest_length_m = 0.7'
+    )
+    _, table = swept(tmp_path, vary)
+    assert table["case"].tolist() == [0, 1, 2, 3]
+    assert table["stiffness_n_per_m"].tolist() == [300.0, 300.0, 600.0, 600.0]
+    assert table[["arm_x_m", "arm_y_m", "arm_z_m"]].to_numpy().tolist() == [[-0.01, -0.1, -0.06]] * 4
+    assert table["optimum_rest_length_m"].isna().all()  # one rest length shows no optimum
+    rigid_whatever_the_cuff = table.groupby("stiffness_n_per_m")["normalised_cost"].nunique()
+    assert rigid_whatever_the_cuff.tolist() == [1, 1]
+    forces = table.groupby("stiffness_n_per_m")["largest_cord_force_n"].first()
+    assert forces.loc[600.0] == pytest.approx(2 * forces.loc[300.0])
+
+
+def test_of_the_effort_of_a_mass_in_the_hand_the_suit_saves_a_smaller_share(tmp_path: Path) -> None:
+    _, table = swept(tmp_path, 'condition = "rigid"\nrest_length_m = 0.74\nhand_mass_kg = [0, 2]')
+    light, heavy = (table[table["hand_mass_kg"] == mass]["normalised_cost"].iloc[0] for mass in (0.0, 2.0))
+    assert light < heavy
+
+
+def test_a_load_from_outside_acts_as_the_weight_that_it_stands_for(tmp_path: Path) -> None:
+    write_weight(tmp_path / "weight.xml", 2.0)
+    vary = 'condition = "rigid"\ncuff = "hand"\nrest_length_m = 0.74\n'
+    _, pulled = swept(tmp_path, vary + 'external_loads = ["none", "weight.xml"]')
+    _, held = swept(tmp_path, vary + "hand_mass_kg = 2")
+    free, loaded, mass = (*pulled["normalised_cost"], held["normalised_cost"].iloc[0])
+    assert abs(loaded - mass) < 0.3 * abs(free - mass)  # they differ by the inertia of a mass
+    write_weight(tmp_path / "weight.xml", 1.0)  # in the data file alone
+    found, _ = swept(tmp_path, vary + 'external_loads = ["none", "weight.xml"]')
+    assert found.found_finished == 1
+
+
+def write_weight(path: Path, mass: float) -> None:
+    """OpenSim's files of a weight at the hand's mass centre."""
+    center = bundled_model().bodies[-1].mass_center.tolist()
+    columns = ["time", *(f"{what}_{axis}" for what in ("force", "place") for axis in "xyz")]
+    rows = [[time, 0.0, -9.80665 * mass, 0.0, *center] for time in (0.0, 10.0)]
+    write_table(path.with_suffix(".mot"), columns[1:], np.array(rows)[:, 0], np.array(rows)[:, 1:])
+    path.write_text(
+        "<OpenSimDocument><ExternalLoads><objects><ExternalForce name='weight'><applied_to_body>hand</applied_to_body>"
+        "<force_expressed_in_body>ground</force_expressed_in_body><point_expressed_in_body>hand"
+        "</point_expressed_in_body><force_identifier>force_</force_identifier><point_identifier>place_"
+        f"</point_identifier></ExternalForce></objects><datafile>{path.stem}.mot</datafile></ExternalLoads>"
+        "</OpenSimDocument>",
+        encoding="utf-8",
+    )
+
+
+def test_a_case_that_fails_is_a_row_with_its_sentence(tmp_path: Path) -> None:
+    (tmp_path / "short.mot").write_text("short\nnRows=1\nnColumns=1\ninDegrees=no\nendheader\ntime\n0\n", "utf-8")
+    vary = 'condition = "rigid"\nrest_length_m = [0.74, 1.2]\nmotion = ["bundled", "short.mot"]'
+    found, table = swept(tmp_path, vary)
+    assert (found.cases, found.failed, len(table)) == (8, 6, 8)
+    slack = table[(table["rest_length_m"] == 1.2) & (table["motion"] == "bundled")]["error"]
+    assert slack.str.contains("slack in all frames").all()
+    assert table[table["motion"] == "short.mot"]["error"].str.contains("short.mot").all()
+    assert table[table["error"].isna()]["normalised_cost"].notna().all()
+
+
+def test_what_is_finished_is_not_solved_again_and_the_table_is_the_same(tmp_path: Path) -> None:
+    first, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]')
+    once = first.table.read_bytes()
+    again, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]', solve=nowhere)
+    assert (first.found_finished, again.found_finished) == (0, 4)
+    assert again.table.read_bytes() == once
+
+
+def test_a_plan_that_grows_keeps_what_it_has_and_a_cuff_that_changes_does_not(tmp_path: Path) -> None:
+    swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]')
+    grown, _ = swept(tmp_path, 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]')
+    assert (grown.cases, grown.found_finished) == (8, 4)
+    plan = read_plan(write_plan(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]'))
+    cuffs = json.loads((tmp_path / "cuffs.json").read_text("utf-8"))
+    cuffs["cuffs"]["hand"]["stiffness_n_per_m"] = 4000
+    (tmp_path / "cuffs.json").write_text(json.dumps(cuffs), "utf-8")
+    assert run_sweep(plan, tmp_path / "out", here).found_finished == 2  # the elbow's
+
+
+def test_a_damaged_part_is_solved_again(tmp_path: Path) -> None:
+    first, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = 0.7')
+    once = first.table.read_bytes()
+    part, *_ = (tmp_path / "out" / "parts").rglob("*.json")
+    part.write_text('{"normalised', "utf-8")
+    again, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = 0.7')
+    assert again.found_finished == 1
+    assert again.table.read_bytes() == once
+
+
+def test_the_plans_hash_is_stored_with_the_table(tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    found, _ = swept(tmp_path, 'condition = "rigid"\nrest_length_m = 0.7')
+    digest = read_plan(tmp_path / "plan.toml").digest
+    assert json.loads((tmp_path / "out" / "sweep.json").read_text("utf-8"))["plan_sha256"] == digest
+    assert parquet.read_schema(found.table).metadata[b"plan_sha256"].decode() == digest
+
+
+@pytest.mark.parametrize(
+    ("vary", "error", "sentence"),
+    [
+        ('model = "none.osim"', ValueError, "none.osim: No such file"),
+        ('motion = "none.mot"', PlanError, "vary.motion names none.mot, which cannot be read"),
+        ('suit = "none.toml"', ValueError, "none.toml should be a suit in TOML and cannot be read"),
+    ],
+)
+def test_a_file_that_is_not_there_ends_the_sweep_before_it_begins(
+    tmp_path: Path, vary: str, error: type[Exception], sentence: str
+) -> None:
+    with pytest.raises(error, match=sentence):
+        swept(tmp_path, vary, solve=nowhere)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cuff_that_is_not_there_or_sits_at_the_waist_is_one_sentence(tmp_path: Path) -> None:
+    plan = write_plan(tmp_path)
+    for cuff, error, sentence in (
+        ("knee", InputError, "should hold knee and holds waist, hand, elbow"),
+        ("waist", PlanError, r"would wear waist \(waist\); name an arm cuff"),
+    ):
+        plan.write_text(f'[vary]\ncuffs = "cuffs.json"\ncuff = "{cuff}"\n', "utf-8")
+        with pytest.raises(error, match=sentence):
+            run_sweep(read_plan(plan), tmp_path / "out", nowhere)
