@@ -1,13 +1,84 @@
-"""Raw force → newtons, and what the converter's codes leave unknown."""
+"""Raw force → newtons, what the converter's codes leave unknown, and what bounce trials say of the load cell."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.uncertainty import Estimate
 from recordings.manifest import LoadCell
+
+STANDARD_GRAVITY = 9.80665
+MAX_GAIN_ERROR = 0.05
+"""A load cell that is off by more is not out of calibration: a setting or a weight is wrong, and gain stays alone."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the bounce trials of a session say of the load cell and of time.
+
+    lag      [s] a force sample stamped t was taken at t + lag by the markers' clock
+    gain     newtons read for one newton, against the configured scale
+    zero     [N] read where nothing hangs on the cell
+    middle   [s] session time for which the lag was found
+    recorded_utc_ns  host's UTC at the arming of the newest: how old the calibration is
+    sources  file → SHA-256
+    notes    what a reader should know
+    """
+
+    lag: Estimate
+    gain: Estimate
+    zero: Estimate
+    middle: float
+    recorded_utc_ns: int
+    sources: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_gain_believed(self) -> bool:
+        return abs(self.gain.value - 1) <= MAX_GAIN_ERROR
+
+    def gain_with(self, certificate_sd: float) -> tuple[float, float]:
+        """The gain by which force is to be divided, and its relative standard uncertainty.
+
+        certificate_sd is that of the configured scale, 0 where no certificate says any.
+        """
+        if not self.is_gain_believed:
+            return 1.0, certificate_sd
+        sd = self.gain.standard_error / self.gain.value
+        if certificate_sd == 0:
+            return self.gain.value, sd
+        weight = certificate_sd**2 / (certificate_sd**2 + sd**2)
+        return 1 + weight * (self.gain.value - 1), math.sqrt(weight) * sd
+
+
+POUND = 4.4482216152605
+MISTAKES = {
+    2.0: "as if load_cell.capacity_kg were twice the cell's",
+    0.5: "as if load_cell.capacity_kg were half the cell's",
+    10.0: "as if load_cell.capacity_kg were ten times the cell's",
+    0.1: "as if load_cell.capacity_kg were a tenth of the cell's",
+    25 * POUND / STANDARD_GRAVITY / 10: "as if the cell were one of 25 lb and not of 10 kg, or the reverse",
+    10 * POUND / STANDARD_GRAVITY / 10: "as if pounds were taken for kilograms",
+    STANDARD_GRAVITY / POUND: "as if kilograms were taken for pounds",
+    POUND: "as if newtons were taken for pounds",
+    1 / POUND: "as if pounds were taken for newtons",
+    STANDARD_GRAVITY: "as if newtons were taken for kilograms",
+    1 / STANDARD_GRAVITY: "as if kilograms were taken for newtons",
+}
+"""Force read over force exerted → how that happens."""
+
+
+def blame(ratio: float) -> str:
+    """What mistake reads `ratio` newtons for one, in words."""
+    likely = min(MISTAKES, key=lambda known: abs(math.log(abs(ratio) / known)))
+    if abs(math.log(abs(ratio) / likely)) < 0.06:
+        return MISTAKES[likely]
+    return "which no common mistake explains; check load_cell.capacity_kg, full_scale_v and the weights"
 
 
 def to_newtons(raw: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from fitting.quality import UnusableTrial
 
 DECLARED_LAG_SD = 0.5e-3
-"""Seconds: amplifier, exposure and conversion, as long as no calibration says better."""
+"""Seconds: amplifier, exposure and conversion, where neither a bounce trial nor the configuration says better."""
+DECLARED = "declared"
 DRIFT_PRIOR_SD = 50e-6
 """A crystal's rate against another's, when nothing measures it."""
+PRIOR_REACH = 4.0
+"""Standard deviations of that prior within which a fall is believed to be the capture's end."""
 HOST_TOLERANCE = 0.5
 """Seconds by which host arrival may contradict frame numbers; a 30× simulation makes 10 ms of wall time 0.3 s."""
 HOST_ALIGNMENT_SD = 0.05
@@ -28,30 +31,79 @@ BOUNCE = 0.02
 class SyncEdges:
     """The capture as the DAQ saw it, in seconds of the DAQ clock.
 
-    rising_sd is the standard uncertainty of the edge's place between two samples; falling is None if it never fell.
+    rising_sd and falling_sd are the standard uncertainties of the edges' places, between two samples: a uniform
+    distribution as wide as √12 of them. falling is None if it never fell.
     """
 
     rising: float
     rising_sd: float
     falling: float | None
+    falling_sd: float = 0.0
+
+
+@dataclass(frozen=True)
+class SyncErrors:
+    """What is not known of the time at the worst moment of a trial, and what that makes of the fastest samples.
+
+    time [s], force [N], displacement [m]: standard uncertainties
+    """
+
+    time: float
+    force: float
+    displacement: float
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """The DAQ's clock against the mocap system's: DAQ time = start + ratio × session time.
+
+    start       [s] of the DAQ's clock when the capture began
+    ratio       DAQ seconds in a mocap second
+    covariance  (2, 2) of (start, ratio)
+    """
+
+    start: float
+    ratio: float
+    covariance: NDArray[np.float64]
+    has_both_edges: bool
+
+    def session_time(self, daq_time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) [s] on the DAQ's clock → (n,) s since the edge on the mocap system's."""
+        return np.asarray((daq_time - self.start) / self.ratio)
+
+    def time_sd(self, time: float) -> float:
+        """Standard uncertainty [s] of a session time [s] that was read from the DAQ's clock."""
+        lever = np.array([1.0, time])
+        return math.sqrt(max(0.0, float(lever @ self.covariance @ lever)))
+
+    def errors(self, duration: float, force_rate: float, speed: float) -> SyncErrors:
+        """What a trial of so many seconds suffers whose force changes by up to N/s and whose cuff moves by m/s."""
+        worst = max(self.time_sd(0.0), self.time_sd(duration))
+        return SyncErrors(worst, worst * force_rate, worst * speed)
 
 
 @dataclass(frozen=True)
 class LagUncertainty:
-    """Standard uncertainty of the lag of force against markers.
+    """The lag of force against markers, by which the force's times were moved, and its standard uncertainty.
 
-    edge      [s] new in every trial: where between two samples the edge was
-    declared  [s] the same in all trials: delays nobody calibrated
-    drift     [s/s] the same in all trials: rate of one clock against the other
+    edge      [s] new in every trial: where between two samples its edges were, at the middle of the trial
+    declared  [s] the same in all trials: delays, as declared or as a bounce trial calibrated them
+    drift     [s/s] the same in all trials: rate of one clock against the other, 0 where two edges measured it
+    since     [s] session time from which drift counts: the edge, or the middle of the bounce trial
+    value     [s] a force sample stamped t was taken at t + value; already in the trial's times
+    source    who says so: "declared", or the bounce trials' files
     """
 
     edge: float
     declared: float
     drift: float
+    since: float = 0.0
+    value: float = 0.0
+    source: str = DECLARED
 
     def common(self, time: float) -> float:
         """What all trials share [s], for a record centred at session time `time` [s]."""
-        return math.hypot(self.declared, self.drift * time)
+        return math.hypot(self.declared, self.drift * (time - self.since))
 
     def total(self, time: float) -> float:
         """All of it [s], for a record centred at session time `time` [s]."""
@@ -86,9 +138,18 @@ def find_edges(time: NDArray[np.float64], level: NDArray[np.float64], threshold:
         )
     falls = crossings[~is_high[crossings]]
     late_falls = falls[time[falls] > time[rises[0]] + BOUNCE]
-    rising, interval = _between_samples(time, rises[0])
-    falling = _between_samples(time, late_falls[0])[0] if len(late_falls) else None
-    return SyncEdges(rising, interval / math.sqrt(12), falling)
+    rising, rising_sd = _between_samples(time, rises[0])
+    if not len(late_falls):
+        return SyncEdges(rising, rising_sd, None)
+    return SyncEdges(rising, rising_sd, *_between_samples(time, late_falls[0]))
+
+
+def find_fall(time: NDArray[np.float64], level: NDArray[np.float64], threshold: float) -> SyncEdges:
+    """The fall of a line that was high from sample 0 on, where the edge itself started the acquisition (PFI)."""
+    falls = np.flatnonzero(level < threshold)
+    if not len(falls) or falls[0] == 0:
+        return SyncEdges(0.0, 0.0, None)
+    return SyncEdges(0.0, 0.0, *_between_samples(time, falls[0]))
 
 
 def capture_frames(
@@ -110,27 +171,43 @@ def capture_frames(
     return min(runs, key=lambda run: abs(arrival_offset(host_time[run], (numbers[run] - 1) / rate) - edge_host))
 
 
-def clock_ratio(edges: SyncEdges, last_frame: int, frame_rate: float) -> tuple[float, float]:
-    """DAQ seconds per mocap second, and its standard uncertainty.
+def fit_clock(edges: SyncEdges, capture: float | None) -> ClockFit:
+    """The capture's start and the DAQ clock's rate from one edge or two.
 
-    A capture of n frames lasts n / frame_rate and holds the sync line high meanwhile. The fall is believed only if
-    it is where n frames end, within a sample and the crystals' tolerance; the prior 1 ± 50e-6 stays in.
+    capture [s] is how long the mocap system says that it captured, None if that is not known. The edges lie anywhere
+    between the samples around them, and the rate is 1 ± DRIFT_PRIOR_SD beforehand; what both leave possible is
+    averaged over. A fall that is not where the capture ended says nothing.
     """
-    capture = last_frame / frame_rate
-    sample = edges.rising_sd * math.sqrt(12)
-    if edges.falling is None or capture <= 0 or sample <= 0:
-        return 1.0, DRIFT_PRIOR_SD
-    excess = edges.falling - edges.rising - capture
-    if abs(excess) > sample + DRIFT_PRIOR_SD * capture:
-        return 1.0, DRIFT_PRIOR_SD
-    measured, measured_sd = excess / capture, sample / math.sqrt(6) / capture
-    weight = DRIFT_PRIOR_SD**2 / (DRIFT_PRIOR_SD**2 + measured_sd**2)
-    return 1.0 + weight * measured, math.sqrt(weight) * measured_sd
+    width, fall_width = edges.rising_sd * math.sqrt(12), edges.falling_sd * math.sqrt(12)
+    if edges.falling is not None and capture is not None and capture > 0 and fall_width > 0:
+        excess, reach = edges.falling - edges.rising - capture, (width + fall_width) / 2
+        low = max(-PRIOR_REACH * DRIFT_PRIOR_SD, (excess - reach) / capture)
+        high = min(PRIOR_REACH * DRIFT_PRIOR_SD, (excess + reach) / capture)
+        if low < high:
+            return _both_edges(edges, np.linspace(low, high, 401), capture, (width, fall_width))
+    return ClockFit(edges.rising, 1.0, np.diag([edges.rising_sd**2, DRIFT_PRIOR_SD**2]), False)
 
 
 def arrival_offset(host_time: NDArray[np.float64], device_time: NDArray[np.float64]) -> float:
     """Host time minus device time [s] of the sample that travelled fastest: one moment seen by both clocks."""
     return float(np.min(host_time - device_time))
+
+
+def _both_edges(edges: SyncEdges, drifts: NDArray[np.float64], capture: float, widths: tuple[float, float]) -> ClockFit:
+    """Means and covariance of start and rate: for each rate (n,), 1 + drift, the start is anywhere that fits both."""
+    ends = (edges.falling or 0.0) - edges.rising - (1 + drifts) * capture  # of the start, as the fall tells it
+    low = np.maximum(-widths[0] / 2, ends - widths[1] / 2)
+    high = np.minimum(widths[0] / 2, ends + widths[1] / 2)
+    length = np.maximum(high - low, 0.0 if widths[0] > 0 else 1e-12)
+    weight = length * np.exp(-0.5 * (drifts / DRIFT_PRIOR_SD) ** 2)
+    weight /= weight.sum()
+    middle = (low + high) / 2
+    start, drift = float(weight @ middle), float(weight @ drifts)
+    off_start, off_drift = middle - start, drifts - drift
+    shared = float(weight @ (off_start * off_drift))
+    variances = float(weight @ (off_start**2 + length**2 / 12)), float(weight @ off_drift**2)
+    covariance = np.array([[variances[0], shared], [shared, variances[1]]])
+    return ClockFit(edges.rising + start, 1 + drift, covariance, True)
 
 
 def _breaks(numbers: NDArray[np.int64], stamps: NDArray[np.float64]) -> list[int]:
@@ -151,5 +228,6 @@ def _separate(time: NDArray[np.float64], crossings: NDArray[np.intp]) -> NDArray
 
 
 def _between_samples(time: NDArray[np.float64], first_after: np.intp) -> tuple[float, float]:
+    """The middle [s] of the two samples around an edge, and the standard uncertainty [s] of the edge's place."""
     before, after = float(time[first_after - 1]), float(time[first_after])
-    return (before + after) / 2, after - before
+    return (before + after) / 2, (after - before) / math.sqrt(12)

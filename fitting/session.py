@@ -24,7 +24,7 @@ def fit_session(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         lost = [
             each
             for each in rejected
-            if each.capture and (each.capture.cuff.name, each.capture.donning) == (cuff, donning)
+            if each.capture and each.capture.cuff and (each.capture.cuff.name, each.capture.donning) == (cuff, donning)
         ]
         fit, drawn = fit_donning(of_donning, lost)
         donnings.setdefault(cuff, {})[donning] = fit

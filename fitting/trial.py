@@ -6,20 +6,20 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting import calibration, clocks, quality
-from fitting.clocks import LagUncertainty, SyncEdges
+from fitting.bounce import BounceTrial, calibrate
+from fitting.calibration import Calibration
+from fitting.clocks import LagUncertainty
 from fitting.quality import UnusableTrial
+from fitting.timeline import lay_out, setting
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, TestKind
 from recordings.reader import Recording, Track, open_recording
-from recordings.samples import Event, Stream
+from recordings.samples import Event
 
-MILLIMETRE = 1e-3
 DEFAULT_CUFF_MASS = 0.2
 
 
@@ -35,10 +35,12 @@ class Trial:
     marker_time     (frames,) s, a regular grid
     labels          of the markers: anchor, cuff, rope
     markers         (frames, markers, 3) m in the mocap frame; a marker not seen, and a frame not received, is NaN
-    lag             uncertainty of force time against marker time
+    lag             of force against markers: what it was taken to be, and its uncertainty
     sync_fall       s, when the sync line fell again; None where that was not recorded
     gain_sd         relative standard uncertainty of the load cell's scale
+    calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
+    step_masses     kg, the weights of a static test in the order they were to be hung on; empty if nobody said
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
     is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
     notes           what a reader should know before believing it
@@ -61,7 +63,9 @@ class Trial:
     lag: LagUncertainty
     sync_fall: float | None = None
     gain_sd: float = 0.0
+    calibration: Calibration | None = None
     cuff_mass: float = DEFAULT_CUFF_MASS
+    step_masses: tuple[float, ...] = ()
     force_gaps: tuple[tuple[float, float], ...] = ()
     frame_gaps: tuple[tuple[float, float], ...] = ()
     is_whole: bool = True
@@ -94,28 +98,73 @@ class RejectedTrial:
 
 
 def read_trial(path: Path) -> Trial:
-    """Reads one recording. Raises UnusableTrial, or RecordingError if the file is none of ours."""
-    return _read(path, open_recording(path))
+    """Reads one recording of a cuff, calibrated by nothing but its own configuration.
+
+    Raises UnusableTrial, or RecordingError if the file is none of ours.
+    """
+    trial = _read(path, open_recording(path))
+    if isinstance(trial, BounceTrial):
+        raise UnusableTrial(f"{path.name} is a bounce, which calibrates the load cell; give a trial of a cuff")
+    return trial
 
 
 def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
-    """Reads every recording that can be used, and says why the others cannot."""
-    trials, rejected = [], []
+    """Reads every recording that can be used, and says why the others cannot.
+
+    Where there are bounce trials among them, lag and gain of all others are what those say.
+    """
+    trials: list[Trial] = []
+    bounces: list[BounceTrial] = []
+    rejected = []
     for path in paths:
         recording = None
         try:
             recording = open_recording(path)
-            trials.append(_read(path, recording))
+            trial = _read(path, recording)
         except (UnusableTrial, RecordingError) as error:
             rejected.append(RejectedTrial(path.name, str(error), _begun(recording)))
-    return tuple(trials), tuple(rejected)
+            continue
+        if isinstance(trial, Trial):
+            trials.append(trial)
+        else:
+            bounces.append(trial)
+    calibration, refused = calibrate(bounces)
+    rejected += [RejectedTrial(file, reason) for file, reason in refused.items()]
+    return tuple(each if calibration is None else calibrated(each, calibration) for each in trials), tuple(rejected)
 
 
-def _read(path: Path, recording: Recording) -> Trial:
+def calibrated(trial: Trial, calibration: Calibration) -> Trial:
+    """The trial with the lag and the gain that bounce trials found, in the place of the declared ones.
+
+    A gain that the certificate knows better stays; one that is known from both is their weighted mean.
+    """
+    gain, gain_sd = calibration.gain_with(trial.gain_sd)
+    lag = calibration.lag
+    return replace(
+        trial,
+        force_time=trial.force_time + lag.value - trial.lag.value,
+        force=trial.force / gain,
+        force_step=trial.force_step / gain,
+        lag=replace(
+            trial.lag,
+            declared=lag.standard_error,
+            since=calibration.middle,
+            value=lag.value,
+            source=", ".join(calibration.sources),
+        ),
+        gain_sd=gain_sd,
+        calibration=calibration,
+    )
+
+
+def _read(path: Path, recording: Recording) -> Trial | BounceTrial:
     if recording.outcome is not None and not recording.outcome.accepted:
         raise UnusableTrial(f"the trial was not accepted when it was recorded: {recording.outcome.sentence}")
     tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
-    trial = build_trial(recording.manifest, tracks, path.name, hashlib.sha256(path.read_bytes()).hexdigest())
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    if recording.manifest.bounce is not None:
+        return build_bounce(recording.manifest, tracks, path.name, sha256)
+    trial = build_trial(recording.manifest, tracks, path.name, sha256)
     is_whole = trial.is_whole and recording.complete
     return replace(trial, is_whole=is_whole, notes=trial.notes + recording.missing)
 
@@ -124,31 +173,17 @@ def _begun(recording: Recording | None) -> Manifest | None:
     """The manifest, unless the station was still waiting for the edge when the recording ended."""
     if recording is None:
         return None
-    has_edge = any(isinstance(item, Event) and item.kind == "sync_edge" for item in recording.items())
-    return recording.manifest if has_edge or recording.outcome is None else None
+    begins = ("sync_edge", "imported")
+    has_begun = any(isinstance(item, Event) and item.kind in begins for item in recording.items())
+    return recording.manifest if has_begun or recording.outcome is None else None
 
 
 def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> Trial:
-    """The streams "/force", "/sync" and "/markers" of a recording → Trial. Raises UnusableTrial in one sentence."""
+    """The streams "/force", "/sync" and "/markers" of a recording of a cuff → Trial. Raises UnusableTrial."""
     site = manifest.cuff
-    labels = site.anchor_markers + site.cuff_markers + site.rope_markers
-    force, frames = _counted(tracks, "/force"), _counted(tracks, "/markers")
-    quality.require_labels(labels, frames.stream.labels)
-    raw = force.values[:, 0].astype(np.float64)
-    quality.require_sound_force(raw, _full_scale(manifest, force.stream))
-    edges, edge_clock = _edges(manifest, tracks)
-    frames = _captured(frames, edge_clock, edges)
-    ratio, drift = clocks.clock_ratio(edges, int(frames.numbers[-1]), frames.stream.rate_hz)
-    force_time, force_sd = _force_time(manifest, force, edge_clock, edges, ratio)
-    first_frame, frames_sd, notes = _first_frame_time(frames, edge_clock, edges)
-
-    grid = _regular(frames, labels)
-    marker_time = first_frame + np.arange(len(grid)) / frames.stream.rate_hz
-    in_force, in_frames = _overlap(force_time, marker_time)
-    newtons = calibration.to_newtons(raw, manifest.load_cell)
-    end = min(force_time[-1], marker_time[-1])
-    force_gaps = _gaps(force.numbers, force_time, end)
-    frame_gaps = _gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0], end)
+    if site is None:
+        raise UnusableTrial(f"{file} is a recording of no cuff; give the test a cuff")
+    line = lay_out(manifest, tracks, site.labels)
     return Trial(
         cuff=site,
         test=manifest.test,
@@ -158,144 +193,40 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         start_utc_ns=manifest.start_utc_ns,
         file=file,
         sha256=sha256,
-        force_time=force_time[in_force],
-        force=newtons[in_force],
-        force_step=calibration.code_width(newtons),
-        marker_time=marker_time[in_frames],
-        labels=labels,
-        markers=MILLIMETRE * grid[in_frames],
-        lag=LagUncertainty(float(np.hypot(force_sd, frames_sd)), clocks.DECLARED_LAG_SD, drift),
-        sync_fall=None if edges.falling is None else (edges.falling - edges.rising) / ratio,
-        gain_sd=float(_setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
-        cuff_mass=float(_setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
-        force_gaps=force_gaps,
-        frame_gaps=frame_gaps,
-        is_whole=not force_gaps and not frame_gaps,
-        notes=notes + quality.loss_notes(force_gaps, frame_gaps),
+        force_time=line.force_time,
+        force=line.force,
+        force_step=line.force_step,
+        marker_time=line.marker_time,
+        labels=site.labels,
+        markers=line.markers,
+        lag=line.lag,
+        sync_fall=line.sync_fall,
+        gain_sd=float(setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
+        cuff_mass=float(setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
+        step_masses=tuple(float(mass) for mass in setting(manifest, "protocol").get("step_masses_kg", ())),
+        force_gaps=line.force_gaps,
+        frame_gaps=line.frame_gaps,
+        is_whole=not line.force_gaps and not line.frame_gaps,
+        notes=line.notes,
     )
 
 
-@dataclass(frozen=True)
-class _Counted:
-    """A track with its numbers (n,) as signed integers and its host times (n,) in seconds since the first sample."""
-
-    stream: Stream
-    numbers: NDArray[np.int64]
-    device_time: NDArray[np.float64]
-    host_time: NDArray[np.float64]
-    values: NDArray[Any]
-
-    @property
-    def seconds(self) -> NDArray[np.float64]:
-        """(n,) s on the device's clock, counted: sample number over nominal rate."""
-        return self.numbers / self.stream.rate_hz
-
-    def cut(self, part: slice) -> _Counted:
-        return replace(
-            self,
-            numbers=self.numbers[part],
-            device_time=self.device_time[part],
-            host_time=self.host_time[part],
-            values=self.values[part],
-        )
-
-
-def _counted(tracks: Mapping[str, Track], name: str) -> _Counted:
-    if name not in tracks or not len(tracks[name].sample_numbers):
-        raise UnusableTrial(
-            f"the recording holds no samples of {name}; see with `station check` whether its device answers"
-        )
-    track = tracks[name]
-    numbers = track.sample_numbers.astype(np.int64)
-    device_time, host_time = (1e-9 * ns.astype(np.float64) for ns in (track.device_time_ns, track.host_time_ns))
-    return _Counted(track.stream, numbers, device_time, host_time, track.values)
-
-
-def _edges(manifest: Manifest, tracks: Mapping[str, Track]) -> tuple[SyncEdges, _Counted]:
-    """The sync edges, and the track on whose clock they are."""
-    if manifest.start == "pfi0":  # the hardware starts sample 0 at the edge
-        return SyncEdges(0.0, 0.0, None), _counted(tracks, "/force")
-    sync = _counted(tracks, "/sync")
-    return clocks.find_edges(sync.seconds, sync.values[:, 0], manifest.sync_threshold_v), sync
-
-
-def _edge_on_host(edge_clock: _Counted, edges: SyncEdges) -> float:
-    """When the edge was, on the host's clock [s]."""
-    return edges.rising + clocks.arrival_offset(edge_clock.host_time, edge_clock.seconds)
-
-
-def _captured(frames: _Counted, edge_clock: _Counted, edges: SyncEdges) -> _Counted:
-    """The frames without live preview."""
-    edge_host, rate = _edge_on_host(edge_clock, edges), frames.stream.rate_hz
-    return frames.cut(clocks.capture_frames(frames.numbers, frames.device_time, frames.host_time, rate, edge_host))
-
-
-def _force_time(
-    manifest: Manifest, force: _Counted, edge_clock: _Counted, edges: SyncEdges, ratio: float
-) -> tuple[NDArray[np.float64], float]:
-    """Session time (n,) [s] of the force samples, and what is not known of the edge's place among them [s]."""
-    if manifest.load_cell.source == "daq":
-        return (force.seconds - edges.rising) / ratio, edges.rising_sd
-    edge_host = _edge_on_host(edge_clock, edges)
-    offset = clocks.arrival_offset(force.host_time, force.device_time)
-    return force.device_time + offset - edge_host, clocks.HOST_ALIGNMENT_SD
-
-
-def _first_frame_time(frames: _Counted, edge_clock: _Counted, edges: SyncEdges) -> tuple[float, float, tuple[str, ...]]:
-    """Session time [s] of the first recorded frame of the capture, its uncertainty [s], and a note.
-
-    Frame 1 is exposed at the edge. If what the host saw contradicts that by far, the numbers did not start with the
-    capture, and arrival times are the better guess: good enough for plateaus, not for damping.
-    """
-    counted = float(frames.numbers[0] - 1) / frames.stream.rate_hz
-    edge_host = _edge_on_host(edge_clock, edges)
-    frame_one_host = clocks.arrival_offset(frames.host_time, (frames.numbers - 1) / frames.stream.rate_hz)
-    late = frame_one_host - edge_host
-    if abs(late) <= clocks.HOST_TOLERANCE:
-        return counted, 0.0, ()
-    note = (
-        f"frame numbers put the capture's start {late:+.2f} s from the sync edge by the host's clock; markers are "
-        f"aligned by arrival time (± {1e3 * clocks.HOST_ALIGNMENT_SD:.0f} ms), too coarse for damping of a stiff cuff"
+def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> BounceTrial:
+    """The same of a bounce. Raises UnusableTrial."""
+    rig = manifest.bounce
+    if rig is None:
+        raise UnusableTrial(f"{file} is a recording of no bounce; its manifest holds no weight")
+    line = lay_out(manifest, tracks, rig.labels)
+    return BounceTrial(
+        rig=rig,
+        repeat=manifest.repeat,
+        run=manifest.run,
+        start_utc_ns=manifest.start_utc_ns,
+        file=file,
+        sha256=sha256,
+        force_time=line.force_time,
+        force=line.force,
+        marker_time=line.marker_time,
+        position=line.markers[:, 0],
+        lag=line.lag,
     )
-    return counted + late, clocks.HOST_ALIGNMENT_SD, (note,)
-
-
-def _regular(frames: _Counted, labels: tuple[str, ...]) -> NDArray[np.float64]:
-    """Marker positions (frames, markers, 3) [mm] on the grid of frame numbers, NaN where none came."""
-    index = frames.numbers - frames.numbers[0]
-    columns = [frames.stream.labels.index(label) for label in labels]
-    grid = np.full((int(index[-1]) + 1, len(labels), 3), np.nan)
-    grid[index] = frames.values[:, columns, :3]
-    return grid
-
-
-def _overlap(
-    force_time: NDArray[np.float64], marker_time: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which samples lie in the time from the edge to the end of the shorter stream."""
-    end = min(force_time[-1], marker_time[-1])
-    in_force = (force_time >= 0) & (force_time <= end)
-    in_frames = (marker_time >= -1e-9) & (marker_time <= end)
-    if np.count_nonzero(in_force) < 2 or np.count_nonzero(in_frames) < 2:
-        raise UnusableTrial(
-            f"force ends {force_time[-1]:.2f} s and markers end {marker_time[-1]:.2f} s after the sync edge, so "
-            "nothing was recorded of both; record the trial again"
-        )
-    return in_force, in_frames
-
-
-def _gaps(numbers: NDArray[np.int64], time: NDArray[np.float64], end: float) -> tuple[tuple[float, float], ...]:
-    """(start, end) s of every jump of the numbers between the edge and the trial's end."""
-    jumps = np.flatnonzero(np.diff(numbers) > 1)
-    return tuple((float(time[i]), float(time[i + 1])) for i in jumps if time[i + 1] > 0 and time[i] < end)
-
-
-def _full_scale(manifest: Manifest, stream: Stream) -> float:
-    return float(_setting(manifest, "daq").get("force_range_v", 10.0)) if stream.unit == "V" else float("inf")
-
-
-def _setting(manifest: Manifest, *keys: str) -> dict[str, Any]:
-    section: Any = manifest.effective_config
-    for key in keys:
-        section = section.get(key, {}) if isinstance(section, dict) else {}
-    return section if isinstance(section, dict) else {}

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from recordings.errors import RecordingError
 
-TestKind = Literal["static", "dynamic"]
+TestKind = Literal["static", "dynamic", "bounce"]
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,29 @@ class CuffSite:
     anchor_markers: tuple[str, ...]
     cuff_markers: tuple[str, ...]
     rope_markers: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All markers that must be there: anchor, cuff, rope."""
+        return self.anchor_markers + self.cuff_markers + self.rope_markers
+
+
+@dataclass(frozen=True)
+class BounceRig:
+    """What bounces under the load cell to calibrate it: a weight on a steel spring, and the marker on the weight.
+
+    spring_mass_kg is the spring's own; mass_relative_sd the standard uncertainty of both masses.
+    """
+
+    mass_kg: float
+    marker: str
+    spring_mass_kg: float = 0.0
+    mass_relative_sd: float = 0.0005
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All markers that must be there."""
+        return (self.marker,)
 
 
 @dataclass(frozen=True)
@@ -48,19 +71,23 @@ class LoadCell:
 class Manifest:
     """One trial's passport.
 
-    start_utc_ns is the host's UTC at arming; start is "sync_edge" or "pfi0" (then force sample 0 is the edge).
+    A static or dynamic test has a cuff, a bounce test has a bounce instead.
+    start_utc_ns is the host's UTC at arming; start is "sync_edge", "pfi0" (then force sample 0 is the edge) or
+    "declared": both device clocks are one, because whoever imported them said so, and session time 0 is origin_s on it.
     effective_config is the whole configuration that was in force, as plain data; versions maps package to version.
     """
 
-    cuff: CuffSite
+    cuff: CuffSite | None
     test: TestKind
     repeat: int
     run: int
     donning: str
-    start: Literal["sync_edge", "pfi0"]
+    start: Literal["sync_edge", "pfi0", "declared"]
     sync_threshold_v: float
     load_cell: LoadCell
     start_utc_ns: int
+    bounce: BounceRig | None = None
+    origin_s: float = 0.0
     effective_config: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
 

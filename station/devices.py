@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from drivers.catalogue import make_device
 from drivers.device import Device
-from recordings.manifest import CuffSite
+from recordings.manifest import BounceRig, CuffSite
 from station.clock import Clock
 from station.config import StationConfig
 
 
-def devices_for(config: StationConfig, cuff: CuffSite | None, clock: Clock) -> list[Device]:
-    """The devices of one trial, not yet opened; with a cuff, its markers must be among the labels."""
+def devices_for(config: StationConfig, subject: CuffSite | BounceRig | None, clock: Clock) -> list[Device]:
+    """The devices of one trial, not yet opened; the markers of its subject must be among the labels."""
     daq, cell, mocap = config.daq, config.load_cell, config.mocap
-    wanted = (*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers) if cuff else ()
+    wanted = subject.labels if subject else ()
     devices = [
         make_device(
             "nidaq",

@@ -35,9 +35,9 @@ def recover_recording(path: Path, output: Path | None) -> int:
 def _print_tables(contents: Contents, console: Console) -> None:
     manifest, outcome = contents.manifest, contents.outcome
     if manifest is not None:
+        subject = f"cuff {manifest.cuff.name}, donning {manifest.donning}" if manifest.cuff else "load cell"
         console.print(
-            f"cuff {manifest.cuff.name}, {manifest.test}, repeat {manifest.repeat}, run {manifest.run}, "
-            f"donning {manifest.donning}",
+            f"{subject}, {manifest.test}, repeat {manifest.repeat}, run {manifest.run}",
             highlight=False,
         )
     words = "no outcome: the recording was cut" if outcome is None else f"{outcome.state}: {outcome.sentence}"

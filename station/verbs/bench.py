@@ -43,9 +43,9 @@ def check(
 def record(
     config: ConfigPath,
     session: Annotated[Path, typer.Option(help="Folder of the session; made if it is not there.")],
-    cuff: Annotated[str, typer.Option(help="The cuff under test, as the configuration names it.")],
-    test: Annotated[Test, typer.Option(help="Which of the two tests.")],
-    repeat: Annotated[int, typer.Option(min=1, help="Which repeat of this test on this donning.")],
+    test: Annotated[Test, typer.Option(help="Which test; a bounce calibrates the load cell and needs no cuff.")],
+    cuff: Annotated[str | None, typer.Option(help="The cuff under test, as the configuration names it.")] = None,
+    repeat: Annotated[int, typer.Option(min=1, help="Which repeat of this test on this donning.")] = 1,
     duration: Annotated[
         float | None, typer.Option(min=0.1, help="Seconds after the edge; without it, until the capture ends.")
     ] = None,
@@ -62,10 +62,12 @@ def record(
     from station.live import LiveView
     from station.protocol import TrialSpec
 
+    if (cuff is None) != (test == "bounce"):
+        raise typer.BadParameter("a static or dynamic test needs --cuff, and a bounce has none")
     clock = RealClock(speed)
     spec = TrialSpec(cuff, test, repeat, donning)
     with ExitStack() as stack:
-        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff} {test} {repeat}"))]
+        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff or 'load cell'} {test} {repeat}"))]
         if rrd is not None:
             from station.rerun_log import RerunLog
 

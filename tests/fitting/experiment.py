@@ -139,7 +139,7 @@ class Session:
         capture_end = int(time[-1] * truth.marker_rate) / truth.marker_rate
         sync = np.where((true >= 0) & (true < capture_end), 5.0, 0.0) + 2e-3 * self.random.standard_normal(count)
         return {
-            name: _track(name, "V", ("ai",), rate, np.arange(count), true, start_ns, self._coded(values)[:, None])
+            name: track(name, "V", ("ai",), rate, np.arange(count), true, start_ns, self._coded(values)[:, None])
             for name, values in (("/force", volts), ("/sync", sync))
         }
 
@@ -164,9 +164,7 @@ class Session:
         for marker in range(values.shape[1]):
             values[self._hidden(count), marker] = np.nan
         labels = (*(f"anchor_{i + 1}" for i in range(len(truth.anchor))), "cuff_1")
-        return _track(
-            "/markers", "mm", labels, truth.marker_rate, np.arange(1, count + 1), frame_time, start_ns, values
-        )
+        return track("/markers", "mm", labels, truth.marker_rate, np.arange(1, count + 1), frame_time, start_ns, values)
 
     def _hidden(self, count: int) -> NDArray[np.intp]:
         """Frames in which one marker is hidden, in stretches of 0.1 s."""
@@ -184,7 +182,7 @@ class Session:
         return curve / 2
 
 
-def _track(
+def track(
     name: str,
     unit: str,
     labels: tuple[str, ...],

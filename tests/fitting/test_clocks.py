@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.clocks import DRIFT_PRIOR_SD, LagUncertainty, SyncEdges, capture_frames, clock_ratio, find_edges
+from fitting.clocks import DRIFT_PRIOR_SD, LagUncertainty, SyncEdges, capture_frames, find_edges, find_fall, fit_clock
 from fitting.quality import UnusableTrial
 
 time = np.arange(4000) / 1000
@@ -73,15 +73,60 @@ def test_of_two_captures_the_one_at_the_edge_counts() -> None:
     assert _capture([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], [0, 1, 2, 300, 301], edge=3.0) == slice(3, 5)
 
 
+def _seen(start: float, ratio: float, capture: float, interval: float) -> SyncEdges:
+    """Both edges as a DAQ sees them that samples every `interval` [s]."""
+    middle = interval * (np.floor(np.array([start, start + ratio * capture]) / interval) + 0.5)
+    sd = interval / np.sqrt(12)
+    return SyncEdges(float(middle[0]), sd, float(middle[1]), sd)
+
+
 def test_a_fall_where_the_capture_ends_gives_the_clock_ratio() -> None:
-    ratio, sd = clock_ratio(SyncEdges(2.0, 1e-3 / np.sqrt(12), 2.0 + 30.0 * (1 + 40e-6)), 3000, 100.0)
-    assert ratio - 1 == pytest.approx(40e-6, abs=4e-6)
-    assert sd < DRIFT_PRIOR_SD / 3
+    clock = fit_clock(_seen(2.0001, 1 + 40e-6, 30.0, 1e-3), 30.0)
+    assert clock.has_both_edges
+    assert clock.ratio - 1 == pytest.approx(40e-6, abs=3 * np.sqrt(clock.covariance[1, 1]))
+    assert np.sqrt(clock.covariance[1, 1]) < DRIFT_PRIOR_SD / 3
 
 
-def test_a_fall_elsewhere_is_not_the_end_of_the_capture() -> None:
-    assert clock_ratio(SyncEdges(2.0, 3e-4, 2.1), 3000, 100.0) == (1.0, DRIFT_PRIOR_SD)
-    assert clock_ratio(SyncEdges(2.0, 3e-4, None), 3000, 100.0) == (1.0, DRIFT_PRIOR_SD)
+@pytest.mark.parametrize(("interval", "capture"), [(1e-3, 30.0), (0.05, 30.013), (1e-5, 30.0)])
+def test_session_time_is_as_uncertain_as_the_clock_says(interval: float, capture: float) -> None:
+    random, off = np.random.default_rng(3), []
+    for _ in range(200):
+        start, ratio = random.uniform(0, 9), 1 + DRIFT_PRIOR_SD * random.standard_normal()
+        clock = fit_clock(_seen(start, ratio, capture, interval), capture)
+        for time in (0.0, capture / 2, capture):
+            moment = clock.session_time(np.array([start + ratio * time]))[0] - time
+            off.append(moment / clock.time_sd(time))
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_capture_of_no_whole_number_of_samples_pins_the_edge_between_them() -> None:
+    """At 20 Hz either edge alone leaves 14 ms; a capture that ends 0.013 s into a sample leaves less."""
+    clock = fit_clock(_seen(2.04, 1.0, 30.013, 0.05), 30.013)
+    assert clock.time_sd(15.0) < 0.8 * 0.05 / np.sqrt(12)
+
+
+@pytest.mark.parametrize("falling", [2.1, None])
+def test_a_fall_elsewhere_is_not_the_end_of_the_capture(falling: float | None) -> None:
+    clock = fit_clock(SyncEdges(2.0, 3e-4, falling, 3e-4), 30.0)
+    assert (clock.start, clock.ratio, clock.has_both_edges) == (2.0, 1.0, False)
+    assert clock.time_sd(20.0) == pytest.approx(np.hypot(3e-4, 20 * DRIFT_PRIOR_SD))
+
+
+def test_an_edge_that_starts_the_acquisition_is_sample_zero_and_its_fall_is_seen() -> None:
+    edges = find_fall(time, _line((-1.0, 3.0)), 2.5)
+    assert (edges.rising, edges.rising_sd, edges.falling) == (0.0, 0.0, pytest.approx(2.9995))
+    assert find_fall(time, _line((-1.0, 9.0)), 2.5).falling is None
+    clock = fit_clock(edges, 3.0)
+    assert clock.has_both_edges
+    assert clock.start == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_is_not_known_of_time_is_told_in_newtons_and_metres() -> None:
+    clock = fit_clock(SyncEdges(0.0, 3e-4, None), None)
+    errors = clock.errors(20.0, force_rate=75.0, speed=0.01)
+    assert errors.time == pytest.approx(np.hypot(3e-4, 1e-3))
+    assert errors.force == pytest.approx(75 * errors.time)
+    assert errors.displacement == pytest.approx(0.01 * errors.time)
 
 
 def test_the_lag_of_a_record_grows_with_its_time() -> None:
@@ -89,3 +134,9 @@ def test_the_lag_of_a_record_grows_with_its_time() -> None:
     assert lag.common(0.0) == pytest.approx(4e-4)
     assert lag.total(0.0) == pytest.approx(5e-4)
     assert lag.total(20.0) == pytest.approx(np.sqrt(25e-8 + 1e-6))
+
+
+def test_drift_counts_from_where_the_lag_was_calibrated() -> None:
+    lag = LagUncertainty(edge=0.0, declared=1e-4, drift=50e-6, since=15.0)
+    assert lag.common(15.0) == pytest.approx(1e-4)
+    assert lag.common(5.0) == lag.common(25.0)
