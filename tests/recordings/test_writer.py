@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import errno
-import io
 import os
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -19,6 +16,7 @@ from recordings.manifest import Outcome
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples, Stream
 from recordings.writer import RecordingWriter, create_exclusively
+from tests.recordings.failing_disks import disk_with_room, write_trial
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -32,25 +30,6 @@ from tests.recordings.trials import (
     skipped,
     trial,
 )
-
-
-class DiskThatFills(io.FileIO):
-    """A file on a disk with room for so many bytes; the last write may get a part of its bytes down, as in life."""
-
-    def __init__(self, path: Path, room: int) -> None:
-        super().__init__(path, "xb")
-        self._room = room
-
-    def write(self, data: bytes) -> int:  # type: ignore[override]
-        written = super().write(memoryview(data)[: self._room])
-        self._room -= written
-        if not written and len(data):
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return written
-
-
-def disk_with_room(room: int) -> Callable[[Path], BinaryIO]:
-    return lambda path: io.BufferedWriter(DiskThatFills(path, room))  # type: ignore[return-value]
 
 
 def test_what_is_written_comes_back_in_order(tmp_path: Path) -> None:
@@ -135,26 +114,27 @@ def test_no_message_waits_longer_than_a_second_for_the_disk(tmp_path: Path) -> N
     writer.discard()
 
 
-@pytest.mark.parametrize("room", [*range(0, 6000, 61), *range(6000, 30_000, 997)])
-def test_wherever_the_disk_fills_nothing_stored_is_missing(tmp_path: Path, room: int) -> None:
-    path, wall = tmp_path / "a.mcap", WallClock()
-    stored: dict[str, int] = {}
-    with pytest.raises(WriteFailed, match="No space left on device"):
-        writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, create=disk_with_room(room))
-        try:
-            for item in trial(4.0):
-                wall.now += 0.05
-                writer.write(item)
-            writer.close(ACCEPTED)
-        finally:
-            stored = {name: kept.samples for name, kept in writer.stored.items()}
-            with pytest.raises(WriteFailed):
-                writer.close(ACCEPTED)
-    if stored:
-        recording = open_recording(path)
-        assert not recording.complete
-        for name, count in stored.items():
-            assert len(recording.load(name).sample_numbers) >= count
+@pytest.mark.parametrize("room", [*range(0, 6000, 122), *range(6000, 30_000, 1997)])
+@pytest.mark.parametrize(("error", "words"), [(errno.ENOSPC, "no more room"), (errno.EIO, "volume gone")])
+def test_wherever_the_disk_takes_no_more_nothing_stored_is_missing(
+    tmp_path: Path, room: int, error: int, words: str
+) -> None:
+    claim = write_trial(tmp_path / "a.mcap", 4.0, disk_with_room(room, error))
+    assert claim is not None and words in claim.sentence
+    assert (claim.returned, claim.missing) == (0, 0)
+
+
+@pytest.mark.parametrize("good", range(6))
+def test_a_disk_that_fails_to_sync_takes_back_what_it_was_given_since(tmp_path: Path, good: int) -> None:
+    left = iter(range(good))
+
+    def sync(_: int) -> None:
+        if next(left, None) is None:
+            raise OSError(errno.EIO, "Input/output error")
+
+    claim = write_trial(tmp_path / "a.mcap", 4.0, sync=sync)
+    assert claim is not None and "Input/output error" in claim.sentence
+    assert (claim.returned, claim.missing) == (0, 0)
 
 
 def test_the_first_failed_write_is_final_and_names_the_last_stored_samples(tmp_path: Path) -> None:
