@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fitting.published_method import PublishedFit
 from fitting.result import CuffFit, SessionFit
 from fitting.uncertainty import Estimate
 from solver.assessment import Assessment, Figure
@@ -48,6 +49,25 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Tabl
     return table
 
 
+def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Table:
+    """The published method's figures, with those of the fit in brackets, and what noise leaves of the damping."""
+    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "mean F − k x [N]", "negative", "left of c")
+    for name, fit in fits.items():
+        cuff = fitted.cuffs[name]
+        table.add_row(
+            name,
+            _beside(fit.stiffness, cuff.stiffness, 1.0, ".0f"),
+            _beside(fit.damping, cuff.damping, 1.0, ".0f"),
+            _beside(fit.migration, cuff.migration, 1000.0, ".2f"),
+            "-" if fit.damper_force is None else f"{fit.damper_force:+.1f}",
+            "-" if fit.negative_part is None else f"{100 * fit.negative_part:.0f} %",
+            "-"
+            if fit.predicted_left is None or fit.observed_left is None
+            else f"predicted {100 * fit.predicted_left:.0f} %, observed {100 * fit.observed_left:.0f} %",
+        )
+    return table
+
+
 def assessment_table(assessment: Assessment) -> Table:
     """Normalised muscle cost of every condition at the reference rest length and at its own best one."""
     reference = f"cost at {assessment.reference_rest_length:.2f} m"
@@ -84,6 +104,11 @@ def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | No
     half = (estimate.ci95[1] - estimate.ci95[0]) / 2
     words = f"{estimate.value * scale:{form}} ± {half * scale:{form}}"
     return words if true is None else f"{words} (true {true * scale:{form}})"
+
+
+def _beside(value: float | None, estimate: Estimate | None, scale: float, form: str) -> str:
+    words = "-" if value is None else f"{value * scale:{form}}"
+    return words if estimate is None else f"{words} ({estimate.value * scale:{form}})"
 
 
 def _figure(figure: Figure, scale: float = 1.0, form: str = ".4f") -> str:

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import Format
 
+if TYPE_CHECKING:
+    from fitting.result import SessionFit
+
+Method = Literal["default", "paper"]
+
 
 def fit(
     session: Annotated[Path, typer.Argument(help="Folder of a recorded session.")],
     output: Annotated[Path | None, typer.Option(help="Default: cuffs.json in the session's folder.")] = None,
     format: Annotated[Format, typer.Option(help="What to print.")] = "table",  # noqa: A002
+    method: Annotated[
+        Method, typer.Option(help='"paper": print what the published equations give on the same trials; no cuffs.json.')
+    ] = "default",
 ) -> None:
     """Stiffness, damping and migration of every cuff in a session, with their uncertainty."""
     from rich.console import Console
@@ -23,11 +31,34 @@ def fit(
     from station.progress import progress_bars
     from station.tables import print_cuffs
 
+    to = output or (session / "cuffs.json" if method == "default" else None)
     with progress_bars(Console(stderr=True)) as progress:
-        fitted = fit_session_folder(session, output or session / "cuffs.json", progress)
-    if format == "json":
+        fitted = fit_session_folder(session, to if method == "default" else None, progress)
+    if method == "paper":
+        _compare_with_paper(fitted, to, format)
+    elif format == "json":
         print(fitted.to_json(), end="")
     else:
         print_cuffs(fitted, Console())
     is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
     raise typer.Exit(DONE if is_whole else LOSSY)
+
+
+def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format) -> None:  # noqa: A002
+    """The published method's figures, to stdout and to the output file where one is given."""
+    import json
+
+    from rich.console import Console
+
+    from fitting.published_method import plain_published, published_fits
+    from station.tables import published_table
+    from station.whole_file import write_whole
+
+    fits = published_fits(fitted)
+    text = json.dumps({"method": "paper", "cuffs": plain_published(fits)}, indent=2) + "\n"
+    if output is not None:
+        write_whole(output, text)
+    if format == "json":
+        print(text, end="")
+    else:
+        Console().print(published_table(fits, fitted))

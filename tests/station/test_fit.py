@@ -1,0 +1,56 @@
+"""`station fit`: what it prints and where it writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fitting.result import SessionFit
+from fitting.session import fit_session
+from fitting.trial import build_trial
+from tests.fitting.experiment import Session, published
+
+
+@pytest.fixture(scope="module")
+def fitted() -> SessionFit:
+    session = Session(published("waist", hold=4.0, duration=12.0), 3)
+    return fit_session([build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")])
+
+
+@pytest.fixture
+def folder(fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A session whose recordings are taken as read."""
+
+    def fit(_folder: Path, output: Path | None, _progress: object) -> SessionFit:
+        if output is not None:
+            output.write_text(fitted.to_json(), encoding="utf-8")
+        return fitted
+
+    monkeypatch.setattr("station.fit.fit_session_folder", fit)
+    return tmp_path
+
+
+def test_the_published_method_is_printed_and_leaves_the_fit_alone(station, folder: Path) -> None:
+    ran = station("fit", folder, "--method", "paper", "--format", "json")
+    assert ran.code == 0
+    cuff = json.loads(ran.out)["cuffs"]["waist"]
+    assert 0.5 < cuff["predicted_part_of_damping_left"] < 0.95
+    assert not (folder / "cuffs.json").exists()
+
+
+def test_the_published_method_goes_to_the_file_that_is_asked_for(station, folder: Path) -> None:
+    ran = station("fit", folder, "--method", "paper", "--output", folder / "paper.json")
+    assert ran.code == 0
+    assert "predicted" in ran.out
+    assert json.loads((folder / "paper.json").read_text(encoding="utf-8"))["method"] == "paper"
+
+
+def test_a_method_nobody_knows_is_wrong_usage(station, folder: Path) -> None:
+    assert station("fit", folder, "--method", "guess").code == 2
+
+
+def test_the_fit_is_written_beside_the_recordings(station, folder: Path) -> None:
+    assert station("fit", folder).code == 0
+    assert json.loads((folder / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
