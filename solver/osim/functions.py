@@ -29,6 +29,11 @@ def read_function(holder: Element) -> Function:
     if len(functions) != 1:
         raise holder.refusal(f"has {len(functions)} functions, expected one")
     element = functions[0]
+    if element.tag in _WITHOUT_CURVATURE:
+        raise element.refusal(
+            "has its slope for its curvature in OpenSim 4.6, so that accelerations are wrong there; write it as a "
+            "PolynomialFunction or a SimmSpline"
+        )
     if element.tag not in _READERS:
         raise element.unsupported("function", ", ".join(_READERS))
     return _READERS[element.tag](element)
@@ -76,6 +81,7 @@ def _points(element: Element, fewest: int = 2) -> tuple[Array, Array]:
     return x, y
 
 
+_WITHOUT_CURVATURE = ("ExpressionBasedFunction", "MultivariatePolynomialFunction")
 _READERS: dict[str, Callable[[Element], Function]] = {
     "Constant": _constant,
     "LinearFunction": _line,

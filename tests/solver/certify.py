@@ -208,6 +208,8 @@ def build(model: Model) -> Any:
         pusher.setName(actuator.name)
         pusher.setOptimalForce(actuator.optimal_force)
         osim.addForce(_given(pusher))
+    for marker in model.markers:
+        osim.addMarker(_given(opensim.Marker(marker.name, frames[marker.body], _vec3(marker.location))))
     osim.finalizeConnections()
     return osim
 

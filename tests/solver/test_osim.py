@@ -185,7 +185,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             "EllipsoidJoint",
             "line 23: EllipsoidJoint swing is a joint the solver does not have; replace it (CustomJoint",
         ),
-        ("Constant>", "ExpressionBasedFunction>", "ExpressionBasedFunction is a function the solver does not have"),
+        ("Constant>", "SignalGenerator>", "SignalGenerator is a function the solver does not have"),
         ("MovingPathPoint", "StrangePathPoint", "StrangePathPoint b is a path point the solver does not have"),
         (
             "Millard2012EquilibriumMuscle",
@@ -246,6 +246,11 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             '<LinearFunction name="function"><coefficients>3 0.25</coefficients></LinearFunction>',
             "<GCVSpline><half_order>3</half_order><error_variance>0.1</error_variance></GCVSpline>",
             "GCVSpline smooths its points",
+        ),
+        (
+            '<LinearFunction name="function"><coefficients>3 0.25</coefficients></LinearFunction>',
+            "<ExpressionBasedFunction><expression>3*x</expression></ExpressionBasedFunction>",
+            "ExpressionBasedFunction has its slope for its curvature in OpenSim 4.6",
         ),
         (
             '<LinearFunction name="function"><coefficients>3 0.25</coefficients></LinearFunction>',

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver.model import ModelError
 from tests.solver.oracle.two_bodies import difference, given, model_with, opensim, read_back, vec3
 
 pytestmark = pytest.mark.oracle
@@ -82,6 +83,34 @@ def test_only_a_coordinate_that_is_the_motion_of_an_axis_is_an_angle_or_a_distan
     theirs = [model.getCoordinateSet().get(name).getMotionType() for name in ours.coordinate_names]
     names = {1: "rotation", 2: "translation", 3: "coupled"}
     assert [coordinate.motion for coordinate in ours.coordinates] == [names[kind] for kind in theirs]
+
+
+@pytest.mark.parametrize("kind", ["ExpressionBasedFunction", "MultivariatePolynomialFunction"])
+def test_what_is_refused_for_its_curvature_accelerates_wrongly_in_opensim(kind: str, tmp_path: Path) -> None:
+    # where this fails, OpenSim has mended it, and the solver can read it
+    rising = opensim.Vector(3, 0.0)
+    for power, coefficient in enumerate((0.2, 1.0, 0.3)):
+        rising.set(power, coefficient)
+    made = {
+        "ExpressionBasedFunction": lambda: opensim.ExpressionBasedFunction("0.3*x^2 + x + 0.2", ["x"]),
+        "MultivariatePolynomialFunction": lambda: opensim.MultivariatePolynomialFunction(rising, 1, 2),
+    }[kind]()
+    slope_for_curvature, right = (accelerated_along(each) for each in (made, polynomial(0.3, 1.0, 0.2)))
+    assert abs(slope_for_curvature - right) > 0.1
+    with pytest.raises(ModelError, match=f"{kind} .* has its slope for its curvature"):
+        read_back(model_with(lambda *sides: custom(sides, [("bend", made), *[("", line(0.0))] * 5])), tmp_path)
+
+
+def accelerated_along(function: Any) -> float:
+    """How a coordinate accelerates that turns the first body by this function."""
+    axes = [("bend", function), *[("", opensim.Constant(0.0))] * 5]
+    model = model_with(lambda *sides: custom(sides, axes))
+    state = model.initSystem()
+    bend = model.getCoordinateSet().get("bend")
+    bend.setValue(state, 0.7, False)
+    bend.setSpeedValue(state, 1.3)
+    model.realizeAcceleration(state)
+    return float(bend.getAccelerationValue(state))
 
 
 def line(slope: float) -> Any:

@@ -13,10 +13,13 @@ from solver.bundled import bundled_model
 from solver.dynamics import equations_of_motion, response_maps
 from solver.kinematics import postures
 from solver.loads import load_wrenches, read_external_loads
-from solver.model import Model
-from solver.motion import write_table
+from solver.model import Model, with_point_mass
+from solver.motion import differentiate, thin, write_table
 from solver.muscle import muscle_forces
+from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
+from solver.raise_arm import raise_arm
+from solver.redundancy import solve_motion
 from tests.solver.oracle.two_bodies import model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
 
@@ -73,6 +76,20 @@ def test_loads_on_the_bundled_model_reach_its_glenoid_as_in_opensim(tmp_path: Pa
     accelerations, reactions = opensims(osim, ours, file, q, u, time, "GlenoHumeral")
     assert relative_difference(maps.acceleration_at_rest, accelerations) < 1e-10
     assert relative_difference(maps.reaction_at_rest, reactions) < 1e-10
+
+
+def test_a_weight_put_into_the_hand_of_an_osim_file_is_carried_as_a_point_mass(tmp_path: Path) -> None:
+    ours = bundled_model()
+    osim = certify.build(ours)
+    hand, place = osim.getBodySet().get("hand"), ours.bodies[ours.body_index("hand")].mass_center
+    hand.setMass(hand.getMass() + 2.0)
+    osim.finalizeConnections()
+    osim.printToXML(str(tmp_path / "loaded.osim"))
+    motion = thin(differentiate(raise_arm(ours)), 60)
+    found = solve_motion(read_osim(tmp_path / "loaded.osim"), motion)
+    expected = solve_motion(with_point_mass(ours, "hand", 2.0, place), motion)
+    np.testing.assert_allclose(found.activations, expected.activations, atol=1e-6)
+    assert expected.effort.sum() > 1.5 * solve_motion(ours, motion).effort.sum()
 
 
 def written(folder: Path, rows: int, loads: list[tuple[str, ...]]) -> Path:
