@@ -21,7 +21,7 @@ from solver.model import CoordinateForce, Model, ModelError
 from solver.moving.tables import Indices, Tables, tables_of
 from solver.muscle import MuscleForces
 from solver.paths import PathState
-from solver.spatial import rotate
+from solver.spatial import cross, rotate
 
 Array = NDArray[np.float64]
 
@@ -150,25 +150,18 @@ def response_to_loads(
                         ground; spatial.wrench_about_origin makes them of forces at points
     generalised_forces  (frames, loads, coordinates), what acts on coordinates without being a wrench on a body [N, N m]
     """
-    from solver.moving.loads import respond
+    from solver.moving.loads import gather
 
-    count = equations.screws.shape[1]
-    forces = np.empty((*wrenches.shape[:2], count))
+    forces = np.empty((*wrenches.shape[:2], equations.screws.shape[1]))
     forces[...] = generalised_forces
-    response = Response(np.empty(forces.shape), np.empty((*wrenches.shape[:2], 6)))
-    respond(
-        equations.tables.joints,
-        equations.reaction_body,
-        equations.screws,
-        equations.mobility,
-        equations.reaction_point,
-        equations.reaction_per_acceleration,
-        np.array(wrenches, order="C"),
-        forces,
-        response.acceleration,
-        response.reaction,
-    )
-    return response
+    direct = np.empty((*wrenches.shape[:2], 6))
+    wrenches = np.ascontiguousarray(wrenches).view()
+    wrenches.flags.writeable = False  # whether they came so or not: to the compiler they are of two types
+    gather(equations.tables.joints, equations.screws, equations.reaction_body, wrenches, forces, direct)
+    direct[..., :3] -= cross(equations.reaction_point[:, None], direct[..., 3:])
+    acceleration = forces @ equations.mobility
+    reaction = direct - acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2)
+    return Response(acceleration, reaction)
 
 
 def response_maps(

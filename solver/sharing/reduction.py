@@ -22,11 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled, compiled_for_python
+from solver.sharing.triangle import triangularise
 
 Array = NDArray[np.float64]
-
-RANK_TOLERANCE = 1e-9  # of the longest column
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +73,14 @@ def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Arra
     tracked, free, weighted = matrix.shape[1], int(is_free.sum()), int((~is_free).sum())
     if is_free[:muscles].any() or free > tracked:
         return None
-    identity = np.broadcast_to(np.eye(tracked), (len(matrix), tracked, tracked))
-    triangle = np.concatenate([matrix[:, :, is_free], matrix[:, :, ~is_free], identity], axis=2)
-    rank = int(triangularise(triangle, free, weighted).min(initial=tracked))
+    triangles = np.empty((len(matrix), tracked, free + weighted + tracked))
+    triangles[:, :, :free], triangles[:, :, free:-tracked] = matrix[:, :, is_free], matrix[:, :, ~is_free]
+    triangles[:, :, -tracked:] = np.eye(tracked)
+    rank = int(triangularise(triangles, free, weighted).min(initial=tracked))
     if rank < free:
         return None
-    solved = np.linalg.solve(triangle[:, :free, :free], triangle[:, :free, free:])
-    F, of_acceleration = solved[:, :, :weighted], solved[:, :, weighted:]
-    equalities = triangle[:, free:rank, free:]
-    equalities /= np.linalg.norm(equalities[:, :, :weighted], axis=2, keepdims=True)
+    F, of_acceleration = triangles[:, :free, free:-tracked], triangles[:, :free, -tracked:]
+    equalities = triangles[:, free:rank, free:]
     on_free = cone_matrix[:, :, is_free]
     M = np.concatenate([equalities[:, :, :weighted], cone_matrix[:, :, ~is_free] - on_free @ F], axis=1)
     reserves = np.swapaxes(M[:, :, muscles:], 1, 2) / (2 * weights[~is_free][muscles:, None])
@@ -103,61 +100,3 @@ def each_frame(matrix: Array, values: Array) -> Array:
     """The product of each frame's matrix (frames, i, j) with its values (scenarios, frames, j)."""
     product: Array = np.moveaxis(matrix @ np.moveaxis(values, 0, 2), 2, 0)
     return product
-
-
-@compiled_for_python
-def triangularise(triangle: Array, free: int, weighted: int) -> NDArray[np.int64]:
-    """Reflect each frame's rows in place; returns the ranks (frames,), less than `free` where f is undetermined."""
-    ranks = np.empty(len(triangle), np.int64)
-    mirror, shadow = np.empty(triangle.shape[1]), np.empty(triangle.shape[2])
-    for frame in range(len(triangle)):
-        rows = triangle[frame]
-        longest = 0.0
-        for j in range(free + weighted):
-            longest = max(longest, _length(rows, 0, j))
-        rank = 0
-        while rank < len(rows):
-            column = rank if rank < free else _longest_column(rows, rank, free, free + weighted)
-            if not _length(rows, rank, column) > RANK_TOLERANCE * longest:
-                break
-            _reflect(rows, rank, column, mirror, shadow)
-            rank += 1
-        ranks[frame] = rank
-    return ranks
-
-
-@compiled
-def _longest_column(rows: Array, first: int, start: int, end: int) -> int:
-    best, longest = start, -1.0
-    for j in range(start, end):
-        length = _length(rows, first, j)
-        if length > longest:
-            best, longest = j, length
-    return best
-
-
-@compiled
-def _length(rows: Array, first: int, column: int) -> float:
-    square = 0.0
-    for i in range(first, len(rows)):
-        square += rows[i, column] ** 2
-    return float(np.sqrt(square))
-
-
-@compiled
-def _reflect(rows: Array, first: int, column: int, mirror: Array, shadow: Array) -> None:
-    """Householder: the column's part from row `first` on becomes its length there and zero below."""
-    length = _length(rows, first, column)
-    for i in range(first, len(rows)):
-        mirror[i] = rows[i, column]
-    mirror[first] += length if mirror[first] >= 0.0 else -length
-    square = 0.0
-    shadow[:] = 0.0
-    for i in range(first, len(rows)):
-        square += mirror[i] * mirror[i]
-        for j in range(len(shadow)):
-            shadow[j] += mirror[i] * rows[i, j]
-    for i in range(first, len(rows)):
-        factor = 2.0 * mirror[i] / square
-        for j in range(len(shadow)):
-            rows[i, j] -= factor * shadow[j]
