@@ -38,6 +38,7 @@ def golden() -> dict[str, Array]:
         "constraint_jacobian": stored["G"],
         "constraint_bias": stored["bias"],
         "constraint_gap": stored["perr"],
+        "constraint_rate": stored["verr"],
         "length": stored["L"],
         "speed": stored["Ldot"],
         "force_per_tension": stored["Q"],
