@@ -108,6 +108,8 @@ class Protocol(_Section):
     step_masses_kg: tuple[Positive, ...] = ()
     repeats: int = Field(default=3, ge=1)
     pause_s: float = Field(default=60.0, ge=0)
+    hold_s: Positive = 7.0  # each load of a static test, at least
+    swing_s: Positive = 20.0  # a dynamic test, at least
 
 
 class Safety(_Section):
@@ -223,7 +225,7 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
     try:
         return StationConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(f"{origin}: {fault_in_words(error)}") from error
+        raise ConfigError(" ".join(f"{origin}: {fault_in_words(error)}".split())) from error  # a key may hold anything
 
 
 def fault_in_words(error: ValidationError) -> str:

@@ -37,8 +37,14 @@ def demo_config() -> StationConfig:
         "cuff_markers": ["cuff_1"],
         "rope_markers": ["rope_1", "rope_2"],
     }
-    cuffs = dict.fromkeys(PUBLISHED_CUFFS, markers)
-    return parse_config({"cuffs": cuffs, "mocap": {"control": "start"}}, "the demo")
+    data = {
+        "cuffs": dict.fromkeys(PUBLISHED_CUFFS, markers),
+        "mocap": {"control": "start"},
+        "protocol": {"step_masses_kg": [1.53] * 5},
+        "bounce": {"mass_kg": 2.5, "marker": "weight"},
+        "simulation": {"amplifier": {"delay_s": 0.003, "gain": 1.004}},  # for the bounce to find
+    }
+    return parse_config(data, "the demo")
 
 
 def run_demo(folder: Path | None, speed: float, seed: int) -> int:
@@ -69,7 +75,7 @@ def record_session(
 
     The truth of migration is what the simulated cuff slipped, not what its friction was laid out for.
     """
-    plan = list(published_plan(config.cuffs, config.protocol.repeats))
+    plan = list(published_plan(config.cuffs, config.protocol.repeats, has_bounce=config.bounce is not None))
     results: list[TrialResult] = []
     truth: dict[str, dict[str, float]] = {}
     with SimulatedBench(simulator_settings(config), speed, seed) as bench:
@@ -79,19 +85,20 @@ def record_session(
             _prepare(bench, plan[done - 1] if done else None, spec, config.protocol.pause_s)
             result = Daemon(pointed, RealClock(speed)).record(folder, spec)
             if result.path is None:
-                raise DemoError(f"{spec.cuff} {spec.test} {spec.repeat} was not recorded: {result.sentence}")
+                raise DemoError(f"{spec.file_name(spec.repeat)} was not recorded: {result.sentence}")
             results.append(result)
-            slipped = bench.tell({"truth": True})["truth"]["slip_m"]
-            truth[spec.cuff] = {**bench.ready["truth"]["cuffs"][spec.cuff], "migration_m": slipped[spec.cuff]}
+            if spec.cuff is not None:
+                slipped = bench.tell({"truth": True})["truth"]["slip_m"]
+                truth[spec.cuff] = {**bench.ready["truth"]["cuffs"][spec.cuff], "migration_m": slipped[spec.cuff]}
         progress("recording trials", len(plan), len(plan))
     return results, truth
 
 
 def _prepare(bench: SimulatedBench, before: TrialSpec | None, spec: TrialSpec, pause_s: float) -> None:
     """What happens at the bench between two trials: another cuff is donned, or the wearer rests between repeats."""
-    if before is None or before.cuff != spec.cuff:
+    if spec.cuff is not None and (before is None or before.cuff != spec.cuff):
         bench.tell({"don": spec.cuff})
-    elif before.repeat != spec.repeat:
+    elif before is not None and before.repeat != spec.repeat:
         bench.tell({"pause_s": pause_s})
     bench.tell({"trial": {"cuff": spec.cuff, "test": spec.test}})
 

@@ -94,12 +94,16 @@ class SimulatedBench:
 def simulator_settings(config: StationConfig) -> dict[str, Any]:
     """[simulation] of the configuration, with what follows from its other sections; what [simulation] says wins."""
     daq, cell = config.daq, config.load_cell
-    follows = {
+    follows: dict[str, Any] = {
         "wiring": {"device": daq.device, "force_channel": daq.force_channel, "sync_channel": daq.sync_channel},
         "amplifier": {"capacity_kg": cell.capacity_kg, "full_scale_v": cell.full_scale_v},
-        "protocol": {"repeats": config.protocol.repeats},
+        "protocol": {"repeats": config.protocol.repeats, "static": {"hold_s": config.protocol.hold_s + 1.0}},
         "serial": {"line_format": cell.line_format},
     }
+    if config.protocol.step_masses_kg:
+        follows["protocol"]["static"]["step_masses_kg"] = config.protocol.step_masses_kg
+    if config.bounce is not None:
+        follows["bounce"] = {"mass_kg": config.bounce.mass_kg, "marker": config.bounce.marker}
     return _laid_over(follows, config.simulation)
 
 
@@ -130,7 +134,9 @@ def serve_until_stopped(
         settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
         with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
             world = bench.world
-            if cuff is not None or test is not None:
+            if test == "bounce":
+                world.select_trial(None, test)
+            elif cuff is not None or test is not None:
                 world.select_trial(cuff or world.trial.cuff, test or world.trial.test)
             _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
             _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
@@ -141,7 +147,7 @@ def serve_until_stopped(
                 capture = world.capture
                 if capture is not None and capture.number > told:
                     told = capture.number
-                    _say(f"capture {told}: {capture.trial.cuff}, {capture.trial.test}")
+                    _say(f"capture {told}: {capture.trial.cuff or 'load cell'}, {capture.trial.test}")
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error
 

@@ -4,6 +4,7 @@ The first line on standard input is the settings (settings.py), with "speed", "s
 beside them; the answer tells "ports", "labels", "trial" and "truth". Each further line is one request, answered by one:
 
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
+    {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
     {"don": "hand"}                                 dons the cuff anew
     {"pause_s": 60}                                 answers when so many seconds of the world have passed
     {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
@@ -91,7 +92,7 @@ def _serve(bench: Bench, requests: _Requests) -> None:
 def _obeyed(bench: Bench, request: dict[str, Any], ended: threading.Event) -> dict[str, Any]:
     """The answer to one request. Raises ValueError where it is not understood."""
     match request:
-        case {"trial": {"cuff": str(cuff), "test": "static" | "dynamic" as test}}:
+        case {"trial": {"cuff": str() | None as cuff, "test": "static" | "dynamic" | "bounce" as test}}:
             return {"trial": asdict(bench.world.select_trial(cuff, test))}
         case {"don": str(cuff)}:
             return {"trial": asdict(bench.world.don(cuff))}

@@ -16,7 +16,7 @@ from drivers.simulators.settings import STANDARD_GRAVITY, DynamicTest, Rig, Sett
 from drivers.simulators.wander import Wander, random_wander
 
 Floats = NDArray[np.float64]
-TestKind = Literal["static", "dynamic"]
+PullKind = Literal["static", "dynamic"]
 
 
 class LoadScript(Protocol):
@@ -35,7 +35,7 @@ class LoadScript(Protocol):
         ...
 
 
-def script_for(test: TestKind, settings: Settings, rest: float, rng: np.random.Generator) -> LoadScript:
+def script_for(test: PullKind, settings: Settings, rest: float, rng: np.random.Generator) -> LoadScript:
     """One trial's script; rest [m] is where the cuff sits along the pull under the hook alone."""
     if test == "static":
         return _static_script(settings.protocol.static, settings.rig, rng)

@@ -65,17 +65,26 @@ class MarkerCloud:
             *self._mocap.anchor_markers_mm,
             *self._mocap.cuff_markers_mm,
             *self._mocap.rope_markers_mm,
+            *((settings.bounce.marker,) if settings.bounce else ()),
         )
+        self._weight_at_rest = np.array(settings.bounce.position_mm) if settings.bounce else None
 
-    def seen(self, t: Floats, displacement: Floats) -> Floats:
-        """(n, labels, 3) [mm] at t (n,) with the cuff displaced by displacement (n,) [m]; NaN where hidden."""
+    def seen(self, t: Floats, displacement: Floats, weight: Floats | None = None) -> Floats:
+        """(n, labels, 3) [mm] at t (n,) with the cuff displaced by displacement (n,) [m]; NaN where hidden.
+
+        weight (n,) [m] is how far the bouncing weight is below its rest; None: at rest.
+        """
         points = self.true_points(t, displacement)
+        if self._weight_at_rest is not None:
+            place = np.repeat(self._weight_at_rest[None], len(t), axis=0)
+            place[:, 2] -= 0.0 if weight is None else 1e3 * weight
+            points = np.concatenate([points, place[:, None]], axis=1)
         points += self._rng.normal(0.0, self._mocap.noise_mm, points.shape)
         points[self._hidden(t)] = np.nan
         return points
 
     def true_points(self, t: Floats, displacement: Floats) -> Floats:
-        """(n, labels, 3) [mm], without noise, none hidden."""
+        """(n, labels, 3) [mm] on the wearer and the rope, without noise, none hidden."""
         rotation, origin = self._wearer.pose(t)
         place, direction = self._wearer.rope(t)
         shift = direction * (displacement * 1e3)[:, None]

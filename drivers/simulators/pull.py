@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, slider_of
-from drivers.simulators.load_script import TestKind, script_for
+from drivers.simulators.load_script import PullKind, script_for
 from drivers.simulators.settings import Settings
 from drivers.simulators.trajectory import Trajectory
 from drivers.simulators.wander import Wander
@@ -34,7 +34,7 @@ class Pull:
         """How far the cuff has slipped since it was donned [m]."""
         return self._state.slip
 
-    def set_up(self, cuff: str, test: TestKind, slip: float) -> None:
+    def set_up(self, cuff: str, test: PullKind, slip: float) -> None:
         """From now on this cuff, slipped by slip [m], hangs at rest under the hook; begin() starts the load."""
         settings = self._settings
         tissue = settings.cuffs[cuff]

@@ -97,6 +97,20 @@ class Protocol(_Section):
     dynamic: DynamicTest = DynamicTest()
 
 
+class BounceTest(_Section):
+    """A weight on a steel spring under the load cell, pulled down, let go and caught; its marker, where it rests."""
+
+    mass_kg: Positive = 2.5
+    marker: str = "weight"
+    frequency_hz: Positive = 1.0
+    amplitude_mm: Positive = 80.0
+    damping_ratio: float = Field(default=0.002, ge=0, lt=1)
+    lead_in_s: NotNegative = 1.0
+    hand_over_s: Positive = 1.0
+    bounce_s: Positive = 28.0
+    position_mm: Point = (900.0, -350.0, 800.0)
+
+
 class Wearer(_Section):
     """Where the body stands in the laboratory, and how it sways (standard deviations per axis)."""
 
@@ -132,10 +146,12 @@ class Mocap(_Section):
 
 
 class Amplifier(_Section):
-    """volts = zero_v + newtons × full_scale_v / (capacity_kg × 9.80665), and white noise."""
+    """volts = zero_v + gain × newtons × full_scale_v / (capacity_kg × 9.80665), delay_s late, and white noise."""
 
     capacity_kg: Positive = 50.0
     full_scale_v: Positive = 5.0
+    gain: Positive = 1.0
+    delay_s: NotNegative = 0.0
     zero_v: float = 0.02
     noise_v: NotNegative = 0.005
 
@@ -193,6 +209,7 @@ class Settings(_Section):
     slip: SlipLaw = SlipLaw()
     rig: Rig = Rig()
     protocol: Protocol = Protocol()
+    bounce: BounceTest | None = None
     wearer: Wearer = Wearer()
     mocap: Mocap = Mocap()
     amplifier: Amplifier = Amplifier()

@@ -4,7 +4,7 @@ Time is world time: seconds since the world began, running `speed` times as fast
 system's crystal is the world's clock; a DAQ has its own (settings.daq_clock).
 
 Does not imitate: creep, stiffening and anisotropy of the tissue, skin that moves under the anchor's markers, ghost
-markers, friction of the pulley, drift and lag of the amplifier, the person between two trials.
+markers, friction of the pulley, drift of the amplifier, the person between two trials.
 """
 
 from __future__ import annotations
@@ -14,25 +14,26 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.simulators.bounce import Bounce
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
-from drivers.simulators.load_script import TestKind
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.pull import Pull
 from drivers.simulators.settings import STANDARD_GRAVITY, Settings
 
 Floats = NDArray[np.float64]
+TestKind = Literal["static", "dynamic", "bounce"]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What is set up on the bench."""
+    """What is set up on the bench; cuff is None for a bounce, whatever is worn meanwhile."""
 
-    cuff: str
+    cuff: str | None
     test: TestKind
 
 
@@ -50,6 +51,7 @@ class World:
     """Thread-safe. Devices ask for voltages, forces and markers at times up to now(); asking moves the world on.
 
     Without select_trial the plan is played: every cuff donned once, protocol.repeats × (static, dynamic), then anew.
+    A bounce is set up by select_trial(None, "bounce"), where the settings have one.
     The faults of the bench are kept with its time; the devices ask for theirs, and those of the sync line are its own.
     """
 
@@ -72,8 +74,10 @@ class World:
         self._pull = Pull(settings, wearer.along_rope(), body_and_hands)
         self._slips = dict.fromkeys(settings.cuffs, 0.0)
         self._plan: Iterator[Trial] | None = _plan(settings)
+        self._bounce = Bounce(settings.bounce) if settings.bounce else None
+        self._worn = next(iter(settings.cuffs))
         self._trial = next(self._plan)
-        self._pull.set_up(self._trial.cuff, self._trial.test, 0.0)
+        self._pull.set_up(self._worn, "static", 0.0)
         self._pull.advance(0.0)  # compiles the physics before the clock runs
         self._capture: Capture | None = None
         self._is_capturing = False
@@ -93,15 +97,18 @@ class World:
     # What the devices sense
 
     def cell_force(self, t: Floats) -> Floats:
-        """(n,) [N] on the load cell at world times t (n,), without noise."""
+        """(n,) [N] on the load cell at world times t (n,), without noise: from the rope, or from a bouncing weight."""
         with self._lock:
-            return self._moved(t)[:, 2]
+            load = self._moved(t)[:, 2]
+            if self._bounce is None:
+                return load
+            return np.where(self._bounce.is_hanging(t), self._bounce.tension(t), load)
 
     def amplifier_voltage(self, t: Floats) -> Floats:
-        """(n,) [V] at the load cell's amplifier at t (n,), with its zero and its noise."""
+        """(n,) [V] at the load cell's amplifier at t (n,), with its gain, its delay, its zero and its noise."""
         amplifier = self.settings.amplifier
         with self._lock:
-            newtons = self.cell_force(t)
+            newtons = amplifier.gain * self.cell_force(t - amplifier.delay_s)
             noise = self._noise.normal(0.0, amplifier.noise_v, t.shape)
         scale = amplifier.full_scale_v / (amplifier.capacity_kg * STANDARD_GRAVITY)
         volts: Floats = amplifier.zero_v + newtons * scale + noise
@@ -126,7 +133,8 @@ class World:
     def markers(self, t: Floats) -> Floats:
         """(n, labels, 3) [mm] in the laboratory at t (n,), as the cameras see them; NaN where a marker is hidden."""
         with self._lock:
-            return self._cloud.seen(t, self._moved(t)[:, 0])
+            weight = self._bounce.way(t) if self._bounce is not None else None
+            return self._cloud.seen(t, self._moved(t)[:, 0], weight)
 
     # The mocap system's capture
 
@@ -145,7 +153,8 @@ class World:
                 raise ValueError("a capture is running; stop it before starting another")
             self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
-            self._capture = Capture(number, self._seen, self._pull.begin(self._seen), self._trial)
+            script = self._bounce if self._trial.test == "bounce" and self._bounce is not None else self._pull
+            self._capture = Capture(number, self._seen, script.begin(self._seen), self._trial)
             self._is_capturing = True
             self.faults.capture_started(number, self._seen)
             return self._capture
@@ -169,12 +178,12 @@ class World:
             self._live(self.now())
             return self._trial
 
-    def select_trial(self, cuff: str, test: TestKind) -> Trial:
+    def select_trial(self, cuff: str | None, test: TestKind) -> Trial:
         """Sets this trial up and leaves the plan; it is played until another is selected. Another cuff is donned first.
 
-        Raises ValueError for an unknown cuff or test, or while a capture runs.
+        A bounce has no cuff. Raises ValueError for an unknown cuff or test, or while a capture runs.
         """
-        return self._select(cuff, test, is_donning=cuff != self.trial.cuff)
+        return self._select(cuff, test, is_donning=cuff not in (self._worn, None))
 
     def don(self, cuff: str) -> Trial:
         """Dons the cuff anew: nothing has slipped yet; its static test is set up. Raises ValueError as select_trial."""
@@ -185,14 +194,16 @@ class World:
         with self._lock:
             self._live(self.now())
             self._pull.advance(self._seen)
-            self._slips[self._trial.cuff] = self._pull.slip
+            self._slips[self._worn] = self._pull.slip
             cuffs = {name: cuff.model_dump() for name, cuff in self.settings.cuffs.items()}
             return {"cuffs": cuffs, "slip_m": dict(self._slips)}
 
-    def _select(self, cuff: str, test: TestKind, is_donning: bool) -> Trial:
-        if cuff not in self.settings.cuffs or test not in ("static", "dynamic"):
+    def _select(self, cuff: str | None, test: TestKind, is_donning: bool) -> Trial:
+        is_bounce = (cuff, test) == (None, "bounce") and self._bounce is not None
+        if not is_bounce and (cuff not in self.settings.cuffs or test not in ("static", "dynamic")):
             known = ", ".join(self.settings.cuffs)
-            raise ValueError(f"no trial {cuff!r} {test!r}; cuffs are {known}, tests are static and dynamic")
+            bounce = "; a bounce has no cuff" if self._bounce else ", and the settings have no bounce"
+            raise ValueError(f"no trial {cuff!r} {test!r}; cuffs are {known}, tests are static and dynamic{bounce}")
         with self._lock:
             self._live(self.now())
             if self._is_capturing:
@@ -217,14 +228,16 @@ class World:
             self._pull.advance(self._capture.end)
             self._is_capturing = False
             following = self._trial if self._plan is None else next(self._plan)
-            self._set_up(following, is_donning=following.cuff != self._trial.cuff)
+            self._set_up(following, is_donning=following.cuff not in (self._worn, None))
 
     def _set_up(self, trial: Trial, is_donning: bool) -> None:
-        self._slips[self._trial.cuff] = self._pull.slip
+        self._slips[self._worn] = self._pull.slip
+        self._trial, self._worn = trial, trial.cuff or self._worn
         if is_donning:
-            self._slips[trial.cuff] = 0.0
-        self._trial = trial
-        self._pull.set_up(trial.cuff, trial.test, self._slips[trial.cuff])
+            self._slips[self._worn] = 0.0
+        if self._bounce is not None:
+            (self._bounce.hang if trial.test == "bounce" else self._bounce.take_off)(self._seen)
+        self._pull.set_up(self._worn, "static" if trial.test == "bounce" else trial.test, self._slips[self._worn])
 
 
 def _plan(settings: Settings) -> Iterator[Trial]:
