@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.glenoid import angle_to_axis, cone_rows, glenoid_cone
+from solver.glenoid import angle_to_axis, cone_rows, contact_points, glenoid_cone
 from solver.model import ModelError
 from solver.spatial import rotation_body_fixed_xyz
 
@@ -64,3 +64,19 @@ def test_a_marker_that_makes_no_cone_is_refused():
 def test_a_model_without_the_markers_is_refused_by_name():
     with pytest.raises(ModelError, match="Glenoid_Center"):
         glenoid_cone(replace(MODEL, markers=()))
+
+
+def test_a_reaction_meets_the_plane_where_its_line_through_the_head_does():
+    rotation = rotation_body_fixed_xyz([[0.3, -0.2, 0.5]])
+    along, across = CONE.edge, np.cross(CONE.axis, CONE.edge)
+    force = 700 * rotation[0] @ (CONE.distance * CONE.axis + 0.004 * along - 0.003 * across)
+    np.testing.assert_allclose(contact_points(CONE, rotation, force[None]), [[0.004, -0.003]], atol=1e-12)
+    assert np.isnan(contact_points(CONE, rotation, -force[None])).all()
+
+
+def test_the_rim_is_as_far_from_the_centre_as_the_edge_marker_is_seen_from_the_head():
+    center, edge = (MODEL.marker(name).location for name in ("Glenoid_Center", "Glenoid_Edge"))
+    head = MODEL.joint("GlenoHumeral").frame_in_parent.translation
+    ray = (edge - head) * CONE.distance / ((edge - head) @ CONE.axis)
+    assert np.linalg.norm(head + ray - center) == pytest.approx(CONE.rim[0])
+    assert glenoid_cone(MODEL, aspect=0.8).rim == pytest.approx((CONE.rim[0], 0.8 * CONE.rim[0]))

@@ -210,3 +210,43 @@ def test_a_load_that_lifts_the_arm_saves_effort():
     plain, lifted = solve_redundancy(build_redundancy(MODEL, mechanics, RedundancyOptions()), loads).controls[:, :, :33]
     assert (lifted**2).sum() < 0.9 * (plain**2).sum()
     np.testing.assert_allclose(plain, solve_motion(MODEL, SLOW).activations, atol=1e-6)
+
+
+def test_a_control_keeps_its_limits_and_muscles_do_the_rest():
+    problem = two_muscles([[4.0, 4.0]])
+    free = solve_redundancy(replace(problem, weights=np.array([1.0, 1.0, 0.01])))
+    held = solve_redundancy(
+        replace(problem, weights=np.array([1.0, 1.0, 0.01]), control_limits=np.array([[-np.inf], [0.5]]))
+    )
+    assert free.controls[0, 0, 2] > 1
+    assert held.outcomes[0, 0] is FrameOutcome.SOLVED
+    assert held.controls[0, 0, 2] == pytest.approx(0.5, abs=1e-6)
+    np.testing.assert_allclose(held.controls[0, 0] @ [3, 1, 1], 4.0, atol=1e-6)
+
+
+def test_limits_that_do_not_bind_change_nothing():
+    problem = build_redundancy(MODEL, go_through(MODEL, thin(SLOW, 2)), RedundancyOptions())
+    wide = replace(problem, control_limits=np.tile([[-1e3], [1e3]], len(MODEL.actuators)))
+    found, expected = solve_redundancy(wide), solve_redundancy(problem)
+    np.testing.assert_allclose(found.controls, expected.controls, atol=1e-4)
+
+
+def test_a_problem_without_a_cone_that_limits_make_infeasible_misses_as_little_as_can_be():
+    limits = np.array([[-0.5], [0.5]])
+    solution = solve_redundancy(replace(two_muscles([[6.0, 6.0]]), control_limits=limits))
+    assert solution.outcomes[0, 0] is FrameOutcome.INFEASIBLE
+    assert solution.equality_residual[0, 0] == pytest.approx(6.0 - 4.5, abs=1e-3)
+
+
+def test_the_reaction_meets_the_glenoid_within_its_rim_just_where_it_is_in_the_cone():
+    rim = np.array(glenoid_cone(MODEL).rim)
+    held, loose = solve_motion(MODEL, SLOW), solve_motion(MODEL, SLOW, RedundancyOptions(has_glenoid_cone=False))
+    assert np.hypot(*(held.contact / rim).T).max() <= 1 + 1e-6
+    assert np.hypot(*(loose.contact / rim).T).max() > 1.1
+
+
+def test_effort_is_the_weighted_sum_of_squares():
+    found = solve_motion(MODEL, SLOW)
+    forces = np.array([actuator.optimal_force for actuator in MODEL.actuators[8:]])
+    expected = (found.activations**2).sum(axis=1) + 10 * ((found.reserves[:, 8:] / forces) ** 2).sum(axis=1)
+    np.testing.assert_allclose(found.effort, expected, rtol=1e-9)
