@@ -225,7 +225,7 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
     try:
         return StationConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(" ".join(f"{origin}: {fault_in_words(error)}".split())) from error  # a key may hold anything
+        raise ConfigError(" ".join(f"{origin}: {fault_in_words(error)}".split())) from error
 
 
 def fault_in_words(error: ValidationError) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.device import Device
@@ -36,6 +37,23 @@ class Target:
     examples: st.SearchStrategy[Any]
     holds: Callable[[Any], None]
     share: float = 1.0
+
+
+def run(target: Target, examples: int) -> int:
+    """Throws its share of so many examples at a target, and says how many that were; raises the smallest failure."""
+    wanted, seen = max(10, round(target.share * examples)), 0
+
+    @settings(max_examples=wanted, deadline=None, suppress_health_check=list(HealthCheck), database=None)
+    @given(target.examples)
+    def holds(example: Any) -> None:
+        nonlocal seen
+        seen += 1
+        target.holds(example)
+
+    holds()
+    if seen < wanted // 2:
+        raise AssertionError(f"{target.name} saw {seen} of {wanted} examples")
+    return seen
 
 
 def _frame(number: int, component: int, claimed: int, points: bytes) -> bytes:

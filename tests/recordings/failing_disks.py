@@ -33,7 +33,7 @@ class DiskThatFills(io.FileIO):
 
 
 def disk_with_room(room: int, error: int = errno.ENOSPC) -> Callable[[Path], BinaryIO]:
-    return lambda path: io.BufferedWriter(DiskThatFills(path, room, error))  # type: ignore[type-var, return-value]
+    return lambda path: io.BufferedWriter(DiskThatFills(path, room, error))  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)

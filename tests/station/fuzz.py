@@ -1,0 +1,64 @@
+"""What is thrown at the configuration; benchmarks/fuzz.py does so for longer."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from station.config import ConfigError, StationConfig, load_config, parse_config
+from tests.drivers.fuzz import Target
+
+_SECTIONS: dict[str, list[str]] = {
+    name: list(field.annotation.model_fields)
+    for name, field in StationConfig.model_fields.items()
+    if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
+}
+_values = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=12), st.sampled_from(["daq", ""])),
+    lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=8), inner, max_size=3)),
+    max_leaves=8,
+)
+_sections = st.sampled_from(list(_SECTIONS)).flatmap(
+    lambda name: st.tuples(
+        st.just(name), st.dictionaries(st.sampled_from([*_SECTIONS[name], "unknown"]), _values, max_size=4)
+    )
+)
+_cuffs = st.dictionaries(
+    st.sampled_from(["waist", "hand", "x", ""]),
+    st.dictionaries(st.sampled_from(["site", "anchor_markers", "cuff_markers", "mass_kg"]), _values, max_size=4),
+    max_size=3,
+)
+_configurations = st.one_of(
+    st.dictionaries(st.sampled_from([*StationConfig.model_fields, "unknown"]), _values, max_size=4),
+    st.tuples(st.lists(_sections, max_size=3).map(dict), _cuffs).map(lambda both: {**both[0], "cuffs": both[1]}),
+)
+_files = st.one_of(st.binary(), st.text().map(lambda text: ("[daq]\ndevice = " + text).encode("utf-8", "replace")))
+
+
+def _data_is_a_configuration_or_a_sentence(data: dict[str, Any]) -> None:
+    try:
+        config = parse_config(data, "station.toml")
+    except ConfigError as error:
+        assert "\n" not in str(error), str(error)
+    else:
+        assert parse_config(config.model_dump(mode="json"), "again").daq == config.daq
+
+
+def _a_file_is_a_configuration_or_a_sentence(content: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "station.toml"
+        path.write_bytes(content)
+        try:
+            load_config(path)
+        except ConfigError as error:
+            assert "\n" not in str(error), str(error)
+
+
+TARGETS = (
+    Target("configuration", _configurations, _data_is_a_configuration_or_a_sentence),
+    Target("configuration file", _files, _a_file_is_a_configuration_or_a_sentence),
+)
