@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ class GlenoidCone:
         return along, self.aspect * along
 
 
+@lru_cache(maxsize=32)  # both are frozen
 def glenoid_cone(model: Model, aspect: float = 1.0) -> GlenoidCone:
     """The cone that the markers of head, glenoid centre and glenoid edge span (Belli et al. 2023, where aspect is 1).
 

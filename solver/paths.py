@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.kinematics import Postures
 from solver.model import Model, Path
-from solver.wrapping.course import pack_bodies, pack_changes, pack_paths
+from solver.wrapping.course import pack_bodies, pack_paths
 
 Array = NDArray[np.float64]
+PathMode = Literal["faithful", "geodesic"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +35,24 @@ class PathState:
     mobility_per_tension: Array
 
 
-def evaluate_paths(model: Model, postures: Postures, paths: Sequence[Path] | None = None) -> PathState:
-    """Lay the paths, those of the model's muscles unless others are given, as OpenSim 4.6's GeometryPath does.
+def evaluate_paths(
+    model: Model, postures: Postures, paths: Sequence[Path] | None = None, mode: PathMode = "faithful"
+) -> PathState:
+    """Lay the paths, those of the model's muscles unless others are given.
 
-    The other paths refer to the model's bodies, coordinates and surfaces. OpenSim's path jumps by up to 1 mm where the
-    number of its iterations changes, and its forces are not exactly the derivative of its lengths (by up to 0.02 m).
+    The other paths refer to the model's bodies, coordinates and surfaces. `faithful` lays them as OpenSim 4.6's
+    GeometryPath does: it jumps by up to 1 mm where the number of its iterations changes, and its forces are not exactly
+    the derivative of its lengths (by up to 0.02 m). `geodesic` lays them along straight lines and geodesics with exact
+    tangents, and its forces are that derivative; docs/paths.md says when to take which.
     Raises ModelError where a path refers to what the model has not.
     """
     # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
-    from solver.wrapping.tension import lay_all
+    from solver.wrapping.changes import pack_changes
+
+    if mode == "geodesic":
+        from solver.geodesics.tension import lay_all
+    else:
+        from solver.wrapping.tension import lay_all
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     frames, bodies = postures.origin_in_ground.shape[:2]

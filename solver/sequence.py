@@ -29,6 +29,7 @@ Progress = Callable[[int, int], None]
 
 RANK_TOLERANCE = 1e-9
 FRAMES_AT_ONCE = 100  # between two reports of progress
+PROCESSORS = os.cpu_count() or 1
 
 
 class FrameOutcome(Enum):
@@ -82,7 +83,7 @@ def follow(sequence: FrameSequence, progress: Progress, workers: int | None = No
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
-    workers = min(scenarios, workers or os.cpu_count() or 1)
+    workers = min(scenarios, workers or PROCESSORS)
     shares = [_Share(sequence, reduction, slice(i, None, workers)) for i in range(workers)]
     with ThreadPoolExecutor(workers) as pool:
         spread = pool.map if workers > 1 else map  # a live frame does not wait for a thread

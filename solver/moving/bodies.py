@@ -24,9 +24,10 @@ def move_bodies(
     coordinates), as kinematics.Postures has them. A body that no joint carries, as the ground, stays what it was.
     """
     bodies = poses.shape[1]
-    move, velocity = np.zeros(1, MOVE)[0], np.zeros((bodies, 6))
+    moves, velocity = np.zeros(1, MOVE), np.zeros((bodies, 6))
     for frame in range(len(coordinates)):
         for joint in joints:
+            move = moves[0]  # taken anew each time: a record alone does not keep its memory
             parent, child = poses[frame, joint["parent"]], poses[frame, joint["child"]]
             move_joint(joint, functions, coordinates[frame], speeds[frame], move)
             _place(joint, move, parent, child)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
+from solver.moving.functions import derivatives
 from solver.moving.tables import AXES, BALL, Functions, Record
 from solver.wrapping.vectors import ORIGIN, Vector, add, along, cross, read, scale, subtract, turn, write
 
@@ -70,7 +71,7 @@ def _move_along_axes(joint: Record, functions: Functions, q: Array, u: Array, mo
         if joint["drivers"][i] >= 0:
             driver = joint["coordinates"][joint["drivers"][i]]
             x, speed = q[driver], u[driver]
-        value[i], slope[i], curvature = _derivatives(functions, joint["first_function"] + i, x)
+        value[i], slope[i], curvature = derivatives(functions, joint["first_function"] + i, x)
         rate[i], bend[i] = slope[i] * speed, curvature * speed * speed
     _turn_about_axes(joint, move)
     place, sliding, pushing = ORIGIN, ORIGIN, ORIGIN
@@ -210,24 +211,3 @@ def _times(a: Vector, b: Vector) -> Vector:
 def _add(screw: Array, first: int, part: Vector) -> None:
     for i in range(3):
         screw[first + i] += part[i]
-
-
-@compiled
-def _derivatives(functions: Functions, k: int, x: float) -> tuple[float, float, float]:
-    """Value, slope and curvature of function k, as functions.Function."""
-    function = functions.functions[k]
-    piece = function["first_piece"]
-    while x >= functions.ends[piece] and functions.ends[piece] < np.inf:
-        piece += 1
-    local, powers = x - functions.origins[piece], functions.coefficients[piece]
-    value, slope, curvature = 0.0, 0.0, 0.0
-    for degree in range(len(powers) - 1, -1, -1):
-        curvature = curvature * local + 2.0 * slope
-        slope = slope * local + value
-        value = value * local + powers[degree]
-    amplitude, omega = function["amplitude"], function["omega"]
-    if amplitude != 0.0:
-        swing = amplitude * sin(omega * x + function["phase"])
-        value, curvature = swing + value, curvature - omega * omega * swing
-        slope += amplitude * omega * cos(omega * x + function["phase"])
-    return value, slope, curvature

@@ -51,9 +51,10 @@ def weigh(
     Adds to R_a (frames, 6, coordinates) and R_b (frames, 6) minus the rate of momentum of the bodies `beyond`
     (bodies,), 1 or 0, about `point` (frames, 3), as in dynamics.EquationsOfMotion.
     """
-    weight, columns = np.zeros(1, WEIGHT)[0], np.empty((screws.shape[1], 3, 3))
+    weights, columns = np.zeros(1, WEIGHT), np.empty((screws.shape[1], 3, 3))
     for frame in range(len(poses)):
         for body in range(len(bodies)):
+            weight = weights[0]  # taken anew each time: a record alone does not keep its memory
             _weigh_body(bodies[body], poses[frame, body], gravity, weight)
             _fill_columns(moves[body], screws[frame], weight, columns)
             _add_to_equations(moves[body], weight, columns, mass_matrix[frame], bias_force[frame])

@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 
 from solver.kinematics import Postures
 from solver.model import (
-    NO_COORDINATE,
     AnyPathPoint,
-    ConditionalPathPoint,
     Model,
     ModelError,
-    MovingPathPoint,
     Path,
     PathPoint,
     PathWrap,
@@ -35,7 +32,6 @@ METHODS = ("hybrid", "midpoint", "axial")
 HYBRID, MIDPOINT, AXIAL = 0, 1, 2
 NO_SURFACE = -1
 FIXED = -1
-WITHIN = 1e-5  # OpenSim keeps a conditional point so far beyond its range
 
 # A point of a path: fixed in its body, or the one in column `changes` of the posture's CHANGE; that is −1 if fixed.
 POINT = np.dtype([("body", np.int64), ("changes", np.int64), ("location", np.float64, (3,))])
@@ -130,33 +126,6 @@ def pack_bodies(postures: Postures) -> Records:
     bodies["angular_velocity"] = postures.angular_velocity
     bodies["origin_velocity"] = postures.origin_velocity
     return bodies
-
-
-def pack_changes(paths: Sequence[Path], postures: Postures) -> Records:
-    """(frames, points) of CHANGE, for those points of the paths that are not fixed."""
-    changing = [point for path in paths for point in path.points if not isinstance(point, PathPoint)]
-    changes = np.zeros((len(postures.coordinates), len(changing)), CHANGE)
-    for point, column in zip(changing, changes.T, strict=True):
-        if isinstance(point, MovingPathPoint):
-            _move(point, postures.coordinates[:, point.coordinate], column)
-        else:
-            _admit(point, postures.coordinates[:, point.coordinate], column)
-    return changes
-
-
-def _move(point: MovingPathPoint, coordinate: Array, column: Records) -> None:
-    held, placement = np.clip(coordinate, *point.range), point.placement
-    place = np.stack([function.derivatives(held)[0] for function in point.functions], axis=-1)
-    slope = np.stack([function.derivatives(coordinate)[1] for function in point.functions], axis=-1)
-    column["location"] = placement.translation + place @ placement.rotation.T
-    column["slope"] = slope @ placement.rotation.T
-    column["coordinate"], column["is_there"] = point.coordinate, 1
-
-
-def _admit(point: ConditionalPathPoint, coordinate: Array, column: Records) -> None:
-    lowest, highest = point.range
-    column["location"], column["coordinate"] = point.location, NO_COORDINATE
-    column["is_there"] = (coordinate >= lowest - WITHIN) & (coordinate <= highest + WITHIN)
 
 
 def _check(model: Model, k: int, path: Path) -> None:

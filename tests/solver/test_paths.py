@@ -11,7 +11,8 @@ from solver.functions import polynomial
 from solver.kinematics import jacobians, postures, speeds_from_rates
 from solver.model import GROUND, ConditionalPathPoint, ModelError, MovingPathPoint, Path, PathWrap, Placement
 from solver.paths import evaluate_paths
-from solver.wrapping.course import pack_bodies, pack_changes, pack_paths
+from solver.wrapping.changes import pack_changes
+from solver.wrapping.course import pack_bodies, pack_paths
 from solver.wrapping.tension import digest_of_sources, lay_all
 from tests.solver.wrapping.laid import point
 
