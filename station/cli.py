@@ -1,6 +1,6 @@
 """The verbs, in the order of the data. Each is a short function in station/verbs, by where on the way it works.
 
-Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but recorded data was lost or a frame stayed unsolved.
+Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing.
 stdout carries data, stderr talk.
 """
 

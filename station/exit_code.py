@@ -6,4 +6,5 @@ DONE = 0
 FAILED = 1
 WRONG_USAGE = 2
 LOSSY = 3
-"""Done, but recorded data was lost, or a frame stayed unsolved."""
+"""Something is there, and something is missing: a trial was recorded with losses, or ended before its end (a device or
+the disk was gone) and is not accepted; a file was recovered in part; a frame stayed unsolved. What and why is said."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from queue import Empty, Full, Queue, SimpleQueue
 
 from drivers.device import CaptureControl, Device
 from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import Item, Stream
 
 READ_TIMEOUT_S = 0.1
+MOST_WAITING = 2000
+"""Messages that may wait for the daemon: at twenty a second from each of three devices half a minute."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,16 @@ class Gone:
 
 
 Message = Opened | Delivered | Gone
-Inbox = SimpleQueue[Message]
+
+
+class Inbox(Queue[Message]):
+    """What the feeds have delivered and the daemon has not taken, of bounded length.
+
+    While it is full the devices are not read: samples wait in the drivers, which count what they have no room for.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(MOST_WAITING)
 
 
 class DeviceFeed:
@@ -73,19 +84,28 @@ class DeviceFeed:
     def _run(self) -> None:
         try:
             self.device.open()
-            self._inbox.put(Opened(self.device.name, self.device.streams))
+            self._tell(Opened(self.device.name, self.device.streams))
             while not self._stop.is_set():
                 self._obey()
                 items = self.device.read(READ_TIMEOUT_S)
                 if items:
-                    self._inbox.put(Delivered(self.device.name, items))
+                    self._tell(Delivered(self.device.name, items))
             self._obey()
         except DeviceError as error:
-            self._inbox.put(Gone(self.device.name, error))
+            self._tell(Gone(self.device.name, error))
         except Exception as error:  # a fault of the driver itself must end the trial in a sentence, not hang it
-            self._inbox.put(Gone(self.device.name, DeviceLost(f"{self.device.name}: {type(error).__name__}: {error}")))
+            self._tell(Gone(self.device.name, DeviceLost(f"{self.device.name}: {type(error).__name__}: {error}")))
         finally:
             self._close()
+
+    def _tell(self, message: Message) -> None:
+        """Waits for room; where nobody listens any more, nobody is told."""
+        while True:
+            try:
+                return self._inbox.put(message, timeout=READ_TIMEOUT_S)
+            except Full:
+                if self._stop.is_set():
+                    return None
 
     def _obey(self) -> None:
         while True:
@@ -99,4 +119,4 @@ class DeviceFeed:
         try:
             self.device.close()
         except DeviceError as error:
-            self._inbox.put(Gone(self.device.name, error))
+            self._tell(Gone(self.device.name, error))

@@ -3,6 +3,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 
+import pytest
+
+import station.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.samples import Event, Item, Stream
 from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
@@ -89,3 +92,31 @@ def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping
     feed.ask_to_stop()
     assert feed.has_ended(within_s=5)
     assert device.asked == ["start", "stop"]
+
+
+def test_while_nobody_listens_the_device_is_not_read_and_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station.feed, "MOST_WAITING", 3)
+    monkeypatch.setattr(station.feed, "READ_TIMEOUT_S", 0.01)
+    events = [Event(str(i), "", i, "x") for i in range(20)]
+    device = Scripted([[event] for event in events])
+    inbox = Inbox()
+    feed = DeviceFeed(device, inbox)
+    feed.start()
+    while not inbox.full():
+        device.closed.wait(0.001)
+    assert len(device._script) >= 20 - 4
+    taken = [inbox.get(timeout=5) for _ in range(21)]
+    assert [message.items[0] for message in taken if isinstance(message, Delivered)] == events
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=5)
+
+
+def test_a_feed_ends_though_nobody_takes_what_it_delivered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station.feed, "MOST_WAITING", 1)
+    monkeypatch.setattr(station.feed, "READ_TIMEOUT_S", 0.01)
+    device = Scripted([[Event(str(i), "", i, "x")] for i in range(5)])
+    feed = DeviceFeed(device, Inbox())
+    feed.start()
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=5)
+    assert device.closed.is_set()
