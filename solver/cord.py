@@ -17,7 +17,7 @@ from solver.cuff import CuffParameters, cuff_force
 from solver.kinematics import Postures, points_in_ground
 from solver.model import Model
 from solver.spatial import rotate
-from solver.suit import Rate, Suit, SuitError
+from solver.suit import Rate, Suit, SuitError, SuitPoint
 
 Array = NDArray[np.float64]
 Cuffs = Sequence[CuffParameters | None]
@@ -85,10 +85,16 @@ def migrated(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
         span = line.shoulder[:, None] - line.anchors
         direction = span / np.linalg.norm(span, axis=-1, keepdims=True)
     else:
-        towards_origin = -np.sign([point.location @ ALONG_THE_BONE for point in (suit.waist, suit.arm)])
-        direction = towards_origin[:, None] * (line.anchors_to_ground @ ALONG_THE_BONE)
+        in_body = np.array([towards_joint(point) for point in (suit.waist, suit.arm)])
+        direction = rotate(line.anchors_to_ground, in_body)
     migration = np.array([cuff.migration if cuff else 0.0 for cuff in cuffs])
     return replace(line, anchors=line.anchors + migration[:, None] * direction)
+
+
+def towards_joint(point: SuitPoint) -> Array:
+    """Where a cuff slips along the bone: the direction (3,), in its body, towards the body's origin."""
+    direction: Array = -np.sign(point.location @ ALONG_THE_BONE) * ALONG_THE_BONE
+    return direction
 
 
 def suit_forces(

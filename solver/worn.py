@@ -58,6 +58,10 @@ class Wearing:
         return self.condition in {"shift", "both"}
 
     @property
+    def yields(self) -> bool:
+        return self.condition in {"visco_elastic", "both"}
+
+    @property
     def migration(self) -> float:
         """How far both cuffs together have moved for good in this condition [m]."""
         return sum(cuff.migration for cuff in self.cuffs if cuff and self.is_shifted)
@@ -139,7 +143,7 @@ class WornMotion:
             wearing.rest_lengths,
             wearing.cuffs,
             is_shifted=wearing.is_shifted,
-            yields=wearing.condition in {"visco_elastic", "both"},
+            yields=wearing.yields,
         )
 
 

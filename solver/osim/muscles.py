@@ -39,7 +39,7 @@ def read_actuator(element: Element, names: Names) -> CoordinateActuator:
     )
 
 
-_MILLARD = {
+MILLARD_OPTIONS = {
     "ActiveForceLengthCurve": {
         "min_norm_active_fiber_length": "shortest",
         "transition_norm_fiber_length": "transition",
@@ -77,7 +77,7 @@ _THELEN = {
 
 def _millard_curves(element: Element) -> Curves:
     given: dict[str, float] = {}
-    for tag, options in _MILLARD.items():
+    for tag, options in MILLARD_OPTIONS.items():
         curve = element.find(tag)
         if curve is not None:
             given |= {name: curve.number(option) for option, name in options.items() if curve.word(option, "")}

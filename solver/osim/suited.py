@@ -1,0 +1,97 @@
+"""The suit in an OpenSim document: cuffs as bodies, the cord a PathSpring, a BushingForce on each cuff that yields."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cord import towards_joint
+from solver.cuff import CuffParameters
+from solver.functions import polynomial
+from solver.model import Coordinate, Model, Placement
+from solver.osim.writer import add, add_axes, add_body, add_joint, add_path, add_path_point, add_values, objects_of
+from solver.suit import PARTS, Suit, SuitError, SuitPoint, WornMass, ensure_fits
+from solver.worn import Wearing
+
+Array = NDArray[np.float64]
+
+CORD = "exotendon"
+REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not clamped to it
+
+
+def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: Wearing) -> None:
+    """Add the suit as it is worn, at its last rest length, to the document of `model`; nothing that is there changes.
+
+    A cuff is a body with its mass, the cord's end its origin: welded where it is rigid, else free to shift along its
+    holder's x, y, z (coordinates waist_cuff_x, …, zero at rest, held by the bushing). Where cuffs slip along the cord,
+    their migration lengthens the PathSpring, which leaves the cord's line and its tension; along the bone it moves
+    their rest. Raises SuitError for what OpenSim's forces are not, or where the names are taken.
+    """
+    _ensure_can_be_written(root, model, suit)
+    osim = root.find("Model")
+    assert osim is not None  # noqa: S101  (the document of a model)
+    slips_along_cord = suit.migration_direction == "cord"
+    cuffs = dict(zip(("waist", "arm"), wearing.cuffs, strict=True))
+    for part, mass in zip(PARTS, suit.masses, strict=True):
+        point, cuff = getattr(suit, part), cuffs.get(part)
+        slipped = cuff.migration if cuff and wearing.is_shifted and not slips_along_cord else 0.0
+        rest = point.location + slipped * towards_joint(point)
+        _add_cuff(osim, part, SuitPoint(point.body, rest), mass, cuff if wearing.yields else None)
+    spring = add(objects_of(osim, "ForceSet"), "PathSpring", CORD)
+    points = add_path(spring)
+    for part in PARTS:
+        add_path_point(points, f"{CORD}_{part}", f"/bodyset/{part}_cuff", np.zeros(3))
+    slack = wearing.migration if slips_along_cord else 0.0
+    length = float(wearing.rest_lengths[-1]) + slack
+    add_values(spring, resting_length=length, stiffness=suit.stiffness, dissipation=0.0)
+
+
+def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
+    ensure_fits(suit, model)
+    if suit.damping:
+        raise SuitError(
+            f"the suit's cord should have no damping to become a PathSpring, whose dissipation grows with the stretch, "
+            f"and has {suit.damping:g} N s/m; set exotendon.damping_n_s_per_m to 0 for the export"
+        )
+    for part, mass in zip(PARTS, suit.masses, strict=True):
+        if mass.body != getattr(suit, part).body:
+            raise SuitError(
+                f"the suit's masses.{part} should be on the body of exotendon.{part}, {getattr(suit, part).body}, to "
+                f"become one cuff and is on {mass.body}; move it"
+            )
+    taken = {element.get("name") for element in root.iter()} & {CORD, *(f"{part}_cuff" for part in PARTS)}
+    if taken:
+        raise SuitError(
+            f"the model {model.name} should not wear a suit yet and has {', '.join(sorted(map(str, taken)))}; take the "
+            "bare model"
+        )
+
+
+def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: WornMass, yields: CuffParameters | None) -> None:
+    name, holder = f"{part}_cuff", f"/bodyset/{rest.body}"
+    center = mass.center - rest.location
+    add_body(objects_of(osim, "BodySet"), name, mass.mass, center, np.diag(mass.inertia))
+    sides = [
+        (holder, Placement(np.eye(3), rest.location)),
+        (f"/bodyset/{name}", Placement(np.eye(3), np.zeros(3))),
+    ]
+    joints = objects_of(osim, "JointSet")
+    if yields is None:
+        add_joint(joints, "WeldJoint", f"{name}_joint", sides, [])
+        return
+    shifts = [f"{name}_{axis}" for axis in "xyz"]
+    coordinates = [Coordinate(shift, "translation", 0.0, (-REACH, REACH)) for shift in shifts]
+    joint = add_joint(joints, "CustomJoint", f"{name}_joint", sides, coordinates)
+    functions = [polynomial([0.0])] * 3 + [polynomial([0.0, 1.0])] * 3
+    add_axes(joint, np.vstack([np.eye(3), np.eye(3)]), ["", "", "", *shifts], functions)
+    add_values(
+        add(objects_of(osim, "ForceSet"), "BushingForce", f"{name}_bushing"),
+        socket_frame1=f"/jointset/{name}_joint/{name}_joint_{rest.body}",
+        socket_frame2=f"/bodyset/{name}",
+        rotational_stiffness=np.zeros(3),
+        translational_stiffness=np.full(3, yields.stiffness),
+        rotational_damping=np.zeros(3),
+        translational_damping=np.full(3, yields.damping),
+    )

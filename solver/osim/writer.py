@@ -1,0 +1,269 @@
+"""Writes a Model as an OpenSim 4 document, component by component as the reader takes them, numbers to the last digit.
+
+What no reader of ours would bring back the same is refused by name: joints and points that follow more than straight
+lines, other muscles than Millard's, and springs of coordinates.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.curves import MillardCurves
+from solver.functions import Function, PiecewisePolynomial
+from solver.model import (
+    GROUND,
+    NO_COORDINATE,
+    AnyPathPoint,
+    AxisMotion,
+    Body,
+    Constraint,
+    Coordinate,
+    CoordinateActuator,
+    Joint,
+    Model,
+    ModelError,
+    MovingPathPoint,
+    Muscle,
+    PathPoint,
+    Placement,
+    PointConstraint,
+    ScapulothoracicMotion,
+    WrapSurface,
+)
+from solver.osim.muscles import MILLARD_OPTIONS
+
+Array = NDArray[np.float64]
+
+VERSION = "40500"
+AXES = ("rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3")
+
+
+def osim_document(model: Model) -> Xml.Element:
+    """The document's root. Raises ModelError for what the writer does not have."""
+    if model.coordinate_forces:
+        names = ", ".join(force.name for force in model.coordinate_forces)
+        raise ModelError(f"the writer of .osim has no forces of coordinates, and {model.name} has {names}; remove them")
+    root = Xml.Element("OpenSimDocument", Version=VERSION)
+    written = add(root, "Model", model.name)
+    add_values(written, gravity=model.gravity)
+    ground = add(written, "Ground", "ground")
+    _add_surfaces(ground, model, GROUND)
+    for index, body in enumerate(model.bodies[1:], start=1):
+        add_body(objects_of(written, "BodySet"), body.name, body.mass, body.mass_center, body.inertia)
+        _add_surfaces(objects_of(written, "BodySet")[-1], model, index)
+    for joint in model.joints:
+        _add_joint(objects_of(written, "JointSet"), model, joint)
+    for constraint in model.constraints:
+        _add_constraint(objects_of(written, "ConstraintSet"), model, constraint)
+    for muscle in model.muscles:
+        _add_muscle(objects_of(written, "ForceSet"), model, muscle)
+    for actuator in model.actuators:
+        _add_actuator(objects_of(written, "ForceSet"), model.coordinates, actuator)
+    for marker in model.markers:
+        made = add(objects_of(written, "MarkerSet"), "Marker", marker.name)
+        add_values(made, socket_parent_frame=frame_of(model.bodies, marker.body), location=marker.location)
+    return root
+
+
+def add(parent: Xml.Element, tag: str, name: str = "") -> Xml.Element:
+    return Xml.SubElement(parent, tag, {"name": name} if name else {})
+
+
+def add_values(parent: Xml.Element, **values: Any) -> None:
+    """A property each: text as it is, numbers with all their digits."""
+    for tag, value in values.items():
+        add(parent, tag).text = value if isinstance(value, str) else " ".join(map(repr, np.ravel(value).tolist()))
+
+
+def objects_of(model: Xml.Element, tag: str) -> Xml.Element:
+    """What holds the members of one of the model's sets, made where there is none."""
+    found = model.find(tag)
+    found = add(model, tag, tag.lower()) if found is None else found
+    objects = found.find("objects")
+    return add(found, "objects") if objects is None else objects
+
+
+def add_body(objects: Xml.Element, name: str, mass: float, mass_center: Array, inertia: Array) -> None:
+    """inertia (3, 3) [kg m²] about the mass centre."""
+    made = add(objects, "Body", name)
+    six = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    add_values(made, mass=float(mass), mass_center=mass_center, inertia=six)
+
+
+def add_joint(
+    objects: Xml.Element, tag: str, name: str, sides: Sequence[tuple[str, Placement]], coordinates: Iterable[Coordinate]
+) -> Xml.Element:
+    """A joint between a frame in each of two bodies, parent first, given by the body's path and the placement in it."""
+    made = add(objects, tag, name)
+    offsets = [f"{name}_{path.rsplit('/', 1)[-1]}" for path, _ in sides]
+    add_values(made, socket_parent_frame=offsets[0], socket_child_frame=offsets[1])
+    owned = add(made, "coordinates")
+    for coordinate in coordinates:
+        its = add(owned, "Coordinate", coordinate.name)
+        add_values(its, default_value=coordinate.default, range=coordinate.range, clamped="false")
+    frames = add(made, "frames")
+    for offset, (path, placement) in zip(offsets, sides, strict=True):
+        frame = add(frames, "PhysicalOffsetFrame", offset)
+        angles = _angles(placement.rotation)
+        add_values(frame, socket_parent=path, translation=placement.translation, orientation=angles)
+    return made
+
+
+def add_axes(joint: Xml.Element, axes: Array, drivers: Sequence[str], functions: Sequence[Function]) -> None:
+    """A CustomJoint's six axes (6, 3), the coordinate that drives each, "" for none, and how far it moves."""
+    transform = add(joint, "SpatialTransform")
+    for name, axis, driver, function in zip(AXES, axes, drivers, functions, strict=True):
+        made = add(transform, "TransformAxis", name)
+        add_values(made, coordinates=driver, axis=axis)
+        _add_function(made, function, f"{joint.get('name')}.{name}")
+
+
+def add_path(force: Xml.Element) -> Xml.Element:
+    """A path without points; returns what holds them."""
+    return add(add(add(force, "GeometryPath", "path"), "PathPointSet"), "objects")
+
+
+def add_path_point(points: Xml.Element, name: str, frame: str, location: Array) -> None:
+    add_values(add(points, "PathPoint", name), socket_parent_frame=frame, location=location)
+
+
+def frame_of(bodies: Sequence[Body], body: int) -> str:
+    return "/ground" if body == GROUND else f"/bodyset/{bodies[body].name}"
+
+
+def _angles(rotation: Array) -> Array:
+    """Body-fixed x-y-z angles of a rotation."""
+    r = rotation
+    return np.array([np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1, 1)), np.arctan2(-r[0, 1], r[0, 0])])
+
+
+def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:
+    for surface in model.surfaces:
+        if surface.body == body:
+            _add_surface(objects_of(owner, "WrapObjectSet"), surface)
+
+
+def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
+    made = add(objects, f"Wrap{surface.kind.capitalize()}", surface.name)
+    placement = surface.placement
+    add_values(made, xyz_body_rotation=_angles(placement.rotation), translation=placement.translation)
+    add_values(made, quadrant=surface.quadrant, active=str(surface.is_active).lower())
+    if surface.kind == "ellipsoid":
+        add_values(made, dimensions=surface.dimensions)
+    else:
+        add_values(made, radius=surface.dimensions[0])
+    if surface.kind == "cylinder":
+        add_values(made, length=surface.dimensions[2])
+
+
+def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
+    motion = joint.motion
+    if not isinstance(motion, AxisMotion | ScapulothoracicMotion):
+        raise ModelError(f"the writer of .osim has no ball and free joints, and {model.name} has {joint.name}")
+    sides = [
+        (frame_of(model.bodies, joint.parent), joint.frame_in_parent),
+        (frame_of(model.bodies, joint.child), joint.frame_in_child),
+    ]
+    coordinates = [model.coordinates[index] for index in motion.coordinates]
+    if isinstance(motion, ScapulothoracicMotion):
+        made = add_joint(objects, "ScapulothoracicJoint", joint.name, sides, coordinates)
+        add_values(
+            made,
+            thoracic_ellipsoid_radii_x_y_z=motion.radii,
+            scapula_winging_axis_origin=motion.winging_origin,
+            scapula_winging_axis_direction=motion.winging_direction,
+        )
+    elif not coordinates and not any(np.any(f.derivatives(np.zeros(1))[0]) for f in motion.functions):
+        add_joint(objects, "WeldJoint", joint.name, sides, coordinates)
+    else:
+        made = add_joint(objects, "CustomJoint", joint.name, sides, coordinates)
+        drivers = ["" if index == NO_COORDINATE else model.coordinates[index].name for index in motion.coordinate]
+        add_axes(made, motion.axes, drivers, motion.functions)
+
+
+def _add_function(holder: Xml.Element, function: Function, where: str) -> None:
+    if not isinstance(function, PiecewisePolynomial) or len(function.origins) > 1 or function.origins[0]:
+        raise ModelError(f"the writer of .osim has only polynomials, and that of {where} is none")
+    if function.coefficients.shape[1] == 1:
+        add_values(add(holder, "Constant", "function"), value=function.coefficients[0])
+    elif function.coefficients.shape[1] == 2:
+        add_values(add(holder, "LinearFunction", "function"), coefficients=function.coefficients[0, ::-1])
+    else:
+        add_values(add(holder, "PolynomialFunction", "function"), coefficients=function.coefficients[0, ::-1])
+
+
+def _add_constraint(objects: Xml.Element, model: Model, constraint: Constraint) -> None:
+    if not isinstance(constraint, PointConstraint):
+        raise ModelError(f"the writer of .osim has only point constraints, and {model.name} has {constraint.name}")
+    add_values(
+        add(objects, "PointConstraint", constraint.name),
+        socket_body_1=frame_of(model.bodies, constraint.body_1),
+        socket_body_2=frame_of(model.bodies, constraint.body_2),
+        location_body_1=constraint.location_1,
+        location_body_2=constraint.location_2,
+    )
+
+
+def _add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
+    made = add(objects, "Millard2012EquilibriumMuscle", muscle.name)
+    points = add_path(made)
+    for index, point in enumerate(muscle.path.points, start=1):
+        _add_point(points, model, point, f"{muscle.name}-P{index}")
+    wraps = objects_of(made[0], "PathWrapSet")
+    for index, wrap in enumerate(muscle.path.wraps, start=1):
+        its = add(wraps, "PathWrap", f"{muscle.name}-wrap{index}")
+        surface, span = model.surfaces[wrap.surface].name, (wrap.first + 1, -1 if wrap.last is None else wrap.last + 1)
+        add_values(its, wrap_object=surface, method=wrap.method, range=span)
+    add_values(
+        made,
+        max_isometric_force=muscle.max_isometric_force,
+        optimal_fiber_length=muscle.optimal_fiber_length,
+        tendon_slack_length=muscle.tendon_slack_length,
+        pennation_angle_at_optimal=muscle.pennation_at_optimal,
+        maximum_pennation_angle=muscle.maximum_pennation,
+        max_contraction_velocity=muscle.max_contraction_velocity,
+        activation_time_constant=muscle.activation_time_constant,
+        deactivation_time_constant=muscle.deactivation_time_constant,
+        ignore_tendon_compliance="true",
+    )
+    if not isinstance(muscle.curves, MillardCurves):
+        raise ModelError(f"the writer of .osim has only Millard's muscles, and {model.name} has {muscle.name}")
+    for tag, options in MILLARD_OPTIONS.items():
+        curve = add(made, tag, f"{muscle.name}_{tag}")
+        add_values(curve, **{option: getattr(muscle.curves, field) for option, field in options.items()})
+
+
+def _add_point(points: Xml.Element, model: Model, point: AnyPathPoint, name: str) -> None:
+    frame = frame_of(model.bodies, point.body)
+    if isinstance(point, PathPoint):
+        add_path_point(points, name, frame, point.location)
+        return
+    if not isinstance(point, MovingPathPoint) or not np.array_equal(point.placement.rotation, np.eye(3)):
+        raise ModelError(
+            f"the writer of .osim has fixed points and ones that move in a body's frame, and {name} is none"
+        )
+    made = add(points, "MovingPathPoint", name)
+    coordinate = model.coordinates[point.coordinate].name
+    (joint,) = [each.name for each in model.joints if point.coordinate in each.motion.coordinates]
+    add_values(made, socket_parent_frame=frame)
+    for axis, function in zip("xyz", point.functions, strict=True):
+        add_values(made, **{f"socket_{axis}_coordinate": f"/jointset/{joint}/{coordinate}"})
+        _add_function(add(made, f"{axis}_location"), function, name)
+
+
+def _is_body_frame(placement: Placement) -> bool:
+    return bool(np.array_equal(placement.rotation, np.eye(3)) and not placement.translation.any())
+
+
+def _add_actuator(objects: Xml.Element, coordinates: Sequence[Coordinate], actuator: CoordinateActuator) -> None:
+    made = add(objects, "CoordinateActuator", actuator.name)
+    add_values(made, coordinate=coordinates[actuator.coordinate].name, optimal_force=actuator.optimal_force)
+    for tag in ("min_control", "max_control"):
+        limit = getattr(actuator, tag)
+        if np.isfinite(limit):
+            add_values(made, **{tag: limit})
