@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fitting import frames, quality
 from fitting.curves import TrialCurves
 from fitting.damping import DampingFit, fit_damping
-from fitting.frames import CuffMotion
 from fitting.migration import fit_migration
-from fitting.plateaus import Plateau, find_plateaus
 from fitting.quality import UnusableTrial
+from fitting.reduction import ReducedTrial, reduce_trials
 from fitting.result import CuffFit, TrialFit, Verdict, covariance_of
-from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness, require_positive_loads, trial_stiffness
+from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
 from fitting.weak_form import ComplexStiffness, complex_stiffness
@@ -31,19 +28,6 @@ OPEN = 0.5
 """Part of its value that a standard error may reach before a quantity is called not identified."""
 
 
-@dataclass(frozen=True)
-class ReducedTrial:
-    """A trial and its displacement (frames,) [m] along the pull, in the reference posture of the donning.
-
-    plateaus are the held loads of a static trial, empty for a dynamic one.
-    """
-
-    trial: Trial
-    displacement: NDArray[np.float64]
-    plateaus: tuple[Plateau, ...]
-    notes: tuple[str, ...]
-
-
 def fit_donning(
     trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ()
 ) -> tuple[CuffFit, dict[str, TrialCurves]]:
@@ -53,8 +37,7 @@ def fit_donning(
     static trial of the donning, even one that was recorded again; rejected are recordings of the donning that are no
     trials, and leave migration open if a static one of them started earlier still.
     """
-    reasons: dict[str, str] = {}
-    reduced = _reduce(trials, reasons)
+    reduced, reasons = reduce_trials(trials)
     all_static = [each for each in reduced if each.trial.test == "static"]
     static = [runs[0] for runs in _newest_first(all_static)]
     stiffness = fit_stiffness([each.plateaus for each in static], max(trial.gain_sd for trial in trials))
@@ -95,53 +78,6 @@ def _newest_first(trials: Sequence[ReducedTrial]) -> list[list[ReducedTrial]]:
     for each in sorted(trials, key=lambda each: each.trial.run, reverse=True):
         repeats.setdefault(each.trial.repeat, []).append(each)
     return sorted(repeats.values(), key=lambda runs: (runs[0].trial.start_utc_ns, runs[0].trial.file))
-
-
-def _reduce(trials: Sequence[Trial], reasons: dict[str, str]) -> list[ReducedTrial]:
-    """Markers → displacement along the pull, for every trial that allows it; the others get a reason."""
-    reference, moved = None, []
-    for trial in trials:
-        try:
-            if trial.cuff != trials[0].cuff:
-                raise UnusableTrial("its markers are not those of the donning's first trial; use one configuration")
-            reference = reference or frames.reference_posture(trial)
-            motion = frames.cuff_motion(trial, reference)
-            moved.append((trial, motion, _motion_notes(trial, motion)))
-        except UnusableTrial as error:
-            reasons[trial.file] = str(error)
-    if not moved:
-        return []
-    pulls = [each for each in moved if each[0].test == "static"] or moved
-    try:
-        direction = frames.pull_direction([each[0] for each in pulls], [each[1] for each in pulls])
-    except UnusableTrial as error:
-        reasons |= {each[0].file: str(error) for each in moved}
-        return []
-    return [each for each in (_project(*each, direction, reasons) for each in moved) if each is not None]
-
-
-def _motion_notes(trial: Trial, motion: CuffMotion) -> tuple[str, ...]:
-    force = np.interp(trial.marker_time, trial.force_time, trial.force)
-    return quality.occlusion_notes(motion.displacement) + quality.anchor_note(motion.residual, force)
-
-
-def _project(
-    trial: Trial,
-    motion: CuffMotion,
-    notes: tuple[str, ...],
-    direction: NDArray[np.float64],
-    reasons: dict[str, str],
-) -> ReducedTrial | None:
-    displacement = frames.along(motion, direction)
-    plateaus: tuple[Plateau, ...] = ()
-    if trial.test == "static":
-        plateaus = find_plateaus(trial.force_time, trial.force, trial.force_step, trial.marker_time, displacement)
-        try:
-            require_positive_loads(plateaus)
-        except UnusableTrial as error:
-            reasons[trial.file] = str(error)
-            return None
-    return ReducedTrial(trial, displacement, plateaus, trial.notes + notes)
 
 
 def _fit_dampings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,16 +44,30 @@ class Plateau:
     late: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class Step:
+    """A change of the load: most of it at `time`, and the means of a second differ from `first` to `last` [s]."""
+
+    first: float
+    time: float
+    last: float
+
+
 def find_plateaus(
     force_time: NDArray[np.float64],
     force: NDArray[np.float64],
     force_step: float,
     marker_time: NDArray[np.float64],
     displacement: NDArray[np.float64],
+    steps: Sequence[float] | None = None,
 ) -> tuple[Plateau, ...]:
-    """The held loads of a trial in time order: force (n,) [N], displacement (frames,) [m] with NaN where not seen."""
+    """The held loads of a trial in time order: force (n,) [N], displacement (frames,) [m] with NaN where not seen.
+
+    steps are the times [s] at which the load changed where somebody knows them, None to find them.
+    """
+    changes = find_steps(force_time, force) if steps is None else [Step(time, time, time) for time in steps]
     found = []
-    for start, end in _steady_stretches(force_time, force):
+    for start, end in _steady_stretches(float(force_time[0]), float(force_time[-1]), changes):
         in_force = (force_time >= start) & (force_time <= end)
         in_frames = (marker_time >= start) & (marker_time <= end) & np.isfinite(displacement)
         if np.count_nonzero(in_force) < 5 or np.count_nonzero(in_frames) < 20:
@@ -64,8 +79,8 @@ def find_plateaus(
     return tuple(found)
 
 
-def _steady_stretches(time: NDArray[np.float64], force: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Stretches (start, end) [s] between steps of the load, settling and margin taken off."""
+def find_steps(time: NDArray[np.float64], force: NDArray[np.float64]) -> list[Step]:
+    """Where the load changes in force (n,) [N] at time [s]: means of a second before and after differ by far."""
     width = max(BIN, 1.01 * float(np.median(np.diff(time))))
     index = ((time - time[0]) / width).astype(np.intp)
     count = np.bincount(index)
@@ -75,11 +90,18 @@ def _steady_stretches(time: NDArray[np.float64], force: NDArray[np.float64]) -> 
     noise = 1.4826 * float(np.median(np.abs(change - np.median(change))))
     is_moving = np.abs(change) > max(MIN_STEP, 6 * noise)
 
-    bounds = np.flatnonzero(np.diff(np.concatenate(([0], is_moving.astype(np.int8), [0]))))
-    steps = [(first, last, first + int(np.argmax(np.abs(change[first:last])))) for first, last in bounds.reshape(-1, 2)]
-    starts = [time[0]] + [max(middle[peak] + SETTLING, middle[last - 1]) for _, last, peak in steps]
-    ends = [min(middle[peak] - MARGIN, middle[first]) for first, _, peak in steps] + [time[-1]]
-    return [(float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b - a >= MIN_HOLD]
+    bounds = np.flatnonzero(np.diff(np.concatenate(([0], is_moving.astype(np.int8), [0])))).reshape(-1, 2)
+    return [
+        Step(*(float(middle[i]) for i in (first, first + int(np.argmax(np.abs(change[first:last]))), last - 1)))
+        for first, last in bounds
+    ]
+
+
+def _steady_stretches(start: float, end: float, steps: Sequence[Step]) -> list[tuple[float, float]]:
+    """Stretches (start, end) [s] between steps of the load, settling and margin taken off."""
+    starts = [start] + [max(step.time + SETTLING, step.last) for step in steps]
+    ends = [min(step.time - MARGIN, step.first) for step in steps] + [end]
+    return [(a, b) for a, b in zip(starts, ends, strict=True) if b - a >= MIN_HOLD]
 
 
 def _change_of_mean(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +14,11 @@ MIN_ANCHOR_WIDTH = 5e-3
 """Second singular value [m] of the anchor cluster below which rotation about its line is not defined."""
 OCCLUSION_NOTE = 0.2
 OCCLUSION_LIMIT = 0.5
+SKIN_CORRELATION = 0.3
+LEAN_NOTE = 5e-3
+STUCK = 1.0
+"""Seconds."""
+MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6
 
 
 class UnusableTrial(Exception):
@@ -77,33 +86,105 @@ def loss_notes(
     return tuple(notes)
 
 
-def occlusion_notes(displacement: NDArray[np.float64]) -> tuple[str, ...]:
-    """Notes on the frames without displacement (NaN in (frames, 3)). Raises UnusableTrial if they are the majority."""
-    if not len(displacement):
-        raise UnusableTrial("the recording has no marker frame after the sync edge; check that QTM was capturing")
-    hidden = float(np.mean(np.isnan(displacement[:, 0])))
-    if hidden > OCCLUSION_LIMIT:
+@dataclass(frozen=True)
+class MarkerQuality:
+    """How far the markers of one trial can be believed.
+
+    hidden       part of the frames without displacement
+    ghosts       marker → frames in which it was left out or exchanged
+    anchor_rms   m, of the anchor markers about the rigid fit
+    anchor_follows_force  correlation of that rms with the force
+    lean         m by which the body followed the force, from no load to the highest; already taken out
+    """
+
+    hidden: float
+    ghosts: Mapping[str, int]
+    anchor_rms: float
+    anchor_follows_force: float
+    lean: float
+
+
+def marker_quality(
+    displacement: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    body: NDArray[np.float64],
+    force: NDArray[np.float64],
+    ghosts: Mapping[str, int],
+) -> MarkerQuality:
+    """From displacement (frames, 3), anchor residual (frames,), body (frames, 3) [m] and force (frames,) [N]."""
+    seen = np.isfinite(residual) & np.isfinite(force)
+    rms = float(np.sqrt(np.mean(residual[seen] ** 2))) if seen.any() else 0.0
+    if np.count_nonzero(seen) < 3 or np.ptp(force[seen]) == 0 or np.ptp(residual[seen]) == 0:
+        return MarkerQuality(_hidden(displacement), ghosts, rms, 0.0, 0.0)
+    correlation = float(np.corrcoef(residual[seen], force[seen])[0, 1])
+    load = force[seen] - force[seen].mean()
+    follows = load @ (body[seen] - body[seen].mean(axis=0)) / float(load @ load)
+    lean = float(np.linalg.norm(follows)) * float(np.ptp(force[seen]))
+    return MarkerQuality(_hidden(displacement), ghosts, rms, correlation, lean)
+
+
+def marker_notes(found: MarkerQuality) -> tuple[str, ...]:
+    """What a reader should know of the markers. Raises UnusableTrial if they were hidden most of the time."""
+    if found.hidden > OCCLUSION_LIMIT:
         raise UnusableTrial(
-            f"anchor or cuff markers are hidden in {100 * hidden:.0f} % of the frames, expected at most "
+            f"anchor or cuff markers are hidden in {100 * found.hidden:.0f} % of the frames, expected at most "
             f"{100 * OCCLUSION_LIMIT:.0f} %; check the cameras' view and record again"
         )
-    if hidden > OCCLUSION_NOTE:
-        return (f"anchor or cuff markers are hidden in {100 * hidden:.0f} % of the frames",)
-    return ()
-
-
-def anchor_note(residual: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[str, ...]:
-    """A note if the anchor cluster deforms with the load: residual rms (frames,) [m] against force (frames,) [N].
-
-    Skin that follows the pull biases k and shows nowhere else (+12 % at 0.05 mm/N).
-    """
-    seen = np.isfinite(residual)
-    if np.count_nonzero(seen) < 3 or np.ptp(force[seen]) == 0 or np.ptp(residual[seen]) == 0:
-        return ()
-    correlation = float(np.corrcoef(residual[seen], force[seen])[0, 1])
-    if correlation > 0.3:
-        return (
-            f"the anchor markers deform with the load (correlation {correlation:.2f}): skin moves under a marker, and "
-            "the stiffness may be biased",
+    notes = []
+    if found.hidden > OCCLUSION_NOTE:
+        notes.append(f"anchor or cuff markers are hidden in {100 * found.hidden:.0f} % of the frames")
+    if found.ghosts:
+        listed = ", ".join(f"{label} in {count} frames" for label, count in found.ghosts.items())
+        notes.append(f"markers that jumped away or changed places were left out: {listed}")
+    if found.anchor_follows_force > SKIN_CORRELATION:
+        notes.append(
+            f"the anchor markers deform with the load (rms {1e3 * found.anchor_rms:.2f} mm, correlation "
+            f"{found.anchor_follows_force:.2f}): skin moves under a marker, and the stiffness may be biased"
         )
-    return ()
+    if found.lean > LEAN_NOTE:
+        notes.append(
+            f"the body leaned {1e3 * found.lean:.1f} mm with the load; the anchor takes it out, but hold still or lean "
+            "against something"
+        )
+    return tuple(notes)
+
+
+def require_live_force(
+    force_time: NDArray[np.float64],
+    force: NDArray[np.float64],
+    marker_time: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+) -> None:
+    """Raises UnusableTrial if force (n,) [N] reads one value for a second while the cuff (frames,) [m] moves.
+
+    A held load may well read one code; one that is held does not let the cuff move half of its way.
+    """
+    bounds = np.concatenate(([0], np.flatnonzero(np.diff(force)) + 1, [len(force)]))
+    way = float(np.nanpercentile(displacement, 99.5) - np.nanpercentile(displacement, 0.5))
+    for first, last in pairwise(bounds):
+        start, end = float(force_time[first]), float(force_time[last - 1])
+        if end - start <= STUCK:
+            continue
+        here = displacement[(marker_time >= start) & (marker_time <= end)]
+        here = here[np.isfinite(here)]
+        if len(here) > 20 and np.percentile(here, 97.5) - np.percentile(here, 2.5) > way / 2:
+            raise UnusableTrial(
+                f"force reads {force[first]:.2f} N without change for {end - start:.1f} s from {start:.1f} s on while "
+                "the cuff moves; check the amplifier and its cable"
+            )
+
+
+def require_plausible_displacement(displacement: NDArray[np.float64]) -> None:
+    """Raises UnusableTrial if displacement (frames,) [m] is none that a cuff can have: its unit is wrong."""
+    scatter = float(np.nanstd(displacement))
+    if scatter > MOST_DISPLACEMENT or scatter < LEAST_DISPLACEMENT:
+        raise UnusableTrial(
+            f"the cuff moves by {scatter:.3g} m rms, expected between {LEAST_DISPLACEMENT:g} and {MOST_DISPLACEMENT:g} "
+            "m; check that the markers are in millimetres"
+        )
+
+
+def _hidden(displacement: NDArray[np.float64]) -> float:
+    if not len(displacement):
+        raise UnusableTrial("the recording has no marker frame after the sync edge; check that QTM was capturing")
+    return float(np.mean(np.isnan(displacement[:, 0])))

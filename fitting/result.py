@@ -40,7 +40,7 @@ class Verdict(StrEnum):
     NO_DYNAMIC = "damping is not identified: there is no usable dynamic trial; record --test dynamic"
     LAG = (
         "damping is not identified: what is not known of the lag between force and markers, times the stiffness, "
-        "is more than half of it; raise daq.sample_rate_hz or start by PFI0"
+        "is more than half of it; record --test bounce, raise daq.sample_rate_hz or start by PFI0"
     )
     DAMPING_UNCERTAIN = "damping is not identified: noise leaves more than half of it open; pull faster and farther"
     NOT_UNLOADED = (

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fitting.bounce import BounceTrial, calibrate
 from fitting.calibration import Calibration
 from fitting.clocks import LagUncertainty
+from fitting.protocol_file import SessionProtocol, read_protocol
 from fitting.quality import UnusableTrial
 from fitting.timeline import lay_out, setting
 from recordings.errors import RecordingError
@@ -41,6 +42,7 @@ class Trial:
     calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
     step_masses     kg, the weights of a static test in the order they were to be hung on; empty if nobody said
+    step_times      s, when the load changed, where the session's protocol.toml says so; None to find them
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
     is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
     notes           what a reader should know before believing it
@@ -66,6 +68,7 @@ class Trial:
     calibration: Calibration | None = None
     cuff_mass: float = DEFAULT_CUFF_MASS
     step_masses: tuple[float, ...] = ()
+    step_times: tuple[float, ...] | None = None
     force_gaps: tuple[tuple[float, float], ...] = ()
     frame_gaps: tuple[tuple[float, float], ...] = ()
     is_whole: bool = True
@@ -111,13 +114,17 @@ def read_trial(path: Path) -> Trial:
 def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
     """Reads every recording that can be used, and says why the others cannot.
 
-    Where there are bounce trials among them, lag and gain of all others are what those say.
+    Where there are bounce trials among them, lag and gain of all others are what those say. What protocol.toml beside
+    a recording says of its steps counts; raises ProtocolFileError if that cannot be read.
     """
     trials: list[Trial] = []
     bounces: list[BounceTrial] = []
     rejected = []
+    protocols: dict[Path, SessionProtocol] = {}
     for path in paths:
         recording = None
+        if path.parent not in protocols:
+            protocols[path.parent] = read_protocol(path.parent)
         try:
             recording = open_recording(path)
             trial = _read(path, recording)
@@ -125,7 +132,7 @@ def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[Rejecte
             rejected.append(RejectedTrial(path.name, str(error), _begun(recording)))
             continue
         if isinstance(trial, Trial):
-            trials.append(trial)
+            trials.append(_as_edited(trial, protocols[path.parent]))
         else:
             bounces.append(trial)
     calibration, refused = calibrate(bounces)
@@ -155,6 +162,11 @@ def calibrated(trial: Trial, calibration: Calibration) -> Trial:
         gain_sd=gain_sd,
         calibration=calibration,
     )
+
+
+def _as_edited(trial: Trial, protocol: SessionProtocol) -> Trial:
+    masses = trial.step_masses if protocol.step_masses is None else protocol.step_masses
+    return replace(trial, step_masses=masses, step_times=protocol.steps.get(trial.file))
 
 
 def _read(path: Path, recording: Recording) -> Trial | BounceTrial:

@@ -112,6 +112,35 @@ def test_ghosts_are_left_out(label: str) -> None:
     assert np.abs(x - WAY)[seen].max() < 1.5e-3
 
 
+def test_two_markers_that_change_places_are_exchanged_and_told() -> None:
+    trial = _trial(noise=0.1e-3)
+    markers = trial.markers.copy()
+    markers[400:700, [0, 2]] = markers[400:700, [2, 0]]
+    swapped = replace(trial, markers=markers)
+    motion = cuff_motion(swapped, reference_posture(swapped))
+    np.testing.assert_allclose(_displacement(swapped), WAY, atol=1e-3)
+    assert motion.ghosts == {"anchor_1": 300, "anchor_3": 300}
+
+
+def test_every_ghost_is_counted_by_its_marker() -> None:
+    trial = _trial(noise=0.1e-3)
+    markers = trial.markers.copy()
+    for first in range(250, 950, 100):
+        markers[first : first + 4, trial.labels.index("anchor_3")] += 0.015
+        markers[first + 50 : first + 52, trial.labels.index("cuff_1")] += 0.015
+    jumping = replace(trial, markers=markers)
+    motion = cuff_motion(jumping, reference_posture(jumping))
+    assert motion.ghosts == {"anchor_3": 28, "cuff_1": 14}
+    assert np.nanmax(np.abs(_displacement(jumping) - WAY)) < 1e-3
+
+
+def test_the_way_in_three_dimensions_is_kept_in_the_anchor_s_frame() -> None:
+    trial = _trial()
+    motion = cuff_motion(trial, reference_posture(trial))
+    np.testing.assert_allclose(np.linalg.norm(motion.displacement, axis=1), np.abs(WAY), atol=1e-9)
+    assert motion.ghosts == {}
+
+
 def test_the_order_of_the_markers_does_not_matter() -> None:
     trial = _trial(noise=0.2e-3)
     order = np.random.default_rng(1).permutation(len(trial.labels))

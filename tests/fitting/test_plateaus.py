@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.plateaus import find_plateaus
+from fitting.plateaus import find_plateaus, find_steps
 
 LEVELS = (2.0, 12.0, 22.0, 32.0, 12.0, 2.0)
 
@@ -59,3 +59,25 @@ def test_the_error_of_a_mean_grows_with_coloured_noise() -> None:
     coloured = np.convolve(white, np.ones(50) / np.sqrt(50), mode="same")
     first, second = (find_plateaus(time, force, 0.0, frames, x) for x in (white, coloured))
     assert np.mean([p.displacement_sd for p in second]) > 3 * np.mean([p.displacement_sd for p in first])
+
+
+@pytest.mark.parametrize("rate", [20.0, 1000.0])
+def test_of_hundreds_of_steps_none_is_missed_and_none_is_false(rate: float) -> None:
+    """T13: six steps in each of a hundred records, an amplifier that drifts by 20 mV a minute."""
+    for seed in range(100):
+        random = np.random.default_rng(seed)
+        times = np.cumsum(random.uniform(6.0, 10.0, 6))
+        time = np.arange(0, times[-1] + 8, 1 / rate)
+        load = 2 + sum(10 * (1 if i < 3 else -1) * np.clip((time - at) / 0.4, 0, 1) for i, at in enumerate(times))
+        force = load + 98 * 0.02 / 60 * time + 0.51 * random.standard_normal(len(time))
+        found = [step.time for step in find_steps(time, force)]
+        assert len(found) == 6
+        assert np.all(np.abs(np.array(found) - times) < 0.5)
+
+
+def test_steps_that_somebody_knows_replace_those_that_are_found() -> None:
+    time, force = _staircase(1000.0, 1)
+    frames = np.arange(0, 36.0, 0.01)
+    x = 1e-3 + 1e-6 * np.sin(frames)
+    told = find_plateaus(time, force, 0.0, frames, x, (6.0, 18.0))
+    assert [(p.start, p.end) for p in told] == [(0.0, 5.5), (7.0, 17.5), (19.0, pytest.approx(36.0, abs=0.01))]

@@ -1,0 +1,70 @@
+"""protocol.toml in a session's folder: where the operator knows better than the step detector.
+
+step_masses_kg = [1.53, 1.53, 1.0]          # the weights as they were, instead of the configuration's
+
+[steps_s]                                    # when the load changed, seconds after the sync edge
+"cuff-hand_test-static_run-1.mcap" = [3.1, 12.0, 20.9]
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+PROTOCOL_FILE = "protocol.toml"
+
+
+class ProtocolFileError(Exception):
+    """The session's protocol.toml cannot be used; one sentence says where and what was expected."""
+
+
+@dataclass(frozen=True)
+class SessionProtocol:
+    """step_masses [kg], None: as configured; steps: file name of a recording → times of its steps [s]."""
+
+    step_masses: tuple[float, ...] | None = None
+    steps: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+def read_protocol(folder: Path) -> SessionProtocol:
+    """What protocol.toml says; nothing where there is none. Raises ProtocolFileError."""
+    path = folder / PROTOCOL_FILE
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return SessionProtocol()
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ProtocolFileError(f"{path} cannot be read: {error}") from error
+    unknown = data.keys() - {"step_masses_kg", "steps_s"}
+    if unknown or not isinstance(data.get("steps_s", {}), dict):
+        found = ", ".join(sorted(unknown)) or "no table steps_s"
+        raise ProtocolFileError(f"{path} has {found}, expected step_masses_kg and a table steps_s of file = [times]")
+    masses = data.get("step_masses_kg")
+    return SessionProtocol(
+        None if masses is None else _positive(masses, f"{path}: step_masses_kg"),
+        {file: _rising(times, f'{path}: steps_s."{file}"') for file, times in data.get("steps_s", {}).items()},
+    )
+
+
+def _positive(entry: Any, where: str) -> tuple[float, ...]:
+    numbers = _numbers(entry, where)
+    if min(numbers, default=1.0) <= 0:
+        raise ProtocolFileError(f"{where} is {entry!r}, expected weights above 0 kg")
+    return numbers
+
+
+def _rising(entry: Any, where: str) -> tuple[float, ...]:
+    numbers = _numbers(entry, where)
+    if any(after <= before for before, after in pairwise(numbers)):
+        raise ProtocolFileError(f"{where} is {entry!r}, expected times that rise")
+    return numbers
+
+
+def _numbers(entry: Any, where: str) -> tuple[float, ...]:
+    if not isinstance(entry, list) or not all(isinstance(each, int | float) for each in entry):
+        raise ProtocolFileError(f"{where} is {entry!r}, expected a list of numbers")
+    return tuple(float(each) for each in entry)

@@ -1,0 +1,40 @@
+"""What an operator may correct in a session's protocol.toml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fitting.protocol_file import ProtocolFileError, SessionProtocol, read_protocol
+
+
+def _written(folder: Path, text: str) -> Path:
+    (folder / "protocol.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_a_session_without_the_file_is_as_configured(tmp_path: Path) -> None:
+    assert read_protocol(tmp_path) == SessionProtocol()
+
+
+def test_steps_and_weights_are_taken_from_the_file(tmp_path: Path) -> None:
+    said = read_protocol(_written(tmp_path, 'step_masses_kg = [1, 2.5]\n[steps_s]\n"a.mcap" = [3.1, 12]\n'))
+    assert said.step_masses == (1.0, 2.5)
+    assert said.steps == {"a.mcap": (3.1, 12.0)}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("step_masses_kg = [1,", "cannot be read"),
+        ("masses = [1]", "has masses, expected step_masses_kg"),
+        ("steps_s = [1]", "no table steps_s"),
+        ("step_masses_kg = [1, -2]", "expected weights above 0 kg"),
+        ('step_masses_kg = "heavy"', "expected a list of numbers"),
+        ('[steps_s]\n"a.mcap" = [3, 3]', "expected times that rise"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_a_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(ProtocolFileError, match=sentence):
+        read_protocol(_written(tmp_path, text))
