@@ -28,6 +28,8 @@ VERBS = {
         files.info,
         files.recover,
         files.import_,
+        files.export,
+        whole.judge,
         cuffs.fit,
         muscles.rmr,
         muscles.assess,

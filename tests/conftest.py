@@ -16,6 +16,7 @@ SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--hardware", action="store_true", help="run the contract tests against the bench as well")
+    parser.addoption("--pictures", metavar="DIR", help="where the tests in a browser leave their screenshots")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -47,8 +47,6 @@ SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
 NAME = re.compile(r"[A-Z]?[a-z]{3,}([ ,.-]*[A-Z]?[a-z]*)*")
 KEPT_POINTS = 1600
 """Of each live curve: half a minute."""
-HOLD_S, SWING_S = 8.0, 25.0
-"""How long a load is held, and a spring swung, in the published protocol as far as it is told."""
 
 
 def looks_like_a_name(subject: str) -> bool:
@@ -287,10 +285,12 @@ class Desk:
 
     def _guide(self, spec: TrialSpec) -> Guide:
         if spec.test == "static" and self.config.protocol.step_masses_kg:
-            return StaticGuide(self.config.protocol.step_masses_kg, HOLD_S)
+            return StaticGuide(self.config.protocol.step_masses_kg, self.config.protocol.hold_s)
         if spec.test == "static":
-            return FreeStaticGuide(HOLD_S)
-        return SwingGuide("bounce the weight" if spec.test == "bounce" else "pull the spring", SWING_S)
+            return FreeStaticGuide(self.config.protocol.hold_s)
+        return SwingGuide(
+            "bounce the weight" if spec.test == "bounce" else "pull the spring", self.config.protocol.swing_s
+        )
 
     def _prepare(self, plan: Agenda) -> None:
         """Tells simulated devices what a person would do at the bench before this trial."""

@@ -131,11 +131,10 @@ class StaticGuide:
         if self._step == len(self._levels):
             return
         rest, level = self._force.rest(), self._force.mean
-        target = self._target()
-        near = target is None or abs(level - target) < max(LEVEL_N, LEVEL_SHARE * abs(target))
         if rest is not Rest.STEADY:
             self._held_since = self._elsewhere_since = None
-        elif not near:
+        elif not self._is_at(self._step):
+            self._step += self._is_ahead()
             self._held_since = None
             self._elsewhere_since = self._now if self._elsewhere_since is None else self._elsewhere_since
         else:
@@ -145,8 +144,22 @@ class StaticGuide:
                 self._empty = level if self._empty is None else self._empty
                 self._step, self._held_since = self._step + 1, None
 
+    def _is_at(self, step: int) -> bool:
+        """Whether the force is what the step's weights give; before the empty hook was weighed, it always is."""
+        if self._empty is None:
+            return True
+        if step >= len(self._levels):
+            return False
+        target = self._empty + float(self._levels[step])
+        return abs(self._force.mean - target) < max(LEVEL_N, LEVEL_SHARE * abs(target))
+
+    def _is_ahead(self) -> bool:
+        """Whether the hands were quicker than the guide; on the way down a level looks like one of the way up."""
+        return self._is_at(self._step + 1) and not self._is_at(self._step - 1)
+
     def _needed_s(self) -> float:
-        return self._hold_s if self._step else REST_S
+        """Of steady force; that it is steady is known after a window of it."""
+        return (self._hold_s if self._step else REST_S) - WINDOW_S
 
     def _target(self) -> float | None:
         return None if self._empty is None else self._empty + float(self._levels[self._step])

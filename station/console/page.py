@@ -108,4 +108,4 @@ def _where(desk: Desk) -> str:
     if desk.folder is None or setup is None:
         return "station"
     rehearsal = "REHEARSAL, nothing is kept · " if desk.is_rehearsal else ""
-    return f"{rehearsal}subject {setup.subject} · session {setup.number} · {desk.folder}"
+    return f"{rehearsal}subject {setup.subject} · session {setup.number}"

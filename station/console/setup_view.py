@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -67,10 +68,13 @@ def _sessions(desk: Desk, act: Callable[..., Any]) -> None:
     if not there:
         ui.label("no session yet").classes("opacity-70")
     for setup, folder in there[:8]:
-        ui.button(
-            f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}",
-            on_click=lambda setup=setup: act(lambda: desk.begin(setup)),
-        ).props("flat no-caps").tooltip(str(folder))
+        _resumption(desk, act, setup, folder)
+
+
+def _resumption(desk: Desk, act: Callable[..., Any], setup: Setup, folder: Path) -> None:
+    words = f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}"
+    button = ui.button(words, on_click=lambda: act(lambda: desk.begin(setup))).props("flat no-caps")
+    button.tooltip(str(folder)).mark("resume")
 
 
 def _preflight(desk: Desk) -> None:

@@ -48,6 +48,7 @@ class Telemetry(BackgroundView):
         self._tallies: dict[str, StreamTally] = {}
         self._since = _Since()
         self._first_host_ns: int | None = None
+        self._offset_ns: dict[str, int] = {}  # by stream
         self._now_s = 0.0
         self._displacement: LiveDisplacement | None = None
         self._seen: dict[str, bool] = {}
@@ -119,11 +120,12 @@ class Telemetry(BackgroundView):
         self._since.displacement += _thinned(times, self._displacement.take(samples.values))
 
     def _times(self, samples: Samples) -> NDArray[np.float64]:
-        """Seconds on the host's clock: the block's last sample lies at its arrival, the others by the device's."""
-        if self._first_host_ns is None:
-            self._first_host_ns = samples.host_time_ns
-        host = samples.host_time_ns - self._first_host_ns
-        return np.asarray((host + samples.device_time_ns - samples.device_time_ns[-1]) * 1e-9)
+        """Seconds by the device's clock, laid onto the host's by the block that was least delayed so far."""
+        last_ns, host_ns = int(samples.device_time_ns[-1]), samples.host_time_ns
+        self._first_host_ns = host_ns if self._first_host_ns is None else self._first_host_ns
+        offset_ns = min(self._offset_ns.get(samples.stream, host_ns - last_ns), host_ns - last_ns)
+        self._offset_ns[samples.stream] = offset_ns
+        return np.asarray((samples.device_time_ns + (offset_ns - self._first_host_ns)) * 1e-9)
 
 
 def _thinned(times: NDArray[np.float64], values: NDArray[np.floating]) -> list[tuple[float, float]]:

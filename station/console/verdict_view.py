@@ -64,8 +64,12 @@ def _figures(judged: Judgement) -> None:
 
 def _marks(desk: Desk, judged: Judgement, act: Callable[..., Any]) -> None:
     for number in range(1, judged.marks + 1):
-        name = ui.input(f"mark {number} was", value=desk.journal.marks.get(judged.file, {}).get(number, ""))
-        name.on("blur", lambda name=name, number=number: act(lambda: desk.name_mark(number, name.value or "")))
+        _mark(desk, judged, number, act)
+
+
+def _mark(desk: Desk, judged: Judgement, number: int, act: Callable[..., Any]) -> None:
+    name = ui.input(f"mark {number} was", value=desk.journal.marks.get(judged.file, {}).get(number, ""))
+    name.on("blur", lambda: act(lambda: desk.name_mark(number, name.value or "")))
 
 
 def _decision(

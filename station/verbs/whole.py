@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.verbs.options import ConfigPath, Seed, Speed
+from station.verbs.options import ConfigPath, Seed, Speed, say
 
 
 def demo(
@@ -42,6 +42,19 @@ def serve(
         simulated_speed=speed if simulated else None,
         seed=seed,
     )
+
+
+def judge(
+    file: Annotated[Path, typer.Argument(help="A recording in its session's folder.")],
+    redo: Annotated[str, typer.Option(help="It does not count, and this is why; without it, it counts.")] = "",
+) -> None:
+    """Let a recording count, or set it aside with the reason; the session's journal keeps both."""
+    from station.journal import write_verdict
+
+    if not file.is_file():
+        raise typer.BadParameter(f"there is no recording {file}")
+    write_verdict(file.parent, file.name, "redo" if redo else "accept", redo)
+    say(f"{file.name} {'is set aside' if redo else 'counts'}; `station fit` goes by it")
 
 
 def report(

@@ -124,3 +124,17 @@ def test_a_motion_without_a_coordinate_is_one_sentence(station, tmp_path: Path) 
 
 def test_a_folder_with_nothing_to_report_is_one_sentence(station, tmp_path: Path) -> None:
     assert_one_sentence(station("report", tmp_path), 1, "holds no recording")
+
+
+def test_a_recording_that_is_set_aside_is_listed_by_the_fit_with_the_reason(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    assert station("judge", path, "--redo", "the wearer coughed").code == 0
+    assert "set aside by the operator: the wearer coughed" in station("fit", tmp_path).err
+    assert station("judge", path).code == 0
+    assert "set aside" not in station("fit", tmp_path).err
+
+
+def test_only_a_recording_that_is_there_is_judged(station, tmp_path: Path) -> None:
+    ran = station("judge", tmp_path / "none.mcap")
+    assert ran.code == 2
+    assert "there is no recording" in ran.err

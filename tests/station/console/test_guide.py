@@ -54,8 +54,14 @@ def test_the_hold_counts_down_only_while_the_force_rests_at_its_level() -> None:
     guide = StaticGuide(MASSES, 8.0)
     cues = told(guide, 16.0, steps_of([0.0, WEIGHT_N, WEIGHT_N, WEIGHT_N], 4.0))
     first_level = [cue for cue in cues if cue.step == 1]
-    assert {cue.left_s for cue in first_level if cue.rest is not Rest.STEADY} == {8.0}
+    assert {cue.left_s for cue in first_level if cue.rest is not Rest.STEADY} == {7.0}
     assert min(cue.left_s for cue in first_level if cue.left_s is not None) < 1.0
+
+
+def test_a_hand_that_is_quicker_than_the_guide_is_followed() -> None:
+    guide = StaticGuide(MASSES, 30.0)
+    cues = told(guide, 20.0, steps_of([0.0, WEIGHT_N, 2 * WEIGHT_N, 2 * WEIGHT_N], 5.0))
+    assert cues[-1].sentence == "add weight 2 of 3: 31 N, hold 30 s"
 
 
 def test_a_body_that_moves_is_told_from_a_force_that_settles() -> None:

@@ -1,0 +1,89 @@
+"""A console in a process of its own, for tests that look at it from outside."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+CONFIG = """
+[mocap]
+control = "start"
+
+[protocol]
+repeats = 1
+step_masses_kg = [2.0, 2.0, 2.0]
+
+[session]
+folder = "{folder}"
+
+[cuffs.hand]
+anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
+cuff_markers = ["cuff_1"]
+rope_markers = ["rope_1", "rope_2"]
+
+[simulation.protocol.static]
+step_masses_kg = [2.0, 2.0, 2.0]
+
+[simulation.protocol.dynamic]
+swing_s = 12.0
+
+[simulation.cuffs.hand]
+stiffness_n_per_m = 8520
+damping_n_s_per_m = 210
+migration_m = {migration_m}
+"""
+
+
+def write_config(folder: Path, migration_m: float = 0.012) -> Path:
+    path = folder / "station.toml"
+    path.write_text(CONFIG.format(folder=(folder / "sessions").as_posix(), migration_m=migration_m))
+    return path
+
+
+class ServedConsole:
+    """A context manager; the console ends with it."""
+
+    def __init__(self, config: Path, *options: str) -> None:
+        self._config, self._options = config, options
+        self.address = ""
+        self._child: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        words = ["serve", "--config", str(self._config), "--port", str(port), *self._options]
+        self._child = subprocess.Popen(  # noqa: S603  (our own words)
+            [sys.executable, "-c", "from station.cli import main; main()", *words],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=self._config.parent,
+            env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+        )
+        assert self._child.stdout is not None
+        self.address = self._child.stdout.readline().strip()
+        assert self.address.startswith("http://127.0.0.1:"), "the console prints its address"
+        return self
+
+    def kill(self) -> None:
+        """As a power cut would."""
+        assert self._child is not None
+        self._child.kill()
+        self._child.wait()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._child is not None:
+            self._child.terminate()
+            try:
+                self._child.wait(20)
+            except subprocess.TimeoutExpired:
+                self.kill()
+            if self._child.stdout is not None:
+                self._child.stdout.close()

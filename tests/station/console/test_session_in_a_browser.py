@@ -1,0 +1,148 @@
+"""A whole session as an operator does it: in a browser, on simulated devices, to the report."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from recordings.contents import contents_of
+from tests.station.console.served import ServedConsole, write_config
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+PATIENCE_MS = 120_000
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+    pytest.mark.timeout(600),
+]
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def pictures(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Where screenshots go: the folder given by --pictures, or nowhere that lasts."""
+    return Path(request.config.getoption("--pictures") or tmp_path)
+
+
+def open_page(browser: Browser, address: str) -> Page:
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(address)
+    return page
+
+
+def begin(page: Page, subject: str = "P01") -> None:
+    page.get_by_label("Subject code").fill(subject)
+    page.get_by_label("Operator").fill("ab")
+    page.get_by_role("button", name="Begin").click()
+    expect(page.get_by_text("next: hand")).to_be_visible(timeout=PATIENCE_MS)
+
+
+def seen(page: Page, words: str) -> None:
+    expect(page.get_by_text(words).first).to_be_visible(timeout=PATIENCE_MS)
+
+
+def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, tmp_path: Path, pictures: Path) -> None:
+    config = write_config(tmp_path, migration_m=0.04)
+    with ServedConsole(config, "--simulated", "--speed", "8") as console:
+        page = open_page(browser, console.address)
+        page.get_by_label("Subject code").fill("Maria")
+        seen(page, "this looks like a name")
+        page.get_by_role("button", name="Check the bench").click()
+        seen(page, "NI Dev1: answers")
+        seen(page, "disk:")
+        page.get_by_label("Subject code").fill("P01")
+        page.screenshot(path=pictures / "console-set-up.png")
+        begin(page)
+
+        page.keyboard.press("a")
+        seen(page, "add weight 1 of 3")
+        before = page.locator("canvas").first.screenshot()
+        seen(page, "take weight 3 off")
+        assert page.locator("canvas").first.screenshot() != before, "the curves move"
+        page.keyboard.press("m")
+        page.screenshot(path=pictures / "console-trial.png")
+
+        seen(page, "the cuff slipped by 40 mm in this trial")
+        page.screenshot(path=pictures / "console-redo.png")
+        page.get_by_label("mark 1 was").fill("coughed")
+        page.get_by_role("button", name="Don the cuff anew and redo").click()
+        seen(page, "Don the hand cuff")
+
+        for test in ("static", "dynamic"):
+            seen(page, f"next: hand: {test}, repeat 1")
+            page.keyboard.press("a")
+            seen(page, "Keep (k)")
+            page.get_by_label("Why (needed to redo)").fill("it is this cuff's own")
+            page.get_by_role("button", name="Keep (k)").click()
+
+        page.get_by_role("button", name="Fit, assess and report").click()
+        page.get_by_role("link", name="Open the report").wait_for(timeout=400_000)
+        page.screenshot(path=pictures / "console-end.png")
+        report = page.request.get(f"{console.address}report")
+        assert report.ok and "hand" in report.text()
+
+    session = tmp_path / "sessions" / "sub-P01_ses-1"
+    lines = [json.loads(line) for line in (session / "session.jsonl").read_text().splitlines()]
+    assert [line["kind"] for line in lines] == [
+        *("setup", "recorded", "mark", "verdict", "donned", "recorded", "verdict", "recorded", "verdict")
+    ]
+    cuffs = json.loads((session / "cuffs.json").read_text())
+    assert cuffs["cuffs"]["hand"]["stiffness_n_per_m"]["value"] == pytest.approx(8520, rel=0.02)
+    assert cuffs["rejected"][0]["reason"].startswith("set aside by the operator: the cuff slipped")
+    assert sorted(path.name for path in session.glob("*.mcap")) == [
+        "sub-P01_ses-1_task-dynamic_acq-hand_run-1.mcap",
+        "sub-P01_ses-1_task-static_acq-hand_run-1.mcap",
+        "sub-P01_ses-1_task-static_acq-hand_run-2.mcap",
+    ]
+
+
+def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "4") as console:
+        page = open_page(browser, console.address)
+        begin(page)
+        others = [open_page(browser, console.address) for _ in range(10)]
+        for other in others:
+            seen(other, "next: hand")
+        page.keyboard.press("a")
+        seen(others[0], "add weight 1 of 3")
+        frozen = others[1].context.new_cdp_session(others[1])
+        frozen.send("Debugger.enable")
+        frozen.send("Debugger.pause")  # the page answers nothing any more
+        for other in others[2:6]:
+            other.close()
+        others[0].get_by_role("button", name="Arm (a)").wait_for(state="detached")
+        page.keyboard.press("a")  # a second start, while the first runs: the key does nothing
+        seen(others[0], "Keep (k)")
+    contents = contents_of(tmp_path / "sessions" / "sub-P01_ses-1" / "sub-P01_ses-1_task-static_acq-hand_run-1.mcap")
+    assert contents.complete and not contents.gaps
+    assert contents.outcome is not None and contents.outcome.accepted
+
+
+def test_a_rehearsal_keeps_nothing(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "20") as console:
+        page = open_page(browser, console.address)
+        page.get_by_label("Subject code").fill("P02")
+        page.get_by_role("button", name="Rehearse").click()
+        seen(page, "REHEARSAL")
+        page.keyboard.press("a")
+        seen(page, "Keep (k)")
+        page.get_by_role("button", name="Redo (r)").click()
+        seen(page, "no reason is given")
+        page.keyboard.press("k")
+        page.get_by_role("button", name="Leave the session").click()
+        seen(page, "A new session")
+    assert not (tmp_path / "sessions").exists()
