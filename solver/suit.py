@@ -5,6 +5,7 @@ The waist cuff is anchored to the thorax: the model has no pelvis. What the suit
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -101,6 +102,30 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
     )
 
 
+def suit_toml(suit: Suit) -> str:
+    """The text of a suit.toml that read_suit turns into this suit, to the last digit."""
+    first, last = suit.rest_lengths[[0, -1]].tolist()
+    lines = [
+        f"reference_rest_length_m = {float(suit.reference_rest_length)!r}",
+        f"rest_lengths_m = {{ first = {first!r}, last = {last!r}, count = {len(suit.rest_lengths)} }}",
+        f'migration_direction = "{suit.migration_direction}"',
+        f'rate = "{suit.rate}"',
+        "",
+        "[exotendon]",
+        f"stiffness_n_per_m = {float(suit.stiffness)!r}",
+        f"damping_n_s_per_m = {float(suit.damping)!r}",
+    ]
+    for part in PARTS:
+        point = getattr(suit, part)
+        lines += ["", f"[exotendon.{part}]", f"body = {_quoted(point.body)}", f"point_m = {point.location.tolist()}"]
+    for part, worn in zip(PARTS, suit.masses, strict=True):
+        lines += ["", f"[masses.{part}]", f"body = {_quoted(worn.body)}", f"mass_kg = {worn.mass!r}"]
+        lines += [f"center_m = {worn.center.tolist()}", f"inertia_kg_m2 = {worn.inertia.tolist()}"]
+    lines += ["", "[groups]"]
+    lines += [f"{_quoted(name)} = [{', '.join(map(_quoted, members))}]" for name, members in suit.groups.items()]
+    return "\n".join(lines) + "\n"
+
+
 def ensure_fits(suit: Suit, model: Model) -> None:
     """Raises SuitError where a part of the suit is on a body, or a group has a muscle, that the model does not have."""
     bodies, muscles = [body.name for body in model.bodies], model.muscle_names
@@ -130,6 +155,10 @@ def with_suit_masses(model: Model, suit: Suit) -> Model:
         loaded = replace(body, inertia=body.inertia + np.diag(worn.inertia))
         model = replace(model, bodies=(*model.bodies[:index], loaded, *model.bodies[index + 1 :]))
     return model
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _point(table: Any, where: str) -> SuitPoint:

@@ -1,4 +1,4 @@
-"""cuffs.json → optimum.json: the cord that saves the muscles most, with the fitted cuffs and on average over draws."""
+"""cuffs.json → optimum.json and suit.toml: the cord that saves the muscles most, with the fitted cuffs and on average over draws."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver.optimise import Freedom, Optimised, TriedSuit, optimise
-from solver.suit import PARTS, Suit
+from solver.suit import PARTS, Suit, suit_toml
 from solver.worn import Condition
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.progress import Progress, silent
@@ -25,7 +25,10 @@ def optimise_file(
     draws: int = 50,
     progress: Progress = silent,
 ) -> Optimised:
-    """Search for one arm cuff in one condition, and write optimum.json into the output folder."""
+    """Search for one arm cuff in one condition; writes optimum.json, and the suits found, for `assess --suit`.
+
+    suit.toml is the best with the fitted cuffs, robust_suit.toml that on average over the draws, if there are any.
+    """
     worn = worn_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs.chosen)
     arms, waists = ([cuff for cuff in worn if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
@@ -47,7 +50,17 @@ def optimise_file(
         "versions": {name: metadata.version(name) for name in ("cuffstation", "numpy", "scipy")},
     }
     write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_whole(
+        output / "suit.toml", _file_of(found.fitted, f"The best of {found.tried} suits tried with {arms[0].name}")
+    )
+    if found.robust.drawn.size:
+        which = f"The best on average over {found.robust.drawn.size} draws of {arms[0].name} and the waist"
+        write_whole(output / "robust_suit.toml", _file_of(found.robust, which))
     return found
+
+
+def _file_of(tried: TriedSuit, which: str) -> str:
+    return f"# {which}; optimum.json says how it was found.\n\n{suit_toml(tried.suit)}"
 
 
 def _plain(tried: TriedSuit) -> dict[str, Any]:

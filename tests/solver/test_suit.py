@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.suit import BUNDLED_SUIT, SuitError, ensure_fits, read_suit, with_suit_masses
+from solver.suit import BUNDLED_SUIT, SuitError, ensure_fits, read_suit, suit_toml, with_suit_masses
 
 MODEL = bundled_model()
 SUIT = read_suit()
@@ -105,3 +105,22 @@ def test_a_malformed_suit_gives_one_sentence(tmp_path, old, new, sentence):
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(SuitError, match=sentence):
         read_suit(path)
+
+
+def test_a_written_suit_is_read_back_to_the_last_digit(tmp_path):
+    changed = replace(
+        SUIT,
+        stiffness=np.nextafter(500, 501),
+        arm=replace(SUIT.arm, body='a "b"', location=np.array([1 / 3, -2e-17, 0.1])),
+        migration_direction="bone",
+        rate="central",
+        groups={"Rücken": ("a", "b"), "one": ("c",)},
+    )
+    path = tmp_path / "suit.toml"
+    path.write_text(suit_toml(changed), encoding="utf-8")
+    back = read_suit(path)
+    assert suit_toml(back) == suit_toml(changed)
+    assert (back.stiffness, back.arm.body, back.groups) == (changed.stiffness, 'a "b"', dict(changed.groups))
+    np.testing.assert_array_equal(back.arm.location, changed.arm.location)
+    np.testing.assert_array_equal(back.rest_lengths, SUIT.rest_lengths)
+    assert [worn.inertia.tolist() for worn in back.masses] == [worn.inertia.tolist() for worn in SUIT.masses]

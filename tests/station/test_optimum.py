@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from station.assessment_inputs import AssessmentInputs, InputError
+from station.assess import assess_cuffs
+from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.optimum import optimise_file
 from tests.station.test_assessment import write_cuffs
 
@@ -24,6 +26,25 @@ def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> Non
     assert low <= plain["robust_optimum"]["normalised_cost_of_draws"]["value"] <= high
     assert plain["suits_tried"] == found.tried
     assert plain["inputs"]["cuffs"].startswith("cuffs.json ")
+
+
+def test_the_suits_found_are_worn_by_the_next_assessment_at_the_cost_that_was_found(tmp_path: Path) -> None:
+    cuffs = write_cuffs(tmp_path / "cuffs.json")
+    inputs = AssessmentInputs(cuffs, chosen=("elbow",))
+    found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2)
+    for name, tried in (("suit.toml", found.fitted), ("robust_suit.toml", found.robust)):
+        worn = replace(inputs, suit=tmp_path / name)
+        assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5, draws=0).assessment
+        (curve,) = [each for each in assessment.curves if each.condition == "both"]
+        assert assessment.reference_rest_length == tried.suit.reference_rest_length
+        assert worn.read_suit().stiffness == tried.suit.stiffness
+        assert curve.figures["at_reference"].value == pytest.approx(tried.cost, rel=1e-9)
+
+
+def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    optimise_file(inputs, tmp_path, "rigid", draws=2)
+    assert {path.name for path in tmp_path.glob("*.toml")} == {"suit.toml"}
 
 
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
