@@ -43,21 +43,21 @@ class GlenoidCone:
 
 
 @lru_cache(maxsize=32)  # both are frozen
-def glenoid_cone(model: Model, aspect: float = 1.0) -> GlenoidCone:
+def glenoid_cone(model: Model, aspect: float = 1.0, joint_name: str = JOINT) -> GlenoidCone:
     """The cone that the markers of head, glenoid centre and glenoid edge span (Belli et al. 2023, where aspect is 1).
 
     Raises ModelError where a marker is missing or sits on a body that makes no cone, or the aspect is not positive.
     """
     if not aspect > 0:
         raise ModelError(f"the glenoid's aspect should be positive and is {aspect:g}; 1 makes the rim a circle")
-    joint = model.joint(JOINT)
+    joint = model.joint(joint_name)
     center, head, edge = (model.marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
     is_on_socket = center.body == edge.body == joint.parent
     is_on_head = head.body == joint.child and np.allclose(head.location, joint.frame_in_child.translation, atol=1e-6)
     if not (is_on_socket and is_on_head):
         raise ModelError(
             f"the markers {CENTER_MARKER} and {EDGE_MARKER} should sit on {model.bodies[joint.parent].name} and "
-            f"{HEAD_MARKER} at the centre of the joint {JOINT}, and do not; move them or solve without the glenoid"
+            f"{HEAD_MARKER} at the centre of the joint {joint_name}, and do not; move them or solve without the glenoid"
         )
     head_in_scapula = joint.frame_in_parent.translation
     axis, rim = _unit(center.location - head_in_scapula), _unit(edge.location - head_in_scapula)

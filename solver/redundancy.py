@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.dynamics import EquationsOfMotion, ResponseMaps, equations_of_motion, response_maps
-from solver.glenoid import cone_rows, contact_points, glenoid_cone
+from solver.glenoid import JOINT, cone_rows, contact_points, glenoid_cone
 from solver.kinematics import Postures, postures
 from solver.loads import ExternalForce, load_wrenches
 from solver.model import CoordinateActuator, Model, ModelError
@@ -52,6 +52,7 @@ class RedundancyOptions:
     unweighted_coordinates  whose actuators cost nothing: what carries the thorax and the forearm
     weights                 w by the name of a muscle, or of a coordinate for its actuator, where it is to be another
     glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
+    joint                   whose reaction it is
     solver                  interior_point, compiled for this problem, or clarabel, its reference
     """
 
@@ -62,6 +63,7 @@ class RedundancyOptions:
     unweighted_coordinates: tuple[str, ...] = UNWEIGHTED_COORDINATES
     weights: Mapping[str, float] = field(default_factory=dict)
     glenoid_aspect: float = 1.0
+    joint: str = JOINT
     solver: Solver = "interior_point"
 
 
@@ -182,10 +184,11 @@ def solve_motion(
 ) -> Redundancy:
     """Activations of a whole motion under loads, sampled at its frames; progress(done, total) counts frames.
 
-    Raises ModelError where a free coordinate or, with the cone, a glenoid marker is not in the model, MotionError where
-    the model cannot be evaluated.
+    Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
+    MotionError where the model cannot be evaluated.
     """
-    mechanics, options = go_through(model, kinematics, loads=loads), options or RedundancyOptions()
+    options = options or RedundancyOptions()
+    mechanics = go_through(model, kinematics, loads=loads, joint=options.joint)
     problem = build_redundancy(model, mechanics, options)
     solution = solve_redundancy(problem, progress=progress)
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
@@ -196,7 +199,7 @@ def solve_motion(
         passive_forces=mechanics.forces.passive,
         reserves=controls * [actuator.optimal_force for actuator in model.actuators],
         reaction=solution.reaction[0],
-        contact=_contact(model, mechanics.state, options.glenoid_aspect, solution.reaction[0]),
+        contact=_contact(model, mechanics.state, options, solution.reaction[0]),
         effort=solution.controls[0] ** 2 @ problem.weights,
         equality_residual=solution.equality_residual[0],
         cone_slack=solution.cone_slack[0],
@@ -205,7 +208,11 @@ def solve_motion(
 
 
 def go_through(
-    model: Model, kinematics: Kinematics, paths: PathState | None = None, loads: Sequence[ExternalForce] = ()
+    model: Model,
+    kinematics: Kinematics,
+    paths: PathState | None = None,
+    loads: Sequence[ExternalForce] = (),
+    joint: str = JOINT,
 ) -> Mechanics:
     """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
 
@@ -214,7 +221,7 @@ def go_through(
     state = postures(model, kinematics.positions, kinematics.speeds)
     paths = paths or evaluate_paths(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
-    equations = equations_of_motion(model, state)
+    equations = equations_of_motion(model, state, joint)
     maps = response_maps(model, equations, paths, forces, load_wrenches(loads, state) if loads else None)
     is_finite = np.isfinite(maps.acceleration_at_rest + maps.acceleration_per_control.sum(axis=-1)).all(axis=-1)
     if not is_finite.all():
@@ -257,7 +264,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
     matrix = maps.acceleration_per_control[:, tracked]
     cone = np.zeros((len(kinematics.time), 0, 3))
     if options.has_glenoid_cone:
-        glenoid = glenoid_cone(model, options.glenoid_aspect)
+        glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
         cone = cone_rows(glenoid, mechanics.state.rotation_to_ground[:, glenoid.body])
     return RedundancyProblem(
         time=kinematics.time,
@@ -314,9 +321,9 @@ def solve_redundancy(
     return RedundancySolution(controls, outcomes, np.abs(residual).max(axis=-1), reaction, slack)
 
 
-def _contact(model: Model, state: Postures, aspect: float, reaction: Array) -> Array:
+def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction: Array) -> Array:
     try:
-        glenoid = glenoid_cone(model, aspect)
+        glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
     except ModelError:  # a model without markers, which is solved without the cone
         return np.full((len(reaction), 2), np.nan)
     return contact_points(glenoid, state.rotation_to_ground[:, glenoid.body], reaction[:, 3:])

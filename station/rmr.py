@@ -16,6 +16,7 @@ from solver.loads import data_file, read_external_loads
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion, thin
 from solver.osim.reader import read_osim
+from solver.raise_arm import raise_arm
 from solver.redundancy import FrameOutcome, Redundancy, RedundancyOptions, solve_motion
 from station.effort import read_effort
 from station.progress import Progress, silent
@@ -26,9 +27,9 @@ STATUS = tuple(FrameOutcome)
 
 @dataclass(frozen=True)
 class MotionCut:
-    """Which part of a motion is solved, times in seconds; cutoff_hz is the low-pass filter's."""
+    """Which part of a motion is solved, times in seconds; cutoff_hz is the low-pass filter's, None without one."""
 
-    cutoff_hz: float = 3.0
+    cutoff_hz: float | None = 3.0
     start: float | None = None
     end: float | None = None
     every: int = 1
@@ -36,9 +37,9 @@ class MotionCut:
 
 @dataclass(frozen=True)
 class MuscleInputs:
-    """The files of the problem; the model "bundled" is our table."""
+    """The files of the problem; a motion of None and the model "bundled" come with the solver."""
 
-    motion: Path
+    motion: Path | None = None
     model: str = "bundled"
     external_loads: Path | None = None
     effort: Path | None = None
@@ -53,7 +54,7 @@ class MuscleInputs:
         named = {
             role: f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for role, path in files.items() if path
         }
-        return {"model": "bundled thoracoscapular model", **named}
+        return {"model": "bundled thoracoscapular model", "motion": "bundled raise of the arm", **named}
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,8 @@ def solve_muscles(
     model = bundled_model() if inputs.model == "bundled" else read_osim(Path(inputs.model))
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
-    whole = differentiate(read_motion(inputs.motion, model), cut.cutoff_hz, cut.start, cut.end)
+    motion = raise_arm(model) if inputs.motion is None else read_motion(inputs.motion, model)
+    whole = differentiate(motion, cut.cutoff_hz, cut.start, cut.end)
     kinematics = thin(whole, cut.every)
     loads = read_external_loads(inputs.external_loads, model, kinematics.time) if inputs.external_loads else ()
     solution = solve_motion(
@@ -118,6 +120,7 @@ def _notes(kinematics: Kinematics, options: RedundancyOptions) -> dict[str, str]
         "filter": kinematics.filter,
         "interval_s": f"{kinematics.interval:.10g}",
         "weights": json.dumps(weights),
+        "joint": options.joint,
         "glenoid": glenoid,
         "free_coordinates": ", ".join(options.free_coordinates) or "none",
         "status_codes": ", ".join(f"{code} {outcome.name.lower()}" for code, outcome in enumerate(STATUS)),

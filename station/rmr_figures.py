@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,12 +52,16 @@ def _page(solved: SolvedMotion) -> bytes:
         _glenoid(halves[0], solved)
         _reserves(halves[1], solved)
         figure.suptitle(
-            f"{solved.notes['motion'].split()[0]}, {solved.model.name}; filter: {solved.notes['filter']}",
+            f"{_without_hash(solved.notes['motion'])}, {solved.model.name}; filter: {solved.notes['filter']}",
             x=0.01,
             ha="left",
             fontsize=10,
         )
     return as_png(figure)
+
+
+def _without_hash(named: str) -> str:
+    return re.sub(r" [0-9a-f]{64}$", "", named)
 
 
 def _activations(page: Page, solved: SolvedMotion) -> None:
@@ -117,7 +122,9 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
     axis = page.subplots()
     axis.set_title("where the joint reaction meets the glenoid", loc="left")
     try:
-        along, across = (MM * half for half in glenoid_cone(solved.model, solved.options.glenoid_aspect).rim)
+        along, across = (
+            MM * half for half in glenoid_cone(solved.model, solved.options.glenoid_aspect, solved.options.joint).rim
+        )
     except ModelError:
         axis.text(0.5, 0.5, "the model has no markers of the glenoid", ha="center", transform=axis.transAxes)
         axis.set_axis_off()

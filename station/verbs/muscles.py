@@ -12,15 +12,19 @@ from station.verbs.options import Condition, Freedom, say
 
 
 def rmr(
-    motion: Annotated[Path, typer.Option(help="Coordinates over time: .mot, .sto, or .csv in radians and metres.")],
     output: Annotated[Path, typer.Option(help="Activations, forces, reserves, joint reaction: .csv, .sto, .parquet.")],
+    motion: Annotated[
+        Path | None,
+        typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled raise of the arm."),
+    ] = None,
     model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
     external_loads: Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads: .xml, names its data.")] = None,
     effort: Annotated[Path | None, typer.Option(help="Weights, and reserves of your own: .toml.")] = None,
     no_glenoid: Annotated[bool, typer.Option(help="Without keeping the joint reaction inside the glenoid.")] = False,
     glenoid_aspect: Annotated[float, typer.Option(min=0.1, max=10.0, help="Its width across, over along.")] = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
-    cutoff_hz: Annotated[float, typer.Option(min=0.01, help="Low-pass filter of the motion.")] = 3.0,
+    joint: Annotated[str, typer.Option(help="Whose reaction it is.")] = "GlenoHumeral",
+    cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 3.0,
     start: Annotated[float | None, typer.Option("--from", help="First second that is solved.")] = None,
     end: Annotated[float | None, typer.Option("--to", help="Last second that is solved.")] = None,
     every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
@@ -38,8 +42,8 @@ def rmr(
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
-    options = RedundancyOptions(has_glenoid_cone=not no_glenoid, free_coordinates=free, glenoid_aspect=glenoid_aspect)
-    inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz, start, end, every)
+    options = RedundancyOptions(not no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint)
+    inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz or None, start, end, every)
     with progress_bars(Console(stderr=True)) as progress:
         solved = solve_muscles(inputs, cut, options, progress)
     say(f"filter: {solved.notes['filter']}")

@@ -183,6 +183,21 @@ def test_a_narrower_glenoid_costs_more():
     assert narrow.cone_slack.min() > -1e-3
 
 
+def test_the_joint_whose_reaction_counts_may_have_another_name():
+    motion = thin(SLOW, 2)
+    renamed = replace(
+        MODEL,
+        joints=tuple(replace(each, name="shoulder") if each.name == "GlenoHumeral" else each for each in MODEL.joints),
+    )
+    found, expected = solve_motion(renamed, motion, RedundancyOptions(joint="shoulder")), solve_motion(MODEL, motion)
+    np.testing.assert_array_equal(found.reaction, expected.reaction)
+    elbow = solve_motion(MODEL, motion, RedundancyOptions(has_glenoid_cone=False, joint="elbow"))
+    assert np.linalg.norm(elbow.reaction[:, 3:], axis=1).max() < np.linalg.norm(expected.reaction[:, 3:], axis=1).max()
+    assert np.isnan(elbow.contact).all()
+    with pytest.raises(ModelError, match="has no joint GlenoHumeral; it has"):
+        solve_motion(renamed, motion)
+
+
 def test_an_unknown_free_coordinate_is_named():
     with pytest.raises(ModelError, match="elbow_twist"):
         solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))

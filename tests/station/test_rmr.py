@@ -18,9 +18,7 @@ from solver.redundancy import RedundancyOptions
 from station.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles, unsolved_in_words
 from station.rmr_figures import draw_solved
 from station.rmr_table import solved_columns, write_solved
-from tests.station.test_cli import assert_one_sentence, station
-
-__all__ = ["station"]
+from tests.station.command import assert_one_sentence
 
 MODEL = bundled_model()
 CUT = MotionCut(every=50)
@@ -184,6 +182,14 @@ def test_the_verb_prints_its_filter_and_counts_what_it_could_not_solve(station, 
     lost = station(*words, "--external-loads", pulled(tmp_path, 2000.0), "--effort", weak_reserves(tmp_path))
     assert lost.code == 3
     assert "the smallest violation leaves it by up to" in lost.err
+
+
+def test_what_comes_with_the_station_is_solved_without_any_file(station, tmp_path: Path) -> None:
+    ran = station("rmr", "--every", 200, "--cutoff-hz", 0, "--output", tmp_path / "out.csv")
+    notes = (tmp_path / "out.csv").read_text()
+    assert ran.code == 0
+    assert "# motion=bundled raise of the arm\n" in notes
+    assert "# filter=none\n" in notes
 
 
 def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> None:
