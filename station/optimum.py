@@ -1,4 +1,4 @@
-"""cuffs.json → optimum.json and suit.toml: the cord that saves the muscles most, with the fitted cuffs and on average over draws."""
+"""cuffs.json → optimum.json and suit.toml: the cord that saves most, as fitted and on average over the draws."""
 
 from __future__ import annotations
 
@@ -50,17 +50,15 @@ def optimise_file(
         "versions": {name: metadata.version(name) for name in ("cuffstation", "numpy", "scipy")},
     }
     write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    write_whole(
-        output / "suit.toml", _file_of(found.fitted, f"The best of {found.tried} suits tried with {arms[0].name}")
-    )
-    if found.robust.drawn.size:
-        which = f"The best on average over {found.robust.drawn.size} draws of {arms[0].name} and the waist"
-        write_whole(output / "robust_suit.toml", _file_of(found.robust, which))
+    _write_suit(output / "suit.toml", found.fitted, f"the best of {found.tried} suits tried with {arms[0].name}")
+    if draws := found.robust.drawn.size:
+        _write_suit(output / "robust_suit.toml", found.robust, f"the best on average over {draws} draws of the cuffs")
     return found
 
 
-def _file_of(tried: TriedSuit, which: str) -> str:
-    return f"# {which}; optimum.json says how it was found.\n\n{suit_toml(tried.suit)}"
+def _write_suit(path: Path, tried: TriedSuit, which: str) -> None:
+    origin = f"# A suit found by `station optimise`: {which}; optimum.json says more."
+    write_whole(path, f"{origin}\n\n{suit_toml(tried.suit)}")
 
 
 def _plain(tried: TriedSuit) -> dict[str, Any]:
