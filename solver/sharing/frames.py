@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.sharing.interior_point import VIOLATION_LIMIT, interior_point
+from solver.sharing.linear import copy
 from solver.sharing.newton import NEWTON_GOAL, conditions, newton
 
 Array = NDArray[np.float64]
@@ -45,25 +46,53 @@ def solve_in_turn(
     and left behind. Fills a (scenarios, frames, n), v (scenarios, frames, m) and codes (scenarios, frames); where
     INFEASIBLE, a violates rows by as little as possible.
     """
-    nothing, everything = np.zeros(len(q)), np.ones(len(q))
     for scenario in range(t.shape[0]):
         (lower, upper), v0 = reach[scenario], guess[scenario]
         for frame in range(t.shape[1]):
-            rows, own, target = M[frame], R[frame], t[scenario, frame]
             a1, v1 = a[scenario, frame], v[scenario, frame]
-            v1[:] = v0
-            code = _solve(q, rows, own, target, equalities, lower, upper, a1, v1)
-            if code == INFEASIBLE:
-                code = _solve(q, rows, own, target, equalities, nothing, everything, a1, v1)
-                code = BEYOND_RATE if code == SOLVED else code
-            if code == INFEASIBLE:
-                _violate_least(q, rows, own, target, equalities, nothing, everything, a1, v1)
+            copy(v0, v1)
+            code = _solve_frame(q, M[frame], R[frame], t[scenario, frame], equalities, lower, upper, a1, v1)
             codes[scenario, frame] = code
             if code in (SOLVED, BEYOND_RATE):
                 _reach(rise, fall, a1, lower, upper)
-                v0[:] = v1
+                copy(v1, v0)
             else:
-                lower[:], upper[:] = 0.0, 1.0
+                _widen(lower, upper)
+
+
+@compiled
+def _solve_frame(
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
+) -> int:
+    """Within the bounds; if that cannot be, within 0 and 1, which stay in lower and upper; if that cannot be either,
+    leave the cone along its axis as little as possible; if there is none, or leaving it is not enough, miss equalities.
+
+    What is missed is one more eliminated unknown of a row, in R, of weight 1 against the effort's share.
+    """
+    cost, own = q.copy(), R.copy()
+    for attempt in range(4):
+        if attempt == 1:
+            _widen(lower, upper)
+        elif attempt == 2:
+            for i in range(len(q)):
+                cost[i] *= EFFORT_SHARE
+            for i in range(len(t)):
+                for j in range(len(t)):
+                    own[i, j] /= EFFORT_SHARE
+            if equalities == len(t):
+                continue
+            own[equalities, equalities] += 0.5
+        elif attempt == 3:
+            for i in range(equalities):
+                own[i, i] += 0.5
+        code = _solve(cost, M, own, t, equalities, lower, upper, a, v)
+        if code != INFEASIBLE:
+            break
+    if attempt < 2:
+        return BEYOND_RATE if attempt == 1 and code == SOLVED else code
+    for i in range(len(v)):
+        v[i] /= EFFORT_SHARE
+    return INFEASIBLE
 
 
 @compiled
@@ -71,35 +100,24 @@ def _solve(
     q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
 ) -> int:
     """One problem, v being a guess. The code rests on the errors of a and v as they are returned."""
-    if newton(q, M, R, t, equalities, lower, upper, a, v) <= NEWTON_GOAL:
-        return SOLVED
-    if not interior_point(q, M, R, t, equalities, lower, upper, v):
-        return INFEASIBLE
-    found = v.copy()
-    left = newton(q, M, R, t, equalities, lower, upper, a, v)
-    if not left <= VIOLATION_LIMIT:
-        v[:] = found
-        left, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, np.empty(len(q)), np.empty(len(t)))
+    found = np.empty(len(v))
+    for is_near in (False, True):
+        left = newton(q, M, R, t, equalities, lower, upper, a, v)
+        if left <= (VIOLATION_LIMIT if is_near else NEWTON_GOAL):
+            return SOLVED
+        if not is_near:
+            if not interior_point(q, M, R, t, equalities, lower, upper, v):
+                return INFEASIBLE
+            copy(v, found)
+    copy(found, v)
+    left, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, np.empty(len(q)), np.empty(len(t)))
     return SOLVED if left <= VIOLATION_LIMIT else NOT_CONVERGED
 
 
 @compiled
-def _violate_least(
-    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
-) -> None:
-    """The cone may be left along its axis: one more eliminated unknown in R, of weight 1 against the effort's share. If
-    that is not enough, or there is no cone, the equalities may be missed as well.
-    """
-    cheap, loose = EFFORT_SHARE * q, R / EFFORT_SHARE
-    code = INFEASIBLE
-    if equalities < len(t):
-        loose[equalities, equalities] += 0.5
-        code = _solve(cheap, M, loose, t, equalities, lower, upper, a, v)
-    if code == INFEASIBLE:
-        for i in range(equalities):
-            loose[i, i] += 0.5
-        _solve(cheap, M, loose, t, equalities, lower, upper, a, v)
-    v /= EFFORT_SHARE
+def _widen(lower: Array, upper: Array) -> None:
+    for i in range(len(lower)):
+        lower[i], upper[i] = 0.0, 1.0
 
 
 @compiled

@@ -45,18 +45,24 @@ def interior_point(
 ) -> bool:
     """Set v to multipliers near the solution's; False where a certificate proves that there is no solution."""
     n, m, p = len(q), len(t), equalities
-    a, z, room, inverse = 0.7 * lower + 0.3 * upper, np.empty((2, n)), np.empty((2, n)), np.empty(n)
+    a, z, room, inverse = np.empty(n), np.empty((2, n)), np.empty((2, n)), np.empty(n)
     da, dz, aim = np.zeros(n), np.zeros((2, n)), np.empty((2, n))
     pull, rest, dv, error, order = np.empty(n), np.empty(n), np.empty(m), np.empty(m), np.empty(m, np.int64)
     matrix = np.empty((m, m))
-    z[0], z[1] = FIRST_GAP / (a - lower), FIRST_GAP / (upper - a)
-    v[:] = 0.0
+    for i in range(n):
+        a[i] = 0.7 * lower[i] + 0.3 * upper[i]
+        z[0, i], z[1, i] = FIRST_GAP / (a[i] - lower[i]), FIRST_GAP / (upper[i] - a[i])
+    for i in range(m):
+        v[i] = 0.0
     s, W = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
     if p < m:
         s = _first_ray(M, t, p, a)
         v[p], v[p + 1], v[p + 2] = quotient(s, (FIRST_GAP, 0.0, 0.0))
     for _ in range(MOST_STEPS):
-        room[0], room[1] = a - lower, upper - a
+        for i in range(n):
+            room[0, i], room[1, i] = a[i] - lower[i], upper[i] - a[i]
+            inverse[i] = 1.0 / (q[i] + z[0, i] / room[0, i] + z[1, i] / room[1, i])
+            aim[0, i] = aim[1, i] = 0.0
         columns_times(M, v, pull)
         violation = _row_errors(M, R, t, a, v, s, p, error)
         gap = _gap(room, z, s, v, p)
@@ -64,25 +70,27 @@ def interior_point(
             break
         if violation > VIOLATION_LIMIT and _is_certificate(R, t, lower, upper, v, pull):
             return False
-        inverse[:] = 1.0 / (q + z[0] / room[0] + z[1] / room[1])
         rows_times_rows(M, inverse, R, rest, matrix)
         if p < m:
             W = scaling(s, last(v))
             add_square(matrix, W)
         if not factor(matrix, order):
             break
-        aim[:] = 0.0
         ds = _step(q, M, inverse, matrix, order, a, z, room, pull, error, aim, along(s, -2.0, s), W, da, dz, dv)
         length = min(1.0, _longest(room, z, s, v, da, dz, ds, dv, p))
         ahead = _gap_ahead(room, z, s, v, da, dz, ds, dv, p, length)
         target = (ahead / gap) ** 3 * gap / (2 * n + (1 if p < m else 0))
-        aim[0], aim[1] = target - da * dz[0], target + da * dz[1]
+        for i in range(n):
+            aim[0, i], aim[1, i] = target - da[i] * dz[0, i], target + da[i] * dz[1, i]
         way = centred(s, ds, last(v), last(dv), W, target) if p < m else s
         ds = _step(q, M, inverse, matrix, order, a, z, room, pull, error, aim, way, W, da, dz, dv)
         length = min(1.0, SHARE_OF_STEP * _longest(room, z, s, v, da, dz, ds, dv, p))
-        a += length * da
-        z += length * dz
-        v += length * dv
+        for i in range(n):
+            a[i] += length * da[i]
+            z[0, i] += length * dz[0, i]
+            z[1, i] += length * dz[1, i]
+        for i in range(m):
+            v[i] += length * dv[i]
         s = along(s, length, ds)
     return True
 
@@ -108,7 +116,8 @@ def _step(
 ) -> Ray:
     """The Newton step to room · z = aim and, for the cone, to ds + W² dλ = way. Fills da, dz and dv, returns ds."""
     p = len(dv) - 3
-    da[:] = inverse * (pull - q * a + aim[0] / room[0] - aim[1] / room[1])
+    for j in range(len(da)):
+        da[j] = inverse[j] * (pull[j] - q[j] * a[j] + aim[0, j] / room[0, j] - aim[1, j] / room[1, j])
     for i in range(len(dv)):
         dv[i] = -error[i] - dot(M[i], da)
     if W[3] > 0.0:
@@ -118,8 +127,9 @@ def _step(
     for i in range(len(dv)):
         for j in range(len(da)):
             da[j] += dv[i] * M[i, j] * inverse[j]
-    dz[0] = (aim[0] - z[0] * da) / room[0] - z[0]
-    dz[1] = (aim[1] + z[1] * da) / room[1] - z[1]
+    for j in range(len(da)):
+        dz[0, j] = (aim[0, j] - z[0, j] * da[j]) / room[0, j] - z[0, j]
+        dz[1, j] = (aim[1, j] + z[1, j] * da[j]) / room[1, j] - z[1, j]
     if W[3] > 0.0:
         return along(way, -1.0, scaled(W, scaled(W, last(dv))))
     return way

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled
 from solver.sharing.cone import Ray, project, project_rows
-from solver.sharing.linear import columns_times, divide, dot, factor, rows_times_rows
+from solver.sharing.linear import columns_times, copy, divide, dot, factor, rows_times_rows
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def newton(
     q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
 ) -> float:
     """Improve v; returns the size of what is left of the errors (infinite if it went astray), and a with it."""
-    loose, error, old = np.empty(len(q)), np.empty(len(t)), np.empty(len(t))
+    loose, error, old, change = np.empty(len(q)), np.empty(len(t)), np.empty(len(t)), np.empty(len(t))
     matrix, order, weighted = np.empty((len(t), len(t))), np.empty(len(t), np.int64), np.empty(len(q))
     size, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
     for _ in range(MOST_STEPS):
@@ -44,8 +44,8 @@ def newton(
         if not factor(matrix, order):
             return np.inf
         divide(matrix, order, error)
-        change = error.copy()
-        old[:] = v
+        copy(error, change)
+        copy(v, old)
         length, before = 1.0, size
         while True:
             for i in range(len(v)):

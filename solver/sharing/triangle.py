@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
+from solver.sharing.linear import dot
 
 Array = NDArray[np.float64]
 
@@ -24,20 +25,21 @@ def triangularise(triangles: Array, free: int, weighted: int) -> NDArray[np.int6
     sums = np.empty(triangles.shape[2])
     for frame in range(len(triangles)):
         rows = triangles[frame]
-        least, rank = RANK_TOLERANCE**2 * np.max(_squares(rows[:, : free + weighted], sums)), 0
+        _, longest = _longest_column(rows[:, : free + weighted], sums)
+        rank = 0
         while rank < len(rows):
             start, end = (rank, rank + 1) if rank < free else (free, free + weighted)
-            squares = _squares(rows[rank:, start:end], sums)
-            column = int(np.argmax(squares))
-            if not squares[column] > least:
+            column, length = _longest_column(rows[rank:, start:end], sums)
+            if not length > RANK_TOLERANCE * longest:
                 break
-            _reflect(rows[rank:, start:], column, np.sqrt(squares[column]), sums)
+            _reflect(rows[rank:, start:], column, length, sums)
             rank += 1
         ranks[frame] = rank
         if rank >= free:
             _solve(rows[:free], free)
             for i in range(free, rank):
-                _divide(rows[i, free:], np.sqrt(_squares(rows[i : i + 1, free : free + weighted], sums).sum()))
+                own = rows[i, free : free + weighted]
+                _divide(rows[i, free:], np.sqrt(dot(own, own)))
     return ranks
 
 
@@ -46,14 +48,18 @@ def triangularise(triangles: Array, free: int, weighted: int) -> NDArray[np.int6
 
 
 @compiled
-def _squares(rows: Array, sums: Array) -> Array:
-    """(columns,) of each column, its square; in the room of sums."""
+def _longest_column(rows: Array, sums: Array) -> tuple[int, float]:
+    """Which one it is, and its length."""
     squares = sums[: rows.shape[1]]
-    squares[:] = 0.0
+    _clear(squares)
     for row in rows:
         for j in range(len(squares)):
             squares[j] += row[j] * row[j]
-    return squares
+    longest = 0
+    for j in range(len(squares)):
+        if squares[j] > squares[longest]:
+            longest = j
+    return longest, float(np.sqrt(squares[longest]))
 
 
 @compiled
@@ -61,7 +67,7 @@ def _reflect(rows: Array, column: int, length: float, sums: Array) -> None:
     """The column becomes ± its length in the first row and zero below."""
     shadow, square, first = sums[: rows.shape[1]], 0.0, rows[0, column]
     rows[0, column] += length if first >= 0.0 else -length
-    shadow[:] = 0.0
+    _clear(shadow)
     for row in rows:
         factor = row[column]
         square += factor * factor
@@ -71,7 +77,8 @@ def _reflect(rows: Array, column: int, length: float, sums: Array) -> None:
         factor = 2.0 * row[column] / square
         for j in range(len(shadow)):
             row[j] -= factor * shadow[j]
-    rows[:, column] = 0.0
+    for row in rows:
+        row[column] = 0.0
     rows[0, column] = -length if first >= 0.0 else length
 
 
@@ -85,6 +92,12 @@ def _solve(rows: Array, free: int) -> None:
             above, factor = rows[i, k:], rows[i, k]
             for j in range(len(row)):
                 above[j] -= factor * row[j]
+
+
+@compiled
+def _clear(row: Array) -> None:
+    for j in range(len(row)):
+        row[j] = 0.0
 
 
 @compiled
