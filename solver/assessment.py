@@ -144,7 +144,7 @@ def assess(
     drawn = None
     if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
         thinned = wear(model, kinematics, suit, draw_every, options)
-        spans = {_place(w): _span(suit, reading) for w, reading in zip(wearings, readings, strict=True)}
+        spans = {_place(w): _span(suit, w, reading) for w, reading in zip(wearings, readings, strict=True)}
         drawn = wear_draws(thinned, waist, arms, draws, spans, lambda *count: progress("drawing cuffs", *count))
     everything = [slack, bare, *efforts]
     return Assessment(
@@ -199,12 +199,15 @@ def _place(wearing: Wearing) -> tuple[Condition, str | None]:
     return wearing.condition, wearing.arm.name if wearing.arm else None
 
 
-def _span(suit: Suit, reading: Readings) -> tuple[float, float]:
-    """Rest lengths that hold the optimum and its permissible error, and those of cuffs that are somewhat different."""
+def _span(suit: Suit, wearing: Wearing, reading: Readings) -> tuple[float, float]:
+    """Rest lengths that hold the optimum and its permissible error, and those of cuffs that are somewhat different,
+    each with what the cuffs have slipped.
+    """
     length, width = float(reading.rest_length[0]), float(reading.permissible_error[0])
+    first, last = length - width, length + width
     if np.isnan(length + width):
-        return float(suit.rest_lengths[0]), float(suit.rest_lengths[-1])
-    return length - width, length + width
+        first, last = suit.rest_lengths[[0, -1]].tolist()
+    return first + wearing.migration, last + wearing.migration
 
 
 def _curve(measured: Sequence[str], wearing: Wearing, effort: Effort, reading: Readings, drawn: Draws | None) -> Curve:

@@ -64,6 +64,7 @@ def wear_draws(
 ) -> Draws:
     """Wear `count` draws of all cuffs, each curve at a few rest lengths over its span [m], around its optimum.
 
+    Spans are of the rest length and what the cuffs have slipped together, so that they follow drawn migrations.
     progress(done, total) counts pairs of a waist and an arm cuff.
     """
     generator = np.random.default_rng(SEED)
@@ -92,5 +93,8 @@ def _wearings(
     waist: CuffParameters | None, arm: CuffParameters, spans: Mapping[Place, tuple[float, float]], reference: float
 ) -> list[Wearing]:
     """A pair of cuffs in every condition, at rest lengths over its span and at the reference."""
-    lengths = {condition: np.linspace(*spans[condition, arm.name], NODES) for condition in CUFF_CONDITIONS}
-    return [Wearing(condition, waist, arm, np.append(nodes, reference)) for condition, nodes in lengths.items()]
+    wearings = []
+    for condition in CUFF_CONDITIONS:
+        cord = Wearing(condition, waist, arm, np.linspace(*spans[condition, arm.name], NODES))
+        wearings.append(replace(cord, rest_lengths=np.append(cord.rest_lengths - cord.migration, reference)))
+    return wearings

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from fitting.result import CuffFit, read_cuffs
+from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
-from solver.cuff import CuffParameters
+from solver.cuff import PARAMETER_ORDER, CuffParameters
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.osim.reader import read_osim
@@ -90,7 +91,7 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
             f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
             "another"
         )
-    return [fit.parameters() for name, fit in cuffs.items() if not chosen or name in chosen or fit.site == "waist"]
+    return [_drawable(fit) for name, fit in cuffs.items() if not chosen or name in chosen or fit.site == "waist"]
 
 
 def read_cuffs_to_wear(path: Path) -> dict[str, CuffFit]:
@@ -105,6 +106,22 @@ def read_cuffs_to_wear(path: Path) -> dict[str, CuffFit]:
                 "F = k x + c ẋ describes; fit that law to it"
             )
     return cuffs
+
+
+def _drawable(fit: CuffFit) -> CuffParameters:
+    """With a covariance whose 95 % intervals are those of the fit.
+
+    They are wider than 1.96 standard errors where few repeats say little of how much repeats differ, and the draws
+    should know that too.
+    """
+    parameters = fit.parameters()
+    errors = np.sqrt(np.diag(parameters.covariance))
+    ends = [getattr(fit, name).ci95 for name in PARAMETER_ORDER]
+    wanted = np.maximum(errors, np.diff(ends, axis=1)[:, 0] / (2 * NORMAL_95))
+    scale = np.divide(wanted, errors, out=np.ones(3), where=errors > 0)
+    covariance = parameters.covariance * np.outer(scale, scale)
+    np.fill_diagonal(covariance, wanted**2)
+    return replace(parameters, covariance=covariance)
 
 
 def _named_hash(path: Path) -> str:

@@ -115,6 +115,15 @@ def test_every_cell_of_a_yielding_shifted_cuff_has_an_interval_around_it(assessm
     assert all(figure.ci95 is None for figure in curve(assessment, "rigid").figures.values())
 
 
+def test_cuffs_that_may_have_slipped_far_have_intervals_too():
+    unsure = replace(HAND, covariance=np.diag([850.0, 60.0, 0.008]) ** 2)
+    found = coarse(replace(WAIST, covariance=np.diag([200.0, 30.0, 0.006]) ** 2), unsure, draws=30)
+    for condition in CUFF_CONDITIONS:
+        assert all(figure.ci95 for figure in curve(found, condition).figures.values() if figure.value is not None)
+    shortest, longest = curve(found, "both").figures["rest_length"].ci95
+    assert longest - shortest > 0.025
+
+
 def test_the_drawn_interval_of_the_cost_follows_that_of_migration(assessment):
     # by far the largest error here: 2 mm of migration
     beyond = curve(coarse(WAIST, replace(HAND, migration=HAND.migration + 0.002)), "both")

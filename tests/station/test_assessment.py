@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from markupsafe import escape
 
@@ -123,6 +124,20 @@ def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder:
     assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]
     with pytest.raises(InputError, match="should hold knee and holds waist, hand, elbow"):
         worn_cuffs(cuffs, ("knee", "hand"))
+
+
+def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> None:
+    # three repeats that differ: Student's 4.3 standard errors either way, where the covariance alone would say 1.96
+    stiffness = {"value": 8520, "standard_error": 100, "ci95": [8090, 8950], "parts": {"between_repeats": 100}}
+    covariance = [[100.0**2, 300.0, 0.0], [300.0, 6.0**2, 0.0], [0.0, 0.0, 0.0]]
+    given = {"value": 0.012, "ci95": [0.011, 0.013]}
+    path = write_cuffs(tmp_path / "cuffs.json", stiffness_n_per_m=stiffness, migration_m=given, covariance=covariance)
+    (_, hand) = worn_cuffs(read_cuffs_to_wear(path), ("hand",))
+    errors = np.sqrt(np.diag(hand.covariance))
+    assert 1.96 * errors[0] == pytest.approx(430, rel=1e-3)
+    assert 1.96 * errors[2] == pytest.approx(0.001, rel=1e-3)
+    assert hand.covariance[0, 1] / (errors[0] * errors[1]) == pytest.approx(0.5)  # the correlation stays
+    assert np.linalg.eigvalsh(hand.covariance).min() >= 0
 
 
 def test_a_richer_law_is_refused_by_name(tmp_path: Path) -> None:
