@@ -109,6 +109,15 @@ def open_recording(path: Path) -> Recording:
     return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing)
 
 
+def read_manifest(path: Path) -> Manifest:
+    """Who, when, which cuff, and nothing else of the file is read. Raises RecordingError where it cannot be."""
+    for entry in read_entries(path):
+        found = read(entry) if isinstance(entry, Entry) else None
+        if isinstance(found, Manifest):
+            return found
+    raise RecordingError(f"{path} has no manifest that can be read, expected a recording")
+
+
 @dataclass(frozen=True)
 class Survey:
     """What a file holds beside its samples; manifest is None where both its copies are damaged.

@@ -20,10 +20,11 @@ class SessionError(Exception):
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """The session's trial files; where one was recovered, the recovered file stands for the cut one."""
+    """The session's trial files; where one was recovered or completed, that file stands for its original."""
     files = sorted(folder.glob("*.mcap"))
-    cut = {path.with_suffix("").with_suffix(".mcap") for path in files if path.suffixes[-2:] == [".recovered", ".mcap"]}
-    return [path for path in files if path not in cut]
+    better = [path for path in files if path.suffixes[-2:-1] in ([".recovered"], [".completed"])]
+    replaced = {path.with_suffix("").with_suffix(".mcap") for path in better}
+    return [path for path in files if path not in replaced]
 
 
 def fit_session_folder(folder: Path, output: Path | None, progress: Progress = silent) -> SessionFit:

@@ -4,31 +4,33 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.clocks import find_edges
 from fitting.quality import UnusableTrial
-from fitting.trial import read_trials
+from recordings.errors import RecordingError
 from recordings.exchange.tables import MarkerTable, count_samples
 from recordings.manifest import BounceRig, CuffSite, LoadCell, Manifest, Outcome
-from recordings.samples import Event, Item, Loss, Samples, Stream
-from recordings.writer import RecordingWriter
+from recordings.reader import read_manifest
+from recordings.samples import Event, Item, Stream
 from station.config import INDICATOR_UNITS_N, StationConfig
 from station.foreign_files import Force, ForceSource, ImportRefused, MarkerSource, WrongImport, read_force, read_markers
+from station.new_recording import blocks, nanoseconds, write_recording
 from station.protocol import TrialSpec
 from station.versions import installed_versions
 
-BLOCK_S = 0.1
 LEAST_OVERLAP = 0.5
 """Of the longer file, or with a sync line of the markers: less in common, and they are of two trials."""
 WORTH_TELLING_S = 1.0
+PAUSE_NS = 60_000_000_000
+"""Between trials of whose times nothing is known but their order."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def import_trial(
 
     With a sync line its rising edge is the markers' time 0; without one both files tell the same time. The lag of the
     force and its uncertainty are those of config.sync. captured is in UTC where it names no zone; without it trials
-    follow each other as they are imported. What the fit could not use is refused here already.
+    of a donning follow each other as in the plan. What the fit could not use is refused here already.
     Raises ImportRefused, ConfigError or RecordingError, each one sentence.
     """
     subject = config.subject(spec.cuff)
@@ -59,7 +61,7 @@ def import_trial(
     force = read_force(force_source, has_own_clock=force_source.path != marker_source.path)
     files = f"{force_source.path.name} and {marker_source.path.name}"
     laid = _by_edge(force, markers, config, files) if force.sync is not None else _by_declaration(force, markers, files)
-    run, start_utc_ns = spec.next_free_run(session), _utc_ns(captured)
+    run, start_utc_ns = spec.next_free_run(session), _start_utc_ns(session, spec, captured)
     manifest = Manifest(
         cuff=subject if isinstance(subject, CuffSite) else None,
         bounce=subject if isinstance(subject, BounceRig) else None,
@@ -83,9 +85,10 @@ def import_trial(
     ]
     if force.sync is not None:
         streams.insert(1, Stream("/sync", "V", ("sync",), laid.force_rate, force_source.path.name))
-    events = _events(laid, (force_source.path, marker_source.path), manifest)
+    origin = _origin(laid, (force_source.path, marker_source.path), start_utc_ns)
     path = session / spec.file_name(run)
-    _write(path, manifest, streams, [*events, *_items(laid, force, markers, start_utc_ns)], files)
+    items = [origin, *_items(laid, force, markers, start_utc_ns)]
+    write_recording(path, manifest, streams, items, Outcome(True, "closed", f"imported from {files}"), files)
     return Imported(path, laid.notes)
 
 
@@ -114,10 +117,24 @@ class _Laid:
     notes: tuple[str, ...]
 
 
-def _utc_ns(captured: datetime | None) -> int:
-    if captured is None:
-        return time.time_ns()
-    return round((captured if captured.tzinfo else captured.replace(tzinfo=UTC)).timestamp() * 1e6) * 1000
+def _start_utc_ns(session: Path, spec: TrialSpec, captured: datetime | None) -> int:
+    """When the trial was captured; where nobody says, now, or where the plan puts it among those already there.
+
+    What the cuff slips depends on the order of the trials, and files are imported in any order: alphabetically, a
+    dynamic test comes before the static one that was done first.
+    """
+    if captured is not None:
+        return round((captured if captured.tzinfo else captured.replace(tzinfo=UTC)).timestamp() * 1e6) * 1000
+    now, here = time.time_ns(), (spec.repeat, spec.test == "dynamic")
+    before, after = [0], [now + PAUSE_NS]
+    for path in session.glob("*.mcap"):
+        with suppress(RecordingError):
+            other = read_manifest(path)
+            if other.cuff is not None and (other.cuff.name, other.donning) == (spec.cuff, spec.donning):
+                is_before = (other.repeat, other.test == "dynamic") <= here
+                (before if is_before else after).append(other.start_utc_ns)
+    latest, earliest = max(before), min(after)
+    return max(earliest - PAUSE_NS, (latest + earliest) // 2) if latest < earliest else now
 
 
 def _by_edge(force: Force, markers: MarkerTable, config: StationConfig, files: str) -> _Laid:
@@ -184,71 +201,25 @@ def _load_cell(force: Force, config: StationConfig) -> LoadCell:
     return config.calibration()
 
 
-def _events(laid: _Laid, files: Sequence[Path], manifest: Manifest) -> Iterator[Event]:
+def _origin(laid: _Laid, files: Sequence[Path], start_utc_ns: int) -> Event:
     hashes = ", ".join(f"{path.name} (sha256 {hashlib.sha256(path.read_bytes()).hexdigest()})" for path in files)
-    yield Event("imported", f"from {hashes}; {laid.words}", manifest.start_utc_ns, "station")
-    if manifest.start == "sync_edge":
-        yield Event("sync_edge", laid.words, manifest.start_utc_ns, "station")
+    return Event("imported", f"from {hashes}; {laid.words}", start_utc_ns, "station")
 
 
 def _items(laid: _Laid, force: Force, markers: MarkerTable, start_utc_ns: int) -> list[Item]:
     """Blocks and losses in the order in which they would have arrived, the first sample of all at start_utc_ns."""
     first = min(laid.force_at[0], laid.frames_at[0])
-    host_of_force = start_utc_ns + _nanoseconds(laid.force_at - first)
-    host_of_frames = start_utc_ns + _nanoseconds(laid.frames_at - first)
+    host_of_force = start_utc_ns + nanoseconds(laid.force_at - first)
+    host_of_frames = start_utc_ns + nanoseconds(laid.frames_at - first)
     positions = np.concatenate((markers.positions, markers.residuals[..., None]), axis=2)
     positions[markers.missing] = np.nan
-    device = _nanoseconds(force.time)
+    device = nanoseconds(force.time)
     items = [
-        *_blocks("/force", laid.force_numbers, device, host_of_force, force.values[:, None]),
-        *_blocks(
-            "/markers", laid.frame_numbers, _nanoseconds(markers.time_s), host_of_frames, positions.astype(np.float32)
+        *blocks("/force", laid.force_numbers, device, host_of_force, force.values[:, None]),
+        *blocks(
+            "/markers", laid.frame_numbers, nanoseconds(markers.time_s), host_of_frames, positions.astype(np.float32)
         ),
     ]
     if force.sync is not None:
-        items += _blocks("/sync", laid.force_numbers, device, host_of_force, force.sync[:, None])
+        items += blocks("/sync", laid.force_numbers, device, host_of_force, force.sync[:, None])
     return sorted(items, key=lambda item: item.host_time_ns)
-
-
-def _blocks(
-    stream: str,
-    numbers: NDArray[np.int64],
-    device_ns: NDArray[np.int64],
-    host_ns: NDArray[np.int64],
-    values: NDArray[Any],
-) -> Iterator[Item]:
-    """A tenth of a second each, arriving with its last sample; before the first after a gap the loss."""
-    cuts = np.flatnonzero(np.diff((host_ns - host_ns[0]) // round(1e9 * BLOCK_S)) | (np.diff(numbers) != 1)) + 1
-    for part in np.split(np.arange(len(numbers)), cuts):
-        begin, end = int(part[0]), int(part[-1]) + 1
-        if begin and numbers[begin] > numbers[begin - 1] + 1:
-            lost = int(numbers[begin - 1]) + 1
-            yield Loss(
-                stream, "skipped", lost, int(numbers[begin]) - lost, int(device_ns[begin - 1]), int(host_ns[begin])
-            )
-        counted = numbers[begin:end].astype(np.uint64)
-        yield Samples(stream, counted, device_ns[begin:end], int(host_ns[end - 1]), values[begin:end])
-
-
-def _nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
-    return np.rint(1e9 * seconds).astype(np.int64)
-
-
-def _write(path: Path, manifest: Manifest, streams: Sequence[Stream], items: Sequence[Item], files: str) -> None:
-    """The recording takes its name when it is whole and the fit can read it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f"{path.name}.part")
-    draft.unlink(missing_ok=True)
-    writer = RecordingWriter(draft, manifest, streams)
-    try:
-        for item in items:
-            writer.write(item)
-        writer.close(Outcome(True, "closed", f"imported from {files}"))
-        rejected = read_trials([draft])[1]
-        if rejected:
-            raise ImportRefused(f"{files} cannot be used: {rejected[0].reason}")
-        if path.exists():
-            raise ImportRefused(f"{path} has come into being meanwhile; import again")
-        draft.replace(path)
-    finally:
-        writer.discard()

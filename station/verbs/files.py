@@ -1,4 +1,4 @@
-"""With files: info, recover, import."""
+"""With files: info, recover, import, export."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from station.exit_code import DONE, LOSSY
 from station.verbs.options import ConfigPath, Format, Test, say
+
+ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids"]
 
 
 def info(
@@ -55,19 +58,52 @@ def import_(
     ] = None,
     lag_sd_s: Annotated[float | None, typer.Option(min=0, help="Its standard uncertainty. Default: 0.0005.")] = None,
     start: Annotated[datetime | None, typer.Option(help="When it was captured, in UTC; default: now.")] = None,
+    over: Annotated[Path | None, typer.Option(help="Instead: a recording of the station, to be completed.")] = None,
 ) -> None:
     """Make a recording of files that other programs left. Prints its path."""
+    from station.complete_trial import complete_trial
     from station.config import load_config
     from station.foreign_files import ForceSource, MarkerSource, WrongImport, parse_names
     from station.import_trial import import_trial, with_lag
     from station.protocol import TrialSpec
 
     markers = MarkerSource(mocap, mocap_unit, parse_names(label or ()))
-    if force is None or session is None or test is None or (cuff is None) != (test == "bounce"):
-        raise WrongImport("an import needs --force, --session, --test and --cuff, a bounce no --cuff; see --help")
-    source = ForceSource(force, force_column, force_unit, time_column, sync_column)
-    spec = TrialSpec(cuff, test, repeat, donning)
-    done = import_trial(session, spec, with_lag(load_config(config), lag_s, lag_sd_s), source, markers, start)
+    if over is not None and force is None:
+        done = complete_trial(over, markers)
+    elif over is not None or force is None or session is None or test is None or (cuff is None) != (test == "bounce"):
+        raise WrongImport(
+            "an import needs --force, --session, --test and --cuff (a bounce no --cuff), or --over alone; see --help"
+        )
+    else:
+        source = ForceSource(force, force_column, force_unit, time_column, sync_column)
+        spec = TrialSpec(cuff, test, repeat, donning)
+        done = import_trial(session, spec, with_lag(load_config(config), lag_s, lag_sd_s), source, markers, start)
     for note in done.notes:
         say(note)
     print(done.path)
+
+
+def export(
+    file: Annotated[Path | None, typer.Argument(help="A recording.")] = None,
+    session: Annotated[Path | None, typer.Option(help="Instead: every recording of a session.")] = None,
+    to: Annotated[ExportFormat | None, typer.Option(help="The format; docs/exchange.md says what is in each.")] = None,
+    output: Annotated[Path | None, typer.Option(help="Folder to write into; default: the recordings' own.")] = None,
+    subject: Annotated[str, typer.Option(help="For BIDS, where the recording's name has no sub-.")] = "01",
+) -> None:
+    """Write recordings on the common clock for other programs. Prints the paths of what it wrote."""
+    from station.export_trial import export_recordings
+    from station.fit import recordings_in
+    from station.one_clock import ExportRefused, WrongExport
+
+    source = file or session
+    if source is None or (file is not None and session is not None) or to is None:
+        raise WrongExport("an export needs either a FILE or --session, and --to; see --help")
+    paths = [source] if file is not None else recordings_in(source)
+    if not paths:
+        raise ExportRefused(f"{source} holds no recording (*.mcap); give the folder of a session")
+    written, refused = export_recordings(paths, to, output or (source.parent if file is not None else source), subject)
+    for sentence in refused:
+        say(sentence)
+    for path in written:
+        print(path)
+    raise typer.Exit(LOSSY if refused else DONE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,7 @@ class Truth:
         return path
 
 
+@cache
 def static_and_dynamic(seed: int = 3) -> tuple[Truth, Truth]:
     session = Session(published("hand", hold=4.2, unloads_at_once=True), seed)
     return Truth(*session.static()), Truth(*session.dynamic())

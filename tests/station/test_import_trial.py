@@ -13,7 +13,7 @@ from fitting.result import CuffFit
 from fitting.trial import read_trial
 from recordings.contents import contents_of
 from recordings.exchange.qtm_tsv import write_qtm_tsv
-from recordings.reader import open_recording
+from recordings.reader import open_recording, read_manifest
 from station.fit import fit_session_folder
 from station.foreign_files import ForceSource, ImportRefused, MarkerSource
 from station.import_trial import Imported, import_trial, with_lag
@@ -132,6 +132,18 @@ def test_without_a_sync_line_the_manifest_says_so_and_the_declared_lag_reaches_t
     assert plain.force_time[0] - trial.force_time[0] == pytest.approx(0.0, abs=1.1e-3), "both begin at time 0"
     shift = np.interp(5.0, trial.force_time, trial.force) - np.interp(5.012, plain.force_time, plain.force)
     assert shift == pytest.approx(0.0, abs=0.3)
+
+
+def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: tuple[Path, Path], tmp_path: Path) -> None:
+    plan = [TrialSpec("hand", test, repeat) for repeat in (1, 2, 3) for test in ("static", "dynamic")]  # type: ignore[arg-type]
+    for i in (3, 0, 5, 1, 4, 2):
+        run(tmp_path / "s", *static, plan[i])
+    run(tmp_path / "s", *static, plan[2])
+    found = sorted(
+        (read_manifest(path) for path in (tmp_path / "s").glob("*.mcap")), key=lambda each: each.start_utc_ns
+    )
+    assert [(each.repeat, each.test) for each in found] == [(spec.repeat, spec.test) for spec in [*plan[:3], *plan[2:]]]
+    assert found[2].run < found[3].run, "a repeat that is imported anew comes after the one it supersedes"
 
 
 def test_times_of_any_origin_are_only_differences(pair: tuple[Truth, Truth], tmp_path: Path) -> None:

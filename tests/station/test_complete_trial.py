@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.trial import read_trial
+from recordings.contents import contents_of
+from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.reader import Track, open_recording
+from station.fit import recordings_in
+from tests.station.command import assert_one_sentence
+from tests.station.foreign import Truth, static_and_dynamic
+
+NAME = "cuff-hand_test-static_run-1.mcap"
+
+
+def only(track: Track, keep: np.ndarray) -> Track:
+    arrays = {
+        name: getattr(track, name)[keep] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+    }
+    return replace(track, **arrays)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Truth:
+    return static_and_dynamic()[0]
+
+
+@pytest.fixture
+def lossy(truth: Truth, tmp_path: Path) -> Path:
+    """The live stream of the trial: 60 frames were skipped, a marker hidden for a while, a label not yet known."""
+    full = truth.tracks["/markers"]
+    keep = np.ones(len(full.sample_numbers), dtype=bool)
+    keep[400:430] = keep[900:930] = False
+    values = full.values[:, 1:].copy()
+    values[100:140, -1] = np.nan
+    stream = replace(full.stream, labels=full.stream.labels[1:])
+    live = only(replace(full, stream=stream, values=values), keep)
+    return Truth(truth.manifest, truth.tracks | {"/markers": live}).record(tmp_path / NAME)
+
+
+def export(truth: Truth, tmp_path: Path, **changes: object) -> Path:
+    path = tmp_path / "export.tsv"
+    path.write_text(write_qtm_tsv(replace(truth.markers, **changes)), encoding="utf-8")  # type: ignore[arg-type]
+    return path
+
+
+def test_the_completed_recording_has_every_frame_and_the_original_is_untouched(
+    station, truth: Truth, lossy: Path, tmp_path: Path
+) -> None:
+    before = lossy.read_bytes()
+    ran = station("import", "--over", lossy, "--mocap", export(truth, tmp_path))
+    assert ran.code == 0, ran.err
+    completed = tmp_path / NAME.replace(".mcap", ".completed.mcap")
+    assert ran.out.strip() == str(completed)
+    assert lossy.read_bytes() == before
+    assert ran.err.splitlines() == [
+        "the live stream lacked 60 of the export's 2939 frames, the first of them 401",
+        "the live stream lacked the marker(s) anchor_1",
+        "in frames that it had, the live stream lacked cuff_1 in 40",
+    ]
+    contents = contents_of(completed)
+    assert contents.complete and not contents.gaps and contents.outcome
+    assert contents.outcome.sentence == "the mocap capture ended"
+    assert recordings_in(tmp_path) == [completed]
+    whole = truth.record(tmp_path / "whole.mcap")
+    found, expected = read_trial(completed), read_trial(whole)
+    assert found.is_whole
+    assert np.array_equal(found.force_time, expected.force_time) and np.array_equal(found.force, expected.force)
+    assert np.array_equal(found.marker_time, expected.marker_time)
+    assert np.array_equal(found.markers, expected.markers, equal_nan=True)
+
+
+def test_live_preview_around_the_capture_is_left_out(station, truth: Truth, tmp_path: Path) -> None:
+    full = truth.tracks["/markers"]
+    second = np.arange(100)
+    preview = Track(
+        full.stream,
+        (second + 50_000).astype(np.uint64),
+        full.device_time_ns[0] - (100 - second) * 10_000_000 - 5_000_000,
+        full.host_time_ns[0] - (100 - second) * 10_000_000,
+        full.values[:100] + 900,
+    )
+    both = {
+        name: np.concatenate((getattr(preview, name), getattr(full, name)))
+        for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+    }
+    path = Truth(truth.manifest, truth.tracks | {"/markers": replace(full, **both)}).record(tmp_path / NAME)
+    ran = station("import", "--over", path, "--mocap", export(truth, tmp_path))
+    assert ran.err.startswith("the live stream lacked 0 of the export's 2939 frames\n"), ran.err
+    numbers = open_recording(Path(ran.out.strip())).load("/markers").sample_numbers
+    assert np.array_equal(numbers, np.arange(1, 2940))
+
+
+def test_frames_that_a_cut_export_lacks_are_kept(station, truth: Truth, lossy: Path, tmp_path: Path) -> None:
+    table = truth.markers
+    part = {name: getattr(table, name)[500:2000] for name in ("time_s", "positions", "residuals")}
+    ran = station("import", "--over", lossy, "--mocap", export(truth, tmp_path, **part))
+    assert ran.code == 0 and "the export lacks 1409 frames that the live stream had, and they are kept" in ran.err
+    gaps = contents_of(Path(ran.out.strip())).gaps
+    assert [(gap.first_missing, gap.count) for gap in gaps] == [(401, 30)]
+
+
+def test_where_the_export_says_that_a_marker_was_not_seen_it_is_believed(
+    station, truth: Truth, lossy: Path, tmp_path: Path
+) -> None:
+    positions = truth.markers.positions.copy()
+    positions[1500:1510, 2] = np.nan
+    ran = station("import", "--over", lossy, "--mocap", export(truth, tmp_path, positions=positions))
+    values = open_recording(Path(ran.out.strip())).load("/markers").values
+    assert np.isnan(values[1500:1510, 2]).all()
+
+
+def test_what_is_not_of_this_trial_is_refused_in_a_sentence(station, truth: Truth, lossy: Path, tmp_path: Path) -> None:
+    ask = ("import", "--over", lossy, "--mocap")
+    elsewhere = export(truth, tmp_path, positions=truth.markers.positions + np.array([30.0, 0, 0]))
+    assert_one_sentence(station(*ask, elsewhere), 1, "are 30 mm apart, expected the same within 5 mm")
+    later = export(truth, tmp_path, time_s=truth.markers.time_s + 500)
+    assert_one_sentence(station(*ask, later), 1, "have no marker and frame in common")
+    slower = export(truth, tmp_path, time_s=2 * truth.markers.time_s, rate_hz=50.0)
+    assert_one_sentence(station(*ask, slower), 1, "has 50 frames a second and", "100, expected the same")
+    assert_one_sentence(station(*ask, slower, "--force", slower), 2, "or --over alone")
+    assert [path.name for path in tmp_path.glob("*.mcap*")] == [NAME]
+
+
+def test_a_cut_recording_is_not_completed_and_a_completed_one_not_twice(
+    station, truth: Truth, lossy: Path, tmp_path: Path
+) -> None:
+    tsv = export(truth, tmp_path)
+    assert station("import", "--over", lossy, "--mocap", tsv).code == 0
+    assert_one_sentence(
+        station("import", "--over", lossy, "--mocap", tsv), 1, "exists, and a recording is never overwritten"
+    )
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(lossy.read_bytes()[:90000])
+    assert_one_sentence(station("import", "--over", cut, "--mocap", tsv), 1, "was cut, so nobody knows where it ends")
