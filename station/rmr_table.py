@@ -92,6 +92,10 @@ def _write_parquet(path: Path, solved: SolvedMotion, columns: tuple[Column, ...]
     from pyarrow import parquet
 
     time = Column("time", "s", solved.solution.time)
-    fields = [pa.field(each.name, pa.float64(), metadata={"unit": each.unit}) for each in (time, *columns)]
-    arrays = [pa.array(np.ascontiguousarray(each.values)) for each in (time, *columns)]
+    kinds = {"code": pa.int8()}
+    fields = [
+        pa.field(each.name, kinds.get(each.unit, pa.float64()), metadata={"unit": each.unit})
+        for each in (time, *columns)
+    ]
+    arrays = [pa.array(each.values.astype("int8" if each.unit == "code" else float)) for each in (time, *columns)]
     parquet.write_table(pa.table(arrays, schema=pa.schema(fields, metadata=dict(solved.notes))), path)

@@ -84,12 +84,26 @@ class Oracle:
         states = [self.evaluate(*state) for state in zip(q, u, strict=True)]
         return {name: np.array([state[name] for state in states]) for name in states[0]}
 
-    def evaluate(self, q: Array, u: Array) -> dict[str, Any]:
-        state = self.state
+    def evaluate_at_rest(self, q: Array, u: Array, passive: Array) -> dict[str, Array]:
+        """A few quantities of many states: paths, and what passive (states, muscles) alone does."""
+        idle = np.zeros(len(self.muscles) + len(self.actuators))
+        rows = []
+        for values, speeds, tensions in zip(q, u, passive, strict=True):
+            self.pose(values, speeds)
+            lengths = [m.getLength(self.state) for m in self.muscles]
+            rates = [m.getLengtheningSpeed(self.state) for m in self.muscles]
+            rows.append((lengths, rates, *self.respond(idle, tensions, tensions)))
+        names = ("length", "speed", "acceleration_at_rest", "reaction_at_rest")
+        return {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+
+    def pose(self, q: Array, u: Array) -> None:
         for coordinate, value, speed in zip(self.coordinates, q, u, strict=True):
-            coordinate.setValue(state, float(value), False)
-            coordinate.setSpeedValue(state, float(speed))
-        self.osim.realizeVelocity(state)
+            coordinate.setValue(self.state, float(value), False)
+            coordinate.setSpeedValue(self.state, float(speed))
+        self.osim.realizeVelocity(self.state)
+
+    def evaluate(self, q: Array, u: Array) -> dict[str, Any]:
+        self.pose(q, u)
         row = {"q": q.tolist(), "u": u.tolist(), **self.postures(), **self.equations(), **self.paths()}
         return row | self.maps(np.array(row["active_force"]), np.array(row["passive_force"]))
 

@@ -10,6 +10,7 @@ motions      some frames of every published motion beside the repository, the mo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,6 +129,27 @@ def test_gap_of_the_constraint_and_speeds_of_the_scapula() -> None:
     rate = np.einsum("fij,fj->fi", equations_of_motion(model, state).constraint_jacobian, expected["u"])
     assert relative_difference(rate, expected["constraint_rate"]) < 1e-12
     assert greatest_difference(speeds_from_rates(model, expected["q"], expected["rates"]), expected["u"]) < 1e-14
+
+
+@pytest.mark.shared
+@pytest.mark.oracle
+@pytest.mark.parametrize("file", sorted((SHARED / "motions").glob("*.mot")), ids=lambda file: file.stem)
+def test_every_frame_of_every_published_motion(file: Path) -> None:
+    pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
+    from tests.solver.certify import Oracle
+
+    model = read_osim(NO_WEIGHT)
+    kinematics = differentiate(read_motion(file, model))
+    q, u = kinematics.positions, kinematics.speeds
+    state = postures(model, q, u)
+    paths, equations = evaluate_paths(model, state), equations_of_motion(model, state)
+    forces = muscle_forces(model, paths.lengths, paths.speeds)
+    maps = response_maps(model, equations, paths, forces)
+    at_rest = Oracle(model, NO_WEIGHT).evaluate_at_rest(q, u, forces.passive)
+    assert greatest_difference(paths.lengths, at_rest["length"]) < 1e-12
+    assert greatest_difference(paths.speeds, at_rest["speed"]) < 1e-11
+    assert relative_difference(maps.acceleration_at_rest, at_rest["acceleration_at_rest"]) < 1e-10
+    assert relative_difference(maps.reaction_at_rest, at_rest["reaction_at_rest"]) < 1e-10
 
 
 def _certified() -> tuple[Model, dict[str, Array]]:
