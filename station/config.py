@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from recordings.manifest import BounceRig, CuffSite, LoadCell
 from station.exit_code import WRONG_USAGE
+from station.marker_presets import preset_labels
 
 STANDARD_GRAVITY = 9.80665
 DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
@@ -73,11 +74,24 @@ class Mocap(_Section):
 
 
 class Cuff(_Section):
+    """The markers of one cuff. anchor_preset, with label_prefix, stands for anchor_markers (marker_presets.toml)."""
+
     site: Literal["arm", "waist"]
     anchor_markers: tuple[str, ...]
     cuff_markers: tuple[str, ...] = Field(min_length=1)
     rope_markers: tuple[str, ...] = ()
     mass_kg: float = Field(default=0.2, ge=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_names_the_anchor(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "anchor_preset" not in data:
+            return data
+        if "anchor_markers" in data:
+            raise ValueError("anchor_markers and anchor_preset are both given; leave one of them out")
+        labels = preset_labels(str(data["anchor_preset"]), str(data.get("label_prefix", "")))
+        rest = {key: value for key, value in data.items() if key not in ("anchor_preset", "label_prefix")}
+        return {**rest, "anchor_markers": labels}
 
     @field_validator("anchor_markers")
     @classmethod
