@@ -63,12 +63,15 @@ def be_ready() -> None:
 
 
 def judge_recording(folder: Path, file: str) -> Judgement:
-    """Fits the session with this recording in it. Never raises for what is in the recordings: that is a reason."""
+    """Fits the session with this recording in it. Never raises: what goes wrong is told, and the recording is safe."""
     try:
         recorded = {each.file: each for each in read_journal(folder).recorded}.get(file)
         fitted = fit_session_folder(folder, None)
     except (SessionError, JournalError, RecordingError) as error:
         return Judgement(file, file, "redo", (str(error),), (), (), (), _marks_in(folder / file))
+    except Exception as error:  # a fault of ours must not hold the operator up
+        words = f"the fit failed on it ({type(error).__name__}: {error}); the recording is stored, keep it and tell us"
+        return Judgement(file, file, "accept", (words,), (), (), (), _marks_in(folder / file))
     rejected = [each.reason for each in fitted.rejected if each.file == file]
     of_trial, of_cuff = _find(fitted, file)
     if of_trial is None or of_cuff is None:

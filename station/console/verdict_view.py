@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from nicegui import ui
 
 from station.console.desk import Desk
 from station.console.judgement import Judgement
-from station.journal import Recorded
+from station.journal import Choice, Recorded
 
 
 def show(
@@ -25,10 +25,10 @@ def show(
     with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
         with ui.column().classes("grow"):
             _figures(judged)
-            _marks(desk, judged, act)
+            marks = _marks(desk, judged)
         if judged.path:
             ui.echart(_loop(judged)).classes("w-full lg:w-1/2 h-96").mark("loop")
-    _decision(desk, recorded, judged, act, acts)
+    _decision(desk, recorded, judged, marks, act, acts)
 
 
 def _headline(judged: Judgement) -> None:
@@ -62,34 +62,36 @@ def _figures(judged: Judgement) -> None:
         ui.label(note).classes("opacity-80")
 
 
-def _marks(desk: Desk, judged: Judgement, act: Callable[..., Any]) -> None:
-    for number in range(1, judged.marks + 1):
-        _mark(desk, judged, number, act)
-
-
-def _mark(desk: Desk, judged: Judgement, number: int, act: Callable[..., Any]) -> None:
-    name = ui.input(f"mark {number} was", value=desk.journal.marks.get(judged.file, {}).get(number, ""))
-    name.on("blur", lambda: act(lambda: desk.name_mark(number, name.value or "")))
+def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
+    known = desk.journal.marks.get(judged.file, {})
+    return [ui.input(f"mark {number} was", value=known.get(number, "")) for number in range(1, judged.marks + 1)]
 
 
 def _decision(
     desk: Desk,
     recorded: Recorded,
     judged: Judgement,
+    marks: Sequence[ui.input],
     act: Callable[..., Any],
     acts: dict[str, Callable[[], Awaitable[None] | None]],
 ) -> None:
-    reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else judged.reasons[0])
+    reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else "; ".join(judged.reasons))
     reason.classes("w-full").mark("why")
 
+    def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
+        for number, name in enumerate(marks, 1):
+            if name.value:
+                desk.name_mark(number, name.value)
+        desk.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
+
     def keep() -> None:
-        desk.decide("accept", reason.value or "")
+        decide("accept")
 
     def redo() -> None:
-        desk.decide("redo", reason.value or "")
+        decide("redo")
 
     def redo_donned_anew() -> None:
-        desk.decide("redo", reason.value or "", is_donned_anew=True)
+        decide("redo", is_donned_anew=True)
 
     acts |= {"keep": keep, "redo": redo}
     with ui.row():

@@ -67,7 +67,9 @@ class ServedConsole:
         )
         assert self._child.stdout is not None
         self.address = self._child.stdout.readline().strip()
-        assert self.address.startswith("http://127.0.0.1:"), "the console prints its address"
+        if not self.address.startswith("http://127.0.0.1:"):
+            self.close()
+            raise AssertionError("the console printed no address")
         return self
 
     def kill(self) -> None:
@@ -79,6 +81,9 @@ class ServedConsole:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
         if self._child is not None:
             self._child.terminate()
             try:

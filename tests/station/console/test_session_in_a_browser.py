@@ -111,7 +111,7 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
 def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
     browser: Browser, tmp_path: Path
 ) -> None:
-    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "4") as console:
+    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "2") as console:
         page = open_page(browser, console.address)
         begin(page)
         others = [open_page(browser, console.address) for _ in range(10)]
