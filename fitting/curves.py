@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.damping import DampingFit
+from fitting.frames import CuffMotion
+from fitting.quality import MarkerQuality
 from fitting.stiffness import StaticFit
 from fitting.trial import Trial
 
@@ -19,6 +21,7 @@ class TrialCurves:
     Displacement counts from the donning's reference posture; session time 0 is the sync edge, trial.end the end.
     static   held loads and their lines (stiffness of the donning, an offset per segment), None for a dynamic trial
     dynamic  fitted motion and damper force over velocity, None for a static trial or where it says nothing
+    motion   of the cuff in three dimensions, in the anchor's frame;  markers  how far they can be believed
     """
 
     trial: Trial
@@ -28,3 +31,5 @@ class TrialCurves:
     displacement: NDArray[np.float64]
     static: StaticFit | None = None
     dynamic: DampingFit | None = None
+    motion: CuffMotion | None = None
+    markers: MarkerQuality | None = None

@@ -8,13 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from fitting.creep import Creep
 from fitting.curves import TrialCurves
 from fitting.damping import DampingFit, fit_damping
+from fitting.held_loads import fit_held_loads, held_load_notes, plain_held_loads
 from fitting.migration import fit_migration
 from fitting.quality import UnusableTrial
 from fitting.reduction import ReducedTrial, reduce_trials
-from fitting.result import CuffFit, TrialFit, Verdict, covariance_of
-from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness, trial_stiffness
+from fitting.result import CuffFit, Lag, TrialFit, Verdict, covariance_of
+from fitting.stiffness import StaticFit, StiffnessFit, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
 from fitting.weak_form import ComplexStiffness, complex_stiffness
@@ -40,7 +42,7 @@ def fit_donning(
     reduced, reasons = reduce_trials(trials)
     all_static = [each for each in reduced if each.trial.test == "static"]
     static = [runs[0] for runs in _newest_first(all_static)]
-    stiffness = fit_stiffness([each.plateaus for each in static], max(trial.gain_sd for trial in trials))
+    stiffness, held = fit_held_loads(static, max(trial.gain_sd for trial in trials))
     lines = dict(zip([each.trial.file for each in static], stiffness.trials, strict=True))
     swings = _fit_dampings([each for each in reduced if each.trial.test == "dynamic"], stiffness.stiffness, reasons)
     used = {each.trial.file: each for each in reduced if each.trial.file in lines or each.trial.file in swings}
@@ -49,7 +51,7 @@ def fit_donning(
     judged = (
         _judge_stiffness(static, stiffness.stiffness),
         _judge_damping(list(swings.values())),
-        _judge_migration(all_static, before),
+        _judge_migration(all_static, held.creep if held and static == all_static else None, before),
     )
     estimates = [estimate for estimate, _ in judged]
     cuff = trials[0].cuff
@@ -62,14 +64,30 @@ def fit_donning(
         migration=estimates[2],
         verdicts=tuple(verdict for _, verdict in judged if verdict) or (Verdict.IDENTIFIED,),
         covariance=covariance_of(estimates),
-        sources={each.trial.file: each.trial.sha256 for each in (*used.values(), *all_static[:1])},
+        sources={each.trial.file: each.trial.sha256 for each in (*used.values(), *all_static[:1])}
+        | _calibrated_by(trials),
+        lag=_lag([each.trial for each in used.values()] or trials),
         trials=_list_trials(trials, used, lines, swings, reasons),
-        notes=_notes(stiffness, list(swings.values())) + _migration_notes(all_static, before),
+        notes=_notes(stiffness, list(swings.values()))
+        + held_load_notes(held, stiffness)
+        + _migration_notes(all_static, before),
+        held=plain_held_loads(held, stiffness),
         diagnostics=_diagnostics(stiffness, list(swings.values())),
         energy=_energy(list(swings.values())),
         complex_stiffness=_complex_stiffness(list(swings.values()), trials[0].cuff_mass),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
+
+
+def _calibrated_by(trials: Sequence[Trial]) -> dict[str, str]:
+    return {file: sha for trial in trials if trial.calibration for file, sha in trial.calibration.sources.items()}
+
+
+def _lag(trials: Sequence[Trial]) -> Lag:
+    """What is taken for the lag of force against markers, from where, and what is not known of it."""
+    lag = trials[0].lag
+    edge = max(trial.lag.edge for trial in trials)
+    return Lag(lag.value, lag.declared, edge, max(trial.lag.drift for trial in trials), lag.source)
 
 
 def _newest_first(trials: Sequence[ReducedTrial]) -> list[list[ReducedTrial]]:
@@ -137,8 +155,10 @@ def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict
     return None, Verdict.DAMPING_UNCERTAIN if _is_open(noise) else Verdict.LAG
 
 
-def _judge_migration(static: Sequence[ReducedTrial], before: Sequence[str]) -> tuple[Estimate | None, Verdict | None]:
-    migration = fit_migration([each.plateaus for each in static])
+def _judge_migration(
+    static: Sequence[ReducedTrial], creep: Creep | None, before: Sequence[str]
+) -> tuple[Estimate | None, Verdict | None]:
+    migration = fit_migration([each.plateaus for each in static], creep)
     if migration is None:
         return None, Verdict.NOT_UNLOADED if static else None
     return (None, Verdict.MIGRATED_BEFORE) if before else (migration, None)
@@ -204,7 +224,7 @@ def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str,
     if stiffness.slips_again:
         notes.append("the cuff slips even under loads it carried before; stiffness is from taking weights off only")
     if stiffness.only_rose and stiffness.stiffness:
-        notes.append("the load only rose; its steps lie on a line, so the cuff is taken not to have slipped")
+        notes.append("the load only rose; noise or creep explain all of its steps, so no slip is taken to be in them")
     if any(fit.uses_static_stiffness for fit in damping):
         notes.append(
             "the lag is too uncertain for damping on its own; the stiffness of the held loads was used, "
@@ -260,4 +280,14 @@ def _complex_stiffness(damping: Sequence[DampingFit], mass: float) -> tuple[Comp
 
 def _draw(each: ReducedTrial, static: StaticFit | None, dynamic: DampingFit | None) -> TrialCurves:
     trial = each.trial
-    return TrialCurves(trial, trial.force_time, trial.force, trial.marker_time, each.displacement, static, dynamic)
+    return TrialCurves(
+        trial,
+        trial.force_time,
+        trial.force,
+        trial.marker_time,
+        each.displacement,
+        static,
+        dynamic,
+        each.motion,
+        each.markers,
+    )
