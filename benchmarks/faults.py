@@ -3,13 +3,35 @@
     python -m benchmarks.faults
 
 Prints a row for each: after how many milliseconds it was first told, as what, what was counted as lost of which stream
-at 1 kHz, 100 Hz and 10 Hz, and how many samples nobody accounts for, on the device and on the two others.
+at 1 kHz, 100 Hz and 10 Hz, and how many samples nobody accounts for, on the device and on the two others. Then what a
+fault does to one who opens the device, and when one that does not end is given up.
 """
 
 from __future__ import annotations
 
+import time
+from math import inf
+
+from drivers.catalogue import make_device
+from drivers.errors import DeviceError
+from drivers.simulators.bench import Bench
+from drivers.simulators.faults import fault_from_dict
+from drivers.simulators.settings import Settings
 from recordings.samples import Event, Item, Loss
-from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, unaccounted
+from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, device_options, unaccounted
+
+AT_OPENING = (
+    ("ni", "refuse"),
+    ("ni", "unplug"),
+    ("ni", "transfer_aborted"),
+    ("ni", "freeze"),
+    ("qtm", "full"),
+    ("qtm", "restart"),
+    ("qtm", "silent"),
+)
+FOR_GOOD = (("ni", "freeze"), ("qtm", "silent"), ("serial", "unplug"))
+GIVEN_UP_BY_S = 60.0
+SETTLED_S = 0.1  # until the servers know of it
 
 
 def main() -> None:
@@ -18,6 +40,14 @@ def main() -> None:
     with FaultBench(speed=1.0) as bench:
         for case in CASES:
             print(_row(case, bench.suffer(case)), flush=True)
+    print("\n| device | fault when it is opened | refused after | in words |")
+    print("|---|---|---:|---|")
+    for device, fault in AT_OPENING:
+        print(_opening_row(device, fault), flush=True)
+    print("\n| device | fault that does not end | given up after |")
+    print("|---|---|---:|")
+    for row in _rows_given_up():
+        print(row)
 
 
 def _row(case: Case, aftermath: Aftermath) -> str:
@@ -34,6 +64,40 @@ def _row(case: Case, aftermath: Aftermath) -> str:
         str(sum(_lost(aftermath.items(device)) for device in STREAMS if device != case.device)),
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def _opening_row(device: str, fault: str) -> str:
+    with Bench(Settings()) as bench:
+        bench.world.faults.inject(fault_from_dict({"device": device, "fault": fault, "for_s": inf}))
+        time.sleep(SETTLED_S)
+        opened = make_device(host_clock=time.time_ns, **device_options(bench.ports)[device])
+        began_s = time.monotonic()
+        try:
+            opened.open()
+            words = "not refused"
+        except DeviceError as error:
+            words = str(error)
+        took_ms = 1000 * (time.monotonic() - began_s)
+        opened.close()
+        for port in bench.ports.values():
+            words = words.replace(str(port), "…")
+    return f"| {device} | {fault.replace('_', ' ')} | {took_ms:.0f} ms | {words} |"
+
+
+def _rows_given_up() -> list[str]:
+    with FaultBench(speed=1.0) as bench:
+        for device, fault in FOR_GOOD:
+            bench.world.faults.inject(fault_from_dict({"device": device, "fault": fault, "for_s": inf}))
+        began_s, after_s = time.monotonic(), dict[str, float]()
+        while len(after_s) < len(FOR_GOOD) and time.monotonic() < began_s + GIVEN_UP_BY_S:
+            for device, _ in FOR_GOOD:
+                if bench.listeners[device].error is not None:
+                    after_s.setdefault(device, time.monotonic() - began_s)
+            time.sleep(0.01)
+        return [
+            f"| {device} | {fault} | {f'{after_s[device]:.1f} s' if device in after_s else 'never'} |"
+            for device, fault in FOR_GOOD
+        ]
 
 
 def _word(item: Event | Loss) -> str:

@@ -25,6 +25,7 @@ OVERRUN = {-200279, -200222, -200361, -200004}  # PC buffer or on-board FIFO ove
 NO_SUCH_DEVICE = {-200220, -201003, -200045}
 IN_USE = {-200022, -50103}
 NO_SUCH_CHANNEL = {-200170}
+NO_TRANSFER = {-50405}  # of the USB-600x, after minutes or hours; only unplugging it helps
 
 CONNECT_TIMEOUT_S = 3.0
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
@@ -281,10 +282,9 @@ class NiDaq:
                 f"{self.name} needs the NI-DAQmx driver, and this computer has none; "
                 "install it, or name an NI gRPC device server in daq.grpc_target"
             )
-        if code in NO_SUCH_DEVICE:
-            return DeviceUnavailable(f"{who} is not there (NI error {code}); plug it in, or correct daq.device")
-        if code in IN_USE:
-            return DeviceUnavailable(f"{who} is in use by another program (NI error {code}); close that program")
+        for codes, what, advice in _UNAVAILABLE:
+            if code in codes:
+                return DeviceUnavailable(f"{who} {what} (NI error {code}); {advice}")
         if code in NO_SUCH_CHANNEL:
             return DeviceMisconfigured(
                 f"{who} was asked for the differential inputs {inputs} and lacks one of them (NI error {code}); "
@@ -299,14 +299,19 @@ class NiDaq:
 
     def _lost(self, error: Exception) -> DeviceLost:
         code = f" (NI error {_code(error)})" if _code(error) else ""
-        return DeviceLost(
-            f"{self.name} at {self._where} was streaming and stopped: {_words(error)}{code}; "
-            "check its cable and its server"
-        )
+        advice = "unplug it and plug it in again" if _code(error) in NO_TRANSFER else "check its cable and its server"
+        return DeviceLost(f"{self.name} at {self._where} was streaming and stopped: {_words(error)}{code}; {advice}")
 
     @property
     def _where(self) -> str:
         return self._grpc_target or "the local NI-DAQmx"
+
+
+_UNAVAILABLE = (
+    (NO_SUCH_DEVICE, "is not there", "plug it in, or correct daq.device"),
+    (IN_USE, "is in use by another program", "close that program"),
+    (NO_TRANSFER, "transfers nothing", "unplug it and plug it in again"),
+)
 
 
 def _code(error: Exception) -> int:

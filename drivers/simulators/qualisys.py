@@ -246,7 +246,7 @@ class _Server:
                 if not 8 <= size <= LONGEST_COMMAND_BYTES:
                     break
                 body = await reader.readexactly(size - 8)
-                while self._trouble.is_now("silent"):
+                while self._trouble.is_now("silent") and not self.ending.is_set():
                     await asyncio.sleep(TICK_S)
                 self._obey(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
         except (asyncio.IncompleteReadError, ConnectionError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -123,25 +123,8 @@ class FaultBench:
 
     def __enter__(self) -> FaultBench:
         self._bench.__enter__()
-        ports, clock = self._bench.ports, RealClock(self._speed).utc_ns
-        options: dict[str, dict[str, Any]] = {
-            "ni": {
-                "source": "nidaq",
-                "device": "Dev1",
-                "force_channel": "ai0",
-                "sync_channel": "ai1",
-                "sample_rate_hz": 1000.0,
-                "grpc_target": f"127.0.0.1:{ports['ni']}",
-            },
-            "qtm": {"source": "qualisys", "host": "127.0.0.1", "port": ports["qtm"], "control": "start"},
-            "serial": {
-                "source": "serial_load_cell",
-                "port": f"socket://127.0.0.1:{ports['serial']}",
-                "baud_rate": 9600,
-                "line_format": "usb220",
-            },
-        }
-        for name, wishes in options.items():
+        clock = RealClock(self._speed).utc_ns
+        for name, wishes in device_options(self._bench.ports).items():
             self.listeners[name] = Listener(make_device(host_clock=clock, **wishes))
             self.listeners[name].start()
         mocap = self.listeners["qtm"].device
@@ -189,6 +172,27 @@ class FaultBench:
         wait_for(lambda: self.world.now() > over, "the faults are over")
         since = {name: len(listener.heard) for name, listener in self.listeners.items()}
         wait_for(lambda: all(self.flows(name, since[name]) for name in STREAMS), "every device streams again")
+
+
+def device_options(ports: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+    """What make_device() wants to know for each device of a bench, but the clock."""
+    return {
+        "ni": {
+            "source": "nidaq",
+            "device": "Dev1",
+            "force_channel": "ai0",
+            "sync_channel": "ai1",
+            "sample_rate_hz": 1000.0,
+            "grpc_target": f"127.0.0.1:{ports['ni']}",
+        },
+        "qtm": {"source": "qualisys", "host": "127.0.0.1", "port": ports["qtm"], "control": "start"},
+        "serial": {
+            "source": "serial_load_cell",
+            "port": f"socket://127.0.0.1:{ports['serial']}",
+            "baud_rate": 9600,
+            "line_format": "usb220",
+        },
+    }
 
 
 def random_faults(seed: int, count: int) -> list[dict[str, Any]]:

@@ -223,6 +223,13 @@ def test_a_device_that_another_program_has_reserved_is_refused_when_it_is_opened
     assert "in use by another program (NI error -50103)" in str(error)
 
 
+def test_a_device_whose_transfers_are_aborted_is_to_be_unplugged(server: NiDaqSimulator, world: StandInWorld) -> None:
+    world.faults.inject(Fault("ni", "transfer_aborted", at_s=0.0, for_s=1e6))
+    error = refusal(driver(server, world))
+    assert isinstance(error, DeviceUnavailable)
+    assert "transfers nothing (NI error -50405); unplug it and plug it in again" in str(error)
+
+
 def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
     server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:

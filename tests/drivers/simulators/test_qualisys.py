@@ -263,3 +263,17 @@ def test_the_eleventh_client_is_turned_away() -> None:
 def test_a_port_that_is_taken_is_refused_at_the_start() -> None:
     with simulator() as qtm, pytest.raises(OSError, match=r"in use|10048"):
         QualisysSimulator(World(settings_from_dict({})), port=qtm.port).start()
+
+
+def test_a_silent_server_ends_though_a_client_waits_for_its_answer() -> None:
+    world = World(settings_from_dict({}))
+    qtm = QualisysSimulator(world)
+    qtm.start()
+    world.faults.inject(fault_from_dict({"device": "qtm", "fault": "silent", "for_s": math.inf}))
+    with socket.create_connection(("127.0.0.1", qtm.port)) as client:
+        client.recv(100)
+        client.sendall(b"\x13\0\0\0\1\0\0\0qtmversion\0")
+        with pytest.raises(TimeoutError):
+            client.settimeout(0.2)
+            client.recv(100)
+        qtm.stop()
