@@ -18,12 +18,15 @@ from scipy import stats
 
 from fitting.plateaus import Plateau
 from fitting.quality import UnusableTrial
+from fitting.tangent import HeldPoints, TangentLaw, fit_law, within
 from fitting.uncertainty import Estimate, Repeat, as_inverse, combine
 
 SAME_LOAD = 0.3
 """Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
 MIN_STRAIGHT = 2
-"""Plateaus beyond two that a line must meet before a load that only rose is believed not to have made the cuff slip."""
+"""Plateaus beyond two that a line must meet before the cuff is believed not to have slipped."""
+BELIEVED = 0.99
+"""Probability of χ² up to which a line or a curve is believed."""
 INCONSISTENT = 3.0
 """Combined standard errors between unloading and reloading beyond which reloading slips, too."""
 
@@ -36,12 +39,15 @@ class StaticFit:
     segment   (plateaus,) number of each plateau's segment
     offset    (plateaus,) N: force = k x + offset along the plateau's segment
     repeat    compliance 1/k [m/N] of this trial, None if no segment holds two different loads
+    x, x_sd   (plateaus,) m: displacement as it was read, and its error with that of the force in it
     """
 
     plateaus: tuple[Plateau, ...]
     segment: NDArray[np.intp]
     offset: NDArray[np.float64]
     repeat: Repeat | None
+    x: NDArray[np.float64]
+    x_sd: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,7 @@ class StiffnessFit:
     slip        m by which the cuff gave way for good while the load rose, summed over the donning
     slips_again is True if even loads carried before made it slip, so that only unloading was used
     only_rose   is True if no load was taken off or put on again
+    law         tangent stiffness over the load, None if the loads are too few to bend it
     """
 
     stiffness: Estimate | None
@@ -58,6 +65,7 @@ class StiffnessFit:
     slip: float
     slips_again: bool
     only_rose: bool
+    law: TangentLaw | None
 
 
 def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
@@ -73,22 +81,27 @@ def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
         )
 
 
-def fit_stiffness(trials: Sequence[Sequence[Plateau]], gain_sd: float) -> StiffnessFit:
+def fit_stiffness(
+    trials: Sequence[Sequence[Plateau]], gain_sd: float, drift_sd: float = 0.0, *, creeps: bool = False
+) -> StiffnessFit:
     """k of one donning from the plateaus of its static trials in time order.
 
-    gain_sd is the relative standard uncertainty of the load cell's scale.
+    gain_sd is the relative standard uncertainty of the load cell's scale, drift_sd [N/s] what is not known of how its
+    zero wanders; creeps tells that what bends the line of a load that only rose is creep, and not slip.
     """
-    fits = _fit_trials(trials, gain_sd, "above all before")
-    every_rise = _fit_trials(trials, gain_sd, "every rise")
+    fits = _fit_trials(trials, gain_sd, drift_sd, "above all before")
+    every_rise = _fit_trials(trials, gain_sd, drift_sd, "every rise")
+    unslipped = _fit_trials(trials, gain_sd, drift_sd, "nowhere")
     slips_again = _contradict(fits, every_rise)
     fits = every_rise if slips_again else fits
     only_rose = not any(fit.repeat for fit in fits)
-    if only_rose:
-        fits = _straight(_fit_trials(trials, gain_sd, "nowhere")) or fits
+    if _holds(unslipped, fit_law(_points(unslipped)), only_rose) or (only_rose and creeps):
+        fits, slips_again = unslipped, False
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
     stiffness = as_inverse(combine(repeats)) if repeats else None
     slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness else 0.0
-    return StiffnessFit(stiffness, tuple(fits), slip, slips_again, only_rose)
+    law = fit_law(_points(fits), gain_sd) if repeats else None
+    return StiffnessFit(stiffness, tuple(fits), slip, slips_again, only_rose, law)
 
 
 def trial_stiffness(fit: StaticFit) -> Estimate | None:
@@ -100,6 +113,7 @@ def trial_stiffness(fit: StaticFit) -> Estimate | None:
 def _fit_trials(
     trials: Sequence[Sequence[Plateau]],
     gain_sd: float,
+    drift_sd: float,
     slips: Literal["nowhere", "above all before", "every rise"],
 ) -> list[StaticFit]:
     """Every trial with segments that begin where the cuff is taken to slip; a trial's first plateau begins none."""
@@ -111,20 +125,39 @@ def _fit_trials(
             before = {"nowhere": math.inf, "above all before": highest, "every rise": plateaus[i - 1].force}[slips]
             begins[i] = i > 0 and plateau.force > before + SAME_LOAD
             highest = max(highest, plateau.force)
-        fits.append(_fit_trial(tuple(plateaus), begins, gain_sd))
+        fits.append(_fit_trial(tuple(plateaus), begins, gain_sd, drift_sd))
     return fits
 
 
-def _straight(fits: list[StaticFit]) -> list[StaticFit] | None:
-    """The fits if their plateaus lie on straight lines within their errors: a friction limit would bend them."""
-    repeats = [fit.repeat for fit in fits if fit.repeat is not None]
+def _holds(unslipped: Sequence[StaticFit], law: TangentLaw | None, only_rose: bool) -> bool:
+    """Whether the loads lie on one line, or one exponential, within their errors: then the cuff did not slip.
+
+    Of a load that only rose a curve that softens is not believed: slip bends it as well.
+    """
+    repeats = [fit.repeat for fit in unslipped if fit.repeat is not None]
     dof = sum(repeat.dof for repeat in repeats)
-    if dof < MIN_STRAIGHT or sum(repeat.chi_square for repeat in repeats) > stats.chi2.ppf(0.99, dof):
-        return None
-    return fits
+    if dof < MIN_STRAIGHT:
+        return False
+    if sum(repeat.chi_square for repeat in repeats) < stats.chi2.ppf(BELIEVED, dof):
+        return True
+    bends = law is not None and law.chi_square < stats.chi2.ppf(BELIEVED, law.dof)
+    return bends and (not only_rose or (law is not None and law.growth > 0))
 
 
-def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd: float) -> StaticFit:
+def _points(fits: Sequence[StaticFit]) -> HeldPoints:
+    """The plateaus of all trials; segments of different trials share no offset."""
+    firsts = np.cumsum([0, *(int(fit.segment.max(initial=-1)) + 1 for fit in fits)])
+    group = [fit.segment + first for fit, first in zip(fits, firsts, strict=False)]
+    force = [np.array([plateau.force for plateau in fit.plateaus]) for fit in fits]
+    return HeldPoints(
+        np.concatenate([*force, np.zeros(0)]),
+        np.concatenate([*(fit.x for fit in fits), np.zeros(0)]),
+        np.concatenate([*(fit.x_sd for fit in fits), np.zeros(0)]),
+        np.concatenate([*group, np.zeros(0)]).astype(np.intp),
+    )
+
+
+def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd: float, drift_sd: float) -> StaticFit:
     """Weighted regression of displacement on force within segments: force is by far the better known of the two.
 
     Weights are of the effective variance u(x)² + u(F)²/k² (York), with 1/k from the round before.
@@ -139,26 +172,27 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
     x, x_sd = np.array(read).reshape(-1, 2).T
     dof = len(plateaus) - len(np.unique(segment)) - 1
     if dof < 0 or not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
-        return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None)
+        return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None, x, x_sd)
     compliance = 0.0
     for _ in range(4):
         weight = 1 / (x_sd**2 + (compliance * force_sd) ** 2)
-        way, load = _within(x, segment, weight), _within(force, segment, weight)
+        way, load = within(x, segment, weight), within(force, segment, weight)
         information = float(weight @ load**2)
         compliance = float(weight @ (load * way)) / information
     chi_square = float(weight @ (way - compliance * load) ** 2)
     white = 1 / x_sd**2
-    noise = 1 / math.sqrt(float(white @ _within(force, segment, white) ** 2))
-    causes = {"codes": math.sqrt(max(0.0, 1 / information - noise**2)), "gain": gain_sd * abs(compliance)}
+    noise = 1 / math.sqrt(float(white @ within(force, segment, white) ** 2))
+    middle = np.array([(plateau.start + plateau.end) / 2 for plateau in plateaus])
+    # A zero that drifts by d [N/s] adds d t to the load, and so Σ w load t / Σ w load² of itself to the compliance.
+    leverage = abs(float(weight @ (load * within(middle, segment, weight)))) / information
+    causes = {
+        "codes": math.sqrt(max(0.0, 1 / information - noise**2)),
+        "gain": gain_sd * abs(compliance),
+        "drift": drift_sd * leverage * abs(compliance),
+    }
     repeat = Repeat(compliance, noise, math.hypot(*causes.values()), chi_square, max(dof, 0), causes)
     offset = (force - load) - (x - way) / compliance
-    return StaticFit(plateaus, segment, offset, repeat)
-
-
-def _within(values: NDArray[np.float64], segment: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values minus their weighted mean in their segment."""
-    mean = np.bincount(segment, weight * values) / np.bincount(segment, weight)
-    return values - mean[segment]
+    return StaticFit(plateaus, segment, offset, repeat, x, np.hypot(x_sd, compliance * force_sd))
 
 
 def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool:
