@@ -257,7 +257,9 @@ def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
 
 
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
-    """The problem of every frame, open to loads."""
+    """The problem of every frame, open to loads. ModelError for a model without muscles, or names it does not have."""
+    if not model.muscles:
+        raise ModelError(f"the model {model.name} should have muscles that share the work and has none; take another")
     kinematics, maps = mechanics.kinematics, mechanics.maps
     tracked = np.ones(len(model.coordinates), dtype=bool)
     tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False

@@ -85,7 +85,7 @@ def _activations(page: Page, solved: SolvedMotion) -> None:
 
 def _reserves(page: Page, solved: SolvedMotion) -> None:
     """What actuators give: those that stand in for muscles, and by their units those that cost nothing."""
-    groups = _reserve_groups(solved)
+    groups = _reserve_groups(solved) or {("the model has no actuators", "N m"): []}
     axes = np.atleast_1d(page.subplots(len(groups), 1, sharex=True))
     for axis, ((title, unit), members) in zip(axes, groups.items(), strict=True):
         for shade, index in zip((*SHADES, LINE, MARK, WARM, "#4aa3a2") * 9, members, strict=False):
@@ -94,7 +94,8 @@ def _reserves(page: Page, solved: SolvedMotion) -> None:
             axis.plot(solved.solution.time, values, color=shade, linewidth=1.0, label=coordinate)
         axis.set_title(title, loc="left")
         axis.set_ylabel(f"[{unit}]")
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5)
+        if members:
+            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5)
     axes[-1].set_xlabel("time [s]")
 
 

@@ -198,6 +198,11 @@ def test_the_joint_whose_reaction_counts_may_have_another_name():
         solve_motion(renamed, motion)
 
 
+def test_a_model_without_muscles_is_refused():
+    with pytest.raises(ModelError, match="should have muscles that share the work and has none"):
+        solve_motion(replace(MODEL, muscles=()), thin(SLOW, 10))
+
+
 def test_an_unknown_free_coordinate_is_named():
     with pytest.raises(ModelError, match="elbow_twist"):
         solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
@@ -15,6 +16,7 @@ from solver.bundled import bundled_model
 from solver.motion import write_table
 from solver.raise_arm import raise_arm
 from solver.redundancy import RedundancyOptions
+from station import rmr
 from station.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles, unsolved_in_words
 from station.rmr_figures import draw_solved
 from station.rmr_table import solved_columns, write_solved
@@ -160,14 +162,12 @@ def test_a_page_and_its_parts_are_drawn(which: str, request: pytest.FixtureReque
         assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 50  # not an empty sheet
 
 
-def test_a_model_without_glenoid_is_solved_and_drawn(motion: Path, tmp_path: Path, monkeypatch) -> None:
-    from dataclasses import replace
-
-    from station import rmr
-
-    monkeypatch.setattr(rmr, "bundled_model", lambda: replace(MODEL, markers=()))
-    solved = solve_muscles(MuscleInputs(motion), CUT, RedundancyOptions(has_glenoid_cone=False))
-    assert np.isnan(solved.solution.contact).all()
+@pytest.mark.parametrize("lacking", ["markers", "actuators"])
+def test_a_model_that_lacks_something_is_told_of_and_drawn(lacking: str, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(rmr, "bundled_model", lambda: replace(MODEL, **{lacking: ()}))
+    solved = solve_muscles(MuscleInputs(), CUT, RedundancyOptions(has_glenoid_cone=False))
+    assert np.isnan(solved.solution.contact).all() == (lacking == "markers")
+    assert bool(unsolved_in_words(solved.solution)) == (lacking == "actuators")
     draw_solved(tmp_path / "page.png", solved)
     assert (tmp_path / "page.png").stat().st_size > 10_000
 
