@@ -52,7 +52,7 @@ def lay_out(manifest: Manifest, tracks: Mapping[str, Track], labels: tuple[str, 
     quality.require_labels(labels, frames.stream.labels)
     raw = force.values[:, 0].astype(np.float64)
     quality.require_sound_force(raw, _full_scale(manifest, force.stream))
-    both = _declared(manifest, force, frames) if manifest.start == "declared" else _by_edge(manifest, tracks)
+    both = _by_edge(manifest, tracks) if manifest.begins_at_edge else _as_declared(manifest, force, frames)
     frames, first_frame, notes = both.frames, both.first_frame, both.notes
     grid = _regular(frames, labels)
     marker_time = first_frame + np.arange(len(grid)) / frames.stream.rate_hz
@@ -146,11 +146,12 @@ class _OneTime:
     notes: tuple[str, ...] = ()
 
 
-def _declared(manifest: Manifest, force: _Counted, frames: _Counted) -> _OneTime:
-    """Both device clocks are one: what drifts between them is in the declared uncertainty of the lag."""
+def _as_declared(manifest: Manifest, force: _Counted, frames: _Counted) -> _OneTime:
+    """Both device clocks read origin_s at session time 0; from there two of them drift apart."""
     clock = ClockFit(manifest.origin_s, 1.0, np.zeros((2, 2)), has_both_edges=False)
     first_frame = float(frames.device_time[0]) - manifest.origin_s
-    return _OneTime(clock.session_time(force.device_time), frames, first_frame, clock)
+    drift = 0.0 if manifest.start == "one_clock" else clocks.DRIFT_PRIOR_SD
+    return _OneTime(clock.session_time(force.device_time), frames, first_frame, clock, drift=drift)
 
 
 def _by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> _OneTime:

@@ -72,8 +72,9 @@ class Manifest:
     """One trial's passport.
 
     A static or dynamic test has a cuff, a bounce test has a bounce instead.
-    start_utc_ns is the host's UTC at arming; start is "sync_edge", "pfi0" (then force sample 0 is the edge) or
-    "declared": both device clocks are one, because whoever imported them said so, and session time 0 is origin_s on it.
+    start_utc_ns is the host's UTC at arming; start is "sync_edge" or "pfi0" (then force sample 0 is the edge). Of an
+    imported trial without a sync line it is "declared" (the clocks of two files were said to read the same at
+    origin_s, session time 0) or "one_clock" (both streams are of one file and one clock).
     effective_config is the whole configuration that was in force, as plain data; versions maps package to version.
     """
 
@@ -82,7 +83,7 @@ class Manifest:
     repeat: int
     run: int
     donning: str
-    start: Literal["sync_edge", "pfi0", "declared"]
+    start: Literal["sync_edge", "pfi0", "declared", "one_clock"]
     sync_threshold_v: float
     load_cell: LoadCell
     start_utc_ns: int
@@ -90,6 +91,11 @@ class Manifest:
     origin_s: float = 0.0
     effective_config: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def begins_at_edge(self) -> bool:
+        """Whether session time 0 is the sync edge; otherwise it is origin_s on the device clocks."""
+        return self.start in ("sync_edge", "pfi0")
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def _captured(recording: Recording) -> Track:
         raise ImportRefused(
             f"{recording.path} holds no live frame to lay the export over; import force and markers anew"
         )
-    if recording.manifest.start == "declared":
+    if not recording.manifest.begins_at_edge:
         return track
     device, host = (1e-9 * times.astype(np.float64) for times in (track.device_time_ns, track.host_time_ns))
     try:

@@ -153,7 +153,7 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
         "donning": manifest.donning,
         "clock": {
             "unit": "s",
-            "zero": "the sync edge" if manifest.start != "declared" else "said to be that of both imported files",
+            "zero": "the sync edge" if manifest.begins_at_edge else "the first frame of the imported files",
             "zero_utc": edge.isoformat(),
             "force_lag_s": line.lag.value,
             "force_lag_sd_s": line.lag.total(float(line.marker_time[-1]) / 2),

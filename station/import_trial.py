@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ def import_trial(
         repeat=spec.repeat,
         run=run,
         donning=spec.donning,
-        start="declared" if force.sync is None else "sync_edge",
+        start=_start(force, force_source.path == marker_source.path),
         origin_s=laid.origin_s,
         sync_threshold_v=config.sync.threshold_v,
         load_cell=_load_cell(force, config),
@@ -90,6 +91,12 @@ def import_trial(
     items = [origin, *_items(laid, force, markers, start_utc_ns)]
     write_recording(path, manifest, streams, items, Outcome(True, "closed", f"imported from {files}"), files)
     return Imported(path, laid.notes)
+
+
+def _start(force: Force, is_one_file: bool) -> Literal["sync_edge", "declared", "one_clock"]:
+    if force.sync is not None:
+        return "sync_edge"
+    return "one_clock" if is_one_file else "declared"
 
 
 def with_lag(config: StationConfig, lag_s: float | None, lag_sd_s: float | None) -> StationConfig:

@@ -15,7 +15,7 @@ from recordings.samples import Item, Loss, Samples, Stream
 from recordings.writer import RecordingWriter
 from station.foreign_files import ImportRefused
 
-BLOCK_S = 0.1
+BLOCK_S = 0.5
 
 
 def blocks(
@@ -25,7 +25,7 @@ def blocks(
     host_ns: NDArray[np.int64],
     values: NDArray[Any],
 ) -> Iterator[Samples | Loss]:
-    """Samples (n,) in blocks of a tenth of a second that arrive with their last sample; at a gap, its loss first."""
+    """Samples (n,) in blocks of half a second that arrive with their last sample; at a gap, its loss first."""
     cuts = np.flatnonzero(np.diff((host_ns - host_ns[0]) // round(1e9 * BLOCK_S)) | (np.diff(numbers) != 1)) + 1
     for part in np.split(np.arange(len(numbers)), cuts):
         begin, end = int(part[0]), int(part[-1]) + 1

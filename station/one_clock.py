@@ -70,6 +70,6 @@ def _edge_utc_ns(manifest: Manifest, tracks: Mapping[str, Track], line: Timeline
     """As the sample tells that travelled fastest."""
     track = tracks.get("/sync", tracks["/force"])
     device = track.device_time_ns
-    if manifest.start != "declared":  # the clock was fitted to what the device counted
+    if manifest.begins_at_edge:  # the clock was fitted to what the device counted
         device = np.rint(1e9 * track.sample_numbers.astype(np.float64) / track.stream.rate_hz).astype(np.int64)
     return int(np.min(track.host_time_ns - device)) + round(1e9 * line.clock.start)
