@@ -291,13 +291,6 @@ class CoordinateActuator:
     min_control: float = -np.inf
     max_control: float = np.inf
 
-    def __post_init__(self) -> None:
-        if not self.min_control <= self.max_control:
-            raise ModelError(
-                f"the actuator {self.name} should have its least control below its greatest and has "
-                f"{self.min_control:g} and {self.max_control:g}; exchange them"
-            )
-
 
 @dataclass(frozen=True)
 class CoordinateForce:

@@ -30,12 +30,15 @@ def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> 
 
 
 def read_actuator(element: Element, names: Names) -> CoordinateActuator:
+    least, greatest = element.number("min_control", "-inf"), element.number("max_control", "inf")
+    if not least <= greatest:
+        raise element.refusal(f"has a min_control of {least:g} above its max_control of {greatest:g}; exchange them")
     return CoordinateActuator(
         name=element.name,
         coordinate=names.coordinate(element, element.child("coordinate").text),
         optimal_force=element.number("optimal_force", "1"),
-        min_control=element.number("min_control", "-inf"),
-        max_control=element.number("max_control", "inf"),
+        min_control=least,
+        max_control=greatest,
     )
 
 

@@ -205,6 +205,11 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         (">midpoint<", ">spiral<", "PathWrap wrap has the method spiral"),
         ("<prescribed>false", "<prescribed>true", "Coordinate angle has <prescribed> true; the solver has only false"),
         ("<min_control>-Inf", "<min_control>low", "min_control should hold numbers, not 'low'"),
+        (
+            "<min_control>-Inf",
+            "<max_control>2</max_control><min_control>3",
+            "has a min_control of 3 above its max_control",
+        ),
         ("<minimum_value>0<", "<minimum_value>low<", "minimum_value should hold numbers, not 'low'"),
         ("<x>1 3</x>", "<x>1 2 3</x>", "SimmSpline has 3 x and 2 y"),
         ("angle</socket_y_coordinate>", "other</socket_y_coordinate>", "MovingPathPoint b follows several coordinates"),
