@@ -26,6 +26,7 @@ VERBS = {
         bench.record,
         whole.serve,
         files.info,
+        files.replay,
         files.recover,
         files.import_,
         files.export,

@@ -28,6 +28,7 @@ from station.console.guide import Ceilings, Cue, FreeStaticGuide, Guide, StaticG
 from station.console.judgement import Judgement, be_ready, judge_recording
 from station.console.summary import Summary, SummaryError, summarise
 from station.console.trial_process import TrialProcess
+from station.console.worker import end_with_parent
 from station.journal import (
     JOURNAL_FILE,
     Choice,
@@ -103,7 +104,7 @@ class Desk:
         self._read: tuple[tuple[int, int], Journal] | None = None
         self._trial: TrialProcess | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._worker = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+        self._worker = ProcessPoolExecutor(1, get_context("spawn"), end_with_parent)
         self._ceilings = Ceilings(config.safety.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s)
         self._prepared: TrialSpec | None = None
 

@@ -1,4 +1,4 @@
-"""With files: info, recover, import, export."""
+"""With files: info, replay, recover, import, export."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import ConfigPath, Format, Test, say
+from station.verbs.options import Condition, ConfigPath, Format, Speed, Test, say
 
 ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids"]
 
@@ -22,6 +22,37 @@ def info(
     from station.info import show_contents
 
     raise typer.Exit(show_contents(file, as_json=format == "json"))
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(help="A recording.")],
+    session: Annotated[
+        Path | None, typer.Option(help="Record it anew into this folder; default: keep nothing.")
+    ] = None,
+    speed: Speed = 1.0,
+    rrd: Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")] = None,
+) -> None:
+    """Play a recording back through the live pipeline: daemon, views, writer. The same fit comes out, bit for bit."""
+    from contextlib import ExitStack
+    from tempfile import TemporaryDirectory
+
+    from station.clock import RealClock
+    from station.daemon import View
+    from station.live import LiveView
+    from station.replay import replay as play_back
+
+    with ExitStack() as stack:
+        folder = session or Path(stack.enter_context(TemporaryDirectory()))
+        views: list[View] = [stack.enter_context(LiveView(RealClock(speed), file.stem))]
+        if rrd is not None:
+            from station.rerun_log import RerunLog
+
+            views.append(stack.enter_context(RerunLog(rrd)))
+        result = play_back(file, folder, speed, views)
+    say(result.sentence)
+    if session is not None and result.path is not None:
+        print(result.path)
+    raise typer.Exit(DONE if result.accepted and not result.lost_samples else LOSSY)
 
 
 def recover(
@@ -87,17 +118,36 @@ def export(
     file: Annotated[Path | None, typer.Argument(help="A recording.")] = None,
     session: Annotated[Path | None, typer.Option(help="Instead: every recording of a session.")] = None,
     to: Annotated[ExportFormat | None, typer.Option(help="The format; docs/exchange.md says what is in each.")] = None,
-    output: Annotated[Path | None, typer.Option(help="Folder to write into; default: the recordings' own.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder to write into; default: the recordings' own. With --osim: the file.")
+    ] = None,
     subject: Annotated[str, typer.Option(help="For BIDS, where the recording's name has no sub-.")] = "01",
+    osim: Annotated[bool, typer.Option("--osim", help="Instead: a model that wears the suit, for OpenSim.")] = False,
+    model: Annotated[str, typer.Option(help='With --osim: an .osim file, or "bundled".')] = "bundled",
+    suit: Annotated[Path | None, typer.Option(help="With --osim; default: the bundled exotendon suit.")] = None,
+    cuffs: Annotated[Path | None, typer.Option(help="With --osim: a cuffs.json; default: rigid cuffs.")] = None,
+    cuff: Annotated[str | None, typer.Option(help="With --osim: the arm cuff, where there are several.")] = None,
+    condition: Annotated[Condition | None, typer.Option(help="With --osim: what the cuffs do; default: both.")] = None,
+    rest_length_m: Annotated[float | None, typer.Option(min=0, help="With --osim; default: the suit's.")] = None,
 ) -> None:
-    """Write recordings on the common clock for other programs. Prints the paths of what it wrote."""
+    """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
     from station.export_trial import export_recordings
     from station.fit import recordings_in
     from station.one_clock import ExportRefused, WrongExport
 
+    if osim:
+        from solver.suit import BUNDLED_SUIT
+        from station.export_model import SuitToExport, write_suited_model
+
+        if output is None or file is not None or session is not None or to is not None:
+            raise WrongExport("an export with --osim needs --output, and no FILE, --session or --to; see --help")
+        worn = SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m)
+        write_suited_model(worn, output)
+        print(output)
+        return
     source = file or session
     if source is None or (file is not None and session is not None) or to is None:
-        raise WrongExport("an export needs either a FILE or --session, and --to; see --help")
+        raise WrongExport("an export needs either a FILE or --session, and --to, or else --osim; see --help")
     paths = [source] if file is not None else recordings_in(source)
     if not paths:
         raise ExportRefused(f"{source} holds no recording (*.mcap); give the folder of a session")
