@@ -124,8 +124,8 @@ def _is_applied(element: Element) -> bool:
 
 
 def _data_file(loads: Element) -> Path:
-    """Relative to the folder of the XML unless it is absolute."""
-    name = loads.word("datafile", "")
+    """Relative to the folder of the XML unless it is absolute; OpenSim on Windows writes backslashes."""
+    name = loads.word("datafile", "").replace("\\", "/")
     if not name:
         raise loads.refusal("names no <datafile>; add the file that holds the columns")
     return loads.file.parent / name

@@ -64,6 +64,13 @@ def test_a_load_is_a_wrench_about_the_grounds_origin() -> None:
     assert not np.delete(wrench, HAND, axis=0).any()
 
 
+@pytest.mark.parametrize("where", ["{folder}/handle.mot", "data/../handle.mot", ".\\handle.mot"])
+def test_the_data_file_is_absolute_or_beside_the_file_of_loads(files: Path, where: str) -> None:
+    (files.parent / "data").mkdir()
+    files.write_text(XML.replace(">handle.mot<", f">{where.format(folder=files.parent)}<"))
+    assert len(read_external_loads(files, MODEL, TIME)) == 1
+
+
 def test_what_is_switched_off_is_left_out(files: Path) -> None:
     for on, off in (("appliesForce>true", "appliesForce>false"), ("<appliesForce>true</appliesForce>", DISABLED)):
         files.write_text(XML.replace(on, off))
