@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from typing import Any
 
+from fitting.calibration import Calibration
 from fitting.damping import DampingFit
+from fitting.diagnosis import Diagnosis
+from fitting.model_class import ModelComparison
 from fitting.uncertainty import Estimate
 from fitting.weak_form import ComplexStiffness
 
@@ -52,6 +56,22 @@ def plain_swing(fit: DampingFit) -> dict[str, Any]:
     }
 
 
+def plain_calibration(calibration: Calibration | None) -> dict[str, Any] | None:
+    """The load cell by its bounce trials, and when the newest was recorded; null without one."""
+    if calibration is None:
+        return None
+    recorded = datetime.fromtimestamp(calibration.recorded_utc_ns // 1_000_000_000, UTC)
+    return {
+        "lag_s": plain_estimate(calibration.lag),
+        "gain": plain_estimate(calibration.gain),
+        "gain_is_used": calibration.is_gain_believed,
+        "zero_n": plain_estimate(calibration.zero),
+        "recorded_utc": recorded.isoformat(),
+        "sources": dict(calibration.sources),
+        "notes": list(calibration.notes),
+    }
+
+
 def plain_bands(bands: Sequence[ComplexStiffness]) -> list[dict[str, Any]]:
     """K*(f) = k + i 2πf c, band by band."""
     return [
@@ -62,3 +82,38 @@ def plain_bands(bands: Sequence[ComplexStiffness]) -> list[dict[str, Any]]:
         }
         for band in bands
     ]
+
+
+def plain_classes(classes: ModelComparison | None) -> dict[str, Any] | None:
+    """The chosen law and the ranking, best first."""
+    if classes is None:
+        return None
+    return {
+        "chosen": classes.name,
+        "ranking": [
+            {"class": score.name, "left_over_n": score.left_over, "gain": score.gain} for score in classes.ranking
+        ],
+    }
+
+
+def plain_diagnosis(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
+    """Checks D1 to D8 in order, and causes, the likeliest first."""
+    if diagnosis is None:
+        return None
+    return {
+        "findings": [
+            {
+                "code": each.code,
+                "name": each.name,
+                "value": each.value,
+                "standard_error": each.standard_error,
+                "unit": each.unit,
+                "alarm": each.is_alarm,
+                "sentence": each.sentence,
+            }
+            for each in diagnosis.findings
+        ],
+        "causes": [
+            {"cause": each.name, "severity": each.severity, "sentence": each.sentence} for each in diagnosis.causes
+        ],
+    }

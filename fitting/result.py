@@ -13,9 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.calibration import Calibration
 from fitting.curves import TrialCurves
 from fitting.damping import DampingFit
-from fitting.plain import plain_bands, plain_estimate, plain_swing
+from fitting.diagnosis import Diagnosis
+from fitting.model_class import ModelComparison
+from fitting.plain import plain_bands, plain_calibration, plain_classes, plain_diagnosis, plain_estimate, plain_swing
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import NORMAL_95, Estimate
 from fitting.weak_form import ComplexStiffness
@@ -61,6 +64,21 @@ class CuffsFileError(Exception):
 
 
 @dataclass(frozen=True)
+class Lag:
+    """Of force against markers [s], as it was taken off the force's times, and its standard uncertainties.
+
+    delay_sd   of what all trials share;  edge_sd  of what is each trial's own;  drift  [s/s] of one clock's rate
+    source     "declared", or the files of the bounce trials that calibrated it
+    """
+
+    value: float
+    delay_sd: float
+    edge_sd: float
+    drift: float
+    source: str
+
+
+@dataclass(frozen=True)
 class TrialFit:
     """One recording's part in a fit: "used", "superseded" by a later run, or "unusable" for a reason.
 
@@ -89,8 +107,12 @@ class CuffFit:
     sources     file → SHA-256 of every recording that was used
     trials      every recording of the donning; not read back from cuffs.json
     notes       sentences a reader should know; diagnostics are numbers in SI with the unit in the key
+    lag         of force against markers, None where the figures were given
+    held        what held loads say beside the straight line, as cuffs.json has it
     energy      J that the cuff takes in a cycle of the dynamic trials
-    complex_stiffness  K* in bands of frequency from all dynamic trials; not read back from cuffs.json
+    complex_stiffness  K* in bands of frequency from all dynamic trials
+    classes     how laws richer than a spring and a damper compare;  diagnosis: checks and what may be wrong
+                (these three are not read back from cuffs.json)
     """
 
     name: str
@@ -105,8 +127,12 @@ class CuffFit:
     trials: tuple[TrialFit, ...] = ()
     notes: tuple[str, ...] = ()
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    lag: Lag | None = None
+    held: Mapping[str, Any] = field(default_factory=dict)
     energy: Estimate | None = None
     complex_stiffness: tuple[ComplexStiffness, ...] = ()
+    classes: ModelComparison | None = None
+    diagnosis: Diagnosis | None = None
 
     @property
     def verdict(self) -> str:
@@ -139,11 +165,13 @@ class SessionFit:
     donnings  cuff → donning → fit, donnings in the order they were recorded
     rejected  recordings that could not be read as a trial at all
     curves    file → the arrays behind the figures, for every trial that was used
+    calibration  of the load cell by the session's bounce trials, None without one
     """
 
     donnings: Mapping[str, Mapping[str, CuffFit]]
     rejected: tuple[RejectedTrial, ...]
     curves: Mapping[str, TrialCurves]
+    calibration: Calibration | None = None
 
     @property
     def cuffs(self) -> dict[str, CuffFit]:
@@ -160,7 +188,8 @@ class SessionFit:
             for name, fit in self.cuffs.items()
         }
         rejected = [{"file": trial.file, "reason": trial.reason} for trial in self.rejected]
-        return json.dumps({"cuffs": cuffs, "rejected": rejected}, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        plain = {"cuffs": cuffs, "rejected": rejected, "calibration": plain_calibration(self.calibration)}
+        return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
@@ -190,10 +219,26 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         "covariance": fit.covariance.tolist(),
         "notes": list(fit.notes),
         "diagnostics": dict(fit.diagnostics),
+        "lag": _plain_lag(fit.lag),
+        "static": dict(fit.held),
         "hysteresis_energy_j": plain_estimate(fit.energy),
         "complex_stiffness": plain_bands(fit.complex_stiffness),
+        "model_class": plain_classes(fit.classes),
+        "diagnosis": plain_diagnosis(fit.diagnosis),
         "sources": dict(fit.sources),
         "trials": [_plain_trial(trial) for trial in fit.trials],
+    }
+
+
+def _plain_lag(lag: Lag | None) -> dict[str, Any]:
+    if lag is None:
+        return {}
+    return {
+        "value_s": lag.value,
+        "delay_standard_error_s": lag.delay_sd,
+        "edge_standard_error_s": lag.edge_sd,
+        "clock_rate_standard_error": lag.drift,
+        "source": lag.source,
     }
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fitting.curves import TrialCurves
+from fitting.diagnosis import diagnose
 from fitting.donning import fit_donning
+from fitting.history import history_of
+from fitting.model_class import compare_classes
 from fitting.result import CuffFit, SessionFit
 from fitting.trial import RejectedTrial, Trial
 
@@ -27,6 +31,15 @@ def fit_session(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
             if each.capture and each.capture.cuff and (each.capture.cuff.name, each.capture.donning) == (cuff, donning)
         ]
         fit, drawn = fit_donning(of_donning, lost)
-        donnings.setdefault(cuff, {})[donning] = fit
+        donnings.setdefault(cuff, {})[donning] = _diagnosed(fit, list(drawn.values()))
         curves |= drawn
-    return SessionFit(donnings, tuple(rejected), curves)
+    calibration = next((trial.calibration for trial in trials if trial.calibration), None)
+    return SessionFit(donnings, tuple(rejected), curves, calibration)
+
+
+def _diagnosed(fit: CuffFit, curves: Sequence[TrialCurves]) -> CuffFit:
+    """The fit with its comparison of laws and its diagnosis."""
+    in_order = sorted(curves, key=lambda each: (each.trial.start_utc_ns, each.trial.file))
+    classes = compare_classes([history_of(each) for each in in_order])
+    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes)
+    return replace(fit, classes=classes, diagnosis=diagnosis)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from rich.console import Console
@@ -28,8 +28,8 @@ def print_cuffs(fitted: SessionFit, console: Console) -> None:
                     console.print(f"{trial.file}: {trial.state}: {trial.reason}", highlight=False)
                 for note in trial.notes:
                     console.print(f"{trial.file}: {note}", highlight=False)
-            for note in fit.notes:
-                console.print(f"{name}, donning {donning}: {note}", highlight=False)
+            for sentence in (*fit.notes, *_law(fit), *_diagnosed(fit)):
+                console.print(f"{name}, donning {donning}: {sentence}", highlight=False)
     for rejected in fitted.rejected:
         console.print(f"{rejected.file}: {rejected.reason}", highlight=False)
 
@@ -96,6 +96,19 @@ def optimum_table(optimised: Optimised) -> Table:
         lengths = f"{tried.suit.reference_rest_length:.4f}", f"{tried.suit.stiffness:.0f}"
         table.add_row(name, *lengths, f"{tried.cost:.4f}", *drawn)
     return table
+
+
+def _law(fit: CuffFit) -> Iterator[str]:
+    """The law that describes the cuff, and the others by the force they leave over in repeats left out."""
+    if fit.classes is not None:
+        ranking = ", ".join(f"{score.name} {score.left_over:.2f} N" for score in fit.classes.ranking)
+        yield f"its law is {fit.classes.name}; left over in repeats left out: {ranking}"
+
+
+def _diagnosed(fit: CuffFit) -> Iterator[str]:
+    if fit.diagnosis is not None:
+        yield from (f"{each.code}: {each.sentence}" for each in fit.diagnosis.findings if each.is_alarm)
+        yield from (f"likely: {cause.sentence}" for cause in fit.diagnosis.causes[:2])
 
 
 def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | None) -> str:

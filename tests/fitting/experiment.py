@@ -110,9 +110,23 @@ class Session:
             load, truth.stiffness, truth.damping, truth.mass, truth.friction, hardening, truth.slowness, self.slip
         )
         self.slip = float(slip[-1])
+        shifts = np.zeros((len(load), len(truth.anchor) + 1, 3))
+        shifts[:, -1] = x[:, None] * PULL
+        return self.assemble(test, repeat, time, load, shifts)
+
+    def assemble(
+        self,
+        test: str,
+        repeat: int,
+        time: NDArray[np.float64],
+        load: NDArray[np.float64],
+        shifts: NDArray[np.float64],
+    ) -> tuple[Manifest, dict[str, Track]]:
+        """What both instruments make of a load (n,) [N] and of how the body's markers move with it, (n, markers, 3)."""
+        truth = self.truth
         start_ns = 1_700_000_000_000_000_000 + int(self.trials * 120e9)
         self.trials += 1
-        tracks = {**self._daq(time, load, start_ns), "/markers": self._mocap(time, x, start_ns)}
+        tracks = {**self._daq(time, load, start_ns), "/markers": self._mocap(time, shifts, start_ns)}
         labels = tuple(f"anchor_{i + 1}" for i in range(len(truth.anchor)))
         manifest = Manifest(
             cuff=CuffSite(truth.cuff, "waist" if truth.cuff == "waist" else "arm", labels, ("cuff_1",)),
@@ -147,14 +161,12 @@ class Session:
         step = self.truth.volts_per_code
         return volts if step == 0 else step * np.round(volts / step)
 
-    def _mocap(self, time: NDArray[np.float64], x: NDArray[np.float64], start_ns: int) -> Track:
+    def _mocap(self, time: NDArray[np.float64], shifts: NDArray[np.float64], start_ns: int) -> Track:
         """Frame 1 is exposed at the edge."""
         truth = self.truth
         count = int(time[-1] * truth.marker_rate)
         frame_time = np.arange(count) / truth.marker_rate
-        way = np.interp(frame_time, time, x)
-        body = np.repeat(np.vstack((truth.anchor, CUFF))[None], count, axis=0)
-        body[:, -1] += way[:, None] * PULL
+        body = np.vstack((truth.anchor, CUFF)) + shifts[np.searchsorted(time, frame_time - STEP / 2)]
         sway = truth.sway * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         turn = truth.sway_angle * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         lab = np.einsum("fij,fmj->fmi", _rotations(turn), body) + sway[:, None]

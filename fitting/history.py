@@ -1,0 +1,87 @@
+"""What a cuff went through in a record, smoothed and on an even grid, for laws that remember."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from fitting.curves import TrialCurves
+
+STEP = 0.04
+WINDOW = 0.2
+"""Seconds over which a parabola smooths the displacement."""
+PLAY = 3.0
+"""Standard deviations of the smoothed displacement that a turn must exceed to be one."""
+
+
+@dataclass(frozen=True)
+class History:
+    """A record on an even grid [s]: force (n,) [N], displacement (n,) [m] and velocity (n,) [m/s] without NaN.
+
+    kept       (n,) samples that count: held loads, or the swing
+    is_held    whether those are held loads, of which whole seconds count
+    repeat     its number; all records of one repeat are left out together
+    play       m of displacement that noise crosses
+    """
+
+    time: NDArray[np.float64]
+    force: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    kept: NDArray[np.bool_]
+    is_held: bool
+    repeat: int
+    play: float
+
+
+def history_of(curves: TrialCurves) -> History:
+    """The history of one used trial; hidden frames are bridged by straight lines."""
+    seen = np.isfinite(curves.displacement)
+    frame = float(np.median(np.diff(curves.marker_time)))
+    filled = np.interp(curves.marker_time, curves.marker_time[seen], curves.displacement[seen])
+    window = max(5, 2 * round(WINDOW / frame / 2) + 1)
+    smooth = savgol_filter(filled, window, 2)
+    speed = savgol_filter(filled, window, 2, deriv=1, delta=frame)
+    step = max(STEP, float(np.median(np.diff(curves.force_time))))
+    first = max(curves.force_time[0], curves.marker_time[0])
+    time = np.arange(first, min(curves.force_time[-1], curves.marker_time[-1]), step)
+    return History(
+        time=time,
+        force=_averaged(curves.force_time, curves.force, time, step),
+        displacement=np.interp(time, curves.marker_time, smooth),
+        velocity=np.interp(time, curves.marker_time, speed),
+        kept=_kept(curves, time),
+        is_held=curves.dynamic is None,
+        repeat=curves.trial.repeat,
+        play=PLAY * _noise_left(filled - smooth, window),
+    )
+
+
+def _averaged(
+    time: NDArray[np.float64], values: NDArray[np.float64], at: NDArray[np.float64], width: float
+) -> NDArray[np.float64]:
+    """Means of the values within half a width of each instant; between them where there are too few."""
+    total = np.concatenate(([0.0], np.cumsum(values)))
+    low, high = np.searchsorted(time, at - width / 2), np.searchsorted(time, at + width / 2)
+    count = high - low
+    means = (total[high] - total[low]) / np.maximum(count, 1)
+    return np.where(count >= 4, means, np.interp(at, time, values))
+
+
+def _kept(curves: TrialCurves, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    if curves.dynamic is not None:
+        swing = curves.dynamic.oscillation
+        return np.asarray((time >= swing.start) & (time <= swing.end))
+    held = curves.static.plateaus if curves.static else ()
+    return np.asarray(sum(((time >= each.start) & (time <= each.end) for each in held), np.zeros(len(time), bool)))
+
+
+def _noise_left(residual: NDArray[np.float64], window: int) -> float:
+    """Standard deviation that white noise keeps in the smoothed displacement, from what smoothing took off."""
+    kept = float(savgol_coeffs(window, 2)[window // 2])
+    removed = 1.4826 * float(np.median(np.abs(residual)))
+    return removed * math.sqrt(kept / (1 - kept))
