@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from station.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
-from station.muscle_figures import activation_figure, cost_figure, reduction_figure
+from station.muscle_figures import activation_figure, cost_figure, cuffs_figure, reduction_figure
 from station.pictures import Picture, picture
 
 Plain = Mapping[str, Any]
@@ -54,10 +54,10 @@ def _rows(assessment: Plain) -> list[dict[str, Any]]:
 
 def _pictures(assessment: Plain, activations_file: Path) -> list[Picture]:
     arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    pictures = [
-        picture(cost_figure(assessment, arm), f"Muscle cost over the cord's rest length, waist and {arm} cuff")
-        for arm in arms
-    ]
+    what = "Muscle cost over the cord's rest length"
+    pictures = [picture(cost_figure(assessment, arm), f"{what}, waist and {arm} cuff") for arm in arms]
+    if len(arms) > 1:
+        pictures.insert(0, picture(cuffs_figure(assessment), f"{what}, with every arm cuff shifted and yielding"))
     if activations_file.is_file():
         activations = pd.read_csv(activations_file, keep_default_na=False)
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"

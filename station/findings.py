@@ -12,6 +12,7 @@ def findings(assessment: Assessment) -> list[str]:
     return [
         _choice(assessment),
         *(_compared(each, assessment.reference_rest_length) for each in assessment.comparisons),
+        *_at_their_best(assessment),
         _sure(assessment.sureness),
         *_lost_and_gained(assessment),
         *(_unsolved(what, count) for what, count in assessment.outcomes.items()),
@@ -51,6 +52,18 @@ def _compared(each: Comparison, rest_length: float) -> str:
     low, high = (end if value > 0 else -end for end in each.cost_difference.ci95)
     interval = f"95 % interval {min(low, high):.3f} to {max(low, high):.3f}"
     return f"{words} ({interval}): the two {'differ' if each.differ else 'cannot be told apart'}."
+
+
+def _at_their_best(assessment: Assessment) -> Iterator[str]:
+    """What a cuff loses at one rest length, a cord of its own may bring back."""
+    figures = {curve.cuff: curve.figures for curve in assessment.curves if curve.condition == "both"}
+    best = [
+        f"{cuff} {each['lowest_cost'].value:.3f} at {each['rest_length'].value:.3f} m"
+        for cuff, each in figures.items()
+        if each["lowest_cost"].value is not None and each["rest_length"].value is not None
+    ]
+    if best:
+        yield f"With a cord of its own best rest length, shifted and yielding, it is {', '.join(best)}."
 
 
 def _sure(sureness: Sureness | None) -> str:

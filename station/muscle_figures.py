@@ -28,20 +28,14 @@ NAMED_MUSCLES = (
 
 def cost_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
     """Normalised muscle cost over the cord's rest length, in every condition with one arm cuff; 1 is a slack cord."""
-    figure, (axis,) = new_page(1, height=3.2)
-    lengths = assessment["rest_lengths_m"]["value"]
-    costs = {"rigid": assessment["cost"]["rigid"], **assessment["cost"][cuff]}
-    axis.axhline(1.0, color=MARK, linewidth=1.0, label="slack cord")
-    for (condition, cost), shade in zip(costs.items(), (LINE, *SHADES), strict=False):
-        values = np.array(cost["value"], dtype=float)
-        axis.plot(lengths, values, color=shade, marker=".", markersize=3, label=condition.replace("_", "-"))
-    axis.axvline(assessment["reference_rest_length_m"]["value"], color=MARK, linestyle=":", linewidth=1.0)
-    lowest = min((value for cost in costs.values() for value in cost["value"] if value is not None), default=0.0)
-    axis.set_ylim(lowest - 0.03, COSTLIEST)
-    axis.set_xlabel("rest length of the exotendon [m]")
-    axis.set_ylabel("muscle cost / slack cord")
-    axis.legend(loc="best", ncols=2)
-    return as_png(figure)
+    places = {"rigid": ("rigid",), **{each.replace("_", "-"): (cuff, each) for each in assessment["cost"][cuff]}}
+    return _cost_curves(assessment, places)
+
+
+def cuffs_figure(assessment: Mapping[str, Any]) -> bytes:
+    """The same with every arm cuff, shifted and yielding, beside rigid ones."""
+    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    return _cost_curves(assessment, {"rigid": ("rigid",), **{cuff: (cuff, "both") for cuff in arms}})
 
 
 def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
@@ -56,7 +50,7 @@ def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
         axis.set_visible(False)
     axes[0].set_ylabel("activation")
     axes[len(muscles) - 1].set_xlabel("time [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, fontsize=8, frameon=False)
     return as_png(figure)
 
 
@@ -81,7 +75,32 @@ def reduction_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
     axis.set_yticks(rows + height / 2, names)
     axis.invert_yaxis()
     axis.set_xlabel("reduction of mean activation [%]")
-    figure.legend(loc="outside upper left", ncols=3, fontsize=7.5)
+    figure.legend(loc="outside upper left", ncols=3, fontsize=7.5, frameon=False)
+    return as_png(figure)
+
+
+def _cost_curves(assessment: Mapping[str, Any], places: Mapping[str, tuple[str, ...]]) -> bytes:
+    """A curve for each label and where it stands in the assessment, its best rest length marked."""
+    figure, (axis,) = new_page(1, height=3.2)
+    lengths = assessment["rest_lengths_m"]["value"]
+    axis.axhline(1.0, color=MARK, linewidth=1.0, label="slack cord")
+    lowest = 1.0
+    for (label, place), shade in zip(places.items(), (LINE, *SHADES), strict=False):
+        cost, best = assessment["cost"], assessment["optimum"]
+        for step in place:
+            cost, best = cost[step], best[step]
+        axis.plot(lengths, np.array(cost["value"], dtype=float), color=shade, linewidth=1.3, label=label)
+        if best["rest_length_m"]["value"] is not None:
+            axis.plot(
+                best["rest_length_m"]["value"], best["normalised_cost"]["value"], "o", color=shade, markersize=4.5
+            )
+        lowest = min([lowest, *(value for value in cost["value"] if value is not None)])
+    reference = assessment["reference_rest_length_m"]["value"]
+    axis.axvline(reference, color=MARK, linestyle=":", linewidth=1.0, label=f"compared at {reference:.2f} m")
+    axis.set_ylim(lowest - 0.03, COSTLIEST)
+    axis.set_xlabel("rest length of the exotendon [m]; a dot: the best one")
+    axis.set_ylabel("muscle cost / slack cord")
+    axis.legend(loc="best", ncols=2, frameon=False)
     return as_png(figure)
 
 

@@ -116,7 +116,10 @@ def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
         assert str(escape(sentence)) in page
     assert "our own calibration" in page
     assert "bundled raise of the arm with 2 kg in the hand" in page
-    assert page.count("data:image/png;base64,") == 2 * 3
+    assert page.count("data:image/png;base64,") == 1 + 2 * 3
+    assert plain["findings"][2].startswith(
+        "With a cord of its own best rest length, shifted and yielding, it is hand 0."
+    )
 
 
 def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:

@@ -15,6 +15,7 @@ from solver.suit import BUNDLED_SUIT, SuitError, read_suit
 from solver.worn import Wearing
 from station.assessment_inputs import InputError
 from station.export_model import SuitToExport, write_suited_model
+from tests.station.command import assert_one_sentence
 from tests.station.test_assessment import write_cuffs
 
 
@@ -98,3 +99,12 @@ def test_a_suit_that_opensim_cannot_have_is_refused(tmp_path: Path, old: str, ne
     (tmp_path / "suit.toml").write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(SuitError, match=sentence):
         write_suited_model(SuitToExport(suit=tmp_path / "suit.toml"), tmp_path / "out.osim")
+
+
+def test_the_verb_prints_the_path_and_needs_one(station, tmp_path: Path) -> None:
+    output = tmp_path / "suited.osim"
+    ran = station("export", "--osim", "--output", output, "--rest-length-m", "0.7")
+    assert (ran.code, ran.out.strip()) == (0, str(output))
+    assert output.is_file()
+    assert_one_sentence(station("export", "--osim"), 2, "needs --output")
+    assert_one_sentence(station("export", "--osim", "--output", output, "--condition", "both"), 1, "needs cuffs")

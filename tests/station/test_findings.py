@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from solver.assessment import Assessment, Comparison, Curve, Figure, Sureness
+from solver.readings import Readings
 from station.findings import findings
 
 
 def curve(cuff: str | None, cost: float | None, condition: str = "both") -> Curve:
-    names = ("at_reference", "to_slack", "cord_force", "cord_force_lost", "cost_per_migration")
+    names = [field.name for field in fields(Readings)]
     values = {name: Figure(None) for name in names} | {"at_reference": Figure(cost)}
     nothing = np.zeros((0, 0))
     return Curve(condition, cuff, nothing, nothing, nothing, 0, values, {})  # type: ignore[arg-type]
@@ -74,6 +75,13 @@ def test_what_is_not_known_is_said(value: float | None, sentence: str) -> None:
 def test_one_cuff_alone_and_none_that_was_solved() -> None:
     assert "no other cuff to compare" in findings(assessment(curve("hand", 0.85)))[0]
     assert "No cuff can be chosen" in findings(assessment(curve("hand", None)))[0]
+
+
+def test_what_each_costs_with_a_cord_of_its_own_is_said_where_it_is_known() -> None:
+    best = curve("hand", 0.85)
+    best = replace(best, figures={**best.figures, "lowest_cost": Figure(0.7852), "rest_length": Figure(0.692)})
+    told = findings(assessment(best, curve("tube", 0.84)))
+    assert "With a cord of its own best rest length, shifted and yielding, it is hand 0.785 at 0.692 m." in told
 
 
 def test_thinning_and_unsolved_frames_are_told() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from station.sweep.plan import PlanError, read_plan
+from tests.station.command import assert_one_sentence
 from tests.station.sweep.plans import write_plan
 
 
@@ -96,3 +97,9 @@ def test_the_plans_in_the_docs_are_plans(tmp_path: Path) -> None:
         (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
         points.append(list(read_plan(tmp_path / "plan.toml").points()))
     assert [len(each) for each in points] == [2 * 2 * 2 * 3 * 2 * 2 * 2 * 2, 500]
+
+
+def test_a_plan_that_cannot_be_swept_ends_the_verb_with_one_sentence(station, tmp_path: Path) -> None:
+    plan = write_plan(tmp_path, "rest_length_m = -1")
+    assert_one_sentence(station("sweep", plan, "--output", tmp_path / "out"), 1, "rest_length_m should be a number")
+    assert not (tmp_path / "out").exists()
