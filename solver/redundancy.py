@@ -271,7 +271,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
     return RedundancyProblem(
         time=kinematics.time,
         interval=kinematics.interval,
-        weights=_weights(model, options),
+        weights=effort_weights(model, options),
         time_constants=np.array(
             [[muscle.activation_time_constant, muscle.deactivation_time_constant] for muscle in model.muscles]
         ).T,
@@ -284,6 +284,26 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         solver=options.solver,
         control_limits=np.array([[each.min_control, each.max_control] for each in model.actuators]).reshape(-1, 2).T,
     )
+
+
+def effort_weights(model: Model, options: RedundancyOptions) -> Array:
+    """w (controls,), actuators after muscles. ModelError for a weight of nobody, or below zero."""
+    driven = [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
+    reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
+    names = [*model.muscle_names, *driven]
+    unknown = sorted(set(options.weights) - set(names))
+    if unknown:
+        raise ModelError(
+            f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
+            f"{model.name}, and is not; take a name from the model"
+        )
+    usual = [options.muscle_weight] * len(model.muscles) + reserves
+    weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
+    if weights.min(initial=0.0) < 0.0:
+        raise ModelError(
+            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares"
+        )
+    return weights
 
 
 def solve_redundancy(
@@ -338,22 +358,3 @@ def _each_frame(matrix: Array, values: Array) -> Array:
     """The product of each frame's matrix (frames, i, j) with its values (scenarios, frames, j)."""
     product: Array = np.moveaxis(matrix @ np.moveaxis(values, 0, 2), 2, 0)
     return product
-
-
-def _weights(model: Model, options: RedundancyOptions) -> Array:
-    driven = [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
-    reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
-    names = [*model.muscle_names, *driven]
-    unknown = sorted(set(options.weights) - set(names))
-    if unknown:
-        raise ModelError(
-            f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
-            f"{model.name}, and is not; take a name from the model"
-        )
-    usual = [options.muscle_weight] * len(model.muscles) + reserves
-    weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
-    if weights.min(initial=0.0) < 0.0:
-        raise ModelError(
-            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares"
-        )
-    return weights

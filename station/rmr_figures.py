@@ -17,7 +17,7 @@ from matplotlib.patches import Ellipse
 
 from solver.glenoid import glenoid_cone
 from solver.model import ModelError
-from solver.redundancy import FrameOutcome
+from solver.redundancy import FrameOutcome, effort_weights
 from station.figures import LINE, MARK, SHADES, STYLE, as_png
 from station.rmr import SolvedMotion
 from station.rmr_table import reserve_unit
@@ -102,19 +102,12 @@ def _reserves(page: Page, solved: SolvedMotion) -> None:
 def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:
     """(title, unit) → indices of actuators."""
     groups: dict[tuple[str, str], list[int]] = {}
-    for weighs in (True, False):
-        for index, actuator in enumerate(solved.model.actuators):
-            if (_weight(solved, actuator.coordinate) > 0) == weighs:
-                unit = reserve_unit(solved, actuator.coordinate)
-                title = "reserves, which stand in for muscles" if weighs else "free reserves, without weight"
-                groups.setdefault((title, unit), []).append(index)
+    is_free = effort_weights(solved.model, solved.options)[len(solved.model.muscles) :] == 0
+    for index in np.argsort(is_free, kind="stable"):
+        title = "free reserves, without weight" if is_free[index] else "reserves, which stand in for muscles"
+        unit = reserve_unit(solved, solved.model.actuators[index].coordinate)
+        groups.setdefault((title, unit), []).append(int(index))
     return groups
-
-
-def _weight(solved: SolvedMotion, coordinate: int) -> float:
-    name, options = solved.model.coordinate_names[coordinate], solved.options
-    usual = 0.0 if name in options.unweighted_coordinates else options.reserve_weight
-    return options.weights.get(name, usual)
 
 
 def _glenoid(page: Page, solved: SolvedMotion) -> None:
