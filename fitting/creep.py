@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from fitting.plateaus import Plateau
@@ -27,8 +28,8 @@ MAX_CONDITION = 1e8
 STEP = 0.05
 TIME_CONSTANTS = np.geomspace(2.0, 60.0, 12)
 SIGNIFICANCE = 4.0
-"""Standard errors of φ from which a cuff is said to creep; the time constant is picked from twelve."""
-BELIEVED = 0.99
+"""From which a cuff is said to creep; the time constant is picked, so three would be too few."""
+BELIEVED = 0.999
 LEAST = 0.01
 """Part of the elastic way below which creep is not worth a word."""
 
@@ -52,6 +53,8 @@ class HeldTrial:
 class Creep:
     """fraction φ, time_constant T [s], stiffness_at_rest 1/(C (1 + φ)) [N/m]; the fit's χ² and its degrees of freedom.
 
+    significance is by how many standard errors creep explains the holds better than none.
+
     to_come is how far y is from the force in each trial's last hold [N]: by C φ to_come the cuff will still move.
     """
 
@@ -59,13 +62,14 @@ class Creep:
     time_constant: float
     compliance: float
     stiffness_at_rest: Estimate
+    significance: float
     chi_square: float
     dof: int
     to_come: tuple[float, ...]
 
     @property
     def is_seen(self) -> bool:
-        return self.fraction.value > max(SIGNIFICANCE * self.fraction.standard_error, LEAST)
+        return self.significance > SIGNIFICANCE and self.fraction.value > LEAST
 
     @property
     def explains(self) -> bool:
@@ -82,33 +86,82 @@ def fit_creep(trials: Sequence[HeldTrial]) -> Creep | None:
     bins = [_binned(trial) for trial in trials]
     if sum(len(each.time) for each in bins) < MIN_BINS:
         return None
+    problem = _problem(trials, bins)
+    logs = np.log(TIME_CONSTANTS)
+    tried = [problem.solve(float(log))[1] for log in logs]
+    best = int(np.argmin(tried))
+    if not math.isfinite(tried[best]):
+        return None
+    bounds = float(logs[max(best - 1, 0)]), float(logs[min(best + 1, len(logs) - 1)])
+    log = float(minimize_scalar(lambda log: problem.solve(log)[1], bounds=bounds, method="bounded").x)
+    (compliance, extra), chi_square = problem.solve(log)
+    if compliance <= 0:
+        return None
+    dof = len(problem.x) - len(np.unique(problem.group)) - 3
+    scale = max(1.0, chi_square / max(dof, 1))
+    covariance = problem.covariance(log, extra) * scale
+    of_fraction = np.array([-extra / compliance**2, 1 / compliance, 0.0])
+    rest, rest_sd = compliance + extra, math.sqrt(float(covariance[:2, :2].sum()))
+    return Creep(
+        fraction=normal_estimate(extra / compliance, math.sqrt(float(of_fraction @ covariance @ of_fraction))),
+        time_constant=math.exp(log),
+        compliance=compliance,
+        stiffness_at_rest=normal_estimate(1 / rest, rest_sd / rest**2),
+        significance=math.sqrt(max(0.0, problem.without() - chi_square) / scale),
+        chi_square=chi_square,
+        dof=dof,
+        to_come=tuple(_lagged(trial, np.zeros(0), math.exp(log))[1] for trial in trials),
+    )
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """All bins of a donning, within their groups: x [m] and load [N] against weights (bins,) [1/m²]."""
+
+    trials: Sequence[HeldTrial]
+    bins: Sequence[_Bins]
+    group: NDArray[np.intp]
+    weight: NDArray[np.float64]
+    x: NDArray[np.float64]
+    load: NDArray[np.float64]
+
+    def solve(self, log: float) -> tuple[tuple[float, float], float]:
+        """C and C φ [m/N] for the logarithm of a time constant, and χ²: infinite where holds cannot tell them apart."""
+        columns = np.column_stack((self.load, self._lagged(log)))
+        normal = (columns.T * self.weight) @ columns
+        scale = np.sqrt(np.diag(normal))
+        if not np.all(scale > 0) or np.linalg.cond(normal / np.outer(scale, scale)) > MAX_CONDITION:
+            return (0.0, 0.0), math.inf
+        compliance, extra = np.linalg.solve(normal, columns.T @ (self.weight * self.x))
+        left = self.x - compliance * self.load - extra * columns[:, 1]
+        return (float(compliance), float(extra)), float(self.weight @ left**2)
+
+    def without(self) -> float:
+        """χ² of a cuff that does not creep."""
+        compliance = float(self.weight @ (self.load * self.x)) / float(self.weight @ self.load**2)
+        return float(self.weight @ (self.x - compliance * self.load) ** 2)
+
+    def covariance(self, log: float, extra: float) -> NDArray[np.float64]:
+        """(3, 3) of C, C φ and the logarithm of the time constant."""
+        turning = extra * (self._lagged(log + 0.01) - self._lagged(log - 0.01)) / 0.02
+        columns = np.column_stack((self.load, self._lagged(log), turning))
+        scale = np.linalg.norm(columns, axis=0) + 1e-300
+        scaled = columns / scale
+        covariance = np.linalg.pinv((scaled.T * self.weight) @ scaled, rcond=1e-10, hermitian=True)
+        return np.asarray(covariance / np.outer(scale, scale), np.float64)
+
+    def _lagged(self, log: float) -> NDArray[np.float64]:
+        pairs = zip(self.trials, self.bins, strict=True)
+        y = np.concatenate([_lagged(trial, each.time, math.exp(log))[0] for trial, each in pairs])
+        return within(y, self.group, self.weight)
+
+
+def _problem(trials: Sequence[HeldTrial], bins: Sequence[_Bins]) -> _Problem:
     firsts = np.concatenate(([0], np.cumsum([trial.segment.max(initial=-1) + 1 for trial in trials])))
     group = np.concatenate([each.segment + first for each, first in zip(bins, firsts, strict=False)]).astype(np.intp)
     weight = np.concatenate([each.sd for each in bins]) ** -2.0
-    x = within(np.concatenate([each.x for each in bins]), group, weight)
-    load = within(np.concatenate([each.force for each in bins]), group, weight)
-    best: Creep | None = None
-    for time_constant in TIME_CONSTANTS.tolist():
-        lagged = [_lagged(trial, each.time, time_constant) for trial, each in zip(trials, bins, strict=True)]
-        columns = np.column_stack((load, within(np.concatenate([each for each, _ in lagged]), group, weight)))
-        normal = (columns.T * weight) @ columns
-        scale = np.sqrt(np.diag(normal))
-        if not np.all(scale > 0) or np.linalg.cond(normal / np.outer(scale, scale)) > MAX_CONDITION:
-            continue
-        solution = np.asarray(np.linalg.solve(normal, columns.T @ (weight * x)), np.float64)
-        chi_square = float(weight @ (x - columns @ solution) ** 2)
-        if solution[0] > 0 and (best is None or chi_square < best.chi_square):
-            dof = len(x) - len(np.unique(group)) - 3
-            covariance = np.asarray(np.linalg.inv(normal), np.float64) * max(1.0, chi_square / max(dof, 1))
-            best = _creep(
-                np.asarray(solution, np.float64),
-                covariance,
-                time_constant,
-                chi_square,
-                dof,
-                tuple(left for _, left in lagged),
-            )
-    return best
+    x, load = (np.concatenate([getattr(each, name) for each in bins]) for name in ("x", "force"))
+    return _Problem(trials, bins, group, weight, within(x, group, weight), within(load, group, weight))
 
 
 @dataclass(frozen=True)
@@ -154,19 +207,3 @@ def _lagged(trial: HeldTrial, time: NDArray[np.float64], time_constant: float) -
     last = trial.plateaus[-1]
     held = (grid >= last.start) & (grid <= last.end)
     return np.interp(time, grid, y), last.force - float(np.mean(y[held]))
-
-
-def _creep(
-    solution: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    time_constant: float,
-    chi_square: float,
-    dof: int,
-    to_come: tuple[float, ...],
-) -> Creep:
-    compliance, extra = solution
-    of_fraction = np.array([-extra / compliance**2, 1 / compliance])
-    fraction = normal_estimate(float(extra / compliance), math.sqrt(float(of_fraction @ covariance @ of_fraction)))
-    rest = float(compliance + extra)
-    at_rest = normal_estimate(1 / rest, math.sqrt(float(covariance.sum())) / rest**2)
-    return Creep(fraction, time_constant, float(compliance), at_rest, chi_square, dof, to_come)

@@ -49,11 +49,12 @@ def fit_held_loads(static: Sequence[ReducedTrial], gain_sd: float) -> tuple[Stif
     trials = [_without_drift(each.plateaus, rate) for each in static]
     drift_sd = drift.standard_error if drift is not None and drifts else 0.0
     stiffness = fit_stiffness(trials, gain_sd, drift_sd)
-    creep = _creep(static, stiffness.trials)
-    if stiffness.stiffness is None:
-        unslipped = _creep(static, [replace(fit, segment=0 * fit.segment) for fit in stiffness.trials])
-        if unslipped is not None and unslipped.is_seen and unslipped.explains:
-            creep, stiffness = unslipped, fit_stiffness(trials, gain_sd, drift_sd, creeps=True)
+    # A cuff whose holds creep explains to the last has not slipped, though its loads lie on no line.
+    creep = _creep(static, [replace(fit, segment=0 * fit.segment) for fit in stiffness.trials])
+    if creep is not None and creep.is_seen and creep.explains:
+        stiffness = fit_stiffness(trials, gain_sd, drift_sd, creeps=True)
+    else:
+        creep = _creep(static, stiffness.trials)
     if not any(trials):
         return stiffness, None
     spans = [plateau.end - plateau.start for plateaus in trials for plateau in plateaus]

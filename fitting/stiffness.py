@@ -25,7 +25,7 @@ SAME_LOAD = 0.3
 """Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
 MIN_STRAIGHT = 2
 """Plateaus beyond two that a line must meet before the cuff is believed not to have slipped."""
-BELIEVED = 0.99
+BELIEVED = 0.999
 """Probability of χ² up to which a line or a curve is believed."""
 INCONSISTENT = 3.0
 """Combined standard errors between unloading and reloading beyond which reloading slips, too."""
@@ -87,7 +87,7 @@ def fit_stiffness(
     """k of one donning from the plateaus of its static trials in time order.
 
     gain_sd is the relative standard uncertainty of the load cell's scale, drift_sd [N/s] what is not known of how its
-    zero wanders; creeps tells that what bends the line of a load that only rose is creep, and not slip.
+    zero wanders; creeps tells that what bends the line is creep, and no slip.
     """
     fits = _fit_trials(trials, gain_sd, drift_sd, "above all before")
     every_rise = _fit_trials(trials, gain_sd, drift_sd, "every rise")
@@ -95,7 +95,7 @@ def fit_stiffness(
     slips_again = _contradict(fits, every_rise)
     fits = every_rise if slips_again else fits
     only_rose = not any(fit.repeat for fit in fits)
-    if _holds(unslipped, fit_law(_points(unslipped)), only_rose) or (only_rose and creeps):
+    if creeps or _holds(unslipped, fit_law(_points(unslipped)), only_rose):
         fits, slips_again = unslipped, False
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
     stiffness = as_inverse(combine(repeats)) if repeats else None
