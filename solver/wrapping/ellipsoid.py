@@ -11,16 +11,17 @@ from math import acos, cos, pi, sin, sqrt
 
 import numpy as np
 
+from solver.compiled import compiled
 from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
 from solver.wrapping.course import AXIAL, MIDPOINT
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
 from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 from solver.wrapping.vectors import (
     ORIGIN,
+    SMALLEST_LENGTH,
     Vector,
     add,
     along,
-    compiled,
     cross,
     distance,
     divide,
@@ -106,13 +107,18 @@ def _passing_point(r1: Vector, r2: Vector, direction: Vector, a: Vector, method:
 def _fan_direction(r1: Vector, inner: Vector, a: Vector) -> Vector:
     """Mean direction from points of the segment inside the ellipsoid to their closest points on it."""
     handles = np.empty((3, BLADES - 2))
-    for i in range(BLADES - 2):
-        for axis in range(3):
+    for axis in range(3):
+        for i in range(BLADES - 2):
             handles[axis, i] = r1[axis] + (i + 1) / BLADES * inner[axis]
-    feet = closest_to_each(a, handles)
+    blades = closest_to_each(a, handles)
+    for i in range(BLADES - 2):  # a loop without a sum: the compiler takes several steps at once
+        x, y, z = blades[0, i] - handles[0, i], blades[1, i] - handles[1, i], blades[2, i] - handles[2, i]
+        length = sqrt(x * x + y * y + z * z)
+        inverse = 1.0 / length if length >= SMALLEST_LENGTH else 0.0
+        blades[0, i], blades[1, i], blades[2, i] = inverse * x, inverse * y, inverse * z
     total = ORIGIN
     for i in range(BLADES - 2):
-        total = add(total, unit(subtract(read(feet[:, i]), read(handles[:, i]))))
+        total = add(total, read(blades[:, i]))
     return unit(total)
 
 
