@@ -159,7 +159,7 @@ def test_a_page_and_its_parts_are_drawn(which: str, request: pytest.FixtureReque
     for page in pages:
         picture = matplotlib.image.imread(page)
         assert picture.shape[0] > 400
-        assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 50  # not an empty sheet
+        assert len(np.unique(picture[::3, ::3].sum(axis=2))) > 50  # not an empty sheet
 
 
 @pytest.mark.parametrize("lacking", ["markers", "actuators"])
