@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import runpy
 import sys
+import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 import pytest
 
-from tests.solver.references import NO_WEIGHT, SHARED
+from solver.bundled import bundled_model
+from solver.motion import write_table
+from solver.osim.writer import osim_document
+from solver.raise_arm import raise_arm
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "muscles_of_a_motion.py"
 
@@ -27,8 +31,11 @@ def test_the_example_tells_and_draws_who_raises_the_arm(monkeypatch, capsys, tmp
     assert (tmp_path / "muscles.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.shared
 def test_the_example_takes_a_users_model_and_motion(monkeypatch, capsys, tmp_path: Path) -> None:
-    motion = SHARED / "motions" / "SHRUG01.mot"
-    run(monkeypatch, "--model", NO_WEIGHT, "--motion", motion, "--plot", tmp_path / "muscles.png")
-    assert capsys.readouterr().out.startswith("ThoracoscapularShoulderModel-scaled: 462 frames")
+    model = bundled_model()
+    raised = raise_arm(model)
+    Xml.ElementTree(osim_document(model)).write(tmp_path / "mine.osim")
+    write_table(tmp_path / "mine.mot", raised.names, raised.time[:100], raised.coordinates[:100])
+    files = ("--model", tmp_path / "mine.osim", "--motion", tmp_path / "mine.mot")
+    run(monkeypatch, *files, "--plot", tmp_path / "muscles.png")
+    assert capsys.readouterr().out.startswith("thoracoscapular: 100 frames, 0 of them unsolved")
