@@ -24,7 +24,7 @@ from station.devices import devices_for
 from station.disk import DiskWatch, bytes_free, bytes_needed
 from station.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
 from station.protocol import TrialSpec
-from station.session import Snapshot, State, TrialRules, TrialSession
+from station.session import POST_ROLL_S, Snapshot, State, TrialRules, TrialSession
 from station.versions import installed_versions
 
 OPEN_TIMEOUT_S = 15.0
@@ -68,8 +68,10 @@ class Daemon:
         clock: Clock,
         views: Sequence[View] = (),
         make_devices: MakeDevices = devices_for,
+        post_roll_s: float = POST_ROLL_S,
     ) -> None:
         self._config, self._clock, self._views, self._make_devices = config, clock, views, make_devices
+        self._post_roll_s = post_roll_s
         self._stops_asked = 0
         self._marks_asked: SimpleQueue[None] = SimpleQueue()
         self.left_behind: list[str] = []  # devices whose thread never came back
@@ -140,7 +142,11 @@ class Daemon:
         path = folder / spec.file_name(run)
         writer = RecordingWriter(path, self._manifest(spec, run, subject), streams)
         rules = TrialRules(
-            self._config.daq.start, self._config.sync.threshold_v, self._config.sync.timeout_s, duration_s
+            self._config.daq.start,
+            self._config.sync.threshold_v,
+            self._config.sync.timeout_s,
+            duration_s,
+            self._post_roll_s,
         )
         session = TrialSession(rules, writer, self._clock)
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 
 from recordings.samples import Item, Samples
-from station.clock import Clock
 
 PRE_ROLL_S = 2.0
 """Station seconds kept from before the edge."""
@@ -14,16 +13,16 @@ LATENESS_S = 1.0
 
 
 class PreRoll:
-    """The items of the last few seconds, in the order of arrival."""
+    """The items of the last few seconds, in the order of arrival; speed is that of station time."""
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
         self._items: deque[Item] = deque()
 
     def keep(self, item: Item) -> None:
         """Takes one more, and forgets what is too old to matter."""
         self._items.append(item)
-        oldest_ns = self._clock.utc_ns() - int((PRE_ROLL_S + LATENESS_S * self._clock.speed) * 1e9)
+        oldest_ns = item.host_time_ns - int((PRE_ROLL_S + LATENESS_S * self._speed) * 1e9)
         while self._items and self._items[0].host_time_ns < oldest_ns:
             self._items.popleft()
 

@@ -6,6 +6,7 @@ way, and the fit of what comes out is the fit of what went in, bit for bit.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -102,7 +103,7 @@ def replay(path: Path, folder: Path, speed: float, views: Sequence[View] = ()) -
     device = RecordedDevice(recording, clock)
     ending = _StopsAtTheEnd(device)
     config = parse_config(manifest.effective_config, str(path))
-    daemon = Daemon(config, clock, [*views, ending], make_devices=lambda *_: [device])
+    daemon = Daemon(config, clock, [*views, ending], make_devices=lambda *_: [device], post_roll_s=math.inf)
     ending.daemon = daemon
     return daemon.record(folder, _spec(manifest))
 

@@ -54,6 +54,7 @@ class TrialRules:
     threshold_v: float
     timeout_s: float
     duration_s: float | None
+    post_roll_s: float = POST_ROLL_S
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class TrialSession:
         self._recorder = recorder
         self._clock = clock
         self._sync = SyncLine(rules.threshold_v)
-        self._pre_roll = PreRoll(clock)
+        self._pre_roll = PreRoll(clock.speed)
         self._streams: tuple[Stream, ...] = ()
         self._hearing = Hearing(clock, (), {})
         self._reach = {"/force": Reach(), "/sync": Reach()}
@@ -312,7 +313,7 @@ class TrialSession:
 
     def _check_closing(self) -> None:
         """Waits for the DAQ's samples up to the capture's end and a little more; a backlog may take its time."""
-        behind = [stream for stream in self._streams if self._behind_s(stream) > -POST_ROLL_S]
+        behind = [stream for stream in self._streams if self._behind_s(stream) > -self._rules.post_roll_s]
         now = self._clock.wall_s()
         heard = max([self._closing_wall_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
         if behind and now - heard < GRACE_S and now - self._closing_wall_s < LONGEST_CLOSING_S:
