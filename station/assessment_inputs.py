@@ -6,9 +6,11 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fitting.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, read_cuffs
 from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
@@ -99,13 +101,25 @@ def read_cuffs_to_wear(path: Path) -> dict[str, CuffFit]:
     cuffs = read_cuffs(path)
     plain = json.loads(path.read_text(encoding="utf-8"))["cuffs"]
     for name, entry in plain.items():
-        law = entry.get("law", KNOWN_LAW)
-        if law != KNOWN_LAW:
+        richer = _richer_law(entry) if isinstance(entry, dict) else None
+        if richer:
             raise InputError(
-                f"the cuff {name} has the law {law}, and the suit wears cuffs of the law {KNOWN_LAW} only, which "
-                "F = k x + c ẋ describes; fit that law to it"
+                f"the cuff {name} has the law {richer}, and the suit wears cuffs of the law {KNOWN_LAW} only, which "
+                f"F = k x + c ẋ describes; where that will do, write {name} with its k, c and migration alone into a "
+                "cuffs file"
             )
     return cuffs
+
+
+def _richer_law(entry: dict[str, Any]) -> str | None:
+    """What a cuff's entry says it follows, or its trials do (fitting/model_class.py), beyond spring and damper.
+
+    A cuff that slips is no other law: the suit wears its migration.
+    """
+    if entry.get("law", KNOWN_LAW) != KNOWN_LAW:
+        return str(entry["law"])
+    chosen = str((entry.get("model_class") or {}).get("chosen", KELVIN_VOIGT))
+    return chosen if set(chosen.split(" + ")) - {KELVIN_VOIGT, SLIP} else None
 
 
 def _drawable(fit: CuffFit) -> CuffParameters:

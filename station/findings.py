@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from solver.assessment import Assessment, Comparison, Sureness
 
 
@@ -15,6 +17,7 @@ def findings(assessment: Assessment) -> list[str]:
         *_at_their_best(assessment),
         _sure(assessment.sureness),
         *_lost_and_gained(assessment),
+        *_reserves(assessment),
         *(_unsolved(what, count) for what, count in assessment.outcomes.items()),
     ]
 
@@ -93,6 +96,16 @@ def _lost_and_gained(assessment: Assessment) -> Iterator[str]:
                 f"The migration of {curve.cuff} and the waist takes {100 * lost:.0f} % of the cord's largest force and "
                 f"{per_metre:.1f} percentage points of cost per centimetre that {curve.cuff} slips."
             )
+
+
+def _reserves(assessment: Assessment) -> Iterator[str]:
+    """What stands in for muscles is not in the costs; it should be little."""
+    nearest = int(np.argmin(np.abs(assessment.rest_lengths - assessment.reference_rest_length)))
+    parts = [float(curve.reserve_cost[nearest]) for curve in assessment.curves]
+    yield (
+        f"Reserve actuators, which are in none of these costs, would add at most {max(parts):.4f} at "
+        f"{assessment.rest_lengths[nearest]:.2f} m."
+    )
 
 
 def _unsolved(what: str, count: int) -> str:

@@ -143,9 +143,24 @@ def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> Non
     assert np.linalg.eigvalsh(hand.covariance).min() >= 0
 
 
-def test_a_richer_law_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"the cuff hand has the law exponential, .* kelvin_voigt only"):
-        read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", law="exponential"))
+@pytest.mark.parametrize(
+    ("named", "law"),
+    [
+        ({"law": "exponential"}, "exponential"),
+        ({"law": "tensor"}, "tensor"),
+        ({"model_class": {"chosen": "slip + stiffening"}}, r"slip \+ stiffening"),
+        ({"model_class": {"chosen": "creep"}}, "creep"),
+    ],
+)
+def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
+    with pytest.raises(InputError, match=rf"the cuff hand has the law {law}, .* kelvin_voigt only"):
+        read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", **named))
+
+
+@pytest.mark.parametrize("chosen", ["Kelvin-Voigt", "slip"])
+def test_a_spring_and_damper_that_slips_is_worn(tmp_path: Path, chosen: str) -> None:
+    path = write_cuffs(tmp_path / "cuffs.json", law="kelvin_voigt", model_class={"chosen": chosen})
+    assert set(read_cuffs_to_wear(path)) == {"waist", "hand", "elbow"}
 
 
 def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ def curve(cuff: str | None, cost: float | None, condition: str = "both") -> Curv
     names = [field.name for field in fields(Readings)]
     values = {name: Figure(None) for name in names} | {"at_reference": Figure(cost)}
     nothing = np.zeros((0, 0))
-    return Curve(condition, cuff, nothing, nothing, nothing, 0, values, {})  # type: ignore[arg-type]
+    return Curve(condition, cuff, nothing, np.array([0.5, 0.0012]), nothing, 0, values, {})  # type: ignore[arg-type]
 
 
 def assessment(*curves: Curve, **more: object) -> Assessment:
@@ -24,7 +24,7 @@ def assessment(*curves: Curve, **more: object) -> Assessment:
     plain = Assessment(
         muscles=(),
         time=nothing,
-        rest_lengths=nothing,
+        rest_lengths=np.array([0.6, 0.75]),
         reference_rest_length=0.74,
         bare_body_cost=0.95,
         longest_cord=0.87,
@@ -82,6 +82,11 @@ def test_what_each_costs_with_a_cord_of_its_own_is_said_where_it_is_known() -> N
     best = replace(best, figures={**best.figures, "lowest_cost": Figure(0.7852), "rest_length": Figure(0.692)})
     told = findings(assessment(best, curve("tube", 0.84)))
     assert "With a cord of its own best rest length, shifted and yielding, it is hand 0.785 at 0.692 m." in told
+
+
+def test_what_reserves_add_near_the_reference_is_told() -> None:
+    sentence = "Reserve actuators, which are in none of these costs, would add at most 0.0012 at 0.75 m."
+    assert sentence in findings(assessment(curve("hand", 0.85)))
 
 
 def test_thinning_and_unsolved_frames_are_told() -> None:
