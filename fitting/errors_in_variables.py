@@ -198,7 +198,9 @@ def _start(record: Record, spline: Spline) -> NDArray[np.float64]:
     theta = solve_banded(grounded(csr_array(markers.T @ markers)), markers.T @ record.displacement)
     position, velocity, _, _ = spline.design(record.force_time)
     columns = np.column_stack((position @ theta, velocity @ theta, np.ones(len(record.force)), _ramp(record)))
-    k, c, f0, f1 = np.linalg.lstsq(columns, record.force, rcond=None)[0]
+    after = np.clip(np.searchsorted(record.marker_time, record.force_time), 1, len(record.marker_time) - 1)
+    known = np.diff(record.marker_time)[after - 1] < KNOT_STEP  # where no marker was seen the spline is nowhere
+    k, c, f0, f1 = np.linalg.lstsq(columns[known], record.force[known], rcond=None)[0]
     return np.array([k, abs(c), f0, f1, 0.0])  # a wide lag prior allows c of either sign; a cuff takes energy
 
 

@@ -9,6 +9,9 @@ import pytest
 from scipy import stats
 
 from fitting.errors_in_variables import TAU, C, K, Record, estimate
+from fitting.session import fit_session
+from fitting.trial import build_trial
+from tests.fitting.experiment import Session, published
 
 TRUE_K, TRUE_C, MASS = 5500.0, 120.0, 0.2
 W = 2 * np.pi * 1.1
@@ -102,3 +105,15 @@ def test_the_damper_force_over_velocity_has_the_slope_of_the_damping() -> None:
     solution = estimate(_record(4))
     slope = np.polyfit(solution.velocity, solution.damper_force, 1)[0]
     assert slope == pytest.approx(solution.parameters[C], rel=0.01)
+
+
+def test_half_a_second_in_which_the_cuff_was_hidden_does_not_lead_it_astray() -> None:
+    """A start that trusts the spline where no marker was seen ends, with this seed, with no motion at all."""
+    session = Session(published("hand", hold=4.2, unloads_at_once=True), seed=0)
+    session.static()
+    manifest, tracks = session.dynamic()
+    values = tracks["/markers"].values.copy()
+    values[700:750, -1] = np.nan
+    trial = build_trial(manifest, tracks | {"/markers": replace(tracks["/markers"], values=values)}, "dynamic", "")
+    fit = fit_session([trial]).cuffs["hand"]
+    assert fit.damping and abs(fit.damping.value - 210.0) < 4 * fit.damping.standard_error
