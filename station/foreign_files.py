@@ -28,6 +28,8 @@ SPELLINGS: Mapping[str, ForceUnit] = {
     "volt": "V",
     "volts": "V",
     "n": "N",
+    "newton": "N",
+    "newtons": "N",
     "lbs": "lbs",
     "lb": "lbs",
     "lbf": "lbs",

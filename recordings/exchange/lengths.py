@@ -8,8 +8,11 @@ MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
 def millimetres(unit: str, where: str) -> float:
-    """How many millimetres one of a file's units is. Raises ForeignFile for a unit of which nobody knows."""
-    known = MILLIMETRES.get(unit.strip().lower())
+    """How many millimetres one of a file's units is; 1 where it names none, as mocap systems export in millimetres.
+
+    Raises ForeignFile for a unit of which nobody knows.
+    """
+    known = MILLIMETRES.get(unit.strip().lower() or "mm")
     if known is None:
         raise ForeignFile(f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; give --mocap-unit")
     return known

@@ -24,7 +24,7 @@ def read_trc(path: Path, unit: str = "") -> MarkerTable:
     first = next((i for i in range(4, len(lines)) if lines[i].split("\t", 1)[0].strip().isdigit()), len(lines))
     rows = lines[first:]
     for key, found, verb in (("NumMarkers", len(labels), "names"), ("NumFrames", len(rows), "holds")):
-        if header.get(key, str(found)) != str(found):
+        if header.get(key, str(found)).removesuffix(".0") != str(found):
             raise ForeignFile(f"{path} announces {key} {header[key]} and {verb} {found}; export it again, whole")
     values = read_numbers(rows, "\t", range(2 + 3 * len(labels)), path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))

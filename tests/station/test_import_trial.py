@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from fitting.result import CuffFit
-from fitting.trial import read_trial
+from fitting.trial import read_trial, read_trials
 from recordings.contents import contents_of
 from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.exchange.signal_csv import write_columns
 from recordings.reader import open_recording, read_manifest
 from station.fit import fit_session_folder
 from station.foreign_files import ForceSource, ImportRefused, MarkerSource
 from station.import_trial import Imported, import_trial, with_lag
 from station.protocol import TrialSpec
+from tests.fitting.bouncing import Bounce, recorded
 from tests.station.command import Ran, assert_one_sentence
 from tests.station.foreign import Truth, config, static_and_dynamic
 
@@ -85,6 +87,8 @@ def test_files_that_only_share_a_time_fit_within_what_the_edge_s_place_between_s
             run(tmp_path / "s", mocap, mocap, spec, column="ai0")
         else:
             run(tmp_path / "s", truth.write_csv(tmp_path / "daq.csv", has_sync=False), mocap, spec)
+    drift = read_trials((tmp_path / "s").glob("*.mcap"))[0][0].lag.drift
+    assert drift == (0.0 if suffix == "c3d" else 50e-6), "one file has one clock"
     found = fitted(tmp_path / "s")
     assert found.stiffness and wire.stiffness and found.damping and wire.damping
     assert found.stiffness.value == pytest.approx(wire.stiffness.value, rel=2e-3)
@@ -325,8 +329,22 @@ def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Pat
     assert not session.exists()
 
 
-def test_a_bounce_needs_no_cuff(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_an_imported_bounce_calibrates_the_lag_of_the_trials_beside_it(
+    station, static: tuple[Path, Path], tmp_path: Path
+) -> None:
+    bounce = Truth(*recorded(Bounce(lag=-0.012, duration=20.0), seed=1))
     toml = tmp_path / "bounce.toml"
-    toml.write_text('[bounce]\nmass_kg = 2.0\nmarker = "nowhere"\n')
-    words = ("import", "--session", tmp_path / "s", "--test", "bounce", "--config", toml, "--force", static[0])
-    assert_one_sentence(station(*words, "--mocap", static[1]), 1, "has no marker nowhere")
+    toml.write_text('[bounce]\nmass_kg = 2.5\nmarker = "weight"\n')
+    force, mocap = tmp_path / "bounce.csv", bounce.write_markers(tmp_path / "bounce.tsv")
+    volts = bounce.tracks["/force"].values[:, 0]
+    force.write_text(write_columns({"time_s": np.arange(len(volts)) / 1000, "force_v": volts}, ","), encoding="utf-8")
+    words = ("import", "--session", tmp_path / "s", "--test", "bounce", "--config", toml)
+    ran = station(*words, "--force", force, "--mocap", mocap)
+    assert ran.code == 0, ran.err
+    trial_path = run(tmp_path / "s", *static).path
+    (trial,), rejected = read_trials([Path(ran.out.strip()), trial_path])
+    assert not rejected
+    assert trial.lag.value == pytest.approx(-0.012, abs=4 * trial.lag.declared) and trial.lag.declared < 1e-3
+    assert_one_sentence(
+        station(*words, "--force", force, "--mocap", static[1]), 1, "has no marker weight, only anchor_1"
+    )
