@@ -12,10 +12,11 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from fitting.curves import TrialCurves
 
 STEP = 0.04
-WINDOW = 0.2
-"""Seconds over which a parabola smooths the displacement."""
-PLAY = 3.0
-"""Standard deviations of the smoothed displacement that a turn must exceed to be one."""
+SWING_WINDOW, HELD_WINDOW = 0.2, 1.0
+"""Seconds over which a parabola smooths a swing's displacement, a mean that of held loads: it has no overshoot."""
+SWING_PLAY, HELD_PLAY = 1.0, 3.0
+"""Standard deviations of the smoothed displacement that a turn must exceed to be one: a cuff at rest would seem to
+turn all the time."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,9 @@ def history_of(curves: TrialCurves) -> History:
     seen = np.isfinite(curves.displacement)
     frame = float(np.median(np.diff(curves.marker_time)))
     filled = np.interp(curves.marker_time, curves.marker_time[seen], curves.displacement[seen])
-    window = max(5, 2 * round(WINDOW / frame / 2) + 1)
-    smooth = savgol_filter(filled, window, 2)
+    is_held = curves.dynamic is None
+    window = max(5, 2 * round((HELD_WINDOW if is_held else SWING_WINDOW) / frame / 2) + 1)
+    smooth = savgol_filter(filled, window, 0 if is_held else 2)
     speed = savgol_filter(filled, window, 2, deriv=1, delta=frame)
     step = max(STEP, float(np.median(np.diff(curves.force_time))))
     first = max(curves.force_time[0], curves.marker_time[0])
@@ -55,9 +57,9 @@ def history_of(curves: TrialCurves) -> History:
         displacement=np.interp(time, curves.marker_time, smooth),
         velocity=np.interp(time, curves.marker_time, speed),
         kept=_kept(curves, time),
-        is_held=curves.dynamic is None,
+        is_held=is_held,
         repeat=curves.trial.repeat,
-        play=PLAY * _noise_left(filled - smooth, window),
+        play=(HELD_PLAY if is_held else SWING_PLAY) * _noise_left(filled - smooth, window, 0 if is_held else 2),
     )
 
 
@@ -80,8 +82,8 @@ def _kept(curves: TrialCurves, time: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(sum(((time >= each.start) & (time <= each.end) for each in held), np.zeros(len(time), bool)))
 
 
-def _noise_left(residual: NDArray[np.float64], window: int) -> float:
+def _noise_left(residual: NDArray[np.float64], window: int, order: int) -> float:
     """Standard deviation that white noise keeps in the smoothed displacement, from what smoothing took off."""
-    kept = float(savgol_coeffs(window, 2)[window // 2])
+    kept = float(savgol_coeffs(window, order)[window // 2])
     removed = 1.4826 * float(np.median(np.abs(residual)))
     return removed * math.sqrt(kept / (1 - kept))
