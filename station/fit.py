@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from fitting.bushing import bushing_force
 from fitting.result import SessionFit
 from fitting.session import fit_session
 from fitting.trial import RejectedTrial, read_trials
@@ -46,7 +47,15 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
     progress("fitting", len(trials), len(trials))
     if output is not None:
         write_whole(output, fitted.to_json())
+        _write_bushings(output.parent, fitted)
     return fitted
+
+
+def _write_bushings(folder: Path, fitted: SessionFit) -> None:
+    """Beside cuffs.json, each cuff that is identified as OpenSim's BushingForce."""
+    for name, fit in fitted.cuffs.items():
+        if fit.stiffness and fit.damping and fit.migration:
+            write_whole(folder / f"bushing_{name}.xml", bushing_force(fit))
 
 
 def _set_aside(path: Path, reason: str) -> RejectedTrial:
