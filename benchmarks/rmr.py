@@ -1,31 +1,38 @@
 """How fast the muscle solver is, in ratios measured side by side in one run; the whole frame's ratio in the last line.
 
-    python benchmarks/rmr.py [--frames N] [--scenarios N]
+    python benchmarks/rmr.py [--frames N] [--scenarios N] [--first-use]
 
 Motion and model are FLX01 of the public data set where it lies beside the repository, else the bundled arm raise. The
 peer, OpenSim's maps and SLSQP, is `shared/peer/opensim_rmr.py` beside the repository, run in this process's Python.
+
+All times are processor time, the least of some repeats, unless a line says otherwise: what else runs on the machine
+changes it little. NumPy's own threads are off. Ends with 1 where our solver and Clarabel disagree.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
-import re
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy comes
+
+import argparse
 import subprocess
 import sys
-import tracemalloc
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
+from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared"
 OSIM, MOTION = SHARED / "data/models/TSM_subject_noWeight.osim", SHARED / "data/motions/FLX01.mot"
 PEER = SHARED / "peer/opensim_rmr.py"
 REPEATS = 3
+OBJECTIVE_LIMIT, VIOLATION_LIMIT = 1e-6, 1e-8
 
 sys.path.insert(0, str(ROOT))
 
@@ -38,36 +45,49 @@ from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
 from solver.raise_arm import raise_arm  # noqa: E402
 from solver.redundancy import (  # noqa: E402
+    CONE_FORCE_SCALE,
     FrameOutcome,
     LoadResponse,
     RedundancyOptions,
     RedundancyProblem,
+    RedundancySolution,
     build_redundancy,
     go_through,
     solve_motion,
     solve_redundancy,
 )
 
+Array = NDArray[np.float64]
+Clock = Callable[[], float]
 
-def main() -> None:
+
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=12, help="frames of the peer's sample")
     parser.add_argument("--scenarios", type=int, default=300, help="scenarios of the design study")
+    parser.add_argument("--first-use", action="store_true", help="what the first call on a machine takes; a minute")
+    parser.add_argument("--memory", action="store_true", help="only the memory that the largest study takes")
     arguments = parser.parse_args()
     model, kinematics, name = subject()
-    frames = len(kinematics.time)
-    print(f"{name}: {frames} frames, {len(model.muscles)} muscles, {os.cpu_count()} processors")
     solve_motion(model, thin(kinematics, 20))  # compiled from here on
-
+    problem = build_redundancy(model, go_through(model, kinematics), RedundancyOptions())
+    if arguments.memory:
+        memory(problem, arguments.scenarios)
+        return 0
+    print(f"{name}: {len(kinematics.time)} frames, {len(model.muscles)} muscles, {os.cpu_count()} processors")
     peer, whole = side_by_side(model, kinematics, arguments.frames)
     print(f"whole frame, one core           {1e6 * whole:8.0f} µs")
     stations(model, kinematics)
-    problem = build_redundancy(model, go_through(model, kinematics), RedundancyOptions())
-    against_clarabel(problem)
-    linearity(problem, arguments.scenarios)
     single_frame(model, kinematics)
     imports()
+    if arguments.first_use:
+        first_use()
+    is_agreed = further_scenario(problem)
+    both_processors(problem, arguments.scenarios)
+    linearity(problem, arguments.scenarios)
+    run_again("--memory", "--scenarios", str(arguments.scenarios))
     print(f"ratio={peer / whole:.0f}" if peer else "ratio=none: there is no peer to compare with")
+    return 0 if is_agreed else 1
 
 
 def subject() -> tuple[Model, Kinematics, str]:
@@ -80,125 +100,31 @@ def subject() -> tuple[Model, Kinematics, str]:
     return model, differentiate(read_motion(MOTION, model)), "FLX01"
 
 
-def best(run: Callable[[], object]) -> float:
+def least(run: Callable[[], object], repeats: int = REPEATS, clock: Clock = process_time) -> float:
     """The shortest of some runs [s]: what disturbs only lengthens."""
     times = []
-    for _ in range(REPEATS):
-        start = perf_counter()
+    for _ in range(repeats):
+        start = clock()
         run()
-        times.append(perf_counter() - start)
+        times.append(clock() - start)
     return min(times)
 
 
-def stations(model: Model, kinematics: Kinematics) -> None:
-    """What each room takes of a whole frame."""
-    mechanics, options = go_through(model, kinematics), RedundancyOptions()
-    problem = build_redundancy(model, mechanics, options)
-    steps: dict[str, Callable[[], object]] = {
-        "postures": lambda: postures(model, kinematics.positions, kinematics.speeds),
-        "paths": lambda: evaluate_paths(model, mechanics.state),
-        "muscle forces": lambda: muscle_forces(model, mechanics.paths.lengths, mechanics.paths.speeds),
-        "equations": lambda: equations_of_motion(model, mechanics.state),
-        "response maps": lambda: response_maps(model, mechanics.equations, mechanics.paths, mechanics.forces),
-        "building": lambda: build_redundancy(model, mechanics, options),
-        "solving": lambda: solve_redundancy(problem),
-    }
-    for name, run in steps.items():
-        print(f"    {name:<27} {1e6 * best(run) / len(kinematics.time):8.0f} µs")
-
-
-def scenarios_of(problem: RedundancyProblem, count: int) -> LoadResponse:
-    """Loads that grow and fade over the motion, each of another size and direction."""
-    generator = np.random.default_rng(1)
-    shape = np.sin(np.linspace(0, np.pi, len(problem.time)))[:, None]
-    acceleration = generator.uniform(-2, 2, (count, 1, len(problem.tracked))) * shape
-    return LoadResponse(acceleration, generator.uniform(-5, 5, (count, 1, 6)) * shape)
-
-
-def against_clarabel(problem: RedundancyProblem) -> None:
-    """A further scenario on the same motion, on one core and against Clarabel, which is given the same bounds."""
-    frames = len(problem.time)
-    loads = scenarios_of(problem, 20)
-    one = LoadResponse(loads.acceleration[:1], loads.reaction[:1])
-    more, single = (
-        best(lambda: solve_redundancy(problem, loads, workers=1)),
-        best(lambda: solve_redundancy(problem, one)),
-    )
-    ours = (more - single) / (19 * frames)
-    start = perf_counter()
-    reference = solve_redundancy(replace(problem, solver="clarabel"), one)
-    clarabel = (perf_counter() - start) / frames
-    print(f"further scenario, one core      {1e6 * ours:8.1f} µs a frame")
-    print(f"    Clarabel frame by frame     {1e6 * clarabel:8.0f} µs a frame: {clarabel / ours:.0f} times ours")
-    alone = replace(problem, interval=1e3)  # no bounds from frame to frame: the very same problems for both
-    found, expected = (solve_redundancy(replace(alone, solver=s), one) for s in ("interior_point", "clarabel"))
-    effort, known = ((problem.weights * s.controls[0] ** 2).sum(axis=1) for s in (found, expected))
-    unsolved = int((found.outcomes != FrameOutcome.SOLVED).sum() + (reference.outcomes != FrameOutcome.SOLVED).sum())
-    print(
-        f"    objective within {np.abs(effort / known - 1).max():.1e} of Clarabel's, outside the cone by at most "
-        f"{max(0.0, -found.cone_slack.min()) / 1e3:.1e} kN, {unsolved} frames unsolved"
-    )
-
-
-def linearity(problem: RedundancyProblem, scenarios: int) -> None:
-    """Frames and scenarios doubled, on all processors; and the memory of the largest."""
-    print("frames × scenarios, all processors: µs each")
-    half = replace(
-        problem, **{n: getattr(problem, n)[: len(problem.time) // 2] for n in vars(problem) if is_per_frame(problem, n)}
-    )
-    for part in (half, problem):
-        for count in (scenarios // 4, scenarios // 2, scenarios):
-            loads = scenarios_of(part, count)
-            start = perf_counter()
-            solve_redundancy(part, loads)
-            seconds = perf_counter() - start
-            print(f"    {len(part.time):4} × {count:<4} {1e6 * seconds / count / len(part.time):8.1f} µs")
-    tracemalloc.start()
-    solve_redundancy(problem, loads)
-    print(f"    memory at most {tracemalloc.get_traced_memory()[1] / 1e6:.0f} MB")
-    tracemalloc.stop()
-
-
-def is_per_frame(problem: RedundancyProblem, name: str) -> bool:
-    value = getattr(problem, name)
-    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == len(problem.time)
-
-
-def single_frame(model: Model, kinematics: Kinematics) -> None:
-    frame = replace(
-        kinematics,
-        **{n: v[100:101] for n, v in vars(kinematics).items() if isinstance(v, np.ndarray) and v.ndim > 0},
-    )
-    print(f"one frame alone                 {1e3 * best(lambda: solve_motion(model, frame)):8.1f} ms")
-
-
-def imports() -> None:
-    command = [sys.executable, "-X", "importtime", "-c", "import solver.redundancy, solver.assessment"]
-    seconds = []
-    for _ in range(REPEATS):
-        lines = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stderr.splitlines()  # noqa: S603
-        rows = [re.match(r"import time: +\d+ \| +(\d+) \| (solver\.\w+)$", line) for line in lines]
-        seconds.append(sum(int(row[1]) for row in rows if row and row[2] in {"solver.redundancy", "solver.assessment"}))
-    print(f"import redundancy, assessment   {min(seconds) / 1e6:8.2f} s")
-
-
 def side_by_side(model: Model, kinematics: Kinematics, frames: int) -> tuple[float | None, float]:
-    """Median seconds a frame of the peer, None where it is not there, and of ours, in turns."""
+    """Seconds a frame of the peer, None where it is not there, and of ours, in turns; the least of each frame's."""
     peer = the_peer()
-    maps, solving, ours = [], [], []
-    for k in np.linspace(0, len(kinematics.time) - 1, frames).astype(int):
-        start = perf_counter()
-        solve_motion(model, kinematics)
-        ours.append((perf_counter() - start) / len(kinematics.time))
+    sample = np.linspace(0, len(kinematics.time) - 1, frames).astype(int)
+    seconds, ours = np.full((REPEATS, frames, 2), np.nan), np.empty(REPEATS)
+    for repeat in range(REPEATS):
+        ours[repeat] = least(lambda: solve_motion(model, kinematics), repeats=2) / len(kinematics.time)
         if peer:
-            seconds = peer(k)
-            maps.append(seconds[0])
-            solving.append(seconds[1])
+            seconds[repeat] = [peer(k) for k in sample]
     if not peer:
-        return None, float(np.median(ours))
-    print(f"peer: OpenSim's maps            {1e3 * np.median(maps):8.1f} ms a frame")
-    print(f"      SLSQP                     {1e3 * np.median(solving):8.1f} ms a frame")
-    return float(np.median(np.add(maps, solving))), float(np.median(ours))
+        return None, float(ours.min())
+    maps, solving = seconds.min(axis=0).mean(axis=0)
+    print(f"peer: OpenSim's maps            {1e3 * maps:8.1f} ms a frame")
+    print(f"      SLSQP                     {1e3 * solving:8.1f} ms a frame")
+    return float(maps + solving), float(ours.min())
 
 
 def the_peer() -> Callable[[int], tuple[float, float]] | None:
@@ -220,14 +146,167 @@ def the_peer() -> Callable[[int], tuple[float, float]] | None:
     guess = np.r_[np.full(oracle.nm, 0.1), np.zeros(len(free))]
 
     def frame(k: int) -> tuple[float, float]:
-        start = perf_counter()
+        start = process_time()
         mapped = oracle.maps(time[k], q[k], u[k])
-        between = perf_counter()
+        between = process_time()
         opensim_rmr.solve_slsqp(mapped, acceleration[k], weights, lower, upper, guess)
-        return between - start, perf_counter() - between
+        return between - start, process_time() - between
 
     return frame
 
 
+def stations(model: Model, kinematics: Kinematics) -> None:
+    """What each room takes of a whole frame."""
+    mechanics, options = go_through(model, kinematics), RedundancyOptions()
+    problem = build_redundancy(model, mechanics, options)
+    steps: dict[str, Callable[[], object]] = {
+        "postures": lambda: postures(model, kinematics.positions, kinematics.speeds),
+        "paths": lambda: evaluate_paths(model, mechanics.state),
+        "muscle forces": lambda: muscle_forces(model, mechanics.paths.lengths, mechanics.paths.speeds),
+        "equations": lambda: equations_of_motion(model, mechanics.state),
+        "response maps": lambda: response_maps(model, mechanics.equations, mechanics.paths, mechanics.forces),
+        "building": lambda: build_redundancy(model, mechanics, options),
+        "solving": lambda: solve_redundancy(problem),
+    }
+    for name, run in steps.items():
+        print(f"    {name:<27} {1e6 * least(run) / len(kinematics.time):8.1f} µs")
+
+
+def single_frame(model: Model, kinematics: Kinematics) -> None:
+    frame = replace(
+        kinematics,
+        **{n: v[100:101] for n, v in vars(kinematics).items() if isinstance(v, np.ndarray) and v.ndim > 0},
+    )
+    wall, processor = (least(lambda: solve_motion(model, frame), 100, clock) for clock in (perf_counter, process_time))
+    print(f"one frame alone                 {1e3 * wall:8.2f} ms by the clock, {1e3 * processor:.2f} ms of processor")
+
+
+def imports() -> None:
+    command = "import solver.redundancy, solver.assessment"
+    seconds = [seconds_of(command, {}) - seconds_of("pass", {}) for _ in range(REPEATS)]
+    print(f"import redundancy, assessment   {min(seconds):8.2f} s")
+
+
+def first_use() -> None:
+    """One frame in a fresh process: with nothing compiled, and with what that left on disk."""
+    command = (
+        "from solver.bundled import bundled_model; from solver.raise_arm import raise_arm;"
+        "from solver.motion import differentiate, thin; from solver.redundancy import solve_motion;"
+        "model = bundled_model(); solve_motion(model, thin(differentiate(raise_arm(model)), 1000))"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        first, later = (seconds_of(command, {"NUMBA_CACHE_DIR": folder}) for _ in range(2))
+    print(f"first use on a machine          {first:8.1f} s, in a later process {later:.1f} s")
+
+
+def seconds_of(command: str, environment: dict[str, str]) -> float:
+    """Of a fresh process, which tells them itself."""
+    told = f"{command}\nimport time\nprint(time.process_time())"
+    run = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", told], cwd=ROOT, env={**os.environ, **environment}, check=True, stdout=subprocess.PIPE
+    )
+    return float(run.stdout)
+
+
+def scenarios_of(problem: RedundancyProblem, count: int) -> LoadResponse:
+    """Loads that grow and fade over the motion, each of another size and direction."""
+    generator = np.random.default_rng(1)
+    shape = np.sin(np.linspace(0, np.pi, len(problem.time)))[:, None]
+    acceleration = generator.uniform(-2, 2, (count, 1, len(problem.tracked))) * shape
+    return LoadResponse(acceleration, generator.uniform(-5, 5, (count, 1, 6)) * shape)
+
+
+def further_scenario(problem: RedundancyProblem) -> bool:
+    """A further scenario on the same motion, on one core and against Clarabel; whether both solve the same problems to
+    the same solutions.
+    """
+    frames, loads = len(problem.time), scenarios_of(problem, 20)
+    one = LoadResponse(loads.acceleration[:1], loads.reaction[:1])
+    more, single = (least(lambda a=a: solve_redundancy(problem, a, workers=1)) for a in (loads, one))
+    ours = (more - single) / (19 * frames)
+    alone = replace(problem, interval=1e3)  # no bounds from frame to frame: the very same problems for both
+    start = process_time()
+    known = solve_redundancy(replace(alone, solver="clarabel"), one)
+    clarabel = (process_time() - start) / frames
+    print(f"further scenario, one core      {1e6 * ours:8.1f} µs a frame")
+    print(f"    Clarabel frame by frame     {1e6 * clarabel:8.0f} µs a frame: {clarabel / ours:.0f} times ours")
+    found = solve_redundancy(alone, one)
+    objective, violation = differences(alone, one, found, known)
+    is_agreed = objective <= OBJECTIVE_LIMIT and violation <= VIOLATION_LIMIT and not unsolved(found)
+    print(f"    objective within {objective:.1e} of Clarabel's, violation {violation:.1e}, {unsolved(found)} unsolved")
+    print("    as it should be" if is_agreed else f"    NOT WITHIN {OBJECTIVE_LIMIT:g} AND {VIOLATION_LIMIT:g}")
+    return is_agreed
+
+
+def differences(
+    problem: RedundancyProblem, loads: LoadResponse, found: RedundancySolution, known: RedundancySolution
+) -> tuple[float, float]:
+    """The greatest relative difference of the objectives, and our greatest violation: of an equality (in the space that
+    A reaches, in rows of length 1), of a bound, or of the cone [kN].
+    """
+    effort, expected = ((problem.weights * s.controls[0] ** 2).sum(axis=1) for s in (found, known))
+    x, A = found.controls[0], problem.acceleration_matrix
+    target = problem.acceleration_target - loads.acceleration[0][:, problem.tracked]
+    gap = np.linalg.pinv(A, rcond=1e-9) @ (A @ x[..., None] - target[..., None])
+    a = x[:, : problem.time_constants.shape[1]]
+    outside = max(float(-a.min()), float(a.max()) - 1.0, float(-found.cone_slack.min()) / CONE_FORCE_SCALE)
+    return float(np.abs(effort / expected - 1).max()), max(float(np.abs(gap).max()), outside, 0.0)
+
+
+def unsolved(solution: RedundancySolution) -> int:
+    return int((solution.outcomes != FrameOutcome.SOLVED).sum())
+
+
+def both_processors(problem: RedundancyProblem, scenarios: int) -> None:
+    loads, workers = scenarios_of(problem, scenarios // 4), os.cpu_count() or 1
+    one, all_of_them = np.inf, np.inf
+    for _ in range(REPEATS):
+        one = min(one, least(lambda: solve_redundancy(problem, loads, workers=1), 1, perf_counter))
+        all_of_them = min(all_of_them, least(lambda: solve_redundancy(problem, loads), 1, perf_counter))
+    print(f"{workers} processors                    {one / all_of_them:8.2f} times as fast as one, by the clock")
+
+
+def linearity(problem: RedundancyProblem, scenarios: int) -> None:
+    """Frames and scenarios doubled twice, on one core: every fourth frame, there and back, and both twice."""
+    print("frames × scenarios: µs each")
+    parts, counts = [played(problem, times) for times in (1, 2, 4)], [scenarios // share for share in (4, 2, 1)]
+    seconds = np.empty((len(parts), len(counts)))
+    for i, part in enumerate(parts):
+        for j, count in enumerate(counts):
+            loads = scenarios_of(part, count)
+            seconds[i, j] = least(lambda p=part, a=loads: solve_redundancy(p, a, workers=1), 2)
+            print(f"    {len(part.time):4} × {count:<4} {1e6 * seconds[i, j] / count / len(part.time):8.1f} µs")
+    frames = np.log([len(part.time) for part in parts])
+    in_frames = np.polyfit(frames, np.log(seconds).mean(axis=1), 1)[0]
+    in_scenarios = np.polyfit(np.log(counts), np.log(seconds).mean(axis=0), 1)[0]
+    print(f"    grows with frames to the power {in_frames:.2f}, with scenarios to the power {in_scenarios:.2f}")
+
+
+def played(problem: RedundancyProblem, times: int) -> RedundancyProblem:
+    """Every fourth frame of the motion, alternately forwards and backwards, so that all lengths are equally hard."""
+    frames = len(problem.time)
+    thinned = np.arange(0, frames, 4)
+    order = np.resize(np.r_[thinned, thinned[::-1]], times * len(thinned))
+    arrays = {n: v for n, v in vars(problem).items() if isinstance(v, np.ndarray) and v.ndim and len(v) == frames}
+    return replace(problem, interval=4 * problem.interval, **{name: v[order] for name, v in arrays.items()})
+
+
+def memory(problem: RedundancyProblem, scenarios: int) -> None:
+    solve_redundancy(problem, scenarios_of(problem, scenarios))
+    try:
+        import resource
+    except ImportError:
+        print("memory: this system does not tell")
+        return
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    print(f"    {len(problem.time)} × {scenarios}: at most {peak / 1e6:.0f} MB in memory, the whole process")
+
+
+def run_again(*options: str) -> None:
+    """In a process of its own, which nothing before has made larger."""
+    sys.stdout.flush()
+    subprocess.run([sys.executable, __file__, *options], check=True)  # noqa: S603
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -54,7 +54,7 @@ class _Kept(_Cache):  # type: ignore[misc]
         found = super()._load_overload(signature, target)
         if found is None:
             self._start = perf_counter()
-            logger.warning("compiling %s, once on this machine; this takes some seconds", self._title())
+            logger.warning("compiling %s, once on this machine; this takes up to half a minute", self._title())
         return found
 
     def _save_overload(self, signature: Any, data: Any) -> None:
