@@ -61,7 +61,10 @@ def import_trial(
     markers = read_markers(marker_source, subject.labels)
     force = read_force(force_source, has_own_clock=force_source.path != marker_source.path)
     files = f"{force_source.path.name} and {marker_source.path.name}"
-    laid = _by_edge(force, markers, config, files) if force.sync is not None else _by_declaration(force, markers, files)
+    if force.sync is not None:
+        laid = _by_edge(force, markers, config, files)
+    else:
+        laid = _by_declaration(force, markers, files, is_one_file=force_source.path == marker_source.path)
     run, start_utc_ns = spec.next_free_run(session), _start_utc_ns(session, spec, captured)
     manifest = Manifest(
         cuff=subject if isinstance(subject, CuffSite) else None,
@@ -70,7 +73,7 @@ def import_trial(
         repeat=spec.repeat,
         run=run,
         donning=spec.donning,
-        start=_start(force, force_source.path == marker_source.path),
+        start=laid.start,
         origin_s=laid.origin_s,
         sync_threshold_v=config.sync.threshold_v,
         load_cell=_load_cell(force, config),
@@ -78,25 +81,12 @@ def import_trial(
         effective_config=config.model_dump(mode="json"),
         versions=installed_versions(),
     )
-    streams = [
-        Stream(
-            "/force", "lbf" if force.unit == "lbs" else force.unit, ("force",), laid.force_rate, force_source.path.name
-        ),
-        Stream("/markers", "mm", markers.labels, markers.rate_hz, marker_source.path.name),
-    ]
-    if force.sync is not None:
-        streams.insert(1, Stream("/sync", "V", ("sync",), laid.force_rate, force_source.path.name))
+    streams = _streams(force, laid.force_rate, force_source.path.name, markers, marker_source.path.name)
     origin = _origin(laid, (force_source.path, marker_source.path), start_utc_ns)
     path = session / spec.file_name(run)
     items = [origin, *_items(laid, force, markers, start_utc_ns)]
     write_recording(path, manifest, streams, items, Outcome(True, "closed", f"imported from {files}"), files)
     return Imported(path, laid.notes)
-
-
-def _start(force: Force, is_one_file: bool) -> Literal["sync_edge", "declared", "one_clock"]:
-    if force.sync is not None:
-        return "sync_edge"
-    return "one_clock" if is_one_file else "declared"
 
 
 def with_lag(config: StationConfig, lag_s: float | None, lag_sd_s: float | None) -> StationConfig:
@@ -111,9 +101,10 @@ class _Laid:
     """Force and markers counted, and placed on session time.
 
     force_numbers (n,), frame_numbers (frames,) as a device would have counted them; force_rate Hz
-    force_at (n,), frames_at (frames,) s of session time; origin_s, its zero on the files' clock
+    force_at (n,), frames_at (frames,) s of session time; origin_s, its zero on the files' clock; words say why there
     """
 
+    start: Literal["sync_edge", "declared", "one_clock"]
     force_numbers: NDArray[np.int64]
     force_rate: float
     force_at: NDArray[np.float64]
@@ -159,10 +150,10 @@ def _by_edge(force: Force, markers: MarkerTable, config: StationConfig, files: s
     force_at, frames_at = numbers / rate - edge, (frames - 1) / markers.rate_hz
     notes = _require_common_time(force_at, frames_at, frames_at[-1] - frames_at[0], files)
     words = f"the sync line rises at {edge:.4f} s of the force file: that is time 0 of the markers"
-    return _Laid(numbers, rate, force_at, frames, frames_at, 0.0, words, notes)
+    return _Laid("sync_edge", numbers, rate, force_at, frames, frames_at, 0.0, words, notes)
 
 
-def _by_declaration(force: Force, markers: MarkerTable, files: str) -> _Laid:
+def _by_declaration(force: Force, markers: MarkerTable, files: str, is_one_file: bool) -> _Laid:
     numbers, rate = _counted(force.time)
     origin = float(markers.time_s[0])
     frames = np.rint((markers.time_s - origin) * markers.rate_hz).astype(np.int64) + 1
@@ -170,7 +161,10 @@ def _by_declaration(force: Force, markers: MarkerTable, files: str) -> _Laid:
     longer = max(float(np.ptp(force_at)), float(np.ptp(frames_at)))
     notes = _require_common_time(force_at, frames_at, longer, files)
     words = f"there is no sync line: both files are said to tell the same time, {origin:g} s in them is time 0"
-    return _Laid(numbers, rate, force_at, frames, frames_at, origin, words, notes)
+    if is_one_file:
+        words = f"force and markers have one clock, {origin:g} s on it is time 0"
+    start: Literal["one_clock", "declared"] = "one_clock" if is_one_file else "declared"
+    return _Laid(start, numbers, rate, force_at, frames, frames_at, origin, words, notes)
 
 
 def _counted(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
@@ -206,6 +200,13 @@ def _load_cell(force: Force, config: StationConfig) -> LoadCell:
             "give --force-unit N or lbs, or a configuration with the DAQ's capacity_kg and full_scale_v"
         )
     return config.calibration()
+
+
+def _streams(force: Force, force_rate: float, force_file: str, markers: MarkerTable, marker_file: str) -> list[Stream]:
+    streams = [Stream("/force", "lbf" if force.unit == "lbs" else force.unit, ("force",), force_rate, force_file)]
+    if force.sync is not None:
+        streams.append(Stream("/sync", "V", ("sync",), force_rate, force_file))
+    return [*streams, Stream("/markers", "mm", markers.labels, markers.rate_hz, marker_file)]
 
 
 def _origin(laid: _Laid, files: Sequence[Path], start_utc_ns: int) -> Event:

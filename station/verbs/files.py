@@ -81,14 +81,16 @@ def import_(
     time_column: Annotated[str, typer.Option(help="The .csv's times, in seconds.")] = "time_s",
     sync_column: Annotated[str, typer.Option(help="The level of the sync line [V], where there is one.")] = "sync_v",
     mocap_unit: Annotated[
-        Literal["mm", "cm", "m"] | None, typer.Option(help="Default: what the file says; mm for .tsv.")
+        Literal["mm", "cm", "m"] | None, typer.Option(help="Default: what the file says, else mm.")
     ] = None,
     label: Annotated[list[str] | None, typer.Option(help="THEIRS=OURS renames a marker; may be repeated.")] = None,
     lag_s: Annotated[
         float | None, typer.Option(help="A force sample stamped t was taken at t + LAG_S by the markers' time.")
     ] = None,
     lag_sd_s: Annotated[float | None, typer.Option(min=0, help="Its standard uncertainty. Default: 0.0005.")] = None,
-    start: Annotated[datetime | None, typer.Option(help="When it was captured, in UTC; default: now.")] = None,
+    start: Annotated[
+        datetime | None, typer.Option(help="When it was captured, in UTC; default: in the order of the plan.")
+    ] = None,
     over: Annotated[Path | None, typer.Option(help="Instead: a recording of the station, to be completed.")] = None,
 ) -> None:
     """Make a recording of files that other programs left. Prints its path."""
