@@ -22,8 +22,13 @@ def swing(
     seconds: float = 20.0,
     rate: float = 250.0,
     frequency: float = 1.0,
+    lag_sd: float = 0.0,
+    lag_error: float = 0.0,
 ) -> Record:
-    """About ± 12 N at a frequency that wanders; marker noise with a correlation time of `colour` seconds."""
+    """About ± 12 N at a frequency that wanders; marker noise with a correlation time of `colour` seconds.
+
+    The true lag is drawn from its prior, lag_sd; lag_error comes on top of it.
+    """
     random = np.random.default_rng(seed)
     force_time, marker_time = np.arange(0, seconds, 1 / rate), np.arange(0.003, seconds, 0.01)
     turn = 2 * np.pi * frequency * np.array([1.0, *random.uniform(0.85, 1.15, 3)])
@@ -34,7 +39,8 @@ def swing(
         each = size * turn**order * np.sin(np.outer(t, turn) + phase + order * np.pi / 2)
         return np.asarray(each.sum(axis=1))
 
-    force = k * motion(force_time, 0) + c * motion(force_time, 1) + MASS * motion(force_time, 2) + 25.0
+    at = force_time + lag_sd * random.standard_normal() + lag_error
+    force = k * motion(at, 0) + c * motion(at, 1) + MASS * motion(at, 2) + 25.0
     noise = random.standard_normal(len(marker_time) + 2000)
     if colour:
         memory = np.exp(-0.01 / colour)
@@ -45,5 +51,5 @@ def swing(
         marker_time,
         motion(marker_time, 0) + marker_noise * noise[2000:],
         MASS,
-        0.0,
+        lag_sd,
     )
