@@ -99,6 +99,11 @@ def replay(path: Path, folder: Path, speed: float, views: Sequence[View] = ()) -
     if first is None:
         raise RecordingError(f"{path} holds no samples; there is nothing to play back")
     manifest = recording.manifest
+    if not manifest.begins_at_edge:
+        raise RecordingError(
+            f"{path} was imported without a sync line, expected the edge that begins a trial; it can be fitted and "
+            "exported, not played back"
+        )
     clock = ReplayClock(first.host_time_ns, speed)
     device = RecordedDevice(recording, clock)
     ending = _StopsAtTheEnd(device)

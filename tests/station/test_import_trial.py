@@ -139,6 +139,14 @@ def test_without_a_sync_line_the_manifest_says_so_and_the_declared_lag_reaches_t
     assert shift == pytest.approx(0.0, abs=0.3)
 
 
+def test_what_has_no_sync_line_cannot_be_played_back_and_says_so(
+    station, pair: tuple[Truth, Truth], tmp_path: Path
+) -> None:
+    force = pair[0].write_csv(tmp_path / "daq.csv", has_sync=False)
+    path = run(tmp_path / "s", force, pair[0].write_markers(tmp_path / "trial.trc")).path
+    assert_one_sentence(station("replay", path), 1, "was imported without a sync line")
+
+
 def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: tuple[Path, Path], tmp_path: Path) -> None:
     plan = [TrialSpec("hand", test, repeat) for repeat in (1, 2, 3) for test in ("static", "dynamic")]  # type: ignore[arg-type]
     for i in (3, 0, 5, 1, 4, 2):
