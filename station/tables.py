@@ -21,6 +21,7 @@ Truth = Mapping[str, Mapping[str, float]]
 def print_cuffs(fitted: SessionFit, console: Console) -> None:
     """One row per cuff as last donned, then what could not be used and what should be known."""
     console.print(cuff_table(fitted.cuffs))
+    console.print(_calibrated(fitted), highlight=False)
     for name, donnings in fitted.donnings.items():
         for donning, fit in donnings.items():
             for trial in fit.trials:
@@ -32,6 +33,19 @@ def print_cuffs(fitted: SessionFit, console: Console) -> None:
                 console.print(f"{name}, donning {donning}: {sentence}", highlight=False)
     for rejected in fitted.rejected:
         console.print(f"{rejected.file}: {rejected.reason}", highlight=False)
+
+
+def _calibrated(fitted: SessionFit) -> str:
+    """Where the lag between force and markers comes from."""
+    found = fitted.calibration
+    if found is None:
+        return "lag and gain of the load cell are as declared; calibrate them with `station record --test bounce`"
+    lag, gain, zero = found.lag, found.gain, found.zero
+    words = (
+        f"{', '.join(found.sources)}: lag {_spoken(lag, 1e3, '.2f', None)} ms, gain {_spoken(gain, 1.0, '.4f', None)}, "
+        f"zero {_spoken(zero, 1.0, '.2f', None)} N"
+    )
+    return "; ".join((words, *found.notes))
 
 
 def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Table:

@@ -15,6 +15,8 @@ from recordings.manifest import LoadCell, Manifest, Outcome
 from recordings.reader import Track
 from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
+from tests.fitting.bouncing import Bounce
+from tests.fitting.bouncing import recorded as bounce
 from tests.fitting.experiment import Session, published
 
 Tracks = dict[str, Track]
@@ -202,8 +204,8 @@ def test_a_missing_stream_is_named() -> None:
         build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
 
 
-def _write(path: Path, outcome: Outcome, *events: Event) -> None:
-    manifest, tracks = _recorded()
+def _write(path: Path, outcome: Outcome, *events: Event, recorded: tuple[Manifest, Tracks] | None = None) -> None:
+    manifest, tracks = recorded or _recorded()
     writer = RecordingWriter(path, manifest, [track.stream for track in tracks.values()])
     for event in events:
         writer.write(event)
@@ -257,3 +259,52 @@ def test_a_rejected_recording_whose_capture_had_begun_says_what_it_was_of(tmp_pa
     _write(tmp_path / "a.mcap", Outcome(False, "failed", "QTM went silent"), edge)
     rejected = read_trials([tmp_path / "a.mcap"])[1]
     assert rejected[0].capture == _recorded()[0]
+
+
+def test_a_bounce_of_the_session_moves_and_scales_the_force_of_its_trials(tmp_path: Path) -> None:
+    fine = Outcome(True, "closed", "the capture ended")
+    _write(tmp_path / "cuff-hand_test-static_run-1.mcap", fine)
+    plain = read_trials(tmp_path.glob("*.mcap"))[0][0]
+    _write(tmp_path / "test-bounce_run-1.mcap", fine, recorded=bounce(Bounce(lag=0.006, gain=1.02), 1))
+    (trial,), rejected = read_trials(sorted(tmp_path.glob("*.mcap")))
+    assert rejected == ()
+    assert trial.calibration is not None
+    assert trial.lag.value == pytest.approx(0.006, abs=4e-4)
+    assert trial.lag.source == "test-bounce_run-1.mcap"
+    assert trial.lag.declared == trial.calibration.lag.standard_error < plain.lag.declared
+    np.testing.assert_allclose(trial.force_time, plain.force_time + trial.lag.value)
+    np.testing.assert_allclose(trial.force, plain.force / trial.calibration.gain.value)
+    assert trial.gain_sd == pytest.approx(0.0009, abs=0.0004)
+
+
+def test_a_bounce_that_cannot_be_used_is_listed_and_the_lag_stays_declared(tmp_path: Path) -> None:
+    fine = Outcome(True, "closed", "the capture ended")
+    _write(tmp_path / "a.mcap", fine)
+    _write(tmp_path / "test-bounce_run-1.mcap", fine, recorded=bounce(Bounce(duration=8.0), 1))
+    (trial,), (rejected,) = read_trials(sorted(tmp_path.glob("*.mcap")))
+    assert trial.calibration is None
+    assert trial.lag.source == "declared"
+    assert "bounces" in rejected.reason
+    with pytest.raises(UnusableTrial, match="is a bounce"):
+        read_trial(tmp_path / "test-bounce_run-1.mcap")
+
+
+def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_them(tmp_path: Path) -> None:
+    manifest, tracks = _recorded()
+    config = {"sync": {"lag_s": 0.02, "lag_sd_s": 0.003}, "protocol": {"step_masses_kg": [2.0, 2.0]}}
+    told = replace(manifest, effective_config=config)
+    trial, plain = (build_trial(each, tracks, "a.mcap", "hash") for each in (told, manifest))
+    assert (trial.lag.value, trial.lag.declared, trial.step_masses) == (0.02, 0.003, (2.0, 2.0))
+    moved, there = (np.interp(time, each.force_time, each.force) for each, time in ((trial, 3.02), (plain, 3.0)))
+    assert moved == pytest.approx(there, abs=1e-9)
+    _write(tmp_path / "a.mcap", Outcome(True, "closed", "the capture ended"), recorded=(told, tracks))
+    (tmp_path / "protocol.toml").write_text('step_masses_kg = [1.0]\n[steps_s]\n"a.mcap" = [2.0]\n', encoding="utf-8")
+    (edited,), _ = read_trials([tmp_path / "a.mcap"])
+    assert (edited.step_masses, edited.step_times) == ((1.0,), (2.0,))
+
+
+def test_sample_numbers_that_go_back_are_refused() -> None:
+    numbers = _recorded()[1]["/force"].sample_numbers.copy()
+    numbers[500] = numbers[499]
+    with pytest.raises(UnusableTrial, match="go back or repeat"):
+        build_trial(_recorded()[0], _changed("/force", sample_numbers=numbers), "a.mcap", "hash")
