@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fitting.clocks import LagUncertainty
 from fitting.damping import fit_damping
@@ -18,7 +20,12 @@ K, C = 2140.0, 124.0
 
 
 def _trial(
-    frequency: float = 1.0, amplitude: float = 12.0, seconds: float = 20.0, rate: float = 500.0, lag: float = 0.5e-3
+    frequency: float = 1.0,
+    amplitude: float = 12.0,
+    seconds: float = 20.0,
+    rate: float = 500.0,
+    lag: float = 0.5e-3,
+    colour: float = 0.0,
 ) -> tuple[Trial, np.ndarray]:
     """Three seconds at rest, then the weight swings, then three seconds at rest; and the displacement in metres."""
     random = np.random.default_rng(6)
@@ -48,7 +55,9 @@ def _trial(
         markers=np.zeros((len(marker_time), 0, 3)),
         lag=LagUncertainty(0.3e-3, lag, 0.0),
     )
-    return trial, motion(marker_time, 0) + 0.2e-3 * random.standard_normal(len(marker_time))
+    memory = math.exp(-0.01 / colour) if colour else 0.0
+    noise = lfilter([math.sqrt(1 - memory**2)], [1, -memory], random.standard_normal(len(marker_time)))
+    return trial, motion(marker_time, 0) + 0.2e-3 * noise
 
 
 def test_the_swinging_stretch_is_found_without_its_ends() -> None:
@@ -96,3 +105,29 @@ def test_frames_that_end_before_the_pull_are_refused() -> None:
     early = replace(trial, marker_time=trial.marker_time[:200], markers=trial.markers[:200])
     with pytest.raises(UnusableTrial, match="hidden or missing in most"):
         fit_damping(early, x[:200])
+
+
+def test_markers_with_a_memory_make_output_error_the_method() -> None:
+    fit = fit_damping(*_trial(colour=0.05))
+    assert fit.method == "output error"
+    assert any("correlated in time" in note for note in fit.notes)
+    assert abs(fit.damping.value - C) < 3.5 * fit.damping.estimate.standard_error
+    assert fit_damping(*_trial()).method == "errors in variables"
+
+
+def test_what_trials_share_is_told_by_cause() -> None:
+    trial, way = _trial(lag=2e-3)
+    fit = fit_damping(replace(trial, gain_sd=0.01, lag=LagUncertainty(0.0, 2e-3, 1e-4)), way)
+    assert math.hypot(*fit.damping.causes.values()) == pytest.approx(fit.damping.common)
+    assert fit.damping.causes["lag"] == pytest.approx(K * 2e-3, rel=0.02)
+    assert fit.damping.causes["drift"] == pytest.approx(K * 1e-4 * fit.oscillation.middle, rel=0.02)
+    assert fit.damping.causes["gain"] == pytest.approx(0.01 * C, rel=0.1)
+
+
+def test_the_energy_of_a_cycle_is_the_loops_area() -> None:
+    fit = fit_damping(*_trial())
+    way = 12.0 / abs(K + 2j * np.pi * C)
+    assert fit.energy.value == pytest.approx(np.pi * 2 * np.pi * C * way**2, rel=0.05)
+    assert fit.energy.standard_error / fit.energy.value == pytest.approx(
+        fit.damping.estimate.standard_error / fit.damping.value, rel=1e-6
+    )
