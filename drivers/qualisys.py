@@ -334,7 +334,7 @@ class _Conversation:
             if kind == "capture_stopped" and self.streams:
                 self._blocks.capture_ended()
         elif kind == "camera_settings_changed" and self.streams:
-            self._blocks.labels = None  # the frames wait until their order is known again
+            self._blocks.forget_labels()
             if self._relabelling is not None:
                 self._relabelling.cancel()  # its answer would be of yesterday
             self._relabelling = self._loop.create_task(self._relabel())

@@ -178,6 +178,12 @@ class MarkerBlocks:
         self._waiting.append(frame)
         self._arrived_ns = host_time_ns
 
+    def forget_labels(self) -> None:
+        """Their order has changed, and frames wait until it is known; of those that wait already nobody can tell it."""
+        if self.labels is None:
+            self._waiting.clear()
+        self.labels = None
+
     def forget_last(self) -> None:
         """The latest frame was not what it seemed."""
         del self._waiting[-1:]

@@ -23,6 +23,8 @@ STRAYS = {
 }
 _STRANGER = struct.pack("<II", 20, 99) + b"of tomorrow."
 _HEAD = struct.Struct("<IIqII")  # size, type, time stamp, number, components
+_RATES = struct.Struct("<HH")  # images dropped and out of step, per mille
+_RATES_AT = _HEAD.size + 12  # behind the component's size, type and count
 
 Turn = tuple[float, Literal["settings", "numbers"]]
 
@@ -79,6 +81,9 @@ class QtmFaults:
         return b"".join(STRAYS[one.fault.fault] for one in due)
 
     def _spoilt(self, packets: list[bytes], times: NDArray[np.float64]) -> list[bytes]:
+        for one in self._faults.of("qtm", "drop_images"):
+            for n in np.flatnonzero((times >= one.begin) & (times < one.end)):
+                packets[n] = packets[n][:_RATES_AT] + _RATES.pack(50, 20) + packets[n][_RATES_AT + _RATES.size :]
         for one in self._faults.of("qtm", "unknown_component"):
             for n in np.flatnonzero((times >= one.begin) & (times < one.end)):
                 packets[n] = _with_stranger(packets[n])

@@ -13,15 +13,15 @@ from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Loss, Samples
 from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
 
-LONGEST_S = 1.3  # wall; enough for time-outs that are shortened below
+LONGEST_S = 2.2  # wall; enough for time-outs that are shortened below
 
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[FaultBench]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nidaq, "RPC_DEADLINE_S", 0.6)
+        patch.setattr(nidaq, "RPC_DEADLINE_S", 1.0)
         patch.setattr(nidaq, "LONGEST_WAIT_S", 0.3)
-        patch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.5)
+        patch.setattr(qualisys, "COMMAND_TIMEOUT_S", 1.0)
         with FaultBench() as bench:
             yield bench
 
@@ -37,7 +37,7 @@ def test_a_fault_is_seen_counted_and_over_and_nothing_else_suffers(bench: FaultB
             assert unaccounted(items, stream) == []
             assert_device_time_goes_forward(aftermath, device, stream)
         if device != case.device:
-            assert not any(isinstance(item, Loss | Event) for item in items), f"{device} suffered, too"
+            assert [item for item in items if isinstance(item, Loss | Event)] == [], f"{device} suffered, too"
     if case.device == "qtm":
         assert_markers_are_where_they_belong(aftermath, bench)
 

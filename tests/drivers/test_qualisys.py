@@ -283,6 +283,17 @@ def test_when_qtm_reorders_its_labels_every_marker_keeps_its_name() -> None:
     assert not any(is_event(item, "labels_lost") for item in items)
 
 
+def test_frames_between_two_changes_of_the_labels_are_lost_rather_than_guessed() -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        change = packet(EVENT, SETTINGS_CHANGED)
+        swapped = frame(2, (2, 0, 0, 0.5), (1, 0, 0, 0.5))
+        qtm.send(change + swapped + change + two(3))
+        items = received(device, 2)
+    assert numbers(items) == [1, 3]
+    assert values(items)[:, :, 0].tolist() == [[1, 2], [1, 2]]
+    assert [(item.first_missing, item.count) for item in items if isinstance(item, Loss)] == [(2, 1)]
+
+
 def test_a_label_that_qtm_loses_is_missing_from_then_on_and_said_to_be() -> None:
     only_b = PARAMETERS.replace(b"<Label><Name>a</Name></Label>", b"")
     with OtherQtm(relabelling(only_b)) as qtm, opened(driver(qtm.port)) as device:
