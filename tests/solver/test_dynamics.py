@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from solver.bundled import bundled_model
 from solver.dynamics import equations_of_motion, multipliers, response_maps, response_to_loads
 from solver.kinematics import Postures, jacobians, points_in_ground, postures, speeds_from_rates
 from solver.model import Model, ModelError
+from solver.moving.loads import gather
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
 from solver.spatial import rotate, wrench_about_origin
@@ -73,6 +75,15 @@ def test_responses_add_up() -> None:
     together = response_to_loads(EQUATIONS, LOADS.sum(axis=1, keepdims=True), FORCES.sum(axis=1, keepdims=True))
     assert np.allclose(each.acceleration.sum(axis=1), together.acceleration[:, 0], atol=1e-10)
     assert np.allclose(each.reaction.sum(axis=1), together.reaction[:, 0], atol=1e-10)
+
+
+def test_loads_of_any_layout_meet_the_same_machine_code() -> None:
+    expected = response_to_loads(EQUATIONS, LOADS)
+    kernel: Any = gather
+    known = len(kernel.signatures)
+    for loads in (np.asfortranarray(LOADS), LOADS.repeat(2, axis=0)[::2], np.broadcast_to(LOADS, LOADS.shape)):
+        assert np.array_equal(response_to_loads(EQUATIONS, loads).acceleration, expected.acceleration)
+    assert len(kernel.signatures) == known
 
 
 def test_a_suit_changes_what_is_felt_at_rest_and_nothing_else() -> None:
