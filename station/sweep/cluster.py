@@ -17,7 +17,6 @@ AHEAD = 64
 """Tasks handed out at once, so that what is still to do stays here and not in the scheduler's memory."""
 CONNECT_TIMEOUT = 10  # s
 
-
 Solved: TypeAlias = "Future[dict[str, Outcome]]"
 
 
@@ -32,22 +31,9 @@ def connected(scheduler: str | None, workers: int) -> Iterator[Client]:
     Local processes listen on 127.0.0.1 only and serve no dashboard. Raises ClusterError where nobody answers.
     """
     with ExitStack() as stack:
-        if scheduler is None:
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                worker_dashboard_address="127.0.0.1:0",
-                scheduler_kwargs={"dashboard": False},
-                local_directory=stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)),
-                silence_logs=logging.CRITICAL,
-            )
-            stack.enter_context(cluster)
-            yield stack.enter_context(Client(cluster))
-            return
+        where = scheduler or stack.enter_context(_local_cluster(workers))
         try:
-            client = stack.enter_context(Client(scheduler, timeout=CONNECT_TIMEOUT))
+            client = stack.enter_context(Client(where, timeout=CONNECT_TIMEOUT))
         except (OSError, ValueError) as error:
             raise ClusterError(
                 f"no Dask scheduler answers at {scheduler} ({error}); start one with `dask scheduler` or leave "
@@ -79,3 +65,21 @@ def solve_on(client: Client, tasks: Iterable[Task]) -> Iterator[tuple[dict[str, 
             sentence = f"the case was not solved ({type(error).__name__}: {error}); sweep again to try it once more"
             yield {case.key: failed(sentence) for case in task.cases}, False
         completed.update(submitted(1))
+
+
+@contextmanager
+def _local_cluster(workers: int) -> Iterator[LocalCluster]:
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch,
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            worker_dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
+            local_directory=scratch,
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+    ):
+        yield cluster

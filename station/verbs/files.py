@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import Condition, ConfigPath, Format, Speed, Test, say
+from station.verbs.options import Condition, ConfigPath, Format, Rerun, Rrd, Speed, Test, say
 
 ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids"]
 
@@ -30,25 +30,29 @@ def replay(
         Path | None, typer.Option(help="Record it anew into this folder; default: keep nothing.")
     ] = None,
     speed: Speed = 1.0,
-    rrd: Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")] = None,
+    rrd: Rrd = None,
+    rerun: Rerun = False,
 ) -> None:
     """Play a recording back through the live pipeline: daemon, views, writer. The same fit comes out, bit for bit."""
     from contextlib import ExitStack
     from tempfile import TemporaryDirectory
 
+    from recordings.reader import open_recording
     from station.clock import RealClock
     from station.daemon import View
     from station.live import LiveView
     from station.replay import replay as play_back
+    from station.rerun_log import open_rerun
+    from station.rerun_scene import log_scene
 
     with ExitStack() as stack:
         folder = session or Path(stack.enter_context(TemporaryDirectory()))
         views: list[View] = [stack.enter_context(LiveView(RealClock(speed), file.stem))]
-        if rrd is not None:
-            from station.rerun_log import RerunLog
-
-            views.append(stack.enter_context(RerunLog(rrd)))
-        result = play_back(file, folder, speed, views)
+        subject = open_recording(file).manifest.cuff
+        logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
+        result = play_back(file, folder, speed, [*views, *logs])
+        for log in logs:
+            log_scene(log.stream, file)
     say(result.sentence)
     if session is not None and result.path is not None:
         print(result.path)
@@ -133,18 +137,16 @@ def export(
     rest_length_m: Annotated[float | None, typer.Option(min=0, help="With --osim; default: the suit's.")] = None,
 ) -> None:
     """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
+    from solver.suit import BUNDLED_SUIT
+    from station.export_model import SuitToExport, write_suited_model
     from station.export_trial import export_recordings
     from station.fit import recordings_in
     from station.one_clock import ExportRefused, WrongExport
 
     if osim:
-        from solver.suit import BUNDLED_SUIT
-        from station.export_model import SuitToExport, write_suited_model
-
         if output is None or file is not None or session is not None or to is not None:
             raise WrongExport("an export with --osim needs --output, and no FILE, --session or --to; see --help")
-        worn = SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m)
-        write_suited_model(worn, output)
+        write_suited_model(SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m), output)
         print(output)
         return
     source = file or session
