@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import ConfigPath, Seed, Speed, Test, say
+from station.verbs.options import ConfigPath, Rerun, Rrd, Seed, Speed, Test, say
 
 
 def simulate(
@@ -51,7 +51,8 @@ def record(
     ] = None,
     donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
     speed: Annotated[float, typer.Option(min=0.1, help="Speed of the simulated world that is recorded.")] = 1.0,
-    rrd: Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")] = None,
+    rrd: Rrd = None,
+    rerun: Rerun = False,
 ) -> None:
     """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
     from contextlib import ExitStack
@@ -64,15 +65,15 @@ def record(
 
     if (cuff is None) != (test == "bounce"):
         raise typer.BadParameter("a static or dynamic test needs --cuff, and a bounce has none")
-    clock = RealClock(speed)
+    clock, settings = RealClock(speed), load_config(config)
     spec = TrialSpec(cuff, test, repeat, donning)
     with ExitStack() as stack:
         views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff or 'load cell'} {test} {repeat}"))]
-        if rrd is not None:
-            from station.rerun_log import RerunLog
+        if rrd is not None or rerun:
+            from station.rerun_log import open_rerun
 
-            views.append(stack.enter_context(RerunLog(rrd)))
-        daemon = Daemon(load_config(config), clock, views)
+            views += open_rerun(stack, rrd, rerun, settings.cuffs[cuff].rope_markers if cuff in settings.cuffs else ())
+        daemon = Daemon(settings, clock, views)
         _stop_on_signals(daemon)
         try:
             result = daemon.record(session, spec, duration)

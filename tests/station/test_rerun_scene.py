@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from solver.bundled import bundled_model
+from station.assessment_json import ACTIVATIONS_FILE
+from station.rerun_scene import log_scene
+from tests.station.test_replay import record_pair
+
+
+def test_fit_plateaus_body_and_suit_are_in_the_scene(tmp_path: Path) -> None:
+    names = bundled_model().muscle_names
+    times = np.linspace(0.0, 7.0, 20)
+    rows = [",".join(["condition", "cuff", "time_s", *names])]
+    rows += [",".join(["both", "hand", f"{t:g}", *(f"{a:g}" for a in np.full(len(names), 0.3))]) for t in times]
+    for spec, path in record_pair(tmp_path):
+        (tmp_path / ACTIVATIONS_FILE).write_text("\n".join(rows) + "\n")
+        stream = rr.RecordingStream("test")
+        file = tmp_path / f"{spec.test}.rrd"
+        stream.save(file)
+        log_scene(stream, path)
+        stream.disconnect()
+        content = file.read_bytes()
+        of_test = b"/fit/plateaus" if spec.test == "static" else b"/fit/fitted"
+        for name in (of_test, b"/fit/displacement", b"/body/muscles", b"/suit/cord", b"/suit/cuffs"):
+            assert name in content
