@@ -65,6 +65,15 @@ def test_check_names_every_device_that_does_not_answer(station, tmp_path: Path) 
     assert "NI Dev1" in ran.out and "QTM" in ran.out and "disk" in ran.out
 
 
+@pytest.mark.parametrize(
+    "words", [["--test", "static"], ["--test", "bounce", "--cuff", "hand"]], ids=["no cuff", "a cuff too many"]
+)
+def test_a_cuff_is_what_a_static_test_needs_and_a_bounce_has_not(station, tmp_path: Path, words: list[str]) -> None:
+    ran = station("record", "--config", CONFIG, "--session", tmp_path, *words)
+    assert ran.code == 2
+    assert "needs --cuff, and a bounce has none" in " ".join(ran.err.replace("\u2502", " ").split())
+
+
 def test_a_recording_is_shown_as_a_table_and_as_json(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     table, plain = station("info", path), station("info", path, "--format", "json")

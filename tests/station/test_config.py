@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from recordings.manifest import BounceRig
 from station.config import ConfigError, load_config, parse_config
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
@@ -20,11 +21,25 @@ def test_the_published_cuffs_know_their_site() -> None:
     assert (config.cuff_site("hand").site, config.cuff_site("waist").site) == ("arm", "waist")
 
 
+def test_what_a_trial_is_of_is_a_cuff_or_the_bouncing_weight() -> None:
+    config = parse_config({"cuffs": {"hand": HAND}, "bounce": {"mass_kg": 2.5, "marker": "weight"}}, "test")
+    assert config.subject("hand") == config.cuff_site("hand")
+    assert config.subject(None) == BounceRig(2.5, "weight")
+    assert config.subject(None).labels == ("weight",)
+    assert config.subject("hand").labels == ("a", "b", "c", "d")
+    with pytest.raises(ConfigError, match=r"no \[bounce\], expected the weight's mass_kg"):
+        parse_config({}, "test").subject(None)
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
         ({"daq": {"sample_rate": 1000}}, "unknown key daq.sample_rate"),
         ({"daq": {"sample_rate_hz": 6000}}, "at most 5000"),
+        ({"bounce": {"marker": "weight"}}, "bounce.mass_kg is missing"),
+        ({"bounce": {"mass_kg": -1, "marker": "weight"}}, "bounce.mass_kg is -1"),
+        ({"protocol": {"step_masses_kg": [1.5, 0]}}, "protocol.step_masses_kg.1 is 0"),
+        ({"sync": {"lag_sd_s": -0.1}}, "sync.lag_sd_s is -0.1"),
         ({"daq": {"sample_rate_hz": "fast"}}, "daq.sample_rate_hz is 'fast'"),
         ({"daq": {"start": "now"}}, "daq.start is 'now'"),
         ({"load_cell": {"source": "serial"}}, "no port is given"),

@@ -11,6 +11,15 @@ def test_the_published_plan_has_24_trials_for_four_cuffs() -> None:
     assert [(t.test, t.repeat) for t in plan[:4]] == [("static", 1), ("dynamic", 1), ("static", 2), ("dynamic", 2)]
 
 
+def test_a_session_may_begin_with_one_bounce_of_no_cuff(tmp_path: Path) -> None:
+    first, second, *_ = published_plan(["waist", "hand"], repeats=1, has_bounce=True)
+    assert (first.cuff, first.test) == (None, "bounce")
+    assert (second.cuff, second.test) == ("waist", "static")
+    assert first.file_name(2) == "test-bounce_run-2.mcap"
+    (tmp_path / first.file_name(1)).touch()
+    assert first.next_free_run(tmp_path) == 2
+
+
 def test_a_rerecording_gets_the_next_number(tmp_path: Path) -> None:
     spec = TrialSpec("hand", "static", 1)
     assert spec.next_free_run(tmp_path) == 1
