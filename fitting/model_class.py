@@ -87,7 +87,8 @@ def compare_classes(histories: Sequence[History]) -> ModelComparison | None:
         scores[slip.name] = _left_out(parts, ())
     best, limits = scores[_name(chosen)], [GAIN, SECOND_GAIN][len(chosen) :]
     for limit in limits:
-        tried = [(each, _left_out(parts, (*chosen, each))) for each in extensions if each not in chosen]
+        fitted = [each for each in chosen if each is not slip]
+        tried = [(each, _left_out(parts, (*fitted, each))) for each in extensions if each not in chosen]
         extension, left = min(tried, key=lambda pair: float(pair[1].sum()))
         if not _is_real(best, left, limit):
             break
@@ -120,7 +121,7 @@ def _established_slip(stretches: Sequence[_Part], extensions: Sequence[_Extensio
 def _taken_off(parts: Sequence[_Part], extension: _Extension) -> list[_Part]:
     """The parts with the extension's force, as all of them tell it, taken off the force."""
     whole = np.asarray(sum(part.products for part in parts))
-    row = min((_fit(whole, (extension,), (columns,)) for columns in extension.choices), key=lambda fit: fit[0])[1]
+    row = _best(whole, (extension,))
     turn = np.eye(len(whole))
     turn[FORCE, V + 1 :] = row[V + 1 :]
     return [replace(part, products=turn @ part.products @ turn.T) for part in parts]
@@ -202,30 +203,33 @@ def _left_out(parts: Sequence[_Part], extensions: Sequence[_Extension]) -> NDArr
     left = []
     for fold in sorted({part.fold for part in parts}):
         inside = sum(part.products for part in parts if part.fold == fold)
-        others = np.asarray(sum(part.products for part in parts if part.fold != fold))
-        fits = [_fit(others, extensions, chosen) for chosen in product(*(each.choices for each in extensions))]
-        _, row = min(fits, key=lambda fit: fit[0])
+        row = _best(np.asarray(sum(part.products for part in parts if part.fold != fold)), extensions)
         left.append(float(row @ inside @ row))
     return np.array(left)
 
 
+def _best(products: NDArray[np.float64], extensions: Sequence[_Extension]) -> NDArray[np.float64]:
+    """The row that takes columns to what is left of the force, of the choices that leave least and make sense."""
+    rows = [_fit(products, extensions, chosen) for chosen in product(*(each.choices for each in extensions))]
+    sensible = [row for row in rows if row is not None]
+    if not sensible:
+        return _best(products, extensions[:-1])
+    return min(sensible, key=lambda row: float(row @ products @ row))
+
+
 def _fit(
     products: NDArray[np.float64], extensions: Sequence[_Extension], chosen: Sequence[tuple[int, ...]]
-) -> tuple[float, NDArray[np.float64]]:
-    """Squares left, and the row that takes columns to what is left: 1 for the force, minus coefficients elsewhere."""
+) -> NDArray[np.float64] | None:
+    """1 for the force, minus coefficients elsewhere; None where a coefficient has a sign without a meaning."""
     used = [X, V, *(column for columns in chosen for column in columns)]
     scale = np.sqrt(np.diag(products)[used])
     scale[scale < STILL * scale[0]] = np.inf
     normal = products[np.ix_(used, used)] / np.outer(scale, scale)
     solved = np.linalg.lstsq(normal, products[used, FORCE] / scale, rcond=1e-9)[0] / scale
-    for extension, columns in zip(extensions, chosen, strict=True):
-        for column in columns:
-            if extension.is_signed and solved[used.index(column)] < 0:
-                rest = [(e, c) for e, c in zip(extensions, chosen, strict=True) if e is not extension]
-                return _fit(products, [e for e, _ in rest], [c for _, c in rest])
     row = np.zeros(len(products))
     row[FORCE], row[used] = 1.0, -solved
-    return float(row @ products @ row), row
+    signed = [column for each, columns in zip(extensions, chosen, strict=True) if each.is_signed for column in columns]
+    return None if np.any(row[signed] > 0) else row
 
 
 def _responses(histories: Sequence[History]) -> Mapping[str, list[list[list[NDArray[np.float64]]]]]:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from fitting.published_method import PublishedFit
 from fitting.result import CuffFit, SessionFit
-from fitting.uncertainty import Estimate
+from fitting.uncertainty import NORMAL_95, Estimate
 from solver.assessment import Assessment, Figure
 from solver.optimise import Optimised
 
@@ -49,7 +49,10 @@ def _calibrated(fitted: SessionFit) -> str:
 
 
 def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Table:
-    """Value ± half-width of the 95 % interval; with the truth of simulated cuffs, that in brackets."""
+    """Value ± half-width of the 95 % interval, and what the Cramér-Rao bound allows at best.
+
+    With the truth of simulated cuffs, that in brackets.
+    """
     table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict")
     for name, fit in cuffs.items():
         true = (truth or {}).get(name, {})
@@ -130,6 +133,8 @@ def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | No
         return "not identified"
     half = (estimate.ci95[1] - estimate.ci95[0]) / 2
     words = f"{estimate.value * scale:{form}} ± {half * scale:{form}}"
+    if estimate.bound is not None:
+        words += f", at best ± {NORMAL_95 * estimate.bound * scale:{form}}"
     return words if true is None else f"{words} (true {true * scale:{form}})"
 
 

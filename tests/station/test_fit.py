@@ -54,3 +54,10 @@ def test_a_method_nobody_knows_is_wrong_usage(station, folder: Path) -> None:
 def test_the_fit_is_written_beside_the_recordings(station, folder: Path) -> None:
     assert station("fit", folder).code == 0
     assert json.loads((folder / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
+
+
+def test_the_table_has_the_bound_the_law_and_what_may_be_wrong(station, folder: Path) -> None:
+    out = " ".join(station("fit", folder).out.split())
+    assert "at best" in out
+    assert "its law is slip" in out
+    assert "likely: slip explains" in out
