@@ -47,12 +47,10 @@ def evaluate_paths(
     Raises ModelError where a path refers to what the model has not.
     """
     # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
+    from solver.geodesics.room import room_for
+    from solver.geodesics.tension import lay_all as lay_geodesics
     from solver.wrapping.changes import pack_changes
-
-    if mode == "geodesic":
-        from solver.geodesics.tension import lay_all
-    else:
-        from solver.wrapping.tension import lay_all
+    from solver.wrapping.tension import lay_all
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     frames, bodies = postures.origin_in_ground.shape[:2]
@@ -62,16 +60,13 @@ def evaluate_paths(
         wrench_per_tension=np.zeros((frames, len(chosen), bodies, 6)),
         mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
     )
-    lay_all(
-        *pack_paths(model, chosen),
-        pack_bodies(postures),
-        pack_changes(chosen, postures),
-        np.array(postures.speeds, order="C"),
-        state.lengths,
-        state.speeds,
-        state.wrench_per_tension,
-        state.mobility_per_tension,
-    )
+    courses = pack_paths(model, chosen)
+    poses, rates = pack_bodies(postures), np.array(postures.speeds, order="C")
+    if mode == "geodesic":
+        changes = pack_changes(chosen, postures, stops_at_ends=True)
+        lay_geodesics(*courses, poses, changes, rates, room_for(courses), *vars(state).values())
+    else:
+        lay_all(*courses, poses, pack_changes(chosen, postures), rates, *vars(state).values())
     for values in vars(state).values():
         values.flags.writeable = False
     return state

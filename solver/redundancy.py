@@ -26,7 +26,7 @@ from solver.loads import ExternalForce, load_wrenches
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics, MotionError
 from solver.muscle import MuscleForces, muscle_forces
-from solver.paths import PathState, evaluate_paths
+from solver.paths import PathMode, PathState, evaluate_paths
 from solver.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
 from solver.sequence import FrameSequence, follow, follow_with_clarabel
 
@@ -53,6 +53,7 @@ class RedundancyOptions:
     weights                 w by the name of a muscle, or of a coordinate for its actuator, where it is to be another
     glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
     joint                   whose reaction it is
+    path_mode               how muscles lie on surfaces: as in OpenSim or as geodesics (docs/paths.md)
     solver                  interior_point, compiled for this problem, or clarabel, its reference
     """
 
@@ -64,6 +65,7 @@ class RedundancyOptions:
     weights: Mapping[str, float] = field(default_factory=dict)
     glenoid_aspect: float = 1.0
     joint: str = JOINT
+    path_mode: PathMode = "faithful"
     solver: Solver = "interior_point"
 
 
@@ -188,7 +190,7 @@ def solve_motion(
     MotionError where the model cannot be evaluated.
     """
     options = options or RedundancyOptions()
-    mechanics = go_through(model, kinematics, loads=loads, joint=options.joint)
+    mechanics = go_through(model, kinematics, loads=loads, joint=options.joint, path_mode=options.path_mode)
     problem = build_redundancy(model, mechanics, options)
     solution = solve_redundancy(problem, progress=progress)
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
@@ -213,13 +215,14 @@ def go_through(
     paths: PathState | None = None,
     loads: Sequence[ExternalForce] = (),
     joint: str = JOINT,
+    path_mode: PathMode = "faithful",
 ) -> Mechanics:
     """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
 
     Raises MotionError naming the time of a posture in which the model cannot be evaluated.
     """
     state = postures(model, kinematics.positions, kinematics.speeds)
-    paths = paths or evaluate_paths(model, state)
+    paths = paths or evaluate_paths(model, state, mode=path_mode)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     equations = equations_of_motion(model, state, joint)
     maps = response_maps(model, equations, paths, forces, load_wrenches(loads, state) if loads else None)

@@ -174,7 +174,7 @@ def lay(
     _ensure_within_ranges(model, kinematics)
     worn = with_suit_masses(model, suit)
     state = postures(worn, kinematics.positions, kinematics.speeds)
-    bare = go_through(model, thin(kinematics, every), loads=loads)
+    bare = go_through(model, thin(kinematics, every), loads=loads, path_mode=options.path_mode)
     mechanics = go_through(worn, bare.kinematics, bare.paths, loads)
     return WornMotion(
         model=worn,

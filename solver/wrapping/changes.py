@@ -14,7 +14,7 @@ from solver.model import NO_COORDINATE, ConditionalPathPoint, MovingPathPoint, P
 from solver.moving.functions import derivatives
 from solver.moving.tables import Functions, pack_functions
 from solver.wrapping.course import CHANGE, Records
-from solver.wrapping.vectors import Array, add, read, turn, write
+from solver.wrapping.vectors import ORIGIN, Array, add, read, turn, write
 
 WITHIN = 1e-5  # OpenSim keeps a conditional point so far beyond its range
 NO_FUNCTION = -1
@@ -39,17 +39,22 @@ class Movers(NamedTuple):
     functions: Functions
 
 
-def pack_changes(paths: Sequence[Path], postures: Postures) -> Records:
-    """(frames, points) of CHANGE, for those points of the paths that are not fixed."""
+def pack_changes(paths: Sequence[Path], postures: Postures, stops_at_ends: bool = False) -> Records:
+    """(frames, points) of CHANGE, for those points of the paths that are not fixed.
+
+    stops_at_ends  whether a point that is held at an end of its range does not move either; OpenSim's does
+    """
     movers = _movers(tuple(paths))
     changes = np.zeros((len(postures.coordinates), len(movers.points)), CHANGE)
-    place_points(movers.points, movers.functions, postures.coordinates, changes)
+    place_points(movers.points, movers.functions, postures.coordinates, stops_at_ends, changes)
     return changes
 
 
 @compiled_for_python
-def place_points(movers: Records, functions: Functions, coordinates: Array, changes: Records) -> None:
-    """Fill changes (frames, points) at coordinates (frames, coordinates)."""
+def place_points(
+    movers: Records, functions: Functions, coordinates: Array, stops_at_ends: bool, changes: Records
+) -> None:
+    """Fill changes (frames, points) at coordinates (frames, coordinates); stops_at_ends as in pack_changes."""
     for frame in range(len(changes)):
         for k in range(len(movers)):
             mover, change = movers[k], changes[frame, k]
@@ -66,6 +71,8 @@ def place_points(movers: Records, functions: Functions, coordinates: Array, chan
                 _, change["slope"][i], _ = derivatives(functions, first + i, q)
             write(change["location"], add(translation, turn(rotation, read(change["location"]))))
             write(change["slope"], turn(rotation, read(change["slope"])))
+            if stops_at_ends and held != q:
+                write(change["slope"], ORIGIN)
             change["coordinate"], change["is_there"] = mover["coordinate"], 1
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from math import acos, atan2, cos, isnan, pi, radians, sin, sqrt
 
+from solver.compiled import compiled
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
 from solver.wrapping.sphere import nearest_pair
 from solver.wrapping.vectors import (
@@ -16,7 +17,6 @@ from solver.wrapping.vectors import (
     Vector,
     add,
     along,
-    compiled,
     cross,
     distance,
     dot,

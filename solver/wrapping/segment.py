@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from math import nan, sqrt
 
-from solver.wrapping.vectors import Vector, along, compiled, cross, dot, norm, subtract, unit
+from solver.compiled import compiled
+from solver.wrapping.vectors import Vector, along, cross, dot, norm, subtract, unit
 
 # What a surface answers. A mandatory wrap ends the search; of several possible ones the shortest detour is taken.
 INSIDE = -1

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import inf
 
+from solver.compiled import compiled
 from solver.model import NO_COORDINATE
 from solver.wrapping.course import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Indices, Record, Records
 from solver.wrapping.cylinder import wrap_cylinder
@@ -19,7 +20,6 @@ from solver.wrapping.vectors import (
     ORIGIN,
     Vector,
     add,
-    compiled,
     distance,
     read,
     subtract,
@@ -40,7 +40,7 @@ def lay_path(
 
     Afterwards the first `count` entries of sequence are the nodes in order along it; returns count and the length [m].
     """
-    count = _lay_points(points, wraps, changes, nodes, sequence)
+    count = lay_points(points, wraps, changes, nodes, sequence)
     length = inf
     is_swapped = False
     for sweep in range(MOST_SWEEPS if len(wraps) > 1 else 1):
@@ -78,7 +78,7 @@ def to_ground(bodies: Records, body: int, point: Vector) -> Vector:
 
 
 @compiled
-def _lay_points(points: Records, wraps: Records, changes: Records, nodes: Records, sequence: Indices) -> int:
+def lay_points(points: Records, wraps: Records, changes: Records, nodes: Records, sequence: Indices) -> int:
     count = 0
     for k in range(len(points)):
         point, node = points[k], nodes[k]

@@ -6,12 +6,9 @@ only. OpenSim's tangents are not exact, so the forces are not quite the derivati
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from hashlib import sha256
-from pathlib import Path as FilePath
-
 import numpy as np
 
+from solver.compiled import compiled, compiled_for_python
 from solver.wrapping.course import NODE, Indices, Records
 from solver.wrapping.sweep import lay_path, place_in_ground, to_ground
 from solver.wrapping.vectors import (
@@ -19,8 +16,6 @@ from solver.wrapping.vectors import (
     Array,
     Vector,
     add,
-    compiled,
-    compiled_for_python,
     cross,
     dot,
     norm,
@@ -31,56 +26,42 @@ from solver.wrapping.vectors import (
 )
 
 
-def lay_all_from(sources: str) -> Callable[..., str]:
-    """The compiled function below. The compiler keeps it on disk but does not notice changes in the files it calls;
-    `sources`, their digest, is a variable of its closure and so part of the key under which it is kept.
+@compiled_for_python
+def lay_all(
+    points: Records,
+    wraps: Records,
+    first_point: Indices,
+    first_wrap: Indices,
+    poses: Records,
+    changes: Records,
+    rates: Array,
+    lengths: Array,
+    speeds: Array,
+    wrenches: Array,
+    mobilities: Array,
+) -> None:
+    """Lay every path of some Courses in every frame: poses (frames, bodies) of BODY, changes (frames, points) of
+    CHANGE, rates (frames, coordinates). Fills lengths and speeds (frames, paths), wrenches (frames, paths, bodies,
+    6) and mobilities (frames, paths, coordinates); the last two must be zero before.
     """
-
-    @compiled_for_python
-    def lay_all(
-        points: Records,
-        wraps: Records,
-        first_point: Indices,
-        first_wrap: Indices,
-        poses: Records,
-        changes: Records,
-        rates: Array,
-        lengths: Array,
-        speeds: Array,
-        wrenches: Array,
-        mobilities: Array,
-    ) -> str:
-        """Lay every path of some Courses in every frame: poses (frames, bodies) of BODY, changes (frames, points) of
-        CHANGE, rates (frames, coordinates). Fills lengths and speeds (frames, paths), wrenches (frames, paths, bodies,
-        6) and mobilities (frames, paths, coordinates); the last two must be zero before. Returns the digest of the
-        sources it came from.
-        """
-        longest = 0
+    longest = 0
+    for path in range(lengths.shape[1]):
+        its_nodes = first_point[path + 1] - first_point[path] + 2 * (first_wrap[path + 1] - first_wrap[path])
+        longest = max(longest, its_nodes)
+    nodes, sequence = np.empty(longest, NODE), np.empty(longest, np.int64)
+    for frame in range(len(poses)):
+        bodies, u = poses[frame], rates[frame]
         for path in range(lengths.shape[1]):
-            its_nodes = first_point[path + 1] - first_point[path] + 2 * (first_wrap[path + 1] - first_wrap[path])
-            longest = max(longest, its_nodes)
-        nodes, sequence = np.empty(longest, NODE), np.empty(longest, np.int64)
-        for frame in range(len(poses)):
-            bodies, u = poses[frame], rates[frame]
-            for path in range(lengths.shape[1]):
-                its_points = points[first_point[path] : first_point[path + 1]]
-                its_wraps = wraps[first_wrap[path] : first_wrap[path + 1]]
-                count, lengths[frame, path] = lay_path(its_points, its_wraps, bodies, changes[frame], nodes, sequence)
-                speeds[frame, path] = _speed(bodies, u, nodes, sequence, count)
-                _pull(bodies, nodes, sequence, count, wrenches[frame, path], mobilities[frame, path])
-        return sources
-
-    return lay_all
-
-
-def digest_of_sources() -> str:
-    """Of all files in this folder."""
-    files = sorted(FilePath(__file__).parent.glob("*.py"))
-    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+            its_points = points[first_point[path] : first_point[path + 1]]
+            its_wraps = wraps[first_wrap[path] : first_wrap[path + 1]]
+            count, lengths[frame, path] = lay_path(its_points, its_wraps, bodies, changes[frame], nodes, sequence)
+            speeds[frame, path] = path_speed(bodies, u, nodes, sequence, count)
+            _pull(bodies, nodes, sequence, count, wrenches[frame, path], mobilities[frame, path])
 
 
 @compiled
-def _speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int) -> float:
+def path_speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int) -> float:
+    """How fast a path [m/s] lengthens that goes through the first `count` nodes of the sequence, at rates u."""
     speed = 0.0
     if count == 0:
         return speed
@@ -94,6 +75,19 @@ def _speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices, cou
         speed += dot(parting, apart) / length if length >= SMALLEST_LENGTH else norm(parting)
         place, velocity = next_place, next_velocity
     return speed
+
+
+@compiled
+def pull_on(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
+    """Add a force at a node to the wrenches (bodies, 6) and to what pulls at a coordinate that moves the node."""
+    body = nodes[k]["body"]
+    moment = cross(to_ground(bodies, body, read(nodes[k]["location"])), force)
+    for i in range(3):
+        wrench[body, i] += moment[i]
+        wrench[body, 3 + i] += force[i]
+    if nodes[k]["coordinate"] >= 0:
+        slide = turn(bodies[body]["rotation"], read(nodes[k]["slope"]))
+        mobility[nodes[k]["coordinate"]] += dot(slide, force)
 
 
 @compiled
@@ -117,20 +111,5 @@ def _pull(bodies: Records, nodes: Records, sequence: Indices, count: int, wrench
             continue
         apart = subtract(place_in_ground(bodies, nodes, end), place_in_ground(bodies, nodes, start))
         force = scale(1.0 / norm(apart), apart)
-        _apply(bodies, nodes, start, force, wrench, mobility)
-        _apply(bodies, nodes, end, scale(-1.0, force), wrench, mobility)
-
-
-@compiled
-def _apply(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
-    body = nodes[k]["body"]
-    moment = cross(to_ground(bodies, body, read(nodes[k]["location"])), force)
-    for i in range(3):
-        wrench[body, i] += moment[i]
-        wrench[body, 3 + i] += force[i]
-    if nodes[k]["coordinate"] >= 0:
-        slide = turn(bodies[body]["rotation"], read(nodes[k]["slope"]))
-        mobility[nodes[k]["coordinate"]] += dot(slide, force)
-
-
-lay_all = lay_all_from(digest_of_sources())
+        pull_on(bodies, nodes, start, force, wrench, mobility)
+        pull_on(bodies, nodes, end, scale(-1.0, force), wrench, mobility)

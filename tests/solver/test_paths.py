@@ -11,9 +11,6 @@ from solver.functions import polynomial
 from solver.kinematics import jacobians, postures, speeds_from_rates
 from solver.model import GROUND, ConditionalPathPoint, ModelError, MovingPathPoint, Path, PathWrap, Placement
 from solver.paths import evaluate_paths
-from solver.wrapping.changes import pack_changes
-from solver.wrapping.course import pack_bodies, pack_paths
-from solver.wrapping.tension import digest_of_sources, lay_all
 from tests.solver.wrapping.laid import point
 
 Array = NDArray[np.float64]
@@ -127,15 +124,3 @@ def test_results_cannot_be_changed_by_whoever_holds_them() -> None:
     state = evaluate_paths(MODEL, STATE, [CORD])
     with pytest.raises(ValueError, match="read-only"):
         state.lengths[0, 0] = 0.0
-
-
-def test_the_code_kept_on_disk_is_that_of_the_sources() -> None:
-    frames, bodies = STATE.origin_in_ground.shape[:2]
-    lengths, speeds = np.zeros((frames, 1)), np.zeros((frames, 1))
-    wrenches, mobilities = np.zeros((frames, 1, bodies, 6)), np.zeros((frames, 1, Q.shape[1]))
-    courses, poses = pack_paths(MODEL, (CORD,)), pack_bodies(STATE)
-    origin = lay_all(
-        *courses, poses, pack_changes([CORD], STATE), STATE.speeds.copy(), lengths, speeds, wrenches, mobilities
-    )
-    assert origin == digest_of_sources()
-    assert np.array_equal(lengths, evaluate_paths(MODEL, STATE, [CORD]).lengths)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.kinematics import postures
 from solver.model import GROUND, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
-from solver.paths import evaluate_paths
+from solver.paths import PathMode, evaluate_paths
 
 Array = NDArray[np.float64]
 Method = Literal["hybrid", "midpoint", "axial"]
@@ -30,13 +30,15 @@ def ellipsoid(radii: ArrayLike, quadrant: str = "all", centre: ArrayLike = (0, 0
     return _surface("ellipsoid", radii, quadrant, centre)
 
 
-def lengths_over(surfaces: Sequence[WrapSurface], lines: ArrayLike, method: Method = "hybrid") -> Array:
+def lengths_over(
+    surfaces: Sequence[WrapSurface], lines: ArrayLike, method: Method = "hybrid", mode: PathMode = "faithful"
+) -> Array:
     """Length (lines,) of each line (lines, points, 3) laid over the surfaces, tried in their order."""
     wraps = tuple(PathWrap(k, method) for k in range(len(surfaces)))
     paths = [Path(tuple(point(GROUND, place) for place in line), wraps) for line in np.asarray(lines, dtype=float)]
     model = bare_model(tuple(surfaces))
     still = np.zeros((1, 0))
-    lengths: Array = evaluate_paths(model, postures(model, still, still), paths).lengths[0]
+    lengths: Array = evaluate_paths(model, postures(model, still, still), paths, mode).lengths[0]
     return lengths
 
 

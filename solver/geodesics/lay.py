@@ -1,0 +1,136 @@
+"""A path pulled taut over its surfaces: which of them it touches, in which order."""
+
+from __future__ import annotations
+
+from math import inf, isnan
+
+from solver.compiled import compiled
+from solver.geodesics.contact import into_surface, set_geodesic
+from solver.geodesics.planes import touch_in_plane
+from solver.geodesics.room import Room
+from solver.geodesics.taut import GUESS, pull_taut
+from solver.geodesics.touch import touch
+from solver.wrapping.course import ELLIPSOID, Indices, Record, Records
+from solver.wrapping.vectors import Vector, distance, dot, read, subtract
+
+MOST_ROUNDS = 16
+IMPOSSIBLE = -1
+GAP = 1e-9  # m
+
+
+@compiled
+def lay_between(start: Vector, end: Vector, first: int, last: int, wraps: Records, room: Room) -> tuple[int, float]:
+    """Lay the piece between two points of the ground, a path's `first` and `last`, over those of its surfaces (WRAP)
+    that are in the way. Kind, size and pose of the surfaces are set in room.contacts.
+
+    Returns how many contacts there are, room.order being theirs along the path, and the length [m].
+    """
+    contacts, count = room.contacts, 0
+    for k in range(len(wraps)):
+        contacts[k]["is_left_out"] = first < wraps[k]["first"] or last > wraps[k]["last"]
+    for _ in range(MOST_ROUNDS):
+        before = count
+        for k in range(len(wraps)):
+            if not contacts[k]["is_left_out"]:
+                count = _lay_over(start, end, k, wraps[k], count, room)
+            if count == IMPOSSIBLE:
+                contacts[k]["is_left_out"] = 1
+                count, before = 0, IMPOSSIBLE
+                break
+        if count == before or len(wraps) == 1:
+            break
+    return count, _length(start, end, count, room)
+
+
+@compiled
+def _lay_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, room: Room) -> int:
+    """Lay the path over one more surface, if that is in the way of one of its straight pieces.
+
+    Returns how many contacts there are then, or IMPOSSIBLE.
+    """
+    contacts, order = room.contacts, room.order
+    for j in range(count):
+        if order[j] == k:
+            return count
+    contact = contacts[k]
+    size = read(contact["size"])
+    for gap in range(count + 1):
+        before, behind = start, end
+        if gap > 0:
+            before = read(contacts[order[gap - 1]]["last"]["place"])
+        if gap < count:
+            behind = read(contacts[order[gap]]["first"]["place"])
+        before, behind = into_surface(contact, before), into_surface(contact, behind)
+        touches, place, heading, length, another = touch(
+            wrap["kind"], size, wrap["axis"], wrap["allowed"], before, behind, room.lengths
+        )
+        if touches:
+            _insert(order, count, gap, k)
+            set_geodesic(contact, place, heading, length, GUESS, room.series)
+            if wrap["kind"] == ELLIPSOID or count > 0:
+                return _settle(start, end, contact, before, behind, another, count + 1, room)
+            return 1
+    return count
+
+
+@compiled
+def _settle(
+    start: Vector, end: Vector, contact: Record, before: Vector, behind: Vector, another: float, count: int, room: Room
+) -> int:
+    """Pull the path taut with its latest contact, on the shorter of two ways where there may be two, and take it off
+    surfaces that it would have to pull at.
+    """
+    place, heading, on_surface = read(contact["start"]), read(contact["heading"]), contact["length"]
+    length = _pulled_length(start, end, count, room)
+    if not isnan(another):
+        other_place, other_heading, other_on_surface = touch_in_plane(read(contact["size"]), before, behind, another)
+        set_geodesic(contact, other_place, other_heading, other_on_surface, GUESS, room.series)
+        if not _pulled_length(start, end, count, room) < length:
+            set_geodesic(contact, place, heading, on_surface, GUESS, room.series)
+            length = _pulled_length(start, end, count, room)
+    k = 0
+    while k < count:
+        if room.contacts[room.order[k]]["length"] > 0.0:
+            k += 1
+        else:
+            count, k = _remove(room.order, count, k), 0
+            length = _pulled_length(start, end, count, room)
+    return count if length < inf else IMPOSSIBLE
+
+
+@compiled
+def _pulled_length(start: Vector, end: Vector, count: int, room: Room) -> float:
+    """Infinite where the path cannot be pulled taut, as between two surfaces that leave no gap."""
+    if not pull_taut(start, end, count, room):
+        return inf
+    place = start
+    for k in range(count):
+        first = room.contacts[room.order[k]]["first"]
+        if k > 0 and dot(subtract(read(first["place"]), place), read(first["t"])) < GAP:
+            return inf
+        place = read(room.contacts[room.order[k]]["last"]["place"])
+    return _length(start, end, count, room)
+
+
+@compiled
+def _length(start: Vector, end: Vector, count: int, room: Room) -> float:
+    length, place = 0.0, start
+    for k in range(count):
+        contact = room.contacts[room.order[k]]
+        length += distance(place, read(contact["first"]["place"])) + contact["length"]
+        place = read(contact["last"]["place"])
+    return length + distance(place, end)
+
+
+@compiled
+def _insert(order: Indices, count: int, gap: int, k: int) -> None:
+    for j in range(count, gap, -1):
+        order[j] = order[j - 1]
+    order[gap] = k
+
+
+@compiled
+def _remove(order: Indices, count: int, k: int) -> int:
+    for j in range(k, count - 1):
+        order[j] = order[j + 1]
+    return count - 1
