@@ -41,6 +41,7 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
     rejected += tuple(_set_aside(path, redone[path.name]) for path in paths if path.name in redone)
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
+        reasons = reasons or "there are only bounce trials; record a cuff, too"
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     progress("fitting", 0, len(trials))
     fitted = fit_session(trials, rejected)

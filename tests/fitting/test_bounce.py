@@ -88,6 +88,7 @@ def test_a_lag_that_the_configuration_knew_is_not_counted_twice() -> None:
         (Bounce(force_rate=20.0, frequency=3.0, amplitude=0.01), "6.7 samples in a bounce"),
         (Bounce(occlusion=0.5), "marker weight is seen in 5\\d %"),
         (Bounce(marker_noise=0.02), "times its noise"),
+        (Bounce(down=np.zeros(3), marker_noise=0.0), "times its noise"),
     ],
 )
 def test_a_bounce_that_cannot_calibrate_is_refused_in_a_sentence(truth: Bounce, sentence: str) -> None:
