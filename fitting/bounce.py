@@ -38,6 +38,7 @@ FIT_SAMPLES_PER_CYCLE = 200
 """To so many force is averaged: 0.00004 of its swing is lost."""
 MIN_AMPLITUDE = 5.0
 """Times the noise of one marker position."""
+LEAST_NOISE = 1e-5
 KNOTS_PER_CYCLE = 10
 OUTLIER = 6.0
 LONGEST_GAP = 0.15
@@ -178,7 +179,7 @@ def _motion(trial: BounceTrial, oscillation: Oscillation) -> _Motion:
         smooth = np.asarray(design @ solve_banded(grounded(rows.T @ rows), rows.T @ way[seen]))
         noise = 1.4826 * float(np.median(np.abs(way[seen] - smooth[seen])))
         seen = np.isfinite(way) & (np.abs(way - smooth) < OUTLIER * max(noise, 1e-6))
-    if np.sqrt(2) * np.std(smooth) <= MIN_AMPLITUDE * noise:
+    if np.sqrt(2) * np.std(smooth) < MIN_AMPLITUDE * max(noise, LEAST_NOISE):
         raise UnusableTrial(
             f"marker {trial.rig.marker} moves by ± {1e3 * np.sqrt(2) * np.std(smooth):.2f} mm with the force, expected "
             f"at least {MIN_AMPLITUDE:g} times its noise of {1e3 * noise:.2f} mm; check that it is on the weight"
