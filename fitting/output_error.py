@@ -27,15 +27,15 @@ ROUNDS = 20
 
 
 HIGHEST = 10.0
-"""Hz that are kept of the force: its noise would shake the model's resonance, and so bias the damping."""
-
-_LOW_PASS = butter(4, HIGHEST, fs=1 / STEP, output="sos")
+SWING, BEYOND = 0.95, 3.0
+"""The force is kept up to three times the frequency below which 95 % of its power lie, at most 10 Hz: noise would shake
+the model's resonance, and so bias the damping."""
 
 
 def output_error(record: Record, stiffness: float, damping: float) -> tuple[Estimate, Estimate] | None:
     """k [N/m] and c [N s/m], the lag taken as known, from a start near them; None if no k, c > 0 fits."""
     time = np.arange(record.force_time[0], record.force_time[-1], STEP)
-    force = sosfiltfilt(_LOW_PASS, CubicSpline(record.force_time, record.force)(time))
+    force = _without_noise(CubicSpline(record.force_time, record.force)(time))
     u = (2 * time - time[0] - time[-1]) / (time[-1] - time[0])
     compared = (record.marker_time >= time[0] + SETTLING) & (record.marker_time <= time[-1])
     at, seen = record.marker_time[compared], record.displacement[compared]
@@ -60,6 +60,14 @@ def output_error(record: Record, stiffness: float, damping: float) -> tuple[Esti
     covariance = _covariance(design, np.where(kept, residual, 0.0))
     k_error, c_error = (math.sqrt(max(0.0, float(covariance[i, i]))) for i in range(2))
     return None if k_error > k else (normal_estimate(k, k_error), normal_estimate(c, c_error))
+
+
+def _without_noise(force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The force (n,) at STEP without what is much faster than its swing."""
+    power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(len(force)))) ** 2
+    swing = float(np.fft.rfftfreq(len(force), STEP)[np.searchsorted(np.cumsum(power), SWING * power.sum())])
+    low_pass = butter(4, min(HIGHEST, max(BEYOND * swing, 1.0)), fs=1 / STEP, output="sos")
+    return np.asarray(sosfiltfilt(low_pass, force))
 
 
 def _motion(
