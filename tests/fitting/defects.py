@@ -108,4 +108,3 @@ def _move(load, k, c, mass, bend, friction, presliding, k1, t1, k2, t2, limit, h
             q1 += h * (k1 * rate - q1 / t1)
             q2 += h * (k2 * rate - q2 / t2)
     return places
-
