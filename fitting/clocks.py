@@ -9,8 +9,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.quality import UnusableTrial
-
 DECLARED_LAG_SD = 0.5e-3
 """Seconds: amplifier, exposure and conversion, where neither a bounce trial nor the configuration says better."""
 DECLARED = "declared"
@@ -23,8 +21,6 @@ HOST_TOLERANCE = 0.5
 HOST_ALIGNMENT_SD = 0.05
 STAMP_TOLERANCE = 1.5
 """Frames by which the step of a frame's number and that of its time stamp may differ within a capture."""
-BOUNCE = 0.02
-"""Seconds within which several crossings of the threshold are one edge."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +28,14 @@ class SyncEdges:
     """The capture as the DAQ saw it, in seconds of the DAQ clock.
 
     rising_sd and falling_sd are the standard uncertainties of the edges' places, between two samples: a uniform
-    distribution as wide as √12 of them. falling is None if it never fell.
+    distribution as wide as √12 of them. falling is None if it never fell. findings are what was odd about the line.
     """
 
     rising: float
     rising_sd: float
     falling: float | None
     falling_sd: float = 0.0
+    findings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,48 +107,6 @@ class LagUncertainty:
         return math.hypot(self.edge, self.common(time))
 
 
-def find_edges(time: NDArray[np.float64], level: NDArray[np.float64], threshold: float) -> SyncEdges:
-    """The rising edge of the sync line, and the fall after it.
-
-    time (n,) [s] on the DAQ clock, level (n,) and threshold in volts. Raises UnusableTrial if there is no rising
-    edge, if the line starts high, or if it rises again later.
-    """
-    if not len(level) or not np.isfinite(level).all():
-        raise UnusableTrial("the sync line holds no finite samples; check the sync channel's wiring and record again")
-    is_high = level >= threshold
-    if is_high[0]:
-        raise UnusableTrial(
-            f"the sync line starts at {level[0]:.2f} V, expected below {threshold:g} V until the capture starts; "
-            "check that QTM's output is active high and that the station is armed before the capture"
-        )
-    crossings = np.flatnonzero(np.diff(is_high.astype(np.int8))) + 1
-    rises = _separate(time, crossings[is_high[crossings]])
-    if not len(rises):
-        raise UnusableTrial(
-            f"the sync line never rises above {threshold:g} V (highest {level.max():.2f} V); check the cable from "
-            "QTM's sync output and sync.threshold_v"
-        )
-    if len(rises) > 1:
-        raise UnusableTrial(
-            f"the sync line rises {len(rises)} times, expected once; set QTM's output to one pulse for the whole "
-            "capture and record again"
-        )
-    falls = crossings[~is_high[crossings]]
-    late_falls = falls[time[falls] > time[rises[0]] + BOUNCE]
-    rising, rising_sd = _between_samples(time, rises[0])
-    if not len(late_falls):
-        return SyncEdges(rising, rising_sd, None)
-    return SyncEdges(rising, rising_sd, *_between_samples(time, late_falls[0]))
-
-
-def find_fall(time: NDArray[np.float64], level: NDArray[np.float64], threshold: float) -> SyncEdges:
-    """The fall of a line that was high from sample 0 on, where the edge itself started the acquisition (PFI)."""
-    falls = np.flatnonzero(level < threshold)
-    if not len(falls) or falls[0] == 0:
-        return SyncEdges(0.0, 0.0, None)
-    return SyncEdges(0.0, 0.0, *_between_samples(time, falls[0]))
-
-
 def capture_frames(
     numbers: NDArray[np.int64],
     device_time: NDArray[np.float64],
@@ -188,6 +143,21 @@ def fit_clock(edges: SyncEdges, capture: float | None) -> ClockFit:
     return ClockFit(edges.rising, 1.0, np.diag([edges.rising_sd**2, DRIFT_PRIOR_SD**2]), False)
 
 
+def stop_contradiction(edges: SyncEdges, capture: float, frame: float) -> float:
+    """Seconds by which the stop edge contradicts frames that last `capture` [s], `frame` [s] each; 0 where it does not.
+
+    Negative where the line fell before the last frame was taken. A line that falls later leaves room for whole frames
+    that were not received; what is left of the nearest number of them contradicts.
+    """
+    if edges.falling is None:
+        return 0.0
+    excess = edges.falling - edges.rising - capture
+    reach = PRIOR_REACH * DRIFT_PRIOR_SD * capture + math.sqrt(3) * (edges.rising_sd + edges.falling_sd)
+    if excess > 0:
+        excess -= frame * round(excess / frame)
+    return math.copysign(max(0.0, abs(excess) - reach), excess)
+
+
 def arrival_offset(host_time: NDArray[np.float64], device_time: NDArray[np.float64]) -> float:
     """Host time minus device time [s] of the sample that travelled fastest: one moment seen by both clocks."""
     return float(np.min(host_time - device_time))
@@ -218,16 +188,3 @@ def _breaks(numbers: NDArray[np.int64], stamps: NDArray[np.float64]) -> list[int
     if len(apart) and np.median(apart) < 0.5:  # else the stamps stand still, or count something else
         is_break |= apart > STAMP_TOLERANCE
     return [int(index) + 1 for index in np.flatnonzero(is_break)]
-
-
-def _separate(time: NDArray[np.float64], crossings: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Crossings without those that only repeat the one before, as a bouncing contact does."""
-    if len(crossings) < 2:
-        return crossings
-    return crossings[np.concatenate(([True], np.diff(time[crossings]) > BOUNCE))]
-
-
-def _between_samples(time: NDArray[np.float64], first_after: np.intp) -> tuple[float, float]:
-    """The middle [s] of the two samples around an edge, and the standard uncertainty [s] of the edge's place."""
-    before, after = float(time[first_after - 1]), float(time[first_after])
-    return (before + after) / 2, (after - before) / math.sqrt(12)

@@ -213,6 +213,8 @@ def _list_trials(
                 stiffness=trial_stiffness(static[file]) if file in static else None,
                 damping=damping[file].damping.estimate if file in damping else None,
                 swing=damping.get(file),
+                sync=trial.sync,
+                zero_drift=trial.zero_drift,
                 migration=fit_migration([reduced[file].plateaus]) if is_used else None,
             )
         )

@@ -10,6 +10,7 @@ from fitting.calibration import Calibration
 from fitting.damping import DampingFit
 from fitting.diagnosis import Diagnosis
 from fitting.model_class import ModelComparison
+from fitting.sync_certificate import SyncCertificate
 from fitting.uncertainty import Estimate
 from fitting.weak_form import ComplexStiffness
 
@@ -53,6 +54,26 @@ def plain_swing(fit: DampingFit) -> dict[str, Any]:
             for other in fit.checks.others
         ],
         "complex_stiffness": plain_bands(fit.checks.complex_stiffness),
+    }
+
+
+def plain_sync(sync: SyncCertificate | None) -> dict[str, Any] | None:
+    """The trial's sync certificate; null without a sync line."""
+    if sync is None:
+        return None
+    return {
+        "has_both_edges": sync.has_both_edges,
+        "offset_s": sync.offset,
+        "offset_standard_error_s": sync.offset_sd,
+        "clock_ratio_ppm": 1e6 * sync.drift,
+        "clock_ratio_standard_error_ppm": 1e6 * sync.drift_sd,
+        "stop_edge_contradiction_s": sync.contradiction,
+        "peak_force_rate_n_per_s": sync.force_rate,
+        "peak_speed_m_per_s": sync.speed,
+        "time_standard_error_s": sync.errors.time,
+        "force_standard_error_n": sync.errors.force,
+        "displacement_standard_error_m": sync.errors.displacement,
+        "findings": list(sync.findings),
     }
 
 

@@ -17,7 +17,10 @@ OCCLUSION_LIMIT = 0.5
 SKIN_CORRELATION = 0.3
 LEAN_NOTE = 5e-3
 STUCK = 1.0
+REST = 1.0
 """Seconds."""
+ZERO_DRIFT, ZERO_DRIFT_PART = 0.5, 0.02
+"""Newtons, and part of the trial's range: the larger is what the zero may drift without a note."""
 MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6
 
 
@@ -84,6 +87,44 @@ def loss_notes(
             times = "once" if len(gaps) == 1 else f"{len(gaps)} times"
             notes.append(f"{what} lost {times}, {sum(lost):.2f} s in all, at most {max(lost):.2f} s at a time")
     return tuple(notes)
+
+
+def zero_drift(time: NDArray[np.float64], force: NDArray[np.float64]) -> float | None:
+    """Force (n,) [N] at rest at the trial's end less that at its start; None where it does not rest unloaded at both.
+
+    Rest is a second whose halves differ by less than a fiftieth of the force's range, in its lowest quarter.
+    """
+    ends = [force[time < time[0] + REST], force[time > time[-1] - REST]]
+    halves = [[float(np.mean(half)) for half in np.array_split(end, 2)] for end in ends if len(end) >= 2]
+    low, high = float(force.min()), float(force.max())
+    is_rest = [max(pair) < low + (high - low) / 4 and abs(pair[1] - pair[0]) < (high - low) / 50 for pair in halves]
+    if len(is_rest) < 2 or not all(is_rest):
+        return None
+    return sum(halves[1]) / 2 - sum(halves[0]) / 2
+
+
+def zero_notes(drift: float | None, span: float) -> tuple[str, ...]:
+    """A note where the zero drifted [N] by more than a force of this range [N] allows."""
+    limit = max(ZERO_DRIFT, ZERO_DRIFT_PART * span)
+    if drift is None or abs(drift) <= limit:
+        return ()
+    return (
+        f"the force at rest changed by {drift:+.2f} N from start to end, expected at most {limit:.2f} N; look for a "
+        "load that was left on, and warm the load cell and its amplifier up",
+    )
+
+
+def stop_notes(falling: float | None, is_used: bool, contradiction: float) -> tuple[str, ...]:
+    """A note where the sync line's fall is not the end of the frames, and by how many seconds it contradicts them."""
+    if contradiction:
+        when = "before the last frame" if contradiction < 0 else "between two frames"
+        return (
+            f"stop edge and number of frames disagree: the sync line fell {1e3 * abs(contradiction):.1f} ms {when}, "
+            "beyond what the clocks explain; the lag is that uncertain, check QTM's frame rate and its sync output",
+        )
+    if falling is not None and not is_used:
+        return ("the sync line fell after the last frame: frames are missing at the end, and one edge tells the time",)
+    return ()
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,16 @@ from fitting.curves import TrialCurves
 from fitting.damping import DampingFit
 from fitting.diagnosis import Diagnosis
 from fitting.model_class import ModelComparison
-from fitting.plain import plain_bands, plain_calibration, plain_classes, plain_diagnosis, plain_estimate, plain_swing
+from fitting.plain import (
+    plain_bands,
+    plain_calibration,
+    plain_classes,
+    plain_diagnosis,
+    plain_estimate,
+    plain_swing,
+    plain_sync,
+)
+from fitting.sync_certificate import SyncCertificate
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import NORMAL_95, Estimate
 from fitting.weak_form import ComplexStiffness
@@ -83,6 +92,8 @@ class TrialFit:
     """One recording's part in a fit: "used", "superseded" by a later run, or "unusable" for a reason.
 
     The estimates are from this trial alone, None where it says nothing; swing is all that a dynamic one says.
+    sync        what the edges of the sync line are worth, None without one
+    zero_drift  [N] of the force at rest from start to end, None where the trial does not rest at both
     """
 
     file: str
@@ -97,6 +108,8 @@ class TrialFit:
     damping: Estimate | None = None
     migration: Estimate | None = None
     swing: DampingFit | None = None
+    sync: SyncCertificate | None = None
+    zero_drift: float | None = None
 
 
 @dataclass(frozen=True)
@@ -252,6 +265,8 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
         "state": trial.state,
         "reason": trial.reason,
         "notes": list(trial.notes),
+        "sync": plain_sync(trial.sync),
+        "zero_drift_n": trial.zero_drift,
         **_plain_estimates(trial),
         **({"dynamic": plain_swing(trial.swing)} if trial.swing else {}),
     }

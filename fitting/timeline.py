@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting import calibration, clocks, quality
+from fitting import calibration, clocks, quality, sync_line
 from fitting.clocks import ClockFit, LagUncertainty, SyncEdges
 from fitting.quality import UnusableTrial
 from recordings.manifest import Manifest
@@ -29,6 +29,8 @@ class Timeline:
     markers              (frames, labels, 3) m in the mocap frame; NaN where a marker was not seen or no frame came
     clock, lag           the DAQ's clock against the mocap system's, and what is not known of force time
     sync_fall            s, when the sync line fell again; None where that was not recorded
+    sync_findings        what was odd about the sync line; empty for a trial without one
+    stop_contradiction   s by which the line's fall contradicts the number of frames; already in the lag
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
     notes                what a reader should know before believing it
     """
@@ -44,6 +46,8 @@ class Timeline:
     force_gaps: tuple[tuple[float, float], ...]
     frame_gaps: tuple[tuple[float, float], ...]
     notes: tuple[str, ...]
+    sync_findings: tuple[str, ...] = ()
+    stop_contradiction: float = 0.0
 
 
 def lay_out(manifest: Manifest, tracks: Mapping[str, Track], labels: tuple[str, ...]) -> Timeline:
@@ -75,6 +79,8 @@ def lay_out(manifest: Manifest, tracks: Mapping[str, Track], labels: tuple[str, 
         force_gaps=force_gaps,
         frame_gaps=frame_gaps,
         notes=notes + quality.loss_notes(force_gaps, frame_gaps),
+        sync_findings=both.sync_findings,
+        stop_contradiction=both.stop_contradiction,
     )
 
 
@@ -144,6 +150,8 @@ class _OneTime:
     drift: float = 0.0
     sync_fall: float | None = None
     notes: tuple[str, ...] = ()
+    sync_findings: tuple[str, ...] = ()
+    stop_contradiction: float = 0.0
 
 
 def _as_declared(manifest: Manifest, force: _Counted, frames: _Counted) -> _OneTime:
@@ -164,9 +172,19 @@ def _by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> _OneTime:
     first_frame, frames_sd, notes = _first_frame_time(frames, edge_clock, edges)
     middle = (first_frame + (frames.numbers[-1] - frames.numbers[0]) / frames.stream.rate_hz) / 2
     force_time, edge_sd, drift = _force_time(manifest, force, edge_clock, clock, float(middle))
-    sync_fall = None if edges.falling is None else (edges.falling - clock.start) / clock.ratio
+    contradiction = clocks.stop_contradiction(edges, last_frame, 1 / frames.stream.rate_hz)
+    findings = edges.findings + quality.stop_notes(edges.falling, clock.has_both_edges, contradiction)
     return _OneTime(
-        force_time, frames, first_frame, clock, float(np.hypot(edge_sd, frames_sd)), drift, sync_fall, notes
+        force_time,
+        frames,
+        first_frame,
+        clock,
+        float(np.linalg.norm((edge_sd, frames_sd, contradiction))),
+        drift,
+        None if edges.falling is None else (edges.falling - clock.start) / clock.ratio,
+        notes + findings,
+        findings,
+        contradiction,
     )
 
 
@@ -176,9 +194,9 @@ def _edges(manifest: Manifest, tracks: Mapping[str, Track]) -> tuple[SyncEdges, 
         if "/sync" not in tracks:
             return SyncEdges(0.0, 0.0, None), _counted(tracks, "/force")
         sync = _counted(tracks, "/sync")
-        return clocks.find_fall(sync.seconds, sync.values[:, 0], manifest.sync_threshold_v), sync
+        return sync_line.find_fall(sync.seconds, sync.values[:, 0], manifest.sync_threshold_v), sync
     sync = _counted(tracks, "/sync")
-    return clocks.find_edges(sync.seconds, sync.values[:, 0], manifest.sync_threshold_v), sync
+    return sync_line.find_edges(sync.seconds, sync.values[:, 0], manifest.sync_threshold_v), sync
 
 
 def _edge_on_host(edge_clock: _Counted, edge: float) -> float:

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting import quality
 from fitting.bounce import BounceTrial, calibrate
 from fitting.calibration import Calibration
 from fitting.clocks import LagUncertainty
 from fitting.protocol_file import SessionProtocol, read_protocol
 from fitting.quality import UnusableTrial
-from fitting.timeline import lay_out, setting
+from fitting.sync_certificate import SyncCertificate, certify
+from fitting.timeline import Timeline, lay_out, setting
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, TestKind
 from recordings.reader import Recording, Track, open_recording
@@ -38,6 +40,8 @@ class Trial:
     markers         (frames, markers, 3) m in the mocap frame; a marker not seen, and a frame not received, is NaN
     lag             of force against markers: what it was taken to be, and its uncertainty
     sync_fall       s, when the sync line fell again; None where that was not recorded
+    sync            what the sync line's edges are worth; None for force that came on no sync line
+    zero_drift      N by which the force at rest changed from start to end; None without rest at both
     gain_sd         relative standard uncertainty of the load cell's scale
     calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
@@ -64,6 +68,8 @@ class Trial:
     markers: NDArray[np.float64]
     lag: LagUncertainty
     sync_fall: float | None = None
+    sync: SyncCertificate | None = None
+    zero_drift: float | None = None
     gain_sd: float = 0.0
     calibration: Calibration | None = None
     cuff_mass: float = DEFAULT_CUFF_MASS
@@ -111,6 +117,14 @@ def read_trial(path: Path) -> Trial:
     return trial
 
 
+def read_bounce(path: Path) -> BounceTrial:
+    """Reads one bounce. Raises UnusableTrial, or RecordingError if the file is none of ours."""
+    trial = _read(path, open_recording(path))
+    if isinstance(trial, Trial):
+        raise UnusableTrial(f"{path.name} is a trial of a cuff; give a bounce")
+    return trial
+
+
 def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
     """Reads every recording that can be used, and says why the others cannot.
 
@@ -152,6 +166,7 @@ def calibrated(trial: Trial, calibration: Calibration) -> Trial:
         force_time=trial.force_time + lag.value - trial.lag.value,
         force=trial.force / gain,
         force_step=trial.force_step / gain,
+        zero_drift=None if trial.zero_drift is None else trial.zero_drift / gain,
         lag=replace(
             trial.lag,
             declared=lag.standard_error,
@@ -196,6 +211,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
     if site is None:
         raise UnusableTrial(f"{file} is a recording of no cuff; give the test a cuff")
     line = lay_out(manifest, tracks, site.labels)
+    drift = quality.zero_drift(line.force_time, line.force)
     return Trial(
         cuff=site,
         test=manifest.test,
@@ -213,14 +229,46 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         markers=line.markers,
         lag=line.lag,
         sync_fall=line.sync_fall,
+        sync=_certified(manifest, line, site.labels, site.anchor_markers, site.cuff_markers),
+        zero_drift=drift,
         gain_sd=float(setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
         cuff_mass=float(setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
         step_masses=tuple(float(mass) for mass in setting(manifest, "protocol").get("step_masses_kg", ())),
         force_gaps=line.force_gaps,
         frame_gaps=line.frame_gaps,
         is_whole=not line.force_gaps and not line.frame_gaps,
-        notes=line.notes,
+        notes=line.notes + quality.zero_notes(drift, float(np.ptp(line.force))),
     )
+
+
+def certificate_of(path: Path) -> SyncCertificate | None:
+    """What the edges of one recording, of a cuff or a bounce, are worth; None for force that came on no sync line.
+
+    Raises UnusableTrial, or RecordingError if the file is none of ours.
+    """
+    recording = open_recording(path)
+    manifest = recording.manifest
+    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
+    if manifest.cuff is not None:
+        return build_trial(manifest, tracks, path.name, "").sync
+    labels = manifest.bounce.labels if manifest.bounce else ()
+    return _certified(manifest, lay_out(manifest, tracks, labels), labels, (), labels)
+
+
+def _certified(
+    manifest: Manifest,
+    line: Timeline,
+    labels: Sequence[str],
+    anchor: Sequence[str],
+    pulled: Sequence[str],
+) -> SyncCertificate | None:
+    """The pulled markers move against the anchor's, where there are any."""
+    if not manifest.begins_at_edge or manifest.load_cell.source != "daq":
+        return None
+    position = line.markers[:, [labels.index(label) for label in pulled]].mean(axis=1)
+    if anchor:
+        position = position - line.markers[:, [labels.index(label) for label in anchor]].mean(axis=1)
+    return certify(line, position)
 
 
 def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> BounceTrial:

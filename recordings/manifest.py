@@ -59,12 +59,19 @@ class LoadCell:
     """How /force becomes newtons: newtons = polarity × value × newtons_per_unit.
 
     For an amplifier newtons_per_unit is capacity_kg × 9.80665 / full_scale_v, for an indicator that of its unit.
+    The rest is its certificate: gain_relative_sd the standard uncertainty of its scale, dates as YYYY-MM-DD; "" or
+    None where nobody said.
     """
 
     source: Literal["daq", "serial"]
     newtons_per_unit: float
     polarity: Literal[1, -1]
     serial_number: str = ""
+    capacity_kg: float | None = None
+    sensitivity_mv_per_v: float | None = None
+    gain_relative_sd: float = 0.0
+    calibrated_on: str = ""
+    calibration_due_on: str = ""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fitting import clocks
 from fitting.quality import UnusableTrial
+from fitting.sync_line import find_edges
 from recordings.exchange.tables import MarkerTable
 from recordings.manifest import Manifest
 from recordings.reader import Recording, Track, open_recording
@@ -87,7 +88,7 @@ def _edge_on_host(recording: Recording, manifest: Manifest) -> float:
     seconds = track.sample_numbers.astype(np.float64) / track.stream.rate_hz
     rising = 0.0
     if not is_started_by_edge:
-        rising = clocks.find_edges(seconds, track.values[:, 0], manifest.sync_threshold_v).rising
+        rising = find_edges(seconds, track.values[:, 0], manifest.sync_threshold_v).rising
     return rising + clocks.arrival_offset(1e-9 * track.host_time_ns.astype(np.float64), seconds)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
+from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +19,7 @@ DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channel
 INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": STANDARD_GRAVITY * 1e-3}  # pounds-force and grams-force
 PUBLISHED_SITES: dict[str, Literal["arm", "waist"]] = {"waist": "waist", "hand": "arm", "tube": "arm", "elbow": "arm"}
 
+CUFF_NAME = re.compile(r"[^\W_][\w-]*")
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -47,10 +50,21 @@ class LoadCellSection(_Section):
     full_scale_v: Positive = 5.0
     polarity: Literal[1, -1] = 1
     serial_number: str = ""
-    gain_relative_sd: float = Field(default=0.0, ge=0)  # from the certificate: standard uncertainty of the scale
+    sensitivity_mv_per_v: Positive | None = None  # this and the next four: from the certificate
+    gain_relative_sd: float = Field(default=0.0, ge=0)  # standard uncertainty of the scale
+    calibrated_on: date | None = None
+    calibration_due_on: date | None = None  # default: calibration_valid_days after it
+    calibration_valid_days: int = Field(default=365, gt=0)
     port: str | None = None
     baud_rate: int = 9600
     line_format: Literal["usb220", "usb520"] = "usb220"
+
+    @property
+    def due_on(self) -> date | None:
+        """The day from which the calibration is no longer current; None where nobody said when it was."""
+        if self.calibration_due_on is not None or self.calibrated_on is None:
+            return self.calibration_due_on
+        return self.calibrated_on + timedelta(days=self.calibration_valid_days)
 
     @model_validator(mode="after")
     def _serial_needs_a_port(self) -> LoadCellSection:
@@ -167,6 +181,14 @@ class StationConfig(_Section):
     session: Session = Session()
     simulation: dict[str, Any] = Field(default_factory=dict)  # checked by the simulators, who own its meaning
 
+    @field_validator("cuffs")
+    @classmethod
+    def _names_fit_into_file_names(cls, cuffs: dict[str, Cuff]) -> dict[str, Cuff]:
+        for name in cuffs:
+            if not CUFF_NAME.fullmatch(name):
+                raise ValueError(f"{name!r} is no cuff's name, expected letters, digits, - and _: files are named so")
+        return cuffs
+
     @model_validator(mode="before")
     @classmethod
     def _published_cuffs_know_their_site(cls, data: Any) -> Any:
@@ -220,7 +242,17 @@ class StationConfig(_Section):
             if cell.source == "daq"
             else INDICATOR_UNITS_N[cell.line_format]
         )
-        return LoadCell(cell.source, scale, cell.polarity, cell.serial_number)
+        return LoadCell(
+            cell.source,
+            scale,
+            cell.polarity,
+            cell.serial_number,
+            cell.capacity_kg,
+            cell.sensitivity_mv_per_v,
+            cell.gain_relative_sd,
+            str(cell.calibrated_on or ""),
+            str(cell.due_on or ""),
+        )
 
 
 def load_config(path: Path) -> StationConfig:

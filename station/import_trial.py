@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.clocks import find_edges
 from fitting.quality import UnusableTrial
+from fitting.sync_line import find_edges
 from recordings.errors import RecordingError
 from recordings.exchange.tables import MarkerTable, count_samples
 from recordings.manifest import BounceRig, CuffSite, LoadCell, Manifest, Outcome

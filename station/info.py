@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from fitting.plain import plain_sync
+from fitting.quality import UnusableTrial
+from fitting.sync_certificate import SyncCertificate
+from fitting.trial import certificate_of
 from recordings.contents import Contents, contents_of
+from recordings.errors import RecordingError
+from recordings.manifest import LoadCell
 from recordings.recovery import recover
 from station.exit_code import DONE, LOSSY
 
@@ -16,10 +23,14 @@ from station.exit_code import DONE, LOSSY
 def show_contents(path: Path, as_json: bool) -> int:
     """Prints what is in the file to stdout; returns 0, or 3 where something of it is missing."""
     contents = contents_of(path)
+    certificate, sentence = _certificate(path)
     if as_json:
-        print(contents.to_json())
+        plain = {**json.loads(contents.to_json()), "sync": plain_sync(certificate), "sync_sentence": sentence}
+        print(json.dumps(plain, indent=2, ensure_ascii=False))
     else:
         _print_tables(contents, Console())
+        for words in (f"sync: {sentence}", *(certificate.findings if certificate else ())):
+            print(words)
     return DONE if contents.complete and not contents.gaps else LOSSY
 
 
@@ -32,6 +43,15 @@ def recover_recording(path: Path, output: Path | None) -> int:
     return DONE if report.lossless and not report.damage else LOSSY
 
 
+def _certificate(path: Path) -> tuple[SyncCertificate | None, str]:
+    """What the trial's sync edges are worth, and that or why nothing in a sentence."""
+    try:
+        certificate = certificate_of(path)
+    except (UnusableTrial, RecordingError) as error:
+        return None, f"no certificate: {error}"
+    return certificate, "no certificate: its clocks are as declared" if certificate is None else certificate.sentence
+
+
 def _print_tables(contents: Contents, console: Console) -> None:
     manifest, outcome = contents.manifest, contents.outcome
     if manifest is not None:
@@ -40,6 +60,7 @@ def _print_tables(contents: Contents, console: Console) -> None:
             f"{subject}, {manifest.test}, repeat {manifest.repeat}, run {manifest.run}",
             highlight=False,
         )
+        console.print(_cell_in_words(manifest.load_cell), highlight=False)
     words = "no outcome: the recording was cut" if outcome is None else f"{outcome.state}: {outcome.sentence}"
     console.print(words, highlight=False)
     console.print(_topics_table(contents))
@@ -52,6 +73,19 @@ def _print_tables(contents: Contents, console: Console) -> None:
         console.print(f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}", style="red")
     for sentence in contents.missing:
         console.print(sentence, style="red", highlight=False)
+
+
+def _cell_in_words(cell: LoadCell) -> str:
+    """The load cell and its certificate, as far as the configuration told."""
+    said = [
+        f"serial number {cell.serial_number}" if cell.serial_number else "no serial number",
+        f"{cell.capacity_kg:g} kg" if cell.capacity_kg else "",
+        f"{cell.sensitivity_mv_per_v:g} mV/V" if cell.sensitivity_mv_per_v else "",
+        f"gain ± {100 * cell.gain_relative_sd:.3g} %" if cell.gain_relative_sd else "",
+        f"calibrated {cell.calibrated_on}" if cell.calibrated_on else "no calibration date",
+        f"due {cell.calibration_due_on}" if cell.calibration_due_on else "",
+    ]
+    return f"load cell: {', '.join(each for each in said if each)}"
 
 
 def _topics_table(contents: Contents) -> Table:

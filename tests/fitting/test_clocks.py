@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.clocks import DRIFT_PRIOR_SD, LagUncertainty, SyncEdges, capture_frames, find_edges, find_fall, fit_clock
+from fitting.clocks import DRIFT_PRIOR_SD, LagUncertainty, SyncEdges, capture_frames, fit_clock
 from fitting.quality import UnusableTrial
+from fitting.sync_line import find_edges, find_fall
 
 time = np.arange(4000) / 1000
 
