@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.bounce import fit_bounce
 from fitting.curves import TrialCurves
+from fitting.quality import UnusableTrial
 from fitting.result import CuffFit, SessionFit, TrialFit
+from fitting.trial import read_bounce
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
@@ -66,8 +70,10 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     """Fits the session with this recording in it. Never raises: what goes wrong is told, and the recording is safe."""
     try:
         recorded = {each.file: each for each in read_journal(folder).recorded}.get(file)
+        if recorded is not None and recorded.test == "bounce":
+            return _judge_bounce(folder / file, recorded)
         fitted = fit_session_folder(folder, None)
-    except (SessionError, JournalError, RecordingError) as error:
+    except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
         return Judgement(file, file, "redo", (str(error),), (), (), (), _marks_in(folder / file))
     except Exception as error:  # a fault of ours must not hold the operator up
         words = f"the fit failed on it ({type(error).__name__}: {error}); the recording is stored, keep it and tell us"
@@ -92,6 +98,17 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         path=_path(fitted.curves.get(file)),
         marks=_marks_in(folder / file),
     )
+
+
+def _judge_bounce(path: Path, recorded: Recorded) -> Judgement:
+    """Raises UnusableTrial where the bounce calibrates nothing."""
+    fit = fit_bounce(read_bounce(path))
+    figures = {"lag [ms]": (fit.lag, 1e3, ".2f"), "gain": (fit.gain, 1.0, ".4f"), "zero [N]": (fit.zero, 1.0, ".2f")}
+    rows = tuple(
+        Row(name, f"{scale * found.value:{form}} ± {scale * math.hypot(found.noise, found.common):{form}}", "-", "-")
+        for name, (found, scale, form) in figures.items()
+    )
+    return Judgement(path.name, _title(recorded, path.name), "accept", (), rows, fit.notes, (), _marks_in(path))
 
 
 def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | None]:
