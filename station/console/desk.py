@@ -45,13 +45,13 @@ from station.protocol import TrialSpec
 from station.simulation import SimulatedBench
 
 SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
-NAME = re.compile(r"[A-Z]?[a-z]{3,}([ ,.-]*[A-Z]?[a-z]*)*")
+NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
 KEPT_POINTS = 1600
 """Of each live curve: half a minute."""
 
 
 def looks_like_a_name(subject: str) -> bool:
-    """Letters only, as in Maria or smith; a code has a digit in it."""
+    """Three letters in a row and no digit, as in Maria or de Vries; a code has a digit in it."""
     return NAME.fullmatch(subject.strip()) is not None
 
 
@@ -70,13 +70,21 @@ class Live:
     displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     words: deque[str] = field(default_factory=lambda: deque(maxlen=8))
     alarm: str | None = None
+    marks: int = 0
+    alarm_marks: dict[int, str] = field(default_factory=dict)
 
     @property
     def cue(self) -> Cue:
         return self.guide.cue()
 
-    def take(self, said: dict[str, Any], ceilings: Ceilings) -> None:
-        """One line of telemetry."""
+    @property
+    def takes_marks(self) -> bool:
+        """Before the sync edge there is nothing to point at."""
+        return self.latest["state"] in ("recording", "closing")
+
+    def take(self, said: dict[str, Any], ceilings: Ceilings) -> bool:
+        """One line of telemetry. Returns whether it raised an alarm."""
+        was_quiet = self.alarm is None
         self.latest = said
         force = [(t, n) for t, n in said["force"]]
         self.force.extend(force)
@@ -85,6 +93,7 @@ class Live:
         self.alarm = self.alarm or ceilings.broken_by(list(self.force)[-8 - len(force) :])
         if said["state"] == "recording":
             self.guide.take(force)
+        return was_quiet and self.alarm is not None
 
 
 class Desk:
@@ -231,8 +240,12 @@ class Desk:
         await self._trial.stop()
 
     async def mark(self) -> None:
-        if self._trial is None:
+        """Marks this moment in the recording, to be named later."""
+        if self._trial is None or self.live is None:
             raise DeskRefusal("no trial is running: there is nothing to mark")
+        if not self.live.takes_marks:
+            raise DeskRefusal("nothing is recorded yet: marks count from the sync edge on")
+        self.live.marks += 1
         await self._trial.mark()
 
     def silence(self) -> None:
@@ -308,10 +321,22 @@ class Desk:
     async def _follow(self, trial: TrialProcess) -> None:
         live = self.live
         assert live is not None  # noqa: S101  (arm() has just made it)
-        await trial.follow(lambda said: live.take(said, self._ceilings))
-        self.last_live, self.live, self._trial = live, None, None
+        try:
+            await trial.follow(lambda said: self._take(live, said))
+        finally:
+            self.last_live, self.live, self._trial = live, None, None
         said = trial.recorded
+        if said is not None and said.file and self.folder is not None:
+            for number, alarm in live.alarm_marks.items():
+                write_mark(self.folder, said.file, number, alarm)
         self.message = trial.refusal or (said.sentence if said else "")
+
+    def _take(self, live: Live, said: dict[str, Any]) -> None:
+        """An alarm marks its moment in the recording; the journal names it once the file is there."""
+        if live.take(said, self._ceilings) and live.takes_marks and self._trial is not None:
+            live.marks += 1
+            live.alarm_marks[live.marks] = live.alarm or ""
+            self._spawn(self._trial.mark())
 
     async def look_after(self) -> None:
         """What is to be done without anybody's asking, once a second: adopt recordings, judge what waits."""

@@ -3,7 +3,7 @@
 The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "speed": 1.0}. Each further line
 is a wish: {"stop": true} (once: cleanly; twice: at once), {"mark": true}. Standard output carries telemetry (twenty
 lines a second) and, last, {"result": {…}} or {"refused": "a sentence"}. The console may die, freeze or stop reading:
-the trial goes on to the end of its capture, and what became of it is in the session's journal.
+the trial goes on to the end of its capture, what became of it is in the session's journal, and the process ends.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import os
 import signal
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
@@ -24,34 +25,37 @@ from station.daemon import Daemon, TrialResult
 from station.journal import Recorded, write_recorded
 from station.protocol import TrialSpec
 
+LAST_WORD_S = 5.0
+"""Wall seconds that a console which does not read is given for the last line."""
 
-def main() -> int:
+
+def main() -> NoReturn:
     # Ctrl-C in a terminal reaches the whole group; a trial is ended by its operator, not by the console's end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     request = json.loads(sys.stdin.readline())
     try:
         config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
-        result, left_behind = _record(config, Path(request["folder"]), spec, float(request["speed"]))
-        said: dict[str, Any] = {"result": asdict(result)}
+        recorded = _record(config, Path(request["folder"]), spec, float(request["speed"]))
+        said: dict[str, Any] = {"result": asdict(recorded)}
     except Exception as error:  # whatever it is, the operator must hear of it
-        said, left_behind = {"refused": " ".join(str(error).split()) or type(error).__name__}, []
-    _say(said)
-    if left_behind:
-        os._exit(0)  # a frozen device's thread would hold the interpreter's own way out
-    return 0
+        said = {"refused": " ".join(str(error).split()) or type(error).__name__}
+    speaker = threading.Thread(target=_say, args=(said,), name="last word", daemon=True)
+    speaker.start()
+    speaker.join(LAST_WORD_S)
+    os._exit(0)  # a frozen device, or a console that does not read, would hold the interpreter's own way out
 
 
-def _record(config: StationConfig, folder: Path, spec: TrialSpec, speed: float) -> tuple[Recorded, list[str]]:
+def _record(config: StationConfig, folder: Path, spec: TrialSpec, speed: float) -> Recorded:
     clock = RealClock(speed)
     site = None if spec.cuff is None else config.cuff_site(spec.cuff)
-    with Telemetry(sys.stdout, site, config.calibration()) as telemetry:
+    with Telemetry(sys.stdout, site, config.calibration(), folder) as telemetry:
         daemon = Daemon(config, clock, [telemetry])
         threading.Thread(target=_obey, args=(daemon,), name="wishes", daemon=True).start()
         result = daemon.record(folder, spec)
     recorded = _account(spec, result)
     if result.path is not None:
         write_recorded(folder, recorded)
-    return recorded, daemon.left_behind
+    return recorded
 
 
 def _account(spec: TrialSpec, result: TrialResult) -> Recorded:
@@ -71,11 +75,9 @@ def _obey(daemon: Daemon) -> None:
 
 
 def _say(said: dict[str, Any]) -> None:
-    try:
+    with suppress(OSError):  # the console is gone; the journal has it
         print(json.dumps(said), flush=True)
-    except OSError:  # the console is gone; the journal has it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

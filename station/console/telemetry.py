@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
@@ -19,6 +21,7 @@ from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from station.background_view import BackgroundView
 from station.console.live_displacement import LiveDisplacement
+from station.disk import RESERVE_BYTES, bytes_free
 from station.live import StreamTally
 from station.session import Snapshot, State
 
@@ -27,6 +30,8 @@ RATE_REFRESHES = 60
 BACKLOG = 2000
 POINT_S = 0.025
 """Station seconds between two points of a curve."""
+GLANCE_S = 2.0
+"""Wall seconds between two looks at the disk."""
 
 
 @dataclass
@@ -41,9 +46,10 @@ class _Since:
 class Telemetry(BackgroundView):
     """A view of one trial. Times are station seconds since the view's first sample."""
 
-    def __init__(self, out: TextIO, cuff: CuffSite | None, load_cell: LoadCell) -> None:
+    def __init__(self, out: TextIO, cuff: CuffSite | None, load_cell: LoadCell, folder: Path) -> None:
         super().__init__("telemetry", REFRESH_S, BACKLOG)
         self._out, self._cuff, self._load_cell = out, cuff, load_cell
+        self._disk = _DiskTime(folder)
         self._snapshot = Snapshot(State.IDLE, "opening the devices")
         self._tallies: dict[str, StreamTally] = {}
         self._since = _Since()
@@ -78,6 +84,7 @@ class Telemetry(BackgroundView):
             "lost_samples": shown.lost_samples,
             "marks": shown.marks,
             "dropped": self.dropped,
+            "disk_left_s": self._disk.left_s(self._now_s),
             "streams": {
                 name: {"rate_hz": tally.rate(self._now_s), "nominal_hz": nominal.get(name, 0.0), "samples": tally.total}
                 for name, tally in self._tallies.items()
@@ -95,6 +102,7 @@ class Telemetry(BackgroundView):
             self._since.words.append(f"lost {item.count} samples of {item.stream}: {item.cause}")
         elif len(item.values):
             self._tallies.setdefault(item.stream, StreamTally(RATE_REFRESHES)).add(item)
+            self._disk.bytes_taken += item.values.nbytes + item.device_time_ns.nbytes
             self._take_samples(item, self._times(item))
 
     def _take_samples(self, samples: Samples, times: NDArray[np.float64]) -> None:
@@ -126,6 +134,28 @@ class Telemetry(BackgroundView):
         offset_ns = min(self._offset_ns.get(samples.stream, host_ns - last_ns), host_ns - last_ns)
         self._offset_ns[samples.stream] = offset_ns
         return np.asarray((samples.device_time_ns + (offset_ns - self._first_host_ns)) * 1e-9)
+
+
+class _DiskTime:
+    """How long the disk lasts at the rate at which samples came so far, uncompressed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.bytes_taken = 0
+        self._folder = folder
+        self._free: int | None = None
+        self._next_look_s = -math.inf
+
+    def left_s(self, passed_s: float) -> float | None:
+        """Seconds until only the reserve is left; None while nothing has come, or where the disk does not answer."""
+        if time.monotonic() >= self._next_look_s:
+            self._next_look_s = time.monotonic() + GLANCE_S
+            try:
+                self._free = bytes_free(self._folder)
+            except OSError:
+                self._free = None
+        if self._free is None or not self.bytes_taken or passed_s <= 0:
+            return None
+        return max(0.0, self._free - RESERVE_BYTES) * passed_s / self.bytes_taken
 
 
 def _thinned(times: NDArray[np.float64], values: NDArray[np.floating]) -> list[tuple[float, float]]:

@@ -36,6 +36,7 @@ class TrialProcess:
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             limit=LONGEST_LINE,
+            start_new_session=True,  # a terminal that is closed takes the console along, not the trial
         )
         trial = cls(child)
         request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}
@@ -46,6 +47,8 @@ class TrialProcess:
         """Returns when the recorder has ended: `recorded` holds its account, or `refusal` a sentence."""
         assert self._child.stdout is not None  # noqa: S101  (it was asked for above)
         async for line in self._child.stdout:
+            if not line.endswith(b"\n"):  # the recorder was killed in mid word
+                break
             said = json.loads(line)
             if "result" in said:
                 self.recorded = Recorded(**said["result"])
@@ -55,10 +58,7 @@ class TrialProcess:
                 on_telemetry(said)
         code = await self._child.wait()
         if self.recorded is None and self.refusal is None:
-            self.refusal = (
-                f"the recorder ended with code {code} and said nothing; what it had written can be had back with "
-                "`station recover`"
-            )
+            self.refusal = f"the recorder ended with code {code} in mid trial; what it had written is kept"
 
     async def stop(self) -> None:
         """Once: the trial ends cleanly. Twice: at once."""

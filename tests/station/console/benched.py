@@ -1,0 +1,91 @@
+"""A simulated bench whose captures the station starts itself, and the recorder's process beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from station.config import StationConfig, load_config
+from station.protocol import TrialSpec
+from station.simulation import SimulatedBench, simulator_settings
+from tests.station.console.served import write_config
+
+SPEED = 12.0
+DYNAMIC = TrialSpec("hand", "dynamic", 1)
+
+
+@contextmanager
+def simulated_bench(folder: Path, speed: float = SPEED) -> Iterator[tuple[SimulatedBench, StationConfig]]:
+    """The bench and the configuration that points at it, control of the capture included."""
+    folder.mkdir(exist_ok=True)
+    config = load_config(write_config(folder))
+    settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
+    with SimulatedBench(settings, speed, 3) as bench:
+        bench.tell({"don": "hand"})
+        bench.tell({"trial": {"cuff": "hand", "test": "dynamic"}})
+        yield bench, bench.pointed_at(config)
+
+
+class Recorder:
+    """The recorder's process, spoken to as the console does; a context manager that leaves none behind."""
+
+    def __init__(self, config: StationConfig, folder: Path, spec: TrialSpec = DYNAMIC, speed: float = SPEED) -> None:
+        self._request = {
+            "config": config.model_dump(mode="json"),
+            "folder": str(folder),
+            "spec": asdict(spec),
+            "speed": speed,
+        }
+
+    def __enter__(self) -> Recorder:
+        self.child = subprocess.Popen(
+            [sys.executable, "-m", "station.console.recorder"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+        )
+        self.wish(self._request)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.child.poll() is None:
+            self.child.kill()
+        self.child.wait()
+        for pipe in (self.child.stdin, self.child.stdout, self.child.stderr):
+            assert pipe is not None
+            pipe.close()
+
+    def wish(self, wish: dict[str, Any]) -> None:
+        assert self.child.stdin is not None
+        self.child.stdin.write(json.dumps(wish).encode() + b"\n")
+        self.child.stdin.flush()
+
+    def until(self, is_met: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Reads what it tells, up to the line that is asked for."""
+        assert self.child.stdout is not None
+        line = b""
+        for line in self.child.stdout:
+            said: dict[str, Any] = json.loads(line)
+            if is_met(said):
+                return said
+        raise AssertionError(f"the recorder ended without that: {line.decode()} {self.errors()}")
+
+    def end(self) -> dict[str, Any]:
+        """Its last word."""
+        return self.until(lambda said: "result" in said or "refused" in said)
+
+    def errors(self) -> str:
+        assert self.child.stderr is not None
+        return self.child.stderr.read().decode()
+
+
+def has_recorded(seconds: float) -> Callable[[dict[str, Any]], bool]:
+    return lambda said: said.get("state") == "recording" and said["recorded_s"] >= seconds

@@ -1,0 +1,234 @@
+"""The desk without a browser: one session, at most one trial, refusals in sentences."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from recordings.reader import open_recording
+from recordings.samples import Event
+from station.config import StationConfig, load_config
+from station.console.desk import Desk, DeskRefusal, looks_like_a_name
+from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
+from station.protocol import TrialSpec
+from station.simulation import SimulatedBench
+from tests.station.console.benched import SPEED, simulated_bench
+from tests.station.console.served import write_config
+
+SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)
+PATIENCE_S = 120.0
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    desk = Desk(load_config(write_config(tmp_path)))
+    desk.config = with_folder(desk.config, tmp_path / "sessions")
+    yield desk
+    desk.close()
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedBench, StationConfig]]:
+    with simulated_bench(tmp_path_factory.mktemp("bench")) as both:
+        yield both
+
+
+def with_folder(config: StationConfig, folder: Path) -> StationConfig:
+    return config.model_copy(update={"session": config.session.model_copy(update={"folder": folder})})
+
+
+async def until(is_met: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not is_met():
+            await asyncio.sleep(0.02)
+
+
+def run(work: Awaitable[None]) -> None:
+    async def whole() -> None:
+        await work
+
+    asyncio.run(whole())
+
+
+def put_recording(desk: Desk, run: int = 1, test: str = "static") -> str:
+    """A file that a recorder left in the session, and its account."""
+    assert desk.folder is not None
+    name = f"sub-P01_ses-1_task-{test}_acq-hand_run-{run}.mcap"
+    (desk.folder / name).touch()
+    write_recorded(desk.folder, Recorded(name, "hand", test, 1, "1", True, 0, "the mocap capture ended"))
+    return name
+
+
+@pytest.mark.parametrize("word", ["Maria", "smith", "Anna Lee", "de Vries"])
+def test_a_name_is_told_from_a_code(word: str) -> None:
+    assert looks_like_a_name(word)
+
+
+@pytest.mark.parametrize("word", ["P01", "S12b", "AB", "x3", ""])
+def test_a_code_is_no_name(word: str) -> None:
+    assert not looks_like_a_name(word)
+
+
+@pytest.mark.parametrize(
+    ("setup", "words"),
+    [
+        (replace(SETUP, subject="Maria Lee"), "the subject is 'Maria Lee', expected a code of letters and digits"),
+        (replace(SETUP, subject="../P01"), "expected a code of letters and digits"),
+        (replace(SETUP, cuffs=("hand", "knee")), "no cuff knee; the configuration has hand"),
+        (replace(SETUP, cuffs=()), "no cuff is chosen; the configuration has "),
+    ],
+)
+def test_a_set_up_that_cannot_be_is_refused_and_leaves_no_folder(desk: Desk, setup: Setup, words: str) -> None:
+    with pytest.raises(DeskRefusal) as refused:
+        desk.begin(setup)
+    assert words in str(refused.value)
+    assert desk.folder is None and not desk.config.session.folder.exists()
+
+
+def test_a_session_goes_on_another_hour_as_it_was_planned(desk: Desk) -> None:
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    desk.decide("accept", "")
+    desk.leave()
+    assert desk.folder is None
+    desk.begin(SETUP)
+    plan = desk.agenda
+    assert plan is not None and len(plan.done) == 1
+    assert plan.spec is not None and plan.spec.test == "dynamic"
+    assert [setup for setup, _ in desk.sessions()] == [SETUP]
+    assert name in desk.journal.verdicts
+
+
+def test_another_plan_under_the_same_number_is_refused(desk: Desk) -> None:
+    desk.begin(SETUP)
+    desk.leave()
+    with pytest.raises(DeskRefusal, match=r"was planned with 1 repeats of hand; resume it as it is or give this one"):
+        desk.begin(replace(SETUP, repeats=3))
+    desk.begin(replace(SETUP, repeats=3, number="2"))
+    assert desk.folder is not None and desk.folder.name == "sub-P01_ses-2"
+
+
+def test_a_rehearsal_leaves_nothing(desk: Desk) -> None:
+    desk.begin(SETUP, is_rehearsal=True)
+    folder = desk.folder
+    assert folder is not None and (folder / "session.jsonl").is_file()
+    desk.leave()
+    assert not folder.exists() and not desk.config.session.folder.exists()
+
+
+def test_to_redo_a_trial_needs_a_reason(desk: Desk) -> None:
+    desk.begin(SETUP)
+    put_recording(desk)
+    with pytest.raises(JournalError, match="no reason is given"):
+        desk.decide("redo", " ")
+    assert desk.agenda is not None and desk.agenda.undecided is not None
+    desk.decide("redo", "the wearer coughed")
+    assert desk.agenda is not None and desk.agenda.undecided is None and desk.agenda.done == frozenset()
+
+
+def test_a_cuff_donned_anew_is_another_donning(desk: Desk) -> None:
+    desk.begin(SETUP)
+    put_recording(desk)
+    desk.decide("redo", "it slipped", is_donned_anew=True)
+    plan = desk.agenda
+    assert plan is not None and plan.spec is not None
+    assert plan.spec.donning == "2" and plan.is_new_cuff
+
+
+def test_what_cannot_be_done_now_is_a_sentence(desk: Desk) -> None:
+    for work, words in ((desk.arm, "no session is open"), (desk.stop, "no trial"), (desk.mark, "no trial")):
+        with pytest.raises(DeskRefusal, match=words):
+            run(work())
+    with pytest.raises(DeskRefusal, match="no recording waits for a decision"):
+        desk.decide("accept", "")
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    with pytest.raises(DeskRefusal, match=f"{name} waits for accept or redo; decide that first"):
+        run(desk.arm())
+    desk.decide("accept", "")
+    put_recording(desk, test="dynamic")
+    desk.decide("accept", "")
+    with pytest.raises(DeskRefusal, match="the session is complete"):
+        run(desk.arm())
+
+
+def test_a_mark_is_named_in_the_journal(desk: Desk) -> None:
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    desk.name_mark(2, "coughed")
+    assert desk.journal.marks == {name: {2: "coughed"}}
+
+
+def test_a_broken_journal_is_not_among_the_sessions(desk: Desk) -> None:
+    folder = desk.config.session.folder
+    write_setup(folder / "sub-P01_ses-1", SETUP)
+    (folder / "sub-P02_ses-1").mkdir()
+    (folder / "sub-P02_ses-1" / "session.jsonl").write_text("what?\n")
+    assert [setup.subject for setup, _ in desk.sessions()] == ["P01"]
+
+
+def test_devices_that_are_not_ready_are_a_sentence_on_the_page(desk: Desk) -> None:
+    """Nothing listens at these ports: the trial does not begin, nothing is left, and arming again is possible."""
+    data = desk.config.model_dump(mode="json")
+    data["daq"]["grpc_target"], data["mocap"]["port"] = "127.0.0.1:9", 9
+    desk.config = StationConfig(**data)
+
+    async def whole() -> None:
+        desk.begin(SETUP)
+        await desk.arm()
+        with pytest.raises(DeskRefusal, match="a trial is running"):
+            desk.leave()
+        await until(lambda: desk.live is None)
+
+    run(whole())
+    assert "127.0.0.1" in desk.message and desk.message.count("\n") == 0
+    assert desk.agenda is not None and desk.agenda.undecided is None
+    assert desk.folder is not None and not list(desk.folder.glob("*.mcap"))
+
+
+def test_a_trial_a_second_start_an_alarm_and_a_new_desk_that_goes_on(
+    running: tuple[SimulatedBench, StationConfig], tmp_path: Path
+) -> None:
+    bench, config = running
+    safety = config.safety.model_copy(update={"force_ceiling_n": 30.0})
+    config = with_folder(config, tmp_path).model_copy(update={"safety": safety})
+    first, second = (Desk(config, SPEED, bench) for _ in range(2))
+
+    async def record() -> None:
+        first.begin(SETUP)
+        await first.arm()
+        with pytest.raises(DeskRefusal, match="a trial is running; stop it or wait for its end"):
+            await first.arm()
+        live = first.live
+        assert live is not None
+        await until(lambda: live.alarm is not None)
+        assert live.alarm is not None and live.alarm.startswith("STOP: ")
+        first.silence()
+        await until(lambda: live.latest["state"] == "recording" and live.latest["recorded_s"] > 12)
+        await first.stop()
+        await until(lambda: first.live is None)
+
+    run(record())
+    first.close()
+    assert first.message == "stopped by the operator"
+    folder = tmp_path / "sub-P01_ses-1"
+    (recorded,) = read_journal(folder).recorded
+    assert TrialSpec("hand", "static", 1).test == recorded.test and recorded.accepted
+    marks = [item for item in open_recording(folder / recorded.file).items() if isinstance(item, Event)]
+    assert [event.text for event in marks if event.kind == "mark"][:1] == ["mark 1"]
+    assert read_journal(folder).marks[recorded.file][1].startswith("STOP: ")
+
+    async def go_on() -> None:
+        second.begin(SETUP)
+        await second.look_after()
+
+    run(go_on())
+    second.close()
+    plan = second.agenda
+    assert plan is not None and plan.undecided == recorded
+    assert second.judgement is not None and second.judgement.file == recorded.file
+    assert second.judgement.marks == len([event for event in marks if event.kind == "mark"])
