@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.drift import residual
 from fitting.plain import plain_sync
 from fitting.session import fit_session
 from fitting.sync_certificate import SyncCertificate, peak_rate
@@ -94,3 +95,12 @@ def test_a_peak_rate_passes_over_gaps_and_missing_samples() -> None:
     values[100:150] = np.nan
     assert peak_rate(time, values) == pytest.approx(5.0)
     assert peak_rate(time[:3], values[:3]) == 0.0
+
+
+@pytest.mark.parametrize("ppm", [-200, -120, 0, 60, 200])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_clocks_up_to_200_ppm_apart_leave_less_than_a_millisecond_whatever_the_arrival(ppm: float, seed: int) -> None:
+    both, start = (residual(ppm, seed, duration=30.0, stops=stops) for stops in (True, False))
+    assert both.worst < 1e-3
+    assert both.stated < 1e-3
+    assert start.worst > 25e-6 * abs(ppm), "the stop edge is what holds the clocks together"
