@@ -60,16 +60,22 @@ def _lay_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, room
             before = read(contacts[order[gap - 1]]["last"]["place"])
         if gap < count:
             behind = read(contacts[order[gap]]["first"]["place"])
-        before, behind = into_surface(contact, before), into_surface(contact, behind)
         touches, place, heading, length, another = touch(
-            wrap["kind"], size, wrap["axis"], wrap["allowed"], before, behind, room.lengths
+            wrap["kind"],
+            size,
+            wrap["axis"],
+            wrap["allowed"],
+            into_surface(contact, before),
+            into_surface(contact, behind),
+            room.lengths,
         )
-        if touches:
-            _insert(order, count, gap, k)
-            set_geodesic(contact, place, heading, length, GUESS, room.series)
-            if wrap["kind"] == ELLIPSOID or count > 0:
-                return _settle(start, end, contact, before, behind, another, count + 1, room)
-            return 1
+        if not touches:
+            continue
+        _insert(order, count, gap, k)
+        set_geodesic(contact, place, heading, length, GUESS, room.series)
+        if wrap["kind"] == ELLIPSOID or count > 0:
+            return _settle(start, end, contact, before, behind, another, count + 1, room)
+        return 1
     return count
 
 
@@ -83,7 +89,9 @@ def _settle(
     place, heading, on_surface = read(contact["start"]), read(contact["heading"]), contact["length"]
     length = _pulled_length(start, end, count, room)
     if not isnan(another):
-        other_place, other_heading, other_on_surface = touch_in_plane(read(contact["size"]), before, behind, another)
+        other_place, other_heading, other_on_surface = touch_in_plane(
+            read(contact["size"]), into_surface(contact, before), into_surface(contact, behind), another
+        )
         set_geodesic(contact, other_place, other_heading, other_on_surface, GUESS, room.series)
         if not _pulled_length(start, end, count, room) < length:
             set_geodesic(contact, place, heading, on_surface, GUESS, room.series)
@@ -105,10 +113,12 @@ def _pulled_length(start: Vector, end: Vector, count: int, room: Room) -> float:
         return inf
     place = start
     for k in range(count):
-        first = room.contacts[room.order[k]]["first"]
-        if k > 0 and dot(subtract(read(first["place"]), place), read(first["t"])) < GAP:
+        first, last = room.contacts[room.order[k]]["first"], room.contacts[room.order[k]]["last"]
+        if dot(subtract(read(first["place"]), place), read(first["t"])) < (GAP if k > 0 else 0.0):
             return inf
-        place = read(room.contacts[room.order[k]]["last"]["place"])
+        place = read(last["place"])
+        if k + 1 == count and dot(subtract(end, place), read(last["t"])) < 0.0:
+            return inf
     return _length(start, end, count, room)
 
 

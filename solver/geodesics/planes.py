@@ -7,7 +7,7 @@ v across it and away from it, the path runs from the start to the circle, over i
 
 from __future__ import annotations
 
-from math import acos, atan2, cos, nan, pi, sin, sqrt
+from math import atan2, cos, nan, pi, sin, sqrt
 
 from solver.compiled import compiled
 from solver.wrapping.segment import pierces, side
@@ -30,16 +30,19 @@ from solver.wrapping.vectors import (
 
 PLANES = 12
 STEP = 2.0 * pi / PLANES
+COSINES = tuple(cos(k * STEP) for k in range(PLANES))
+SINES = tuple(sin(k * STEP) for k in range(PLANES))
 NEARLY_AS_SHORT = 1.5  # of two detours; planes do not tell closer
 FAR, FORBIDDEN = 1e9, 1e6  # m
-NODES = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5)  # of Gauss and Legendre's quadrature
-WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+ROUND_OFF = 1e-6
+OFF_MIDDLE = 0.15**0.5  # nodes of Gauss and Legendre's quadrature with three points, from the middle of 0 to 1
 
 Pencil = tuple[Vector, Vector, Vector, float, float, float]
 """Directions to the foot of the origin on the line, across it and u; how far the foot is, and start and end along u."""
 
-Circle = tuple[Vector, Vector, Vector, float, float, float]
-"""u, v; the cut's centre and radius; the angles from u to v at which the path reaches and leaves it."""
+Circle = tuple[Vector, Vector, float, float, float, float, float]
+"""v; the cut's centre; how high the line is above that along v; the cut's radius; where the path reaches it, as cosine
+and sine of the angle from u to v; the angle over which it stays."""
 
 
 @compiled
@@ -57,14 +60,14 @@ def shortest_ways(
         return nan, nan
     pencil, straight = _pencil(p, q), distance(start, end)
     for k in range(PLANES):
-        lengths[k] = _length(size, pencil, k * STEP)
-    first, second, least, next_least = nan, nan, FAR, FAR
+        lengths[k] = _length(size, pencil, COSINES[k], SINES[k])
+    first, second, least, next_least = 0.0, nan, FAR, FAR  # 0 where all are as long: between the poles of a spheroid
     for k in range(PLANES):
         before, behind = lengths[k - 1], lengths[(k + 1) % PLANES]
         if not (lengths[k] <= before and lengths[k] < behind):
             continue
         angle, detour = k * STEP + _lowest(before, lengths[k], behind), lengths[k] - straight
-        if allowed != 0 and side(_middle(size, pencil, angle)[axis]) != allowed:
+        if allowed != 0 and side(_middle(pencil, cos(angle), sin(angle))[axis]) != allowed:
             detour += FORBIDDEN
         if detour < least:
             first, second, least, next_least = angle, first, detour, least
@@ -77,10 +80,13 @@ def shortest_ways(
 def touch_in_plane(size: Vector, start: Vector, end: Vector, angle: float) -> tuple[Vector, Vector, float]:
     """Where the path in the half-plane at an angle reaches the ellipsoid, in which direction, and its length there."""
     pencil = _pencil(divide(start, size), divide(end, size))
-    u, v, centre, radius, high, low = _circle(pencil, angle)
-    place = add(centre, scale(radius, add(scale(cos(high), u), scale(sin(high), v))))
-    heading = add(scale(sin(high), u), scale(-cos(high), v))
-    return multiply(size, place), unit(multiply(size, heading)), _arc(size, u, v, radius, high, low)
+    u = pencil[2]
+    v, centre, _, radius, c, s, arc = _circle(pencil, cos(angle), sin(angle))
+    place = add(centre, scale(radius, add(scale(c, u), scale(s, v))))
+    heading = add(scale(s, u), scale(-c, v))
+    x, y = multiply(size, u), multiply(size, v)
+    length = radius * _arc(dot(x, x), dot(x, y), dot(y, y), c, s, arc)
+    return multiply(size, place), unit(multiply(size, heading)), length
 
 
 @compiled
@@ -93,49 +99,62 @@ def _pencil(p: Vector, q: Vector) -> Pencil:
 
 
 @compiled
-def _length(size: Vector, pencil: Pencil, angle: float) -> float:
-    u, v, centre, radius, high, low = _circle(pencil, angle)
-    towards, _, _, away, at_start, at_end = pencil
-    on_start = add(centre, scale(radius, add(scale(cos(high), u), scale(sin(high), v))))
-    on_end = add(centre, scale(radius, add(scale(cos(low), u), scale(sin(low), v))))
-    start, end = along(scale(away, towards), at_start, u), along(scale(away, towards), at_end, u)
-    before, behind = multiply(size, subtract(on_start, start)), multiply(size, subtract(end, on_end))
-    return norm(before) + _arc(size, u, v, radius, high, low) + norm(behind)
-
-
-@compiled
-def _circle(pencil: Pencil, angle: float) -> Circle:
-    towards, across, u, away, at_start, at_end = pencil
-    v = add(scale(cos(angle), towards), scale(sin(angle), across))
-    height = away * cos(angle)
-    centre = along(scale(away, towards), -height, v)
-    radius = sqrt(1.0 - away * away * sin(angle) ** 2)
-    high = pi - atan2(height, -at_start) - acos(radius / sqrt(height * height + at_start * at_start))
-    low = atan2(height, at_end) + acos(radius / sqrt(height * height + at_end * at_end))
-    return u, v, centre, radius, high, low
-
-
-@compiled
-def _middle(size: Vector, pencil: Pencil, angle: float) -> Vector:
-    u, v, centre, radius, high, low = _circle(pencil, angle)
-    middle = 0.5 * (high + low)
-    return multiply(size, add(centre, scale(radius, add(scale(cos(middle), u), scale(sin(middle), v)))))
-
-
-@compiled
-def _arc(size: Vector, u: Vector, v: Vector, radius: float, high: float, low: float) -> float:
-    """Length of the arc from angle `high` down to `low` on the ellipsoid."""
+def _length(size: Vector, pencil: Pencil, cosine: float, sine: float) -> float:
+    """Of the path in the half-plane at an angle with this cosine and sine."""
+    u, at_start, at_end = pencil[2], pencil[4], pencil[5]
+    v, _, height, radius, c, s, arc = _circle(pencil, cosine, sine)
     x, y = multiply(size, u), multiply(size, v)
     xx, xy, yy = dot(x, x), dot(x, y), dot(y, y)
-    total = 0.0
-    for k in range(len(NODES)):
-        angle = low + NODES[k] * (high - low)
-        c, s = cos(angle), sin(angle)
-        total += WEIGHTS[k] * sqrt(s * s * xx - 2.0 * s * c * xy + c * c * yy)
-    return total * radius * (high - low)
+    turned_c, turned_s = c * cos(arc) + s * sin(arc), s * cos(arc) - c * sin(arc)
+    before = _norm(xx, xy, yy, radius * c - at_start, radius * s - height)
+    behind = _norm(xx, xy, yy, at_end - radius * turned_c, height - radius * turned_s)
+    return before + radius * _arc(xx, xy, yy, c, s, arc) + behind
+
+
+@compiled
+def _circle(pencil: Pencil, cosine: float, sine: float) -> Circle:
+    """Tangents to a circle of radius r from p, |p| = d, touch it at r/d (p/d turned by ± the angle with cosine r/d)."""
+    towards, across, _, away, at_start, at_end = pencil
+    v = add(scale(cosine, towards), scale(sine, across))
+    height, radius = away * cosine, sqrt(1.0 - away * away * sine * sine)
+    centre = along(scale(away, towards), -height, v)
+    from_start, from_end = at_start * at_start + height * height, at_end * at_end + height * height
+    k, m = sqrt(from_start - radius * radius), sqrt(from_end - radius * radius)
+    c, s = (at_start * radius + height * k) / from_start, (height * radius - at_start * k) / from_start
+    end_c, end_s = (at_end * radius - height * m) / from_end, (height * radius + at_end * m) / from_end
+    arc = atan2(s * end_c - c * end_s, c * end_c + s * end_s)
+    return v, centre, height, radius, c, s, (arc if arc > -ROUND_OFF else arc + 2.0 * pi)
+
+
+@compiled
+def _middle(pencil: Pencil, cosine: float, sine: float) -> Vector:
+    """Of the path on the unit sphere."""
+    v, centre, _, radius, c, s, arc = _circle(pencil, cosine, sine)
+    half_c, half_s = cos(0.5 * arc), sin(0.5 * arc)
+    middle = add(scale(c * half_c + s * half_s, pencil[2]), scale(s * half_c - c * half_s, v))
+    return add(centre, scale(radius, middle))
+
+
+@compiled
+def _arc(xx: float, xy: float, yy: float, c: float, s: float, arc: float) -> float:
+    """Length of the arc from (c, s) on, of an ellipse x cos φ + y sin φ: by Gauss and Legendre's quadrature."""
+    half_c, half_s = cos(0.5 * arc), sin(0.5 * arc)
+    off_c, off_s = cos(OFF_MIDDLE * arc), sin(OFF_MIDDLE * arc)
+    c, s = c * half_c + s * half_s, s * half_c - c * half_s
+    middle = _norm(xx, xy, yy, -s, c)
+    before = _norm(xx, xy, yy, -s * off_c - c * off_s, c * off_c - s * off_s)
+    behind = _norm(xx, xy, yy, -s * off_c + c * off_s, c * off_c + s * off_s)
+    return arc * (5.0 * before + 8.0 * middle + 5.0 * behind) / 18.0
+
+
+@compiled
+def _norm(xx: float, xy: float, yy: float, a: float, b: float) -> float:
+    """|a x + b y|, of vectors with these products."""
+    return sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy)
 
 
 @compiled
 def _lowest(before: float, here: float, behind: float) -> float:
     """Where the parabola through three equidistant lengths, the middle one the least, is the lowest."""
-    return 0.5 * STEP * (before - behind) / (before - 2.0 * here + behind)
+    bend = before - 2.0 * here + behind
+    return 0.5 * STEP * (before - behind) / bend if bend > ROUND_OFF * here else 0.0

@@ -16,7 +16,7 @@ from solver.compiled import compiled
 from solver.wrapping.vectors import Array, Vector, divide, dot
 
 ORDER, ROUGH_ORDER, ORDER_OF_NEIGHBOURS = 18, 8, 10
-EXACT, ROUGH = 1e-17, 1e-8  # accuracy: what the terms left out may add to a step, in semi-axes
+EXACT, ROUGH = 1e-16, 1e-8  # accuracy: what the terms left out may add to a step, in semi-axes
 X, G, P, J, ROWS = 0, 3, 4, 5, 7  # rows of the series: x in three, g, p, and j in two
 
 Spread = tuple[float, float, float, float]

@@ -11,108 +11,140 @@ the neighbours on the path. (As Scholz, Sherman, Stavness, Delp, Kecskeméthy, M
 
 from __future__ import annotations
 
-from math import inf
+from math import atan2, inf, sqrt
 
 from solver.compiled import compiled
 from solver.geodesics.contact import set_geodesic
 from solver.geodesics.follow import normal_at, onto
 from solver.geodesics.room import Room
 from solver.geodesics.series import EXACT
-from solver.wrapping.course import Indices, Record, Records
+from solver.wrapping.course import ELLIPSOID, Indices, Record, Records
 from solver.wrapping.vectors import (
     Array,
     Vector,
+    add,
     along,
     cross,
     dot,
     read,
+    scale,
     subtract,
     unit,
 )
 
 GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
-SMALL_ENOUGH = 1e-14  # m, of the conditions
 MOST_STEPS = 30
 SINGULAR = 1e-14
-LONGEST_STEP = 0.3  # of a radius, or rad
+LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 3e-4, 1e-8  # in radii of the surface, or rad
 
 
 @compiled
 def pull_taut(start: Vector, end: Vector, count: int, room: Room) -> bool:
     """Whether the first `count` contacts of room.order, guesses of accuracy GUESS, could be made exact; all in ground.
 
-    Geodesics are as accurate as Newton's method makes use of: it squares the error.
+    Geodesics are as accurate as Newton's method makes use of: it squares the error. Of the last step only the first
+    order is left, and nothing needs be computed anew.
     """
     contacts, order, accuracy = room.contacts, room.order, GUESS
     equations = room.matrix[: 4 * count, : 4 * count + 1]
+    steps = equations[:, -1]
     for _ in range(MOST_STEPS):
-        error = _conditions(start, end, contacts, order, equations)
-        if error <= SMALL_ENOUGH and accuracy == EXACT:
-            return True
+        _fill(start, end, contacts, order, equations)
         _eliminate(equations)
-        share = _share(contacts, order, equations[:, -1])
-        if not share > 0.0:
+        longest = _longest(contacts, order, steps)
+        if longest <= LAST_STEP and accuracy == EXACT:
+            for k in range(count):
+                _move_ends(contacts[order[k]], steps[4 * k : 4 * k + 4])
+            return True
+        if not longest < inf:
             return False
-        accuracy = max(EXACT, min(GUESS, 10.0 * error * error))
+        accuracy = EXACT if longest < EXACT_FROM else min(GUESS, 0.01 * longest * longest)
+        share = 1.0 if longest <= LONGEST_STEP else LONGEST_STEP / longest
         for k in range(count):
-            _move(contacts[order[k]], share, equations[4 * k : 4 * k + 4, -1], accuracy, room.series)
+            _move(contacts[order[k]], share, steps[4 * k : 4 * k + 4], accuracy, room.series)
     return False
 
 
 @compiled
-def _conditions(start: Vector, end: Vector, contacts: Records, order: Indices, matrix: Array) -> float:
-    """Fill the matrix with the derivatives by (τ, β, θ, λ) of each contact and, behind them, minus the conditions;
-    returns the largest of these.
-    """
+def _fill(start: Vector, end: Vector, contacts: Records, order: Indices, matrix: Array) -> None:
+    """The derivatives of the conditions by (τ, β, θ, λ) of each contact and, behind them, minus the conditions."""
     count = len(matrix) // 4
-    worst = 0.0
     matrix[:] = 0.0
     for k in range(count):
         contact, row = contacts[order[k]], 4 * k
-        first, last, spread = contact["first"], contact["last"], contact["spread"]
+        first, last = contact["first"], contact["last"]
         before = read(contacts[order[k - 1]]["last"]["place"]) if k > 0 else start
         behind = read(contacts[order[k + 1]]["first"]["place"]) if k + 1 < count else end
         arriving, leaving = subtract(read(first["place"]), before), subtract(behind, read(last["place"]))
-        _fill_end(matrix, row, row, first, arriving, 1.0, False, spread)
-        _fill_end(matrix, row + 2, row, last, leaving, -1.0, True, spread)
+        ahead, above = _fill_end(matrix, row, contact, first, arriving, 1.0, False)
         if k > 0:
-            _fill_neighbour(matrix, row, row - 4, first, contacts[order[k - 1]], -1.0, True)
+            _fill_neighbour(matrix, row, row - 4, first, contacts[order[k - 1]], ahead, above, -1.0, True)
+        ahead, above = _fill_end(matrix, row + 2, contact, last, leaving, -1.0, True)
         if k + 1 < count:
-            _fill_neighbour(matrix, row + 2, row + 4, last, contacts[order[k + 1]], 1.0, False)
-        for i in range(4):
-            worst = max(worst, abs(matrix[row + i, -1]))
-    return worst
+            _fill_neighbour(matrix, row + 2, row + 4, last, contacts[order[k + 1]], ahead, above, 1.0, False)
 
 
 @compiled
 def _fill_end(
-    matrix: Array, row: int, column: int, end: Record, piece: Vector, sense: float, is_last: bool, spread: Array
-) -> None:
+    matrix: Array, row: int, contact: Record, end: Record, piece: Vector, sense: float, is_last: bool
+) -> tuple[float, float]:
     """The two conditions at one end of a contact and what its own unknowns do to them; the straight piece there grows
-    by `sense` with the end's place.
+    by `sense` with the end's place. Returns the derivatives of the first by the piece's parts along t and n.
     """
     on_t, on_n, on_b = dot(piece, read(end["t"])), dot(piece, read(end["n"])), dot(piece, read(end["b"]))
     tt, tb, bb = read(end["bends"])
-    matrix[row, -1], matrix[row + 1, -1] = -on_n, -on_b
-    _fill(matrix, row, column, is_last, spread, tt * on_t + tb * on_b, tb * on_t + bb * on_b, 0.0)
-    _fill(matrix, row + 1, column, is_last, spread, -tb * on_n, sense - bb * on_n, -on_t)
+    missing, ahead, above = on_n, 0.0, 1.0
+    if contact["kind"] == ELLIPSOID:
+        missing, ahead, above = _past_touch(1.0 / tt, on_t, -sense * on_n)
+        above *= -sense
+    by_t = ahead * (sense - tt * on_n) + above * (tt * on_t + tb * on_b)
+    by_b = -ahead * tb * on_n + above * (tb * on_t + bb * on_b)
+    column, spread = row - 2 if is_last else row, contact["spread"]
+    matrix[row, -1], matrix[row + 1, -1] = -missing, -on_b
+    _differentiate(matrix, row, column, is_last, spread, by_t, by_b, ahead * on_b)
+    _differentiate(matrix, row + 1, column, is_last, spread, -tb * on_n, sense - bb * on_n, -on_t)
+    return ahead, above
+
+
+@compiled
+def _past_touch(radius: float, x: float, y: float) -> tuple[float, float, float]:
+    """How far along a circle, from its topmost point on, a line from the point (x, y) above that touches it; and its
+    derivatives by x and y. On the surface it is as good a condition as y = 0, for one of the two points that satisfy
+    this, and nearly linear where the other is close. From inside the circle, the nearest point is taken.
+    """
+    height = y + radius
+    square = x * x + height * height
+    angle, by_x, by_y = atan2(x, height), height / square, -x / square
+    if square > radius * radius:
+        k = sqrt(square - radius * radius)
+        angle -= atan2(k, radius)
+        by_x -= radius * x / (square * k)
+        by_y -= radius * height / (square * k)
+    return radius * angle, radius * by_x, radius * by_y
 
 
 @compiled
 def _fill_neighbour(
-    matrix: Array, row: int, column: int, end: Record, neighbour: Record, sense: float, is_last: bool
+    matrix: Array,
+    row: int,
+    column: int,
+    end: Record,
+    neighbour: Record,
+    ahead: float,
+    above: float,
+    sense: float,
+    is_last: bool,
 ) -> None:
     """What the unknowns of the contact at the other end of a straight piece do to the conditions at this one."""
-    other = neighbour["last"] if is_last else neighbour["first"]
-    t, b = read(other["t"]), read(other["b"])
-    n, across = read(end["n"]), read(end["b"])
-    spread = neighbour["spread"]
-    _fill(matrix, row, column, is_last, spread, sense * dot(t, n), sense * dot(b, n), 0.0)
-    _fill(matrix, row + 1, column, is_last, spread, sense * dot(t, across), sense * dot(b, across), 0.0)
+    other, spread = neighbour["last"] if is_last else neighbour["first"], neighbour["spread"]
+    t, b, across = read(other["t"]), read(other["b"]), read(end["b"])
+    towards = add(scale(sense * ahead, read(end["t"])), scale(sense * above, read(end["n"])))
+    _differentiate(matrix, row, column, is_last, spread, dot(t, towards), dot(b, towards), 0.0)
+    _differentiate(matrix, row + 1, column, is_last, spread, sense * dot(t, across), sense * dot(b, across), 0.0)
 
 
 @compiled
-def _fill(
+def _differentiate(
     matrix: Array, row: int, column: int, is_last: bool, spread: Array, by_t: float, by_b: float, by_turn: float
 ) -> None:
     """Derivatives by an end's steps along t and b and its turn, as derivatives by the contact's four unknowns."""
@@ -124,7 +156,6 @@ def _fill(
     else:
         matrix[row, column + 1] = by_b
         matrix[row, column + 2] = by_turn
-        matrix[row, column + 3] = 0.0
 
 
 @compiled
@@ -154,19 +185,28 @@ def _eliminate(matrix: Array) -> None:
 
 
 @compiled
-def _share(contacts: Records, order: Indices, steps: Array) -> float:
-    """How much of the steps may be taken, so that none goes far on its surface; none if one is not a number."""
+def _longest(contacts: Records, order: Indices, steps: Array) -> float:
+    """Infinite if one of the steps is not a number."""
     longest = 0.0
     for k in range(len(steps) // 4):
         size = contacts[order[k]]["size"]
         radius = min(size[0], size[1], size[2])
         for i in range(4):
             step = abs(steps[4 * k + i])
-            step = step if i == 2 else step / radius
             if not step < inf:
-                return 0.0
-            longest = max(longest, step)
-    return 1.0 if longest <= LONGEST_STEP else LONGEST_STEP / longest
+                return inf
+            longest = max(longest, step if i == 2 else step / radius)
+    return longest
+
+
+@compiled
+def _move_ends(contact: Record, steps: Array) -> None:
+    first, last, spread = contact["first"], contact["last"], contact["spread"]
+    across = spread[0] * steps[1] + spread[1] * steps[2]
+    for i in range(3):
+        first["place"][i] += steps[0] * first["t"][i] + steps[1] * first["b"][i]
+        last["place"][i] += (steps[0] + steps[3]) * last["t"][i] + across * last["b"][i]
+    contact["length"] += steps[3]
 
 
 @compiled
