@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from queue import Empty
 
@@ -68,14 +69,23 @@ class Answers:
 
 
 def check_bench(
-    config: StationConfig, folder: Path, console: Console | None = None, make_devices: MakeDevices = devices_for
+    config: StationConfig,
+    folder: Path,
+    console: Console | None = None,
+    make_devices: MakeDevices = devices_for,
+    *,
+    as_json: bool = False,
 ) -> int:
-    """Prints the table, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
-    lines = look_at_bench(config, folder, make_devices)
-    table = Table("", "what", "found")
-    for line in lines:
-        table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
-    (console or Console()).print(table)
+    """Prints what was found, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
+    with Console(stderr=True).status("listening to the devices"):
+        lines = look_at_bench(config, folder, make_devices)
+    if as_json:
+        print(json.dumps([asdict(line) for line in lines], indent=2, ensure_ascii=False))
+    else:
+        table = Table("", "what", "found")
+        for line in lines:
+            table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
+        (console or Console()).print(table)
     return 0 if all(line.is_good for line in lines) else 1
 
 

@@ -23,12 +23,13 @@ from recordings.exchange.trc import write_trc
 from solver.motion import write_table
 from station.export_bids import write_bids
 from station.one_clock import ExportRefused, OneClock, read_on_one_clock
+from station.progress import Progress, silent
 from station.pull import pull_on_cuff
 from station.whole_file import drafted, write_whole
 
 
 def export_recordings(
-    paths: Sequence[Path], to: str, output: Path, subject: str
+    paths: Sequence[Path], to: str, output: Path, subject: str, progress: Progress = silent
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Writes every recording that can be exported: the files that were written, and sentences why others were not.
 
@@ -37,7 +38,8 @@ def export_recordings(
     written: list[Path] = []
     refused: list[str] = []
     for_bids: list[OneClock] = []
-    for path in paths:
+    for done, path in enumerate(paths):
+        progress("exporting recordings", done, len(paths))
         try:
             trial = read_on_one_clock(path)
             if to == "bids":
@@ -46,6 +48,7 @@ def export_recordings(
                 written += WRITERS[to](trial, output / path.stem)
         except (ExportRefused, RecordingError) as error:
             refused.append(str(error))
+    progress("exporting recordings", len(paths), len(paths))
     if for_bids:
         written += write_bids(for_bids, output, subject)
     if not written:

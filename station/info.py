@@ -34,12 +34,16 @@ def show_contents(path: Path, as_json: bool) -> int:
     return DONE if contents.complete and not contents.gaps else LOSSY
 
 
-def recover_recording(path: Path, output: Path | None) -> int:
+def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
     """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing."""
     report = recover(path, output)
     for sentence in report.sentences():
         print(sentence, file=sys.stderr)
-    print(report.output)
+    if as_json:
+        found = {"lossless": report.lossless, "missing": report.sentences()}
+        print(json.dumps({"source": str(report.source), "output": str(report.output), **found}, indent=2))
+    else:
+        print(report.output)
     return DONE if report.lossless and not report.damage else LOSSY
 
 

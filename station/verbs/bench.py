@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import ConfigPath, Rerun, Rrd, Seed, Speed, Test, say
+from station.verbs.options import ConfigPath, FormatOption, Rerun, Rrd, Seed, Speed, Test, print_result, say
 
 
 def simulate(
@@ -32,12 +32,13 @@ def simulate(
 def check(
     config: ConfigPath = Path("station.toml"),
     session: Annotated[Path, typer.Option(help="Folder of the session, for the room on its disk.")] = Path(),
+    format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Show what answers: devices, rates, the level of the sync line, labels, disk."""
     from station.check import check_bench
     from station.config import load_config
 
-    raise typer.Exit(check_bench(load_config(config), session))
+    raise typer.Exit(check_bench(load_config(config), session, as_json=format == "json"))
 
 
 def record(
@@ -53,6 +54,7 @@ def record(
     speed: Annotated[float, typer.Option(min=0.1, help="Speed of the simulated world that is recorded.")] = 1.0,
     rrd: Rrd = None,
     rerun: Rerun = False,
+    format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
     from contextlib import ExitStack
@@ -79,9 +81,7 @@ def record(
             result = daemon.record(session, spec, duration)
         finally:
             left_behind = daemon.left_behind
-    say(result.sentence)
-    if result.path is not None:
-        print(result.path)
+    print_result(result, format)
     code = DONE if result.accepted and not result.lost_samples else LOSSY if result.path else FAILED
     if left_behind:
         _leave(code, left_behind)

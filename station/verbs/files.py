@@ -9,14 +9,14 @@ from typing import Annotated, Literal
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import Condition, ConfigPath, Format, Rerun, Rrd, Speed, Test, say
+from station.verbs.options import Condition, ConfigPath, FormatOption, Rerun, Rrd, Speed, Test, print_result, say
 
 ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids"]
 
 
 def info(
     file: Annotated[Path, typer.Argument(help="A recording.")],
-    format: Annotated[Format, typer.Option(help="A table for people or JSON for programs.")] = "table",  # noqa: A002
+    format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Show what is in a recording, whole or cut."""
     from station.info import show_contents
@@ -32,6 +32,7 @@ def replay(
     speed: Speed = 1.0,
     rrd: Rrd = None,
     rerun: Rerun = False,
+    format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Play a recording back through the live pipeline: daemon, views, writer. The same fit comes out, bit for bit."""
     from contextlib import ExitStack
@@ -53,20 +54,19 @@ def replay(
         result = play_back(file, folder, speed, [*views, *logs])
         for log in logs:
             log_scene(log.stream, file)
-    say(result.sentence)
-    if session is not None and result.path is not None:
-        print(result.path)
+    print_result(result, format, is_kept=session is not None)
     raise typer.Exit(DONE if result.accepted and not result.lost_samples else LOSSY)
 
 
 def recover(
     file: Annotated[Path, typer.Argument(help="A recording that was cut.")],
     output: Annotated[Path | None, typer.Option(help="Where to; default: FILE.recovered.mcap beside it.")] = None,
+    format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Make a whole file of what a killed recording left. Never touches the original."""
     from station.info import recover_recording
 
-    raise typer.Exit(recover_recording(file, output))
+    raise typer.Exit(recover_recording(file, output, as_json=format == "json"))
 
 
 def import_(
@@ -137,11 +137,14 @@ def export(
     rest_length_m: Annotated[float | None, typer.Option(min=0, help="With --osim; default: the suit's.")] = None,
 ) -> None:
     """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
+    from rich.console import Console
+
     from solver.suit import BUNDLED_SUIT
     from station.export_model import SuitToExport, write_suited_model
     from station.export_trial import export_recordings
     from station.fit import recordings_in
     from station.one_clock import ExportRefused, WrongExport
+    from station.progress import progress_bars
 
     if osim:
         if output is None or file is not None or session is not None or to is not None:
@@ -155,7 +158,9 @@ def export(
     paths = [source] if file is not None else recordings_in(source)
     if not paths:
         raise ExportRefused(f"{source} holds no recording (*.mcap); give the folder of a session")
-    written, refused = export_recordings(paths, to, output or (source.parent if file is not None else source), subject)
+    with progress_bars(Console(stderr=True)) as progress:
+        where = output or (source.parent if file is not None else source)
+        written, refused = export_recordings(paths, to, where, subject, progress)
     for sentence in refused:
         say(sentence)
     for path in written:

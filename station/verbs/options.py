@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from station.daemon import TrialResult
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wall station time runs.")]
@@ -15,6 +20,7 @@ Test = Literal["static", "dynamic", "bounce"]
 Rrd = Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")]
 Rerun = Annotated[bool, typer.Option(help="Show it in Rerun's viewer, on this machine only, its analytics off.")]
 Format = Literal["table", "json"]
+FormatOption = Annotated[Format, typer.Option("--format", help="Words for people or JSON for programs.")]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
 
@@ -26,6 +32,16 @@ class Freedom(StrEnum):
     waist = "waist"
     shoulder = "shoulder"
     arm = "arm"
+
+
+def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -> None:  # noqa: A002
+    """What became of a trial: the sentence to stderr, and to stdout the file's path, or all of it as JSON."""
+    say(result.sentence)
+    path = str(result.path) if result.path is not None and is_kept else None
+    if format == "json":
+        print(json.dumps({**asdict(result), "path": path}, indent=2, ensure_ascii=False))
+    elif path is not None:
+        print(path)
 
 
 def say(words: str) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
+from station.cli import VERBS
 from tests.station.command import assert_one_sentence
 from tests.station.test_daemon import Rig
 
@@ -93,6 +94,41 @@ def test_a_cut_recording_is_code_3_in_info_and_recover_and_the_original_stays(st
     assert json.loads(info.out)["complete"] is False
     assert path.read_bytes() == content[: len(content) * 2 // 3]
     assert Path(recovered.out.strip()).is_file()
+
+
+def test_a_recovery_is_reported_as_json(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) * 2 // 3])
+    report = json.loads(station("recover", path, "--format", "json").out)
+    assert report["source"] == str(path) and Path(report["output"]).is_file()
+    assert report["lossless"] is False and report["missing"]
+
+
+def test_a_replay_is_told_as_json(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    ran = station("replay", path, "--session", tmp_path / "again", "--speed", "20", "--format", "json")
+    result = json.loads(ran.out)
+    assert set(result) == {"path", "accepted", "lost_samples", "sentence"}
+    assert Path(result["path"]).is_file() and result["sentence"] in ran.err
+    assert json.loads(station("replay", path, "--speed", "20", "--format", "json").out)["path"] is None
+
+
+def test_a_check_is_told_as_json(station, tmp_path: Path) -> None:
+    config = tmp_path / "station.toml"
+    text = EXAMPLE.read_text(encoding="utf-8")
+    config.write_text(text.replace("31763", "9").replace("22223", "9"), encoding="utf-8")
+    lines = json.loads(station("check", "--config", config, "--format", "json").out)
+    assert {line["subject"]: line["is_good"] for line in lines}["disk"] is True
+    assert not all(line["is_good"] for line in lines)
+
+
+@pytest.mark.parametrize(("typed", "words"), [("station ", set(VERBS)), ("station rec", {"record", "recover"})])
+def test_the_shell_completes_verbs(station, monkeypatch: pytest.MonkeyPatch, typed: str, words: set[str]) -> None:
+    """`station --install-completion` writes what asks this of us."""
+    for name, value in {"_STATION_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": "1"}.items():
+        monkeypatch.setenv(name, value)
+    assert set(station().out.split()) == words
 
 
 def test_a_foreign_file_is_one_sentence(station, tmp_path: Path) -> None:
