@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import PureWindowsPath
 from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
@@ -130,11 +131,15 @@ def manifest_to_json(manifest: Manifest) -> str:
 def manifest_from_json(text: str) -> Manifest:
     """The manifest back from JSON. Keys that a later version added are passed over; a missing one is an error."""
     try:
-        return _adapter().validate_json(text)
+        manifest = _adapter().validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the manifest"
         raise RecordingError(f"the manifest cannot be read: at {where}, {first['msg'].lower()}") from error
+    name = manifest.cuff.name if manifest.cuff else "-"
+    if PureWindowsPath(name).name != name:
+        raise RecordingError(f"the manifest's cuff is named {name!r}, expected no path: files are named after it")
+    return manifest
 
 
 @cache

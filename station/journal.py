@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
 JOURNAL_FILE = "session.jsonl"
@@ -125,6 +125,9 @@ def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     """The journal and one line more."""
     kind = entry.pop("kind")
     entry.pop("at")
+    name = str(entry.get("file", "-"))
+    if PureWindowsPath(name).name != name:  # both separators and the drive: what it names stays in the folder
+        raise ValueError(name)
     if kind == "setup":
         return replace(journal, setup=Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}))
     if kind == "recorded":

@@ -30,3 +30,11 @@ def test_a_missing_key_is_named() -> None:
 def test_a_text_that_is_no_json_is_refused_in_a_sentence() -> None:
     with pytest.raises(RecordingError, match="the manifest cannot be read"):
         manifest_from_json("{")
+
+
+@pytest.mark.parametrize("name", ["../../hand", "C:hand", "a\\b", ""])
+def test_a_cuff_that_is_named_like_a_path_is_refused(name: str) -> None:
+    changed = json.loads(manifest_to_json(MANIFEST))
+    changed["cuff"]["name"] = name
+    with pytest.raises(RecordingError, match="expected no path"):
+        manifest_from_json(json.dumps(changed))

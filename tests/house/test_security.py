@@ -1,0 +1,135 @@
+"""What docs/security.md promises: no code out of files, servers on this machine alone, nobody is told."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from station import rerun_viewer
+from station.config import ConfigError, parse_config
+from station.journal import JOURNAL_FILE, JournalError, read_journal
+from station.simulation import SimulatedBench, simulator_settings
+from station.sweep import cluster
+
+ROOT = Path(__file__).parents[2]
+SOURCES = [
+    path for room in ("station", "drivers", "recordings", "fitting", "solver") for path in (ROOT / room).rglob("*.py")
+]
+RUNS_CODE = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "joblib"}
+CALLS = {"eval", "exec", "compile", "__import__"}
+SHELLS = {"system", "popen", "getoutput", "getstatusoutput", "create_subprocess_shell"}
+ANYWHERE = re.compile(r"0\.0\.0\.0|^::$|\[::\]")
+
+
+def _offences(tree: ast.AST) -> list[str]:
+    found = []
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import(names=names) if {name.name.split(".")[0] for name in names} & RUNS_CODE:
+                found.append(f"line {node.lineno} imports what runs code out of files")
+            case ast.ImportFrom(module=str(module)) if module.split(".")[0] in RUNS_CODE:
+                found.append(f"line {node.lineno} imports from {module}")
+            case ast.Call(func=ast.Name(id=name)) if name in CALLS:
+                found.append(f"line {node.lineno} calls {name}")
+            case ast.Call(func=ast.Attribute(attr=name)) if name in SHELLS:
+                found.append(f"line {node.lineno} calls {name}")
+            case ast.keyword(arg="shell" | "allow_pickle", value=ast.Constant(value=True)):
+                found.append("shell=True or allow_pickle=True")
+            case ast.Constant(value=str(text)) if ANYWHERE.search(text):
+                found.append(f"line {node.lineno} names every address: {text!r}")
+    return found
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_file_runs_code_of_another_or_listens_everywhere(path: Path) -> None:
+    assert _offences(ast.parse(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import pickle",
+        "from yaml import load",
+        "eval(text)",
+        "os.system(text)",
+        "run(text, shell=True)",
+        "np.load(path, allow_pickle=True)",
+        "bind(('0.0.0.0', 1))",
+    ],
+)
+def test_the_search_finds_what_it_looks_for(source: str) -> None:
+    assert _offences(ast.parse(source))
+
+
+def test_the_simulated_devices_listen_on_this_machine_alone() -> None:
+    settings = simulator_settings(parse_config({}, "t")) | {"ports": {"ni": 0, "qtm": 0, "serial": 0}}
+    before = set(psutil.Process().children())
+    with SimulatedBench(settings, 30.0, 1):
+        (child,) = set(psutil.Process().children()) - before
+        addresses = [each.laddr for each in child.net_connections("inet") if each.status == psutil.CONN_LISTEN]
+    assert len(addresses) >= 3
+    assert {address.ip for address in addresses} <= {"127.0.0.1", "::1"}
+
+
+def test_the_workers_of_a_sweep_listen_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+
+    class NoCluster:
+        def __init__(self, **settings: Any) -> None:
+            asked.update(settings)
+
+        def __enter__(self) -> str:
+            return "inproc://nowhere"
+
+        def __exit__(self, *_: object) -> None:
+            return
+
+    class NoClient:
+        def __init__(self, *_: object, **__: object) -> None:
+            raise OSError("nobody")
+
+    monkeypatch.setattr(cluster, "LocalCluster", NoCluster)
+    monkeypatch.setattr(cluster, "Client", NoClient)
+    with pytest.raises(cluster.ClusterError), cluster.connected(None, 1):
+        pass
+    assert asked["host"] == "127.0.0.1"
+    assert asked["scheduler_kwargs"] == {"dashboard": False}
+    assert {asked["dashboard_address"], asked["worker_dashboard_address"]} == {"127.0.0.1:0"}
+
+
+def test_rerun_s_viewer_is_told_to_listen_here_and_to_report_to_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+
+    class Ended:
+        def __init__(self, words: list[str], **settings: Any) -> None:
+            asked.update(settings, words=words)
+
+        def poll(self) -> int:
+            return 1
+
+    monkeypatch.setattr(rerun_viewer.subprocess, "Popen", Ended)
+    with pytest.raises(rerun_viewer.ViewerError):
+        rerun_viewer.start_viewer()
+    words = asked["words"]
+    assert words[words.index("--bind") + 1] == "127.0.0.1"
+    assert (asked["env"]["RERUN_ANALYTICS_ENABLED"], asked["env"]["DO_NOT_TRACK"]) == ("false", "1")
+
+
+@pytest.mark.parametrize("name", ["../hand", "a/b", "a\\b", "..", "", "C:x", "hand\n", "{0}"])
+def test_a_cuff_s_name_cannot_lead_out_of_the_session_s_folder(name: str) -> None:
+    cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+    with pytest.raises(ConfigError, match="no cuff's name"):
+        parse_config({"cuffs": {name: cuff}}, "t")
+
+
+@pytest.mark.parametrize("name", ["../other/x.mcap", "/etc/x.mcap", "..\\\\x.mcap", "C:x.mcap"])
+def test_a_journal_names_no_file_outside_its_folder(tmp_path: Path, name: str) -> None:
+    line = f'{{"at": "2026-01-01", "kind": "verdict", "file": "{name}", "choice": "accept", "reason": ""}}\n'
+    (tmp_path / JOURNAL_FILE).write_text(line)
+    with pytest.raises(JournalError, match="line 1"):
+        read_journal(tmp_path)
