@@ -32,7 +32,7 @@ def test_a_text_that_is_no_json_is_refused_in_a_sentence() -> None:
         manifest_from_json("{")
 
 
-@pytest.mark.parametrize("name", ["../../hand", "C:hand", "a\\b", ""])
+@pytest.mark.parametrize("name", ["../../hand", "C:hand", "a\\b"])
 def test_a_cuff_that_is_named_like_a_path_is_refused(name: str) -> None:
     changed = json.loads(manifest_to_json(MANIFEST))
     changed["cuff"]["name"] = name

@@ -9,7 +9,7 @@ import pytest
 
 from station.console.server import COOKIE, Doorkeeper
 
-TOKEN = "right-token"
+TOKEN = "right-token"  # noqa: S105  (nobody's)
 
 
 def _asked(token: str | None, kind: str = "http", query: str = "", **headers: str) -> tuple[bool, list[dict[str, Any]]]:
