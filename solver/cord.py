@@ -80,14 +80,19 @@ def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> 
 
 
 def migrated(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
-    """The cord when the cuffs, None a rigid one, have moved for good; the one place that knows in which direction."""
+    """The cord when the cuffs, None a rigid one, have moved for good; the one place that knows in which direction.
+
+    Raises SuitError for a cuff that would have slipped over the shoulder point.
+    """
+    migration = np.array([cuff.migration if cuff else 0.0 for cuff in cuffs])
     if suit.migration_direction == "cord":
         span = line.shoulder[:, None] - line.anchors
-        direction = span / np.linalg.norm(span, axis=-1, keepdims=True)
+        reach = np.linalg.norm(span, axis=-1, keepdims=True)
+        _ensure_below_the_shoulder(migration, reach.min(axis=(0, 2)))
+        direction = span / reach
     else:
         in_body = np.array([towards_joint(point) for point in (suit.waist, suit.arm)])
         direction = rotate(line.anchors_to_ground, in_body)
-    migration = np.array([cuff.migration if cuff else 0.0 for cuff in cuffs])
     return replace(line, anchors=line.anchors + migration[:, None] * direction)
 
 
@@ -142,6 +147,16 @@ def _ensure_springs(cuffs: Cuffs) -> None:
             raise SuitError(
                 f"the cuff {cuff.name} should have a stiffness above 0 and finite damping and migration and has "
                 f"{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; fit it again or leave it out"
+            )
+
+
+def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
+    """Migration and, of all frames the shortest, way to the shoulder point, each (2,) [m] of waist and arm."""
+    for part, slipped, nearest in zip(("waist", "arm"), migration, reach, strict=True):
+        if slipped >= nearest:
+            raise SuitError(
+                f"the {part} cuff should slip by less than {nearest:.3g} m, its way to the shoulder point, and has a "
+                f"migration of {slipped:g} m; check it"
             )
 
 

@@ -91,11 +91,11 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
         waist=waist,
         shoulder=shoulder,
         arm=arm,
-        stiffness=_number(stiffness, "exotendon.stiffness_n_per_m"),
+        stiffness=_number(stiffness, "exotendon.stiffness_n_per_m", is_above_zero=True),
         damping=_number(damping, "exotendon.damping_n_s_per_m"),
         masses=tuple(_worn_mass(table, f"masses.{part}") for part, table in worn),
         rest_lengths=_rest_lengths(lengths),
-        reference_rest_length=_number(reference, "reference_rest_length_m"),
+        reference_rest_length=_number(reference, "reference_rest_length_m", is_above_zero=True),
         migration_direction=_one_of(direction, "migration_direction", get_args(MigrationDirection)),
         rate=_one_of(rate, "rate", get_args(Rate)),
         groups=_groups(groups),
@@ -172,7 +172,7 @@ def _worn_mass(table: Any, where: str) -> WornMass:
         body=str(body),
         mass=_number(mass, f"{where}.mass_kg"),
         center=_vector(center, f"{where}.center_m"),
-        inertia=_vector(inertia, f"{where}.inertia_kg_m2"),
+        inertia=_inertia(inertia, f"{where}.inertia_kg_m2"),
     )
 
 
@@ -199,16 +199,28 @@ def _take(table: Any, where: str, *keys: str) -> list[Any]:
     return [table[key] for key in keys]
 
 
-def _number(value: Any, where: str) -> float:
-    if not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise SuitError(f"the suit's {where} should be a number that is not negative and is {value!r}; correct it")
+def _number(value: Any, where: str, *, is_above_zero: bool = False) -> float:
+    if not _is_finite(value) or value < 0 or (is_above_zero and not value):
+        wanted = "above 0" if is_above_zero else "that is not negative"
+        raise SuitError(f"the suit's {where} should be a number {wanted} and is {value!r}; correct it")
     return float(value)
 
 
 def _vector(value: Any, where: str) -> Array:
-    if not (isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value)):
+    if not (isinstance(value, list) and len(value) == 3 and all(map(_is_finite, value))):
         raise SuitError(f"the suit's {where} should be three numbers and is {value!r}; correct it")
     return np.array(value, dtype=float)
+
+
+def _inertia(value: Any, where: str) -> Array:
+    inertia = _vector(value, where)
+    if inertia.min() < 0:
+        raise SuitError(f"the suit's {where} should be three numbers from 0 on and is {value!r}; correct it")
+    return inertia
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def _one_of(value: Any, where: str, allowed: tuple[Any, ...]) -> Any:

@@ -63,7 +63,7 @@ def assess_cuffs(
 
 def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progress: Progress = silent) -> AssessedSuit:
     """cuffs.json → assessment.json and activations.csv in the output folder."""
-    assessed = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, draws=draws, progress=progress)
+    assessed = assess_cuffs(read_cuffs_to_wear(inputs.cuffs, inputs.chosen), inputs, draws=draws, progress=progress)
     write_assessment(assessed, output)
     return assessed
 

@@ -22,7 +22,7 @@ from solver.raise_arm import raise_arm
 from solver.suit import BUNDLED_SUIT, Suit, read_suit
 from station.emg import MeasuredReduction, read_emg
 
-KNOWN_LAW = "kelvin_voigt"
+KNOWN_LAW, RIGID = "kelvin_voigt", "rigid"
 HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itself
 
 
@@ -86,40 +86,49 @@ class AssessmentInputs:
 
 
 def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffParameters]:
-    """The chosen cuffs, or all, and the waist's. Raises InputError for one that is not there."""
+    """The chosen cuffs, or all, and the waist's. Raises InputError for one that is missing, or of another law."""
     missing = [name for name in chosen if name not in cuffs]
     if missing:
         raise InputError(
             f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
             "another"
         )
-    return [_drawable(fit) for name, fit in cuffs.items() if not chosen or name in chosen or fit.site == "waist"]
+    worn = [fit for fit in cuffs.values() if _is_worn(fit, chosen)]
+    for fit in worn:
+        if fit.name == RIGID:
+            raise InputError(f"a cuff is called {RIGID}, as is the suit with cuffs that do not yield; rename it")
+        if fit.classes is not None:
+            _ensure_is_worn_as(fit.classes.name, fit.name)
+    return [_drawable(fit) for fit in worn]
 
 
-def read_cuffs_to_wear(path: Path) -> dict[str, CuffFit]:
-    """Reads cuffs.json. Raises InputError for a cuff whose law is richer than the suit's springs and dampers."""
+def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, CuffFit]:
+    """Reads cuffs.json; of the cuffs that worn_cuffs would take, raises InputError for a law that no suit wears."""
     cuffs = read_cuffs(path)
     plain = json.loads(path.read_text(encoding="utf-8"))["cuffs"]
-    for name, entry in plain.items():
-        richer = _richer_law(entry) if isinstance(entry, dict) else None
-        if richer:
-            raise InputError(
-                f"the cuff {name} has the law {richer}, and the suit wears cuffs of the law {KNOWN_LAW} only, which "
-                f"F = k x + c ẋ describes; where that will do, write {name} with its k, c and migration alone into a "
-                "cuffs file"
-            )
+    for fit in cuffs.values():
+        if _is_worn(fit, chosen):
+            compared = plain[fit.name].get("model_class") or {}
+            _ensure_is_worn_as(plain[fit.name].get("law", KNOWN_LAW), fit.name)
+            _ensure_is_worn_as(compared.get("chosen") if isinstance(compared, dict) else compared, fit.name)
     return cuffs
 
 
-def _richer_law(entry: dict[str, Any]) -> str | None:
-    """What a cuff's entry says it follows, or its trials do (fitting/model_class.py), beyond spring and damper.
+def _is_worn(fit: CuffFit, chosen: tuple[str, ...]) -> bool:
+    return not chosen or fit.name in chosen or fit.site == "waist"
+
+
+def _ensure_is_worn_as(law: Any, name: str) -> None:
+    """Raises InputError where a cuff's law, or the class of its trials (fitting/model_class.py), is a richer one.
 
     A cuff that slips is no other law: the suit wears its migration.
     """
-    if entry.get("law", KNOWN_LAW) != KNOWN_LAW:
-        return str(entry["law"])
-    chosen = str((entry.get("model_class") or {}).get("chosen", KELVIN_VOIGT))
-    return chosen if set(chosen.split(" + ")) - {KELVIN_VOIGT, SLIP} else None
+    if law is not None and set(str(law).split(" + ")) - {KNOWN_LAW, KELVIN_VOIGT, SLIP}:
+        raise InputError(
+            f"the cuff {name} has the law {law}, and the suit wears cuffs of the law {KNOWN_LAW} only, which "
+            f"F = k x + c ẋ describes; where that will do, write {name} with its k, c and migration alone into a "
+            "cuffs file"
+        )
 
 
 def _drawable(fit: CuffFit) -> CuffParameters:

@@ -48,7 +48,8 @@ def _wearing(worn: SuitToExport, rest_length: float) -> Wearing:
         if worn.condition not in (None, "rigid"):
             raise InputError(f"the condition {worn.condition} needs cuffs, and none are given; name a cuffs.json")
         return Wearing("rigid", None, None, lengths)
-    cuffs = worn_cuffs(read_cuffs_to_wear(worn.cuffs), (worn.cuff,) if worn.cuff else ())
+    chosen = (worn.cuff,) if worn.cuff else ()
+    cuffs = worn_cuffs(read_cuffs_to_wear(worn.cuffs, chosen), chosen)
     arms, waists = ([cuff for cuff in cuffs if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"

@@ -83,6 +83,7 @@ def _sure(sureness: Sureness | None) -> str:
 def _lost_and_gained(assessment: Assessment) -> Iterator[str]:
     """What migration takes, cuff by cuff, and how far from its optimum the rigid suit stops helping."""
     rigid, *others = assessment.curves
+    waist = " and the waist" if assessment.waist_cuff else ""
     to_slack, force = rigid.figures["to_slack"].value, rigid.figures["cord_force"].value
     if to_slack is not None and force is not None:
         yield (
@@ -93,7 +94,7 @@ def _lost_and_gained(assessment: Assessment) -> Iterator[str]:
         lost, per_metre = curve.figures["cord_force_lost"].value, curve.figures["cost_per_migration"].value
         if curve.condition == "shift" and lost is not None and per_metre is not None:
             yield (
-                f"The migration of {curve.cuff} and the waist takes {100 * lost:.0f} % of the cord's largest force and "
+                f"The migration of {curve.cuff}{waist} takes {100 * lost:.0f} % of the cord's largest force and "
                 f"{per_metre:.1f} percentage points of cost per centimetre that {curve.cuff} slips."
             )
 

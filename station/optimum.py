@@ -29,7 +29,7 @@ def optimise_file(
 
     suit.toml is the best with the fitted cuffs, robust_suit.toml that on average over the draws, if there are any.
     """
-    worn = worn_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs.chosen)
+    worn = worn_cuffs(read_cuffs_to_wear(inputs.cuffs, inputs.chosen), inputs.chosen)
     arms, waists = ([cuff for cuff in worn if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"

@@ -126,7 +126,7 @@ class SweepInputs:
         return read_suit(BUNDLED_SUIT if name == BUNDLED else self._path(name))
 
     def _cuffs(self, name: Value) -> dict[str, CuffFit]:
-        return read_cuffs_to_wear(self._path(name))
+        return read_cuffs_to_wear(self._path(name), tuple(map(str, self.plan.values("cuff"))))
 
     def _path(self, name: Value) -> Path:
         return self.plan.folder / str(name)

@@ -78,6 +78,13 @@ def test_along_the_bone_a_cuff_slips_in_its_body_and_the_line_changes(line):
     np.testing.assert_allclose(along_cord.length, line.length - 0.024, atol=1e-12)
 
 
+def test_a_cuff_does_not_slip_over_the_shoulder_point(line):
+    with pytest.raises(
+        SuitError, match=r"the arm cuff should slip by less than 0\.178 m, .* and has a migration of 1 m"
+    ):
+        migrated(SUIT, line, (WAIST, replace(ARM, migration=1.0)))
+
+
 def test_migration_slackens_the_cord_by_both_cuffs_along_an_unchanged_line(line):
     shifted = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, is_shifted=True)
     longer = suit_forces(SUIT, line, REST_LENGTHS + WAIST.migration + ARM.migration)

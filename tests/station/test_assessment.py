@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from fitting.model_class import ModelComparison
 from solver.suit import BUNDLED_SUIT
 from station.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
@@ -129,6 +132,12 @@ def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder:
         worn_cuffs(cuffs, ("knee", "hand"))
 
 
+def test_no_cuff_may_be_called_what_the_tables_call_the_rigid_suit(folder: Path) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
+    with pytest.raises(InputError, match=r"a cuff is called rigid, .* rename it"):
+        worn_cuffs({"rigid": replace(cuffs["hand"], name="rigid")}, ())
+
+
 def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> None:
     # three repeats that differ: Student's 4.3 standard errors either way, where the covariance alone would say 1.96
     stiffness = {"value": 8520, "standard_error": 100, "ci95": [8090, 8950], "parts": {"between_repeats": 100}}
@@ -150,6 +159,7 @@ def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> Non
         ({"law": "tensor"}, "tensor"),
         ({"model_class": {"chosen": "slip + stiffening"}}, r"slip \+ stiffening"),
         ({"model_class": {"chosen": "creep"}}, "creep"),
+        ({"model_class": "creep"}, "creep"),
     ],
 )
 def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
@@ -161,6 +171,21 @@ def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], 
 def test_a_spring_and_damper_that_slips_is_worn(tmp_path: Path, chosen: str) -> None:
     path = write_cuffs(tmp_path / "cuffs.json", law="kelvin_voigt", model_class={"chosen": chosen})
     assert set(read_cuffs_to_wear(path)) == {"waist", "hand", "elbow"}
+
+
+def test_a_cuff_of_a_richer_law_that_is_not_chosen_stands_in_nobodys_way(tmp_path: Path) -> None:
+    path = write_cuffs(tmp_path / "cuffs.json", law="tensor")
+    assert [cuff.name for cuff in worn_cuffs(read_cuffs_to_wear(path, ("elbow",)), ("elbow",))] == ["waist", "elbow"]
+
+
+@pytest.mark.parametrize(("chosen", "is_refused"), [((), False), (("slip",), False), (("slip", "creep"), True)])
+def test_a_fit_straight_from_its_session_is_treated_as_one_from_a_file(
+    tmp_path: Path, chosen: tuple[str, ...], is_refused: bool
+) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
+    cuffs["hand"] = replace(cuffs["hand"], classes=ModelComparison((), chosen))
+    with pytest.raises(InputError, match=r"the cuff hand has the law slip \+ creep") if is_refused else nullcontext():
+        assert len(worn_cuffs(cuffs, ())) == 3
 
 
 def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:

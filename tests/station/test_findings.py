@@ -84,6 +84,15 @@ def test_what_each_costs_with_a_cord_of_its_own_is_said_where_it_is_known() -> N
     assert "With a cord of its own best rest length, shifted and yielding, it is hand 0.785 at 0.692 m." in told
 
 
+@pytest.mark.parametrize(("waist", "who"), [(None, "hand"), ("belt", "hand and the waist")])
+def test_what_migration_takes_is_said_of_those_that_slip(waist: str | None, who: str) -> None:
+    slipped = curve("hand", 0.83, "shift")
+    known = {"cord_force_lost": Figure(0.2), "cost_per_migration": Figure(3.2)}
+    sentences = findings(assessment(replace(slipped, figures={**slipped.figures, **known}), waist_cuff=waist))
+    words = f"The migration of {who} takes 20 % of the cord's largest force and 3.2 percentage points of cost"
+    assert any(sentence.startswith(words) for sentence in sentences)
+
+
 def test_what_reserves_add_near_the_reference_is_told() -> None:
     sentence = "Reserve actuators, which are in none of these costs, would add at most 0.0012 at 0.75 m."
     assert sentence in findings(assessment(curve("hand", 0.85)))
