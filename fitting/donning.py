@@ -12,15 +12,19 @@ from fitting.creep import Creep
 from fitting.curves import TrialCurves
 from fitting.damping import DampingFit, fit_damping
 from fitting.held_loads import fit_held_loads, held_load_notes, plain_held_loads
+from fitting.held_tensor import held_tensor
 from fitting.migration import fit_migration
 from fitting.quality import UnusableTrial
 from fitting.reduction import ReducedTrial, reduce_trials
 from fitting.result import CuffFit, Lag, TrialFit, Verdict, covariance_of
 from fitting.stiffness import StaticFit, StiffnessFit, trial_stiffness
+from fitting.swung_tensor import swung_tensor
+from fitting.tensor import NoTensor, Tensor, Tensors
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
 from fitting.weak_form import ComplexStiffness, complex_stiffness
 
+TESTS = ("static", "dynamic")
 MIN_LOADS = 3
 """Held loads without which a donning has no stiffness."""
 TIE_ABOVE, TIE_BELOW = 0.15, 0.1
@@ -39,13 +43,16 @@ def fit_donning(
     static trial of the donning, even one that was recorded again; rejected are recordings of the donning that are no
     trials, and leave migration open if a static one of them started earlier still.
     """
-    reduced, reasons = reduce_trials(trials)
+    moved, reasons = reduce_trials(trials)
+    reduced = [each for each in moved if not each.is_elsewhere]
     all_static = [each for each in reduced if each.trial.test == "static"]
     static = [runs[0] for runs in _newest_first(all_static)]
     stiffness, held = fit_held_loads(static, max(trial.gain_sd for trial in trials))
     lines = dict(zip([each.trial.file for each in static], stiffness.trials, strict=True))
     swings = _fit_dampings([each for each in reduced if each.trial.test == "dynamic"], stiffness.stiffness, reasons)
     used = {each.trial.file: each for each in reduced if each.trial.file in lines or each.trial.file in swings}
+    elsewhere = [runs[0] for test in TESTS for runs in _newest_first(_of(moved, test)) if runs[0].is_elsewhere]
+    every = used | {each.trial.file: each for each in elsewhere}
 
     before = _started_before(all_static, trials, rejected, reasons)
     judged = (
@@ -64,10 +71,10 @@ def fit_donning(
         migration=estimates[2],
         verdicts=tuple(verdict for _, verdict in judged if verdict) or (Verdict.IDENTIFIED,),
         covariance=covariance_of(estimates),
-        sources={each.trial.file: each.trial.sha256 for each in (*used.values(), *all_static[:1])}
+        sources={each.trial.file: each.trial.sha256 for each in (*every.values(), *all_static[:1])}
         | _calibrated_by(trials),
         lag=_lag([each.trial for each in used.values()] or trials),
-        trials=_list_trials(trials, used, lines, swings, reasons),
+        trials=_list_trials(trials, every, lines, swings, reasons),
         notes=_notes(stiffness, list(swings.values()))
         + held_load_notes(held, stiffness)
         + _migration_notes(all_static, before),
@@ -75,8 +82,28 @@ def fit_donning(
         diagnostics=_diagnostics(stiffness, list(swings.values())),
         energy=_energy(list(swings.values())),
         complex_stiffness=_complex_stiffness(list(swings.values()), trials[0].cuff_mass),
+        tensors=_tensors(list(every.values()), swings),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
+
+
+def _of(trials: Sequence[ReducedTrial], test: str) -> list[ReducedTrial]:
+    return [each for each in trials if each.trial.test == test]
+
+
+def _tensors(trials: Sequence[ReducedTrial], swings: Mapping[str, DampingFit]) -> Tensors:
+    """K and C in three dimensions, or why there are none."""
+    gain_sd = max((each.trial.gain_sd for each in trials), default=0.0)
+    stretches = {file: fit.oscillation for file, fit in swings.items()}
+    found: dict[str, Tensor] = {}
+    refused = {}
+    for test in TESTS:
+        pulled = _of(trials, test)
+        try:
+            found[test] = held_tensor(pulled, gain_sd) if test == "static" else swung_tensor(pulled, stretches, gain_sd)
+        except NoTensor as error:
+            refused[test] = str(error)
+    return Tensors(found.get("static"), found.get("dynamic"), refused.get("static", ""), refused.get("dynamic", ""))
 
 
 def _calibrated_by(trials: Sequence[Trial]) -> dict[str, str]:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting import frames, quality
+from fitting.directions import ELSEWHERE_NOTE, pulled_elsewhere
 from fitting.frames import CuffMotion
 from fitting.plateaus import Plateau, find_plateaus
 from fitting.quality import MarkerQuality, UnusableTrial
 from fitting.steps import check_steps
 from fitting.stiffness import require_positive_loads
+from fitting.tensor import angle_between
 from fitting.trial import Trial
 
 
@@ -22,7 +24,7 @@ class ReducedTrial:
     """A trial and its displacement (frames,) [m] along the pull, in the reference posture of the donning.
 
     motion     of the cuff in three dimensions, in the anchor's frame
-    direction  (3,) unit vector of the pull in that frame, the same for all trials of the donning
+    direction  (3,) unit vector of the pull in that frame, the same for all trials of the donning but those elsewhere
     markers    how far they can be believed
     plateaus   the held loads of a static trial, empty for a dynamic one
     """
@@ -34,6 +36,8 @@ class ReducedTrial:
     markers: MarkerQuality
     plateaus: tuple[Plateau, ...]
     notes: tuple[str, ...]
+    is_elsewhere: bool = False
+    """Pulled in another direction than the donning's first trial of this test: it counts in three dimensions only."""
 
 
 def reduce_trials(trials: Sequence[Trial]) -> tuple[list[ReducedTrial], dict[str, str]]:
@@ -51,7 +55,9 @@ def reduce_trials(trials: Sequence[Trial]) -> tuple[list[ReducedTrial], dict[str
             reasons[trial.file] = str(error)
     if not moved:
         return [], reasons
-    pulls = [each for each in moved if each[0].test == "static"] or moved
+    elsewhere = pulled_elsewhere([each[0] for each in moved], [each[1] for each in moved])
+    along = [each for each in moved if each[0].file not in elsewhere]
+    pulls = [each for each in along if each[0].test == "static"] or along
     try:
         direction = frames.pull_direction([each[0] for each in pulls], [each[1] for each in pulls])
     except UnusableTrial as error:
@@ -59,7 +65,12 @@ def reduce_trials(trials: Sequence[Trial]) -> tuple[list[ReducedTrial], dict[str
     reduced = []
     for trial, motion, markers, notes in moved:
         try:
-            reduced.append(_project(trial, motion, markers, notes, direction))
+            turned = elsewhere.get(trial.file)
+            if turned is None:
+                reduced.append(_project(trial, motion, markers, notes, direction))
+                continue
+            said = (*notes, ELSEWHERE_NOTE.format(angle_between(turned, direction)))
+            reduced.append(replace(_project(trial, motion, markers, said, turned), is_elsewhere=True))
         except UnusableTrial as error:
             reasons[trial.file] = str(error)
     return reduced, reasons

@@ -28,6 +28,7 @@ from fitting.plain import (
     plain_sync,
 )
 from fitting.sync_certificate import SyncCertificate
+from fitting.tensor import Tensors, plain_tensor
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import NORMAL_95, Estimate
 from fitting.weak_form import ComplexStiffness
@@ -125,7 +126,8 @@ class CuffFit:
     energy      J that the cuff takes in a cycle of the dynamic trials
     complex_stiffness  K* in bands of frequency from all dynamic trials
     classes     how laws richer than a spring and a damper compare;  diagnosis: checks and what may be wrong
-                (these three are not read back from cuffs.json)
+    tensors     K and C in three dimensions, or why there are none
+                (these four are not read back from cuffs.json)
     """
 
     name: str
@@ -146,6 +148,7 @@ class CuffFit:
     complex_stiffness: tuple[ComplexStiffness, ...] = ()
     classes: ModelComparison | None = None
     diagnosis: Diagnosis | None = None
+    tensors: Tensors | None = None
 
     @property
     def verdict(self) -> str:
@@ -236,10 +239,20 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         "static": dict(fit.held),
         "hysteresis_energy_j": plain_estimate(fit.energy),
         "complex_stiffness": plain_bands(fit.complex_stiffness),
+        **_plain_tensors(fit.tensors),
         "model_class": plain_classes(fit.classes),
         "diagnosis": plain_diagnosis(fit.diagnosis),
         "sources": dict(fit.sources),
         "trials": [_plain_trial(trial) for trial in fit.trials],
+    }
+
+
+def _plain_tensors(tensors: Tensors | None) -> dict[str, Any]:
+    if tensors is None:
+        return {}
+    return {
+        "stiffness_tensor_n_per_m": plain_tensor(tensors.stiffness, tensors.no_stiffness),
+        "damping_tensor_n_s_per_m": plain_tensor(tensors.damping, tensors.no_damping),
     }
 
 
