@@ -9,10 +9,14 @@ import sys
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from recordings.manifest import TestKind
 from station.config import StationConfig, parse_config
+from station.protocol import CUFF_TESTS
+
+if TYPE_CHECKING:
+    from drivers.simulators.world import World
 
 NI_PORT = 31763
 """Where NI's own gRPC device server listens unless told otherwise."""
@@ -118,8 +122,8 @@ def serve_until_stopped(
 ) -> None:
     """Serves the devices on the configuration's ports until Ctrl-C or SIGTERM; says on stderr what each capture plays.
 
-    cuff and test choose one trial for all captures, instead of the plan in its order. Raises SimulationError where the
-    settings, the fault plan or a port cannot be used.
+    test chooses one trial for all captures, instead of the plan in its order; cuff alone its tests, in turn. Raises
+    SimulationError where the settings, the fault plan or a port cannot be used.
     """
     from drivers.simulators.bench import Bench
     from drivers.simulators.faults import read_fault_plan
@@ -137,19 +141,30 @@ def serve_until_stopped(
             if test == "bounce":
                 world.select_trial(None, test)
             elif cuff is not None or test is not None:
-                world.select_trial(cuff or world.trial.cuff, test or world.trial.test)
+                world.select_trial(cuff or world.trial.cuff, test or CUFF_TESTS[0])
             _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
             _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
             _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
             _say("stop with Ctrl-C")
-            told = 0
-            while not stopped.wait(0.2):
-                capture = world.capture
-                if capture is not None and capture.number > told:
-                    told = capture.number
-                    _say(f"capture {told}: {capture.trial.cuff or 'load cell'}, {capture.trial.test}")
+            _tell_captures(world, stopped, in_turn=cuff is not None and test is None)
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error
+
+
+def _tell_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> None:
+    """Says what each capture plays. in_turn: when one is over, the cuff's other test is set up."""
+    told, is_over = 0, True
+    while not stopped.wait(0.2):
+        capture = world.capture
+        if capture is None:
+            continue
+        if capture.number > told:
+            told, is_over = capture.number, False
+            _say(f"capture {told}: {capture.trial.cuff or 'load cell'}, {capture.trial.test}")
+        elif in_turn and not is_over and world.now() > capture.end:
+            is_over = True
+            done = CUFF_TESTS.index(capture.trial.test)
+            world.select_trial(capture.trial.cuff, CUFF_TESTS[1 - done])
 
 
 def _port(address: str | None, otherwise: int) -> int:

@@ -18,7 +18,7 @@ def simulate(
     config: ConfigPath = Path("station.toml"),
     speed: Speed = 1.0,
     seed: Seed = 1,
-    cuff: Annotated[str | None, typer.Option(help="Play trials of this cuff; default: the plan, in order.")] = None,
+    cuff: Annotated[str | None, typer.Option(help="Play this cuff's tests, in turn; default: the plan, in order.")] = None,
     test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, in order.")] = None,
     faults: Annotated[Path | None, typer.Option(help="A plan of what goes wrong, and when (.toml).")] = None,
 ) -> None:
@@ -32,12 +32,20 @@ def simulate(
 def check(
     config: ConfigPath = Path("station.toml"),
     session: Annotated[Path, typer.Option(help="Folder of the session, for the room on its disk.")] = Path(),
+    known_mass: Annotated[
+        float | None,
+        typer.Option(min=0, help="Instead: kg hung on the load cell, 0 for none; kept in the session's folder."),
+    ] = None,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
-    """Show what answers: devices, rates, the level of the sync line, labels, disk."""
+    """Show what answers: devices, rates, force at rest and calibration, the level of the sync line, labels, disk."""
     from station.check import check_bench
     from station.config import load_config
 
+    if known_mass is not None:
+        from station.known_mass import check_known_mass
+
+        raise typer.Exit(check_known_mass(load_config(config), session, known_mass, as_json=format == "json"))
     raise typer.Exit(check_bench(load_config(config), session, as_json=format == "json"))
 
 
