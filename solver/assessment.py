@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
+from solver.loads import ExternalForce
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.readings import Readings, read_curves
@@ -127,23 +128,25 @@ def assess(
     draws: int = 200,
     draw_every: int = 20,
     options: RedundancyOptions | None = None,
+    loads: Sequence[ExternalForce] = (),
     progress: Progress = lambda *_: None,
 ) -> Assessment:
     """Wear the suit in every condition: rigid, and shifted, yielding and both with each arm cuff and the waist's own.
 
     Muscles are solved in every N-th frame, those of the drawn cuffs in every draw_every-th; progress(what, done, total)
-    counts them. Raises SuitError without an arm cuff, with two at the waist or where worn.wear refuses the suit,
-    MotionError where it refuses the motion.
+    counts them. Loads from outside are sampled at all frames and bear on every scenario, the slack cord's too. Raises
+    SuitError without an arm cuff, with two at the waist or where worn.wear refuses the suit, MotionError where it
+    refuses the motion.
     """
     arms, waist = _by_site(cuffs)
-    worn = wear(model, kinematics, suit, every, options)
+    worn = wear(model, kinematics, suit, every, options, loads)
     wearings = _wearings(suit, arms, waist)
     slack, efforts = solve_wearings(worn, wearings, lambda *count: progress("solving muscles", *count))
     bare = solve_bare(worn, slack)
     readings = _read(worn, slack, wearings, efforts)
     drawn = None
     if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
-        thinned = wear(model, kinematics, suit, draw_every, options)
+        thinned = wear(model, kinematics, suit, draw_every, options, loads)
         spans = {_place(w): _span(suit, w, reading) for w, reading in zip(wearings, readings, strict=True)}
         drawn = wear_draws(thinned, waist, arms, draws, spans, lambda *count: progress("drawing cuffs", *count))
     everything = [slack, bare, *efforts]

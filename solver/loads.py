@@ -6,7 +6,7 @@ Files are OpenSim's: an XML of ExternalLoads that names bodies and columns, and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,10 @@ class ExternalForce:
     torque: Array
     origin: int
     point: Array
+
+    def thin(self, every: int) -> ExternalForce:
+        """In every N-th frame, the first included."""
+        return replace(self, force=self.force[::every], torque=self.torque[::every], point=self.point[::every])
 
 
 def load_wrenches(loads: Sequence[ExternalForce], state: Postures) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
+from solver.loads import ExternalForce
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.redundancy import RedundancyOptions
@@ -69,6 +70,7 @@ def optimise(
     draws: int = 50,
     draw_every: int = 20,
     options: RedundancyOptions | None = None,
+    loads: Sequence[ExternalForce] = (),
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Optimised:
     """Search by Nelder and Mead's simplex on every draw_every-th frame, from the suit's reference rest length.
@@ -76,7 +78,7 @@ def optimise(
     Raises as worn.wear does; a suit on the way that cannot be worn or solved counts as infinitely costly.
     """
     search = _Search(
-        worn=wear(model, kinematics, suit, draw_every, options),
+        worn=wear(model, kinematics, suit, draw_every, options, loads),
         condition=condition,
         free=tuple(free),
         progress=progress,
@@ -84,7 +86,7 @@ def optimise(
     pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
-    whole = wear(model, kinematics, suit, 1, options)
+    whole = wear(model, kinematics, suit, 1, options, loads)
     start, best, safe = (
         TriedSuit(
             suit=each,

@@ -148,14 +148,19 @@ class WornMotion:
 
 
 def wear(
-    model: Model, kinematics: Kinematics, suit: Suit, every: int = 1, options: RedundancyOptions | None = None
+    model: Model,
+    kinematics: Kinematics,
+    suit: Suit,
+    every: int = 1,
+    options: RedundancyOptions | None = None,
+    loads: Sequence[ExternalForce] = (),
 ) -> WornMotion:
-    """Put the suit on the model and go through the motion.
+    """Put the suit on the model and go through the motion, under loads from outside, sampled at all of its frames.
 
     Raises SuitError where the suit does not fit the model or its cord stays slack at the reference rest length,
     MotionError where the motion leaves the range of a joint.
     """
-    worn = lay(model, kinematics, suit, every, options)
+    worn = lay(model, kinematics, suit, every, options, loads)
     worn.ensure_pulls()
     return worn
 
@@ -168,12 +173,13 @@ def lay(
     options: RedundancyOptions | None = None,
     loads: Sequence[ExternalForce] = (),
 ) -> WornMotion:
-    """As wear, whether or not the cord ever pulls; loads from outside are those of the frames that are solved."""
+    """As wear, whether or not the cord ever pulls."""
     options = options or RedundancyOptions()
     ensure_fits(suit, model)
     _ensure_within_ranges(model, kinematics)
     worn = with_suit_masses(model, suit)
     state = postures(worn, kinematics.positions, kinematics.speeds)
+    loads = [load.thin(every) for load in loads]
     bare = go_through(model, thin(kinematics, every), loads=loads, path_mode=options.path_mode)
     mechanics = go_through(worn, bare.kinematics, bare.paths, loads)
     return WornMotion(

@@ -11,7 +11,8 @@ from typing import Any
 
 from fitting.result import CuffFit
 from solver.assessment import Assessment, assess
-from station.assessment_inputs import AssessmentInputs, read_cuffs_to_wear, worn_cuffs
+from solver.redundancy import RedundancyOptions
+from station.assessment_inputs import AssessmentInputs, ensure_folder, read_cuffs_to_wear, worn_cuffs
 from station.assessment_json import ACTIVATIONS_FILE, activations_table, plain_assessment, plain_emg
 from station.emg import MeasuredReduction
 from station.findings import findings
@@ -49,20 +50,31 @@ def assess_cuffs(
     model = inputs.read_model()
     kinematics, suit = inputs.read_motion(model), inputs.read_suit(most_rest_lengths)
     emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
-    every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
-    assessment = assess(model, kinematics, suit, worn, every=every, draws=draws, progress=progress)
-    other = inputs.read_beside(model)
+    options = RedundancyOptions(path_mode=inputs.paths)
     beside = None
-    if other is not None:
+    other = inputs.read_beside(model)
+    if other is not None:  # the short one first: what is wrong with its motion is told at once
         what, loaded, moving = other
         every = math.ceil(len(moving.time) / min(most_frames or BESIDE_FRAMES, BESIDE_FRAMES))
         short = inputs.read_suit(BESIDE_REST_LENGTHS)
-        beside = what, assess(loaded, moving, short, worn, every=every, draws=0)
+        beside = what, assess(loaded, moving, short, worn, every=every, draws=0, options=options)
+    assessment = assess(
+        model,
+        kinematics,
+        suit,
+        worn,
+        every=1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames),
+        draws=draws,
+        options=options,
+        loads=inputs.read_loads(model, kinematics),
+        progress=progress,
+    )
     return AssessedSuit(assessment, beside, emg, inputs.hashes())
 
 
 def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progress: Progress = silent) -> AssessedSuit:
     """cuffs.json → assessment.json and activations.csv in the output folder."""
+    ensure_folder(output)
     assessed = assess_cuffs(read_cuffs_to_wear(inputs.cuffs, inputs.chosen), inputs, draws=draws, progress=progress)
     write_assessment(assessed, output)
     return assessed

@@ -15,9 +15,11 @@ from fitting.result import CuffFit, read_cuffs
 from fitting.uncertainty import NORMAL_95
 from solver.bundled import bundled_model
 from solver.cuff import PARAMETER_ORDER, CuffParameters
+from solver.loads import ExternalForce, data_file, read_external_loads
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.osim.reader import read_osim
+from solver.paths import PathMode
 from solver.raise_arm import raise_arm
 from solver.suit import BUNDLED_SUIT, Suit, read_suit
 from station.emg import MeasuredReduction, read_emg
@@ -35,7 +37,9 @@ class AssessmentInputs:
     """The files of an assessment; what is None or "bundled" comes with the station.
 
     chosen  names of the cuffs to wear besides the waist's, empty for all of them
-    beside  another motion to show beside the assessed one
+    beside  another motion to show beside the assessed one, without loads
+    paths   how muscles lie on surfaces (docs/paths.md)
+    external_loads  OpenSim's file of them, which bear on the motion
     """
 
     cuffs: Path
@@ -45,12 +49,17 @@ class AssessmentInputs:
     emg: Path | None = None
     beside: Path | None = None
     chosen: tuple[str, ...] = ()
+    paths: PathMode = "faithful"
+    external_loads: Path | None = None
 
     def read_model(self) -> Model:
         return bundled_model() if self.model == "bundled" else read_osim(Path(self.model))
 
     def read_motion(self, model: Model) -> Kinematics:
         return differentiate(raise_arm(model) if self.motion is None else read_motion(self.motion, model))
+
+    def read_loads(self, model: Model, kinematics: Kinematics) -> tuple[ExternalForce, ...]:
+        return read_external_loads(self.external_loads, model, kinematics.time) if self.external_loads else ()
 
     def read_suit(self, most_rest_lengths: int | None = None) -> Suit:
         """The suit, where asked for with fewer rest lengths over the same span."""
@@ -80,9 +89,17 @@ class AssessmentInputs:
     def hashes(self) -> dict[str, str]:
         """Role → "name SHA-256", or a name alone for what comes with the station."""
         files = {"cuffs": self.cuffs, "suit": self.suit, "motion": self.motion, "emg": self.emg, "beside": self.beside}
+        if self.external_loads:
+            files |= {"external_loads": self.external_loads, "external_loads_data": data_file(self.external_loads)}
         named = {role: _named_hash(path) for role, path in files.items() if path}
         named["model"] = "bundled thoracoscapular model" if self.model == "bundled" else _named_hash(Path(self.model))
-        return {"motion": "bundled raise of the arm", **named}
+        return {"motion": "bundled raise of the arm", **named, "paths": self.paths}
+
+
+def ensure_folder(output: Path) -> None:
+    """Before anything is solved. Raises InputError where results have no place to go."""
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output} should be a folder to write into and is a file; give another --output")
 
 
 def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffParameters]:

@@ -12,7 +12,7 @@ import numpy as np
 from solver.optimise import Freedom, Optimised, TriedSuit, optimise
 from solver.suit import PARTS, Suit, suit_toml
 from solver.worn import Condition
-from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
+from station.assessment_inputs import AssessmentInputs, InputError, ensure_folder, read_cuffs_to_wear, worn_cuffs
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
@@ -29,6 +29,7 @@ def optimise_file(
 
     suit.toml is the best with the fitted cuffs, robust_suit.toml that on average over the draws, if there are any.
     """
+    ensure_folder(output)
     worn = worn_cuffs(read_cuffs_to_wear(inputs.cuffs, inputs.chosen), inputs.chosen)
     arms, waists = ([cuff for cuff in worn if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
@@ -36,8 +37,18 @@ def optimise_file(
         raise InputError(f"a suit is optimised for one arm cuff at a time and there are {names}; choose one by --cuff")
     model = inputs.read_model()
     kinematics, suit = inputs.read_motion(model), inputs.read_suit()
-    waist = waists[0] if waists else None
-    found = optimise(model, kinematics, suit, waist, arms[0], condition, free, draws=draws, progress=progress)
+    found = optimise(
+        model,
+        kinematics,
+        suit,
+        waists[0] if waists else None,
+        arms[0],
+        condition,
+        free,
+        draws=draws,
+        loads=inputs.read_loads(model, kinematics),
+        progress=progress,
+    )
     plain = {
         "condition": condition,
         "cuff": arms[0].name,

@@ -122,6 +122,7 @@ def _notes(kinematics: Kinematics, options: RedundancyOptions) -> dict[str, str]
         "weights": json.dumps(weights),
         "joint": options.joint,
         "glenoid": glenoid,
+        "paths": options.path_mode,
         "free_coordinates": ", ".join(options.free_coordinates) or "none",
         "status_codes": ", ".join(f"{code} {outcome.name.lower()}" for code, outcome in enumerate(STATUS)),
     }

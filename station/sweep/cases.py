@@ -18,7 +18,7 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.loads import data_file, read_external_loads
 from solver.model import Model, ModelError, with_point_mass
-from solver.motion import MotionError, differentiate, read_motion, thin
+from solver.motion import MotionError, differentiate, read_motion
 from solver.osim.reader import read_osim
 from solver.raise_arm import raise_arm
 from solver.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
@@ -110,11 +110,10 @@ class SweepInputs:
             kinematics = differentiate(
                 raise_arm(model) if motion == BUNDLED else read_motion(self._path(motion), model)
             )
-            solved = thin(kinematics, self.plan.every).time
             return Geometry(
                 model=_with_mass_in_hand(model, float(str(named["hand_mass_kg"]))),
                 kinematics=kinematics,
-                loads=() if loads == NONE else read_external_loads(self._path(loads), model, solved),
+                loads=() if loads == NONE else read_external_loads(self._path(loads), model, kinematics.time),
             )
         except (ModelError, MotionError) as error:
             return str(error)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from station.assessment_inputs import ensure_folder
 from station.progress import Progress, silent
 from station.sweep.cases import SweepInputs
 from station.sweep.dataset import Parts, write_account, write_table
@@ -32,6 +33,7 @@ def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = 
 
     However it is ended, by Ctrl-C, a signal or a power cut, the same call goes on with what is left.
     """
+    ensure_folder(output)
     inputs, parts = SweepInputs(plan), Parts(output)
     write_account(output, plan, len(inputs.cases))
     known = {case.key: parts.read(case.key) for case in inputs.cases}

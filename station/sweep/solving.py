@@ -36,7 +36,7 @@ RESULTS = (
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A model, with what it holds, its motion, and the loads from outside in the frames that are solved."""
+    """A model, with what it holds, its motion, and the loads from outside at all of its frames."""
 
     model: Model
     kinematics: Kinematics

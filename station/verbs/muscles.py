@@ -8,7 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import Condition, Freedom, say
+from station.verbs.options import Condition, Freedom, Paths, say
+
+ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads: .xml, names its data.")]
 
 
 def rmr(
@@ -18,12 +20,13 @@ def rmr(
         typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled raise of the arm."),
     ] = None,
     model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
-    external_loads: Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads: .xml, names its data.")] = None,
+    external_loads: ExternalLoads = None,
     effort: Annotated[Path | None, typer.Option(help="Weights, and reserves of your own: .toml.")] = None,
     no_glenoid: Annotated[bool, typer.Option(help="Without keeping the joint reaction inside the glenoid.")] = False,
     glenoid_aspect: Annotated[float, typer.Option(min=0.1, max=10.0, help="Its width across, over along.")] = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
     joint: Annotated[str, typer.Option(help="Whose reaction it is.")] = "GlenoHumeral",
+    paths: Paths = "faithful",
     cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 3.0,
     start: Annotated[float | None, typer.Option("--from", help="First second that is solved.")] = None,
     end: Annotated[float | None, typer.Option("--to", help="Last second that is solved.")] = None,
@@ -42,7 +45,7 @@ def rmr(
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
-    options = RedundancyOptions(not no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint)
+    options = RedundancyOptions(not no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint, path_mode=paths)
     inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz or None, start, end, every)
     with progress_bars(Console(stderr=True)) as progress:
         solved = solve_muscles(inputs, cut, options, progress)
@@ -65,12 +68,14 @@ def assess(
     motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
     suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
     model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    external_loads: ExternalLoads = None,
     cuff: Annotated[list[str] | None, typer.Option(help="Wear this arm cuff; repeat for more. Default: all.")] = None,
     emg: Annotated[Path | None, typer.Option(help="Measured: a CSV of muscle,reduction_percent,sd.")] = None,
     beside: Annotated[Path | None, typer.Option(help="Another motion, to show beside the assessed one.")] = None,
     draws: Annotated[
         int, typer.Option(min=0, help="Cuffs drawn from their fit's covariance; 0 for no interval.")
     ] = 200,
+    paths: Paths = "faithful",
 ) -> None:
     """What the suit with these cuffs does for the muscles, over its rest length, and how sure that is."""
     from rich.console import Console
@@ -83,7 +88,9 @@ def assess(
     from station.report import write_report
     from station.tables import assessment_table
 
-    inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, tuple(cuff or ()))
+    inputs = AssessmentInputs(
+        cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, tuple(cuff or ()), paths, external_loads
+    )
     with progress_bars(Console(stderr=True)) as progress:
         assessed = assess_file(inputs, output, draws, progress)
     write_report(output)
@@ -99,6 +106,7 @@ def optimise(
     motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
     suit: Annotated[Path | None, typer.Option(help="Where to start; default: the bundled exotendon suit.")] = None,
     model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    external_loads: ExternalLoads = None,
     cuff: Annotated[str | None, typer.Option(help="The arm cuff; may be left out where there is one only.")] = None,
     condition: Annotated[Condition, typer.Option(help="What the cuffs do.")] = "both",
     free: Annotated[
@@ -115,7 +123,8 @@ def optimise(
     from station.progress import progress_bars
     from station.tables import optimum_table
 
-    inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=(cuff,) if cuff else ())
+    chosen = (cuff,) if cuff else ()
+    inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=chosen, external_loads=external_loads)
     freedoms: Any = tuple(each.value for each in free or ())
     with progress_bars(Console(stderr=True)) as progress:
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)

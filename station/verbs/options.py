@@ -22,6 +22,10 @@ Rerun = Annotated[bool, typer.Option(help="Show it in Rerun's viewer, on this ma
 Format = Literal["table", "json"]
 FormatOption = Annotated[Format, typer.Option("--format", help="Words for people or JSON for programs.")]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
+Paths = Annotated[
+    Literal["faithful", "geodesic"],
+    typer.Option(help="How muscles lie on surfaces: as in OpenSim, or on geodesics (docs/paths.md)."),
+]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
 
 

@@ -19,6 +19,7 @@ from station.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.emg import EmgError, read_emg
 from station.report import write_report
+from tests.station.loads import write_weight
 
 
 def fitted(value: float, error: float) -> dict[str, float]:
@@ -186,6 +187,20 @@ def test_a_fit_straight_from_its_session_is_treated_as_one_from_a_file(
     cuffs["hand"] = replace(cuffs["hand"], classes=ModelComparison((), chosen))
     with pytest.raises(InputError, match=r"the cuff hand has the law slip \+ creep") if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
+
+
+def test_a_load_from_outside_bears_on_every_scenario(tmp_path: Path) -> None:
+    write_weight(tmp_path / "weight.xml", 2.0)
+    free = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    loaded = replace(free, external_loads=tmp_path / "weight.xml")
+    costs = []
+    for inputs in (free, loaded):
+        cuffs = read_cuffs_to_wear(inputs.cuffs)
+        found = assess_cuffs(cuffs, inputs, most_frames=8, most_rest_lengths=5, draws=0)
+        costs.append([curve.figures["at_reference"].value for curve in found.assessment.curves])
+        assert found.assessment.longest_cord == pytest.approx(0.86, abs=0.02)
+    assert (np.array(costs[1]) > np.array(costs[0])).all()  # of a greater effort the suit saves a smaller share
+    assert {"external_loads", "external_loads_data"} == set(loaded.hashes()) - set(free.hashes())
 
 
 def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:

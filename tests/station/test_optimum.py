@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from station.assess import assess_cuffs
+from station.assess import assess_cuffs, assess_file
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.optimum import optimise_file
 from tests.station.test_assessment import write_cuffs
@@ -45,6 +45,13 @@ def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     optimise_file(inputs, tmp_path, "rigid", draws=2)
     assert {path.name for path in tmp_path.glob("*.toml")} == {"suit.toml"}
+
+
+def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    for solve in (optimise_file, assess_file):
+        with pytest.raises(InputError, match="should be a folder to write into and is a file"):
+            solve(inputs, inputs.cuffs)
 
 
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:

@@ -7,18 +7,18 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from solver.bundled import bundled_model
-from solver.motion import differentiate, write_table
+from solver.motion import differentiate
 from solver.raise_arm import raise_arm
 from solver.suit import read_suit
 from station.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.sweep.plan import PlanError, read_plan
 from station.sweep.run import Swept, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task
+from tests.station.loads import write_weight
 from tests.station.sweep.plans import write_plan
 
 
@@ -86,22 +86,6 @@ def test_a_load_from_outside_acts_as_the_weight_that_it_stands_for(tmp_path: Pat
     write_weight(tmp_path / "weight.xml", 1.0)  # in the data file alone
     found, _ = swept(tmp_path, vary + 'external_loads = ["none", "weight.xml"]')
     assert found.found_finished == 1
-
-
-def write_weight(path: Path, mass: float) -> None:
-    """OpenSim's files of a weight at the hand's mass centre."""
-    center = bundled_model().bodies[-1].mass_center.tolist()
-    columns = ["time", *(f"{what}_{axis}" for what in ("force", "place") for axis in "xyz")]
-    rows = [[time, 0.0, -9.80665 * mass, 0.0, *center] for time in (0.0, 10.0)]
-    write_table(path.with_suffix(".mot"), columns[1:], np.array(rows)[:, 0], np.array(rows)[:, 1:])
-    path.write_text(
-        "<OpenSimDocument><ExternalLoads><objects><ExternalForce name='weight'><applied_to_body>hand</applied_to_body>"
-        "<force_expressed_in_body>ground</force_expressed_in_body><point_expressed_in_body>hand"
-        "</point_expressed_in_body><force_identifier>force_</force_identifier><point_identifier>place_"
-        f"</point_identifier></ExternalForce></objects><datafile>{path.stem}.mot</datafile></ExternalLoads>"
-        "</OpenSimDocument>",
-        encoding="utf-8",
-    )
 
 
 def test_a_case_that_fails_is_a_row_with_its_sentence(tmp_path: Path) -> None:
