@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, date, datetime
 from pathlib import Path
 from queue import Empty
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -42,6 +45,7 @@ class Answers:
         self._count: dict[str, int] = {}
         self._span: dict[str, tuple[int, int]] = {}
         self._last_value: dict[str, float] = {}
+        self._force: list[NDArray[np.float64]] = []
 
     def take(self, message: Opened | Delivered | Gone) -> None:
         if isinstance(message, Gone):
@@ -58,6 +62,10 @@ class Answers:
         first, last = self._span.get(stream, (0, 0))
         return (self._count[stream] - 1) / ((last - first) * 1e-9) if last > first else 0.0
 
+    def force(self) -> NDArray[np.float64]:
+        """(n,) all that came of /force, in its device's unit."""
+        return np.concatenate([np.zeros(0), *self._force])
+
     def last_value(self, stream: str) -> float | None:
         return self._last_value.get(stream)
 
@@ -66,6 +74,8 @@ class Answers:
         self._span[samples.stream] = first, int(samples.device_time_ns[-1])
         self._count[samples.stream] = self._count.get(samples.stream, 0) + len(samples.values)
         self._last_value[samples.stream] = float(samples.values[-1].flat[0])
+        if samples.stream == "/force":
+            self._force.append(samples.values[:, 0].astype(np.float64))
 
 
 def check_bench(
@@ -79,6 +89,11 @@ def check_bench(
     """Prints what was found, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
     with Console(stderr=True).status("listening to the devices"):
         lines = look_at_bench(config, folder, make_devices)
+    return show_lines(lines, console, as_json=as_json)
+
+
+def show_lines(lines: Sequence[Line], console: Console | None = None, *, as_json: bool = False) -> int:
+    """Prints them; returns 0 when all is as it should be, else 1."""
     if as_json:
         print(json.dumps([asdict(line) for line in lines], indent=2, ensure_ascii=False))
     else:
@@ -91,16 +106,34 @@ def check_bench(
 
 def look_at_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[Line]:
     """Opens the devices, listens for some seconds and says what is as it should be and what is not."""
-    answers, names = _listen(config, RealClock(), make_devices)
+    answers, names = listen(config, RealClock(), make_devices)
     return [
         *_device_lines(answers, names),
+        *_force_line(answers, config),
+        calibration_line(config, datetime.now(UTC).date()),
         *_sync_line(answers, config),
         *_label_lines(answers, config),
         _disk_line(folder, bytes_needed(answers.streams.values(), config, folder, None)),
     ]
 
 
-def _listen(config: StationConfig, clock: Clock, make_devices: MakeDevices) -> tuple[Answers, list[str]]:
+def calibration_line(config: StationConfig, today: date) -> Line:
+    """How old the load cell's calibration is, and whether it is still current."""
+    cell, subject = config.load_cell, "calibration of the load cell"
+    if cell.calibrated_on is None or cell.due_on is None:
+        return Line(subject, True, "its date is not known; write load_cell.calibrated_on from its certificate")
+    age = (today - cell.calibrated_on).days
+    number = f" of {cell.serial_number}" if cell.serial_number else ""
+    words = f"certificate{number} of {cell.calibrated_on}, {age} days old, due on {cell.due_on}"
+    if age < 0:
+        return Line(subject, False, f"{words}: it is in the future; correct load_cell.calibrated_on")
+    return Line(subject, today < cell.due_on, words + ("" if today < cell.due_on else "; have it calibrated"))
+
+
+def listen(
+    config: StationConfig, clock: Clock, make_devices: MakeDevices, listen_s: float = LISTEN_S
+) -> tuple[Answers, list[str]]:
+    """What the devices say in so many wall seconds after all of them have opened, and the devices' names."""
     inbox, answers = Inbox(), Answers(clock)
     feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock)]
     for feed in feeds:
@@ -115,7 +148,7 @@ def _listen(config: StationConfig, clock: Clock, make_devices: MakeDevices) -> t
         answers.take(message)
         settled.add(message.device)
         if len(settled) == len(feeds) and listen_until == float("inf"):
-            listen_until = clock.wall_s() + LISTEN_S
+            listen_until = clock.wall_s() + listen_s
             open_until = listen_until
     for feed in feeds:
         feed.ask_to_stop()
@@ -136,6 +169,18 @@ def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
             good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
             lines.append(Line(stream.name, good, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}"))
     return lines
+
+
+def _force_line(answers: Answers, config: StationConfig) -> list[Line]:
+    """With nothing pulling this is the zero, which every fit leaves free; a cell at its end cannot be fitted."""
+    raw, cell = answers.force(), config.calibration()
+    if not len(raw):
+        return []
+    limit = config.daq.force_range_v if cell.source == "daq" else float("inf")
+    newtons = cell.polarity * cell.newtons_per_unit * raw
+    good = float(np.abs(raw).max()) < 0.99 * limit
+    words = f"{newtons.mean():+.2f} N, scatter {newtons.std():.2f} N"
+    return [Line("force at rest", good, words + ("" if good else f"; saturated at {limit:g} V, check the wiring"))]
 
 
 def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:

@@ -12,6 +12,7 @@ from fitting.trial import RejectedTrial, read_trials
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from station.journal import read_journal
+from station.known_mass import inherited, listed, read_checks
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
@@ -43,8 +44,9 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         reasons = reasons or "there are only bounce trials; record a cuff, too"
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
+    checks = read_checks(folder)
     progress("fitting", 0, len(trials))
-    fitted = fit_session(trials, rejected)
+    fitted = listed(fit_session(inherited(trials, checks), rejected), checks)
     progress("fitting", len(trials), len(trials))
     if output is not None:
         write_whole(output, fitted.to_json())

@@ -145,11 +145,14 @@ def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
 
 
 def _append(folder: Path, kind: str, **said: Any) -> None:
-    """One line, on the disk before this returns. A torn line that is there already is closed first."""
-    path = folder / JOURNAL_FILE
+    append_line(folder / JOURNAL_FILE, kind, **said)
+
+
+def append_line(path: Path, kind: str, **said: Any) -> None:
+    """One line, on the disk before this returns. A torn line that is there already is taken away first."""
     line = json.dumps({"at": datetime.now(UTC).isoformat(timespec="milliseconds"), "kind": kind, **said})
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         written = path.read_bytes() if path.exists() else b""
         with path.open("ab") as file:
             file.truncate(written.rfind(b"\n") + 1)

@@ -87,7 +87,8 @@ class LiveView(BackgroundView):
     def _table(self) -> Table:
         snapshot, now = self._snapshot, self._clock.station_s()
         level = "-" if snapshot.sync_level_v is None else f"{snapshot.sync_level_v:.2f} V"
-        clock = f"waited {snapshot.waited_s:.0f} s" if snapshot.state is State.ARMED else f"{snapshot.recorded_s:.1f} s"
+        waited = f"for {snapshot.waited_s:.0f} s, {snapshot.left_s:.0f} s left, Ctrl-C cancels"
+        clock = waited if snapshot.state is State.ARMED else f"{snapshot.recorded_s:.1f} s"
         table = Table(title=f"{self._title}  {snapshot.state.value}  {clock}  sync {level}", title_justify="left")
         for heading in ("stream", "samples/s", "samples", "last"):
             table.add_column(heading, justify="left" if heading in ("stream", "last") else "right")

@@ -59,7 +59,7 @@ class TrialRules:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The trial at a moment, for views."""
+    """The trial at a moment, for views. left_s: station seconds until an armed trial gives up; 0 in other states."""
 
     state: State
     sentence: str
@@ -69,6 +69,7 @@ class Snapshot:
     lost_samples: int = 0
     marks: int = 0
     streams: tuple[Stream, ...] = ()
+    left_s: float = 0.0
 
 
 class TrialSession:
@@ -116,6 +117,7 @@ class TrialSession:
             self.lost_samples,
             self.marks,
             self._streams,
+            max(0.0, self._rules.timeout_s - waited) if self.state is State.ARMED else 0.0,
         )
 
     def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:

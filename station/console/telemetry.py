@@ -80,6 +80,7 @@ class Telemetry(BackgroundView):
             "sentence": shown.sentence,
             "sync_v": self._sync_v if shown.sync_level_v is None else shown.sync_level_v,
             "waited_s": shown.waited_s,
+            "left_s": shown.left_s,
             "recorded_s": shown.recorded_s,
             "lost_samples": shown.lost_samples,
             "marks": shown.marks,

@@ -120,7 +120,7 @@ def _figure(mark: str) -> ui.label:
 
 def _state(said: dict[str, Any]) -> str:
     if said["state"] == "armed":
-        return f"armed for {said['waited_s']:.0f} s"
+        return f"armed for {said['waited_s']:.0f} s, {said['left_s']:.0f} s left"
     return f"{said['state']} {said['recorded_s']:.1f} s" if said["state"] == "recording" else str(said["sentence"])
 
 

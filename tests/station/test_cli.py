@@ -75,6 +75,14 @@ def test_a_cuff_is_what_a_static_test_needs_and_a_bounce_has_not(station, tmp_pa
     assert "needs --cuff, and a bounce has none" in " ".join(ran.err.replace("\u2502", " ").split())
 
 
+def test_a_known_mass_weighs_something_and_needs_a_load_cell_that_answers(station, tmp_path: Path) -> None:
+    assert station("check", "--config", CONFIG, "--known-mass", -2).code == 2
+    nobody = tmp_path / "station.toml"
+    nobody.write_text('[daq]\ngrpc_target = "127.0.0.1:9"\n[mocap]\nport = 9\n')
+    ran = station("check", "--config", nobody, "--session", tmp_path, "--known-mass", 2)
+    assert_one_sentence(ran, 1, "sent 0 samples, expected at least 6")
+
+
 def test_a_recording_is_shown_as_a_table_and_as_json(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     table, plain = station("info", path), station("info", path, "--format", "json")

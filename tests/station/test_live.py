@@ -43,3 +43,12 @@ def test_a_view_that_falls_behind_drops_the_oldest_and_counts() -> None:
     block = Samples("/force", numbers, numbers.astype(np.int64), 0, np.zeros((1, 1)))
     _, view = seen([block] * (BACKLOG + 7), [])
     assert view.dropped == 7
+
+
+def test_an_armed_trial_shows_level_time_left_and_how_to_cancel() -> None:
+    out = io.StringIO()
+    view = LiveView(ManualClock(), "hand static 1", Console(file=out, force_terminal=True, width=200))
+    view.show(Snapshot(State.ARMED, "waiting", sync_level_v=0.31, waited_s=12.0, left_s=48.0))
+    with view:
+        pass
+    assert "armed  for 12 s, 48 s left, Ctrl-C cancels  sync 0.31 V" in out.getvalue()

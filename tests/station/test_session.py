@@ -225,6 +225,17 @@ def test_the_hardware_trigger_starts_the_trial_with_the_first_sample() -> None:
     assert bench.recorder.samples("/force")[0].sample_numbers[0] == 0
 
 
+def test_armed_tells_the_level_seen_and_the_time_left() -> None:
+    bench = Bench(timeout_s=10.0).arm()
+    bench.level = 0.3
+    bench.run(4.0)
+    armed = bench.session.snapshot()
+    assert (armed.sync_level_v, armed.waited_s, armed.left_s) == pytest.approx((0.3, 4.0, 6.0))
+    bench.level, bench.capturing = 5.0, True
+    bench.run(1.0)
+    assert bench.session.snapshot().left_s == 0.0
+
+
 def test_cancelling_while_armed_records_nothing() -> None:
     bench = Bench().arm()
     bench.run(3.0)
