@@ -12,10 +12,14 @@ from solver.bundled import bundled_model
 from solver.functions import polynomial
 from solver.kinematics import jacobians, postures, rates_of_coordinates, speeds_from_rates
 from solver.model import Model, MovingPathPoint, Path, Placement
-from solver.motion import differentiate, read_motion
+from solver.motion import differentiate, read_motion, thin
+from solver.muscle import muscle_forces
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
 from solver.raise_arm import raise_arm
+from solver.redundancy import RedundancyOptions, go_through, solve_motion
+from solver.suit import BUNDLED_SUIT, read_suit
+from solver.worn import wear
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
 from tests.solver.wrapping.laid import point
 
@@ -132,6 +136,23 @@ def test_it_lays_most_paths_as_opensim_does() -> None:
     difference = np.abs(_lengths(MODEL, moved) - faithful)
     assert difference[:, one_surface].max() < 2e-3
     assert np.median(difference) < 1e-6
+
+
+def test_the_redundancy_problem_is_posed_on_the_paths_that_are_asked_for() -> None:
+    kinematics = thin(differentiate(raise_arm(MODEL)), 150)
+    lengths = _lengths(MODEL, kinematics.positions)
+    state = postures(MODEL, kinematics.positions, kinematics.speeds)
+    passive = muscle_forces(MODEL, lengths, evaluate_paths(MODEL, state, mode="geodesic").speeds).passive
+    solved = solve_motion(MODEL, kinematics, RedundancyOptions(path_mode="geodesic"))
+    assert np.array_equal(solved.passive_forces, passive)
+    assert solved.unsolved == 0
+    suit = read_suit(BUNDLED_SUIT)
+    geodesic, faithful = (
+        wear(MODEL, kinematics, suit, options=RedundancyOptions(path_mode=mode)) for mode in ("geodesic", "faithful")
+    )
+    bare = go_through(MODEL, kinematics, path_mode="geodesic")
+    assert np.array_equal(geodesic.bare_problem.acceleration_matrix, bare.maps.acceleration_per_control)
+    assert not np.array_equal(geodesic.problem.acceleration_matrix, faithful.problem.acceleration_matrix)
 
 
 def _without_surfaces(model: Model) -> list[Path]:

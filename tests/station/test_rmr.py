@@ -192,6 +192,17 @@ def test_what_comes_with_the_station_is_solved_without_any_file(station, tmp_pat
     assert "# filter=none\n" in notes
 
 
+def test_paths_may_be_geodesics(station, motion: Path, tmp_path: Path) -> None:
+    for mode in ("faithful", "geodesic"):
+        out = tmp_path / f"{mode}.csv"
+        assert station("rmr", "--motion", motion, "--every", 200, "--paths", mode, "--output", out).code == 0
+        assert f"# paths={mode}\n" in out.read_text()
+    faithful, geodesic = (pd.read_csv(tmp_path / f"{mode}.csv", comment="#") for mode in ("faithful", "geodesic"))
+    difference = np.abs(faithful - geodesic)[list(MODEL.muscle_names)].to_numpy()
+    assert 1e-6 < difference.max() < 0.1
+    assert station("rmr", "--paths", "straight", "--output", tmp_path / "none.csv").code == 2
+
+
 def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> None:
     words, effort = ("rmr", "--motion", motion, "--output"), tmp_path / "bad.toml"
     assert_one_sentence(station(*words, tmp_path / "out.xlsx"), 2, "should end in .csv, .sto, .parquet and is out.xlsx")
