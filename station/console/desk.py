@@ -202,6 +202,8 @@ class Desk:
             self.summary = await self.in_worker(summarise, self.folder)
         except SummaryError as error:
             self.message = str(error)
+        except Exception as error:  # a fault of ours is told too; what was recorded and decided is stored
+            self.message = f"the session could not be summed up ({type(error).__name__}: {error}); its files are whole"
         finally:
             self.progress = ""
 

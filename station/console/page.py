@@ -17,7 +17,9 @@ STYLE = """
 .cue { font-size: clamp(1.8rem, 4.5vw, 4.2rem); line-height: 1.15; font-weight: 600; }
 .figure { font-size: clamp(2.2rem, 5vw, 5rem); line-height: 1; font-variant-numeric: tabular-nums; }
 .alarm { background: #b71c1c; color: white; font-size: clamp(2rem, 5vw, 4.5rem); font-weight: 800; }
-.q-btn { font-size: 1.15rem; }
+.q-btn { font-size: 1.4rem; }
+.q-table th, .q-table tbody td { font-size: 1.15rem; padding: 7px 8px; }
+.q-field, .q-field__native, .q-field__label, .q-toggle__label, .q-chip { font-size: 1.3rem; }
 """
 KEYS = {"a": "arm", "m": "mark", "s": "stop", "k": "keep", "r": "redo"}
 
@@ -39,9 +41,9 @@ class _Page:
 
     def build(self) -> None:
         with ui.header(elevated=True).classes("items-center justify-between"):
-            self._where = ui.label().classes("text-lg")
+            self._where = ui.label().classes("text-2xl")
             with ui.row().classes("items-center"):
-                ui.label("a arm · m mark · s stop · k keep · r redo").classes("text-sm opacity-70 gt-sm")
+                ui.label("a arm · m mark · s stop · k keep · r redo").classes("text-lg opacity-80 gt-sm")
                 dark = ui.dark_mode(None)
                 ui.button(
                     icon="contrast", on_click=lambda: dark.toggle() if dark.value is not None else dark.enable()

@@ -14,17 +14,19 @@ from station.journal import Setup
 
 def show(desk: Desk, act: Callable[..., Any]) -> None:
     ui.label("A new session, or one to go on with").classes("cue")
-    with ui.row().classes("w-full gap-8 items-start"):
-        with ui.card().classes("grow min-w-80"):
+    with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
+        with ui.card().classes("w-full lg:w-1/2"):
             _form(desk, act)
-        with ui.card().classes("grow min-w-80"):
+        with ui.card().classes("w-full lg:w-1/2"):
             _sessions(desk, act)
             _preflight(desk)
 
 
 def _form(desk: Desk, act: Callable[..., Any]) -> None:
     subject = ui.input("Subject code", placeholder="P01").props("autofocus").mark("subject").classes("w-full")
-    warning = ui.label("this looks like a name: use a code, it becomes part of file names").classes("text-warning")
+    warning = ui.label("this looks like a name: use a code, it becomes part of file names").classes(
+        "text-lg text-negative"
+    )
     warning.bind_visibility_from(subject, "value", backward=looks_like_a_name)
     operator = ui.input("Operator").mark("operator").classes("w-full")
     number = ui.input("Session", value="1").classes("w-full").mark("number")
@@ -53,7 +55,7 @@ def _form(desk: Desk, act: Callable[..., Any]) -> None:
             (number.value or "").strip(),
         )
 
-    preview = ui.label().classes("text-sm opacity-70")
+    preview = ui.label().classes("text-lg opacity-70")
     subject.on_value_change(lambda: preview.set_text(f"files go to {desk.folder_of(setup())}"))
     with ui.row():
         ui.button("Begin", on_click=lambda: act(lambda: desk.begin(setup()))).mark("begin")
@@ -63,10 +65,10 @@ def _form(desk: Desk, act: Callable[..., Any]) -> None:
 
 
 def _sessions(desk: Desk, act: Callable[..., Any]) -> None:
-    ui.label("Go on with").classes("text-lg")
+    ui.label("Go on with").classes("text-2xl")
     there = desk.sessions()
     if not there:
-        ui.label("no session yet").classes("opacity-70")
+        ui.label("no session yet").classes("text-lg opacity-70")
     for setup, folder in there[:8]:
         _resumption(desk, act, setup, folder)
 
@@ -90,7 +92,7 @@ def _preflight(desk: Desk) -> None:
         lines.clear()
         with lines:
             for line in found:
-                with ui.row().classes("items-center no-wrap gap-2"):
+                with ui.row().classes("items-center no-wrap gap-2 text-lg"):
                     ui.icon(
                         "check_circle" if line.is_good else "cancel", color="positive" if line.is_good else "negative"
                     )

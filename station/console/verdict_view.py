@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from station.console.charts import AXIS
 from station.console.desk import Desk
 from station.console.judgement import Judgement
 from station.journal import Choice, Recorded
@@ -27,7 +28,7 @@ def show(
             _figures(judged)
             marks = _marks(desk, judged)
         if judged.path:
-            ui.echart(_loop(judged)).classes("w-full lg:w-1/2 h-96").mark("loop")
+            ui.echart(_loop(judged)).classes("w-full lg:w-2/5 h-80").mark("loop")
     _decision(desk, recorded, judged, marks, act, acts)
 
 
@@ -59,7 +60,7 @@ def _figures(judged: Judgement) -> None:
     if rows:
         ui.table(columns=columns, rows=rows, row_key="quantity").props("flat").classes("text-xl").mark("figures")
     for note in judged.notes:
-        ui.label(note).classes("opacity-80")
+        ui.label(note).classes("text-lg opacity-80")
 
 
 def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
@@ -107,9 +108,9 @@ def _decision(
 
 def _loop(judged: Judgement) -> dict[str, Any]:
     return {
-        "grid": {"left": 60, "right": 20, "top": 40, "bottom": 50},
-        "xAxis": {"type": "value", "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 30, "scale": True},
-        "yAxis": {"type": "value", "name": "force [N]", "scale": True},
+        "grid": {"left": 60, "right": 20, "top": 40, "bottom": 60},
+        "xAxis": {**AXIS, "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 32, "scale": True},
+        "yAxis": {**AXIS, "name": "force [N]", "scale": True},
         "series": [
             {"type": "line", "showSymbol": False, "lineStyle": {"width": 1.5}, "data": [list(p) for p in judged.path]}
         ],

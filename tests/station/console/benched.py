@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from recordings.manifest import TestKind
 from station.config import StationConfig, load_config
 from station.protocol import TrialSpec
 from station.simulation import SimulatedBench, simulator_settings
@@ -22,14 +23,16 @@ DYNAMIC = TrialSpec("hand", "dynamic", 1)
 
 
 @contextmanager
-def simulated_bench(folder: Path, speed: float = SPEED) -> Iterator[tuple[SimulatedBench, StationConfig]]:
+def simulated_bench(
+    folder: Path, *, speed: float = SPEED, test: TestKind = "dynamic", hold_s: float = 7.0
+) -> Iterator[tuple[SimulatedBench, StationConfig]]:
     """The bench and the configuration that points at it, control of the capture included."""
     folder.mkdir(exist_ok=True)
-    config = load_config(write_config(folder))
+    config = load_config(write_config(folder, hold_s=hold_s))
     settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
     with SimulatedBench(settings, speed, 3) as bench:
         bench.tell({"don": "hand"})
-        bench.tell({"trial": {"cuff": "hand", "test": "dynamic"}})
+        bench.tell({"trial": {"cuff": "hand", "test": test}})
         yield bench, bench.pointed_at(config)
 
 

@@ -11,15 +11,20 @@ from types import TracebackType
 from typing import Self
 
 CONFIG = """
+[daq]
+grpc_target = "127.0.0.1:{ni}"
+
 [mocap]
+port = {qtm}
 control = "start"
 
 [protocol]
 repeats = 1
+hold_s = {hold_s}
 step_masses_kg = [2.0, 2.0, 2.0]
 
 [session]
-folder = "{folder}"
+folder = "sessions"
 
 [cuffs.hand]
 anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
@@ -39,9 +44,10 @@ migration_m = {migration_m}
 """
 
 
-def write_config(folder: Path, migration_m: float = 0.012) -> Path:
+def write_config(folder: Path, *, migration_m: float = 0.012, hold_s: float = 7.0, ni: int = 9, qtm: int = 9) -> Path:
+    """A station.toml with its devices at these ports of this machine; sessions go into the folder it is used in."""
     path = folder / "station.toml"
-    path.write_text(CONFIG.format(folder=(folder / "sessions").as_posix(), migration_m=migration_m))
+    path.write_text(CONFIG.format(migration_m=migration_m, hold_s=hold_s, ni=ni, qtm=qtm))
     return path
 
 

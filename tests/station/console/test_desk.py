@@ -156,6 +156,22 @@ def test_what_cannot_be_done_now_is_a_sentence(desk: Desk) -> None:
         run(desk.arm())
 
 
+def test_a_session_that_cannot_be_summed_up_says_so(desk: Desk) -> None:
+    desk.begin(SETUP)
+    run(desk.finish())
+    assert "holds no recording" in desk.message and desk.progress == "" and desk.summary is None
+
+
+def test_a_fault_of_ours_at_the_end_is_a_sentence_too(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def fail(*_: object) -> None:
+        raise ZeroDivisionError("oh")
+
+    desk.begin(SETUP)
+    monkeypatch.setattr(desk, "in_worker", fail)
+    run(desk.finish())
+    assert "ZeroDivisionError: oh" in desk.message and desk.progress == ""
+
+
 def test_a_mark_is_named_in_the_journal(desk: Desk) -> None:
     desk.begin(SETUP)
     name = put_recording(desk)
