@@ -13,7 +13,7 @@ from fitting.result import CuffFit
 from solver.assessment import Assessment, assess
 from solver.redundancy import RedundancyOptions
 from station.assessment_inputs import AssessmentInputs, ensure_folder, read_cuffs_to_wear, worn_cuffs
-from station.assessment_json import ACTIVATIONS_FILE, activations_table, plain_assessment, plain_emg
+from station.assessment_json import ACTIVATIONS_FILE, activations_table, plain_assessment, plain_cuffs, plain_emg
 from station.emg import MeasuredReduction
 from station.findings import findings
 from station.progress import Progress, silent
@@ -25,8 +25,11 @@ BESIDE_FRAMES, BESIDE_REST_LENGTHS = 40, 16
 
 @dataclass(frozen=True)
 class AssessedSuit:
-    """An assessment, a short one of another motion (its name first) or None, measured EMG, and what went in."""
+    """The cuffs worn, an assessment, a short one of another motion (its name first) or None, measured EMG, and what
+    went in.
+    """
 
+    cuffs: tuple[CuffFit, ...]
     assessment: Assessment
     beside: tuple[str, Assessment] | None
     emg: tuple[MeasuredReduction, ...]
@@ -69,7 +72,8 @@ def assess_cuffs(
         loads=inputs.read_loads(model, kinematics),
         progress=progress,
     )
-    return AssessedSuit(assessment, beside, emg, inputs.hashes())
+    fits = tuple(cuffs[each.name] for each in worn)
+    return AssessedSuit(fits, assessment, beside, emg, inputs.hashes())
 
 
 def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progress: Progress = silent) -> AssessedSuit:
@@ -83,7 +87,7 @@ def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progre
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     """assessment.json and, for the figures, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
-    plain: dict[str, Any] = plain_assessment(assessed.assessment)
+    plain: dict[str, Any] = {"cuffs": plain_cuffs(assessed.cuffs), **plain_assessment(assessed.assessment)}
     if assessed.beside:
         what, other = assessed.beside
         plain["beside"] = {"motion": what, **plain_assessment(other)}

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.result import QUANTITIES, CuffFit
+from fitting.uncertainty import Estimate
 from solver.assessment import Assessment, Curve, Figure
 from station.emg import MeasuredReduction
 
@@ -79,6 +81,20 @@ def plain_emg(measured: Sequence[MeasuredReduction]) -> list[Plain]:
         {"muscle": row.muscle, "reduction_percent": _known(row.reduction_percent), "sd_percent": _known(row.sd_percent)}
         for row in measured
     ]
+
+
+def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
+    """What was worn, as it was measured; a figure that was given has no interval."""
+
+    def number(estimate: Estimate | None) -> Plain:
+        if estimate is None:
+            return _number(Figure(None))
+        return _number(Figure(estimate.value, estimate.ci95 if estimate.ci95[0] < estimate.ci95[1] else None))
+
+    return {
+        fit.name: {"site": fit.site, **{key: number(getattr(fit, name)) for name, key in QUANTITIES.items()}}
+        for fit in cuffs
+    }
 
 
 def _optimum(curve: Curve) -> Plain:

@@ -18,9 +18,12 @@ Plain = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class AssessmentSection:
-    """names of the files that went in; rows of the table, of the motion beside, None without one; figures."""
+    """names of the files that went in; the cuffs worn; rows of the table, of the motion beside, None without one;
+    figures.
+    """
 
     names: Mapping[str, str]
+    cuffs: Plain
     rows: list[dict[str, Any]]
     beside: list[dict[str, Any]] | None
     pictures: list[Picture]
@@ -30,6 +33,7 @@ def assessment_section(assessment: Plain, folder: Path) -> AssessmentSection:
     beside = assessment.get("beside")
     return AssessmentSection(
         names={role: _without_hash(what) for role, what in assessment["inputs"].items()},
+        cuffs=assessment.get("cuffs", {}),  # an assessment of an older station has none
         rows=_rows(assessment),
         beside=_rows(beside) if beside else None,
         pictures=_pictures(assessment, folder / ACTIVATIONS_FILE),
@@ -54,20 +58,21 @@ def _rows(assessment: Plain) -> list[dict[str, Any]]:
 
 def _pictures(assessment: Plain, activations_file: Path) -> list[Picture]:
     arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    waist = "waist and " if assessment["waist_cuff"] else ""
     what = "Muscle cost over the cord's rest length"
-    pictures = [picture(cost_figure(assessment, arm), f"{what}, waist and {arm} cuff") for arm in arms]
+    pictures = [picture(cost_figure(assessment, arm), f"{what}, {waist}{arm} cuff") for arm in arms]
     if len(arms) > 1:
         pictures.insert(0, picture(cuffs_figure(assessment), f"{what}, with every arm cuff shifted and yielding"))
     if activations_file.is_file():
         activations = pd.read_csv(activations_file, keep_default_na=False)
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
         pictures += [
-            picture(activation_figure(activations, arm), f"Activations {at}, waist and {arm} cuff", is_wide=True)
+            picture(activation_figure(activations, arm), f"Activations {at}, {waist}{arm} cuff", is_wide=True)
             for arm in arms
         ]
     beside = " beside what EMG measured" if assessment["emg"] else ""
     caption = f"By how much each muscle does less on average than with a slack cord{beside}"
-    pictures += [picture(reduction_figure(assessment, arm), f"{caption}, waist and {arm} cuff") for arm in arms]
+    pictures += [picture(reduction_figure(assessment, arm), f"{caption}, {waist}{arm} cuff") for arm in arms]
     return pictures
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
@@ -93,6 +94,15 @@ def test_the_tables_are_by_cuff_and_condition(plain: dict[str, Any]) -> None:
     low, high = plain["at_rigid_optimum"]["elbow"]["both"]["ci95"]
     assert low < high
     assert plain["at_rigid_optimum"]["rigid"]["ci95"] is None
+
+
+def test_the_cuffs_that_were_worn_stand_in_the_report_with_their_intervals(
+    plain: dict[str, Any], folder: Path, tmp_path: Path
+) -> None:
+    low, high = plain["cuffs"]["hand"]["stiffness_n_per_m"]["ci95"]
+    assert (plain["cuffs"]["waist"]["site"], low) == ("waist", pytest.approx(8520 * (1 - 0.03 * 1.96), rel=1e-3))
+    shutil.copy(folder / "assessment.json", tmp_path)  # without the cuffs.json beside it
+    assert f"<td>8520 ({low:.0f} to {high:.0f})</td>" in write_report(tmp_path).read_text(encoding="utf-8")
 
 
 def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, Any]) -> None:
