@@ -8,6 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from station.console.agenda import Agenda
+from station.console.charts import AXIS, LEGEND
 from station.console.desk import Desk, Live
 from station.console.guide import Rest
 
@@ -65,9 +66,9 @@ def show_running(desk: Desk, live: Live, act: Callable[..., Any], acts: Acts) ->
     with ui.row().classes("w-full items-end gap-12"):
         force, displacement, left = _figure("force"), _figure("displacement"), _figure("left")
         with ui.column().classes("gap-1"):
-            rest = ui.badge("").classes("text-xl p-2").mark("rest-state")
+            rest = ui.badge("").classes("text-2xl p-3").mark("rest-state")
             state = ui.label().classes("text-xl").mark("state")
-            sync = ui.label().classes("text-lg").mark("sync")
+            sync = ui.label().classes("text-xl").mark("sync")
     with ui.row():
         ui.button("Stop (s)", color="negative", on_click=lambda: act(desk.stop)).mark("stop").classes("text-2xl")
         ui.button("Mark (m)", on_click=lambda: act(desk.mark)).props("outline").mark("mark")
@@ -76,9 +77,9 @@ def show_running(desk: Desk, live: Live, act: Callable[..., Any], acts: Acts) ->
     with ui.row().classes("w-full no-wrap gap-4"):
         over_time = ui.echart(_over_time()).classes("w-2/3 h-72").mark("over-time")
         loop = ui.echart(_loop()).classes("w-1/3 h-72").mark("loop")
-    streams = ui.label().classes("text-lg").mark("streams")
-    markers = ui.label().classes("text-lg").mark("markers")
-    words = ui.label().classes("opacity-70 whitespace-pre-line")
+    streams = ui.label().classes("text-xl").mark("streams")
+    markers = ui.label().classes("text-xl").mark("markers")
+    words = ui.label().classes("text-lg opacity-70 whitespace-pre-line")
     sound = ui.switch("speak the steps").mark("speak")
     spoken = {"cue": ""}
 
@@ -162,10 +163,10 @@ def _against(live: Live) -> list[list[float]]:
 def _over_time() -> dict[str, Any]:
     return {
         "animation": False,
-        "grid": {"left": 50, "right": 50, "top": 30, "bottom": 30},
-        "legend": {"top": 0},
-        "xAxis": {"type": "value", "scale": True},
-        "yAxis": [{"type": "value", "scale": True}, {"type": "value", "scale": True}],
+        "grid": {"left": 60, "right": 60, "top": 40, "bottom": 30},
+        "legend": LEGEND,
+        "xAxis": {**AXIS, "scale": True},
+        "yAxis": [{**AXIS, "scale": True}, {**AXIS, "scale": True}],
         "series": [
             {"name": "force [N]", "type": "line", "showSymbol": False, "data": []},
             {"name": "displacement [mm]", "type": "line", "showSymbol": False, "yAxisIndex": 1, "data": []},
@@ -176,8 +177,8 @@ def _over_time() -> dict[str, Any]:
 def _loop() -> dict[str, Any]:
     return {
         "animation": False,
-        "grid": {"left": 50, "right": 20, "top": 40, "bottom": 45},
-        "xAxis": {"type": "value", "scale": True, "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 28},
-        "yAxis": {"type": "value", "scale": True, "name": "force [N]"},
+        "grid": {"left": 50, "right": 20, "top": 40, "bottom": 55},
+        "xAxis": {**AXIS, "scale": True, "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 30},
+        "yAxis": {**AXIS, "scale": True, "name": "force [N]"},
         "series": [{"type": "line", "showSymbol": False, "lineStyle": {"width": 1.5}, "data": []}],
     }
