@@ -1,0 +1,134 @@
+"""Every example of the README is run, in its order, as a reader would: beside a copy of station.toml."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import socket
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DONE, LOSSY = 0, 3
+SPEED = ("--speed", "12")
+QUICKER = {
+    "simulate": SPEED,
+    "record": SPEED,
+    "replay": SPEED,
+    "assess": ("--draws", "0"),
+    "optimise": ("--draws", "0"),
+}
+"""Documented options that spare the time of whoever waits for the tests."""
+PLAN = """
+every = 100
+[vary]
+cuffs = "monday/cuffs.json"
+cuff = "hand"
+condition = "rigid"
+"""
+STATIC = "monday/cuff-hand_test-static_run-1.mcap"
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+
+
+def examples() -> list[list[str]]:
+    """The words of every indented line that begins with `station`, without its comment."""
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("    station ")]
+
+
+class Desk:
+    """A folder to work in, with the README's configuration at ports that are free."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._command = shutil.which("station", path=str(ROOT / ".venv" / "bin")) or shutil.which("station")
+        text = (ROOT / "station.toml").read_text(encoding="utf-8")
+        ports = free_ports(2)
+        (folder / "station.toml").write_text(
+            text.replace("31763", str(ports[0])).replace("22223", str(ports[1])), encoding="utf-8"
+        )
+
+    def run(self, words: list[str]) -> None:
+        ran = subprocess.run(  # noqa: S603  (the README's own words)
+            self._words(words), check=False, cwd=self.folder, capture_output=True, text=True, env=plain_environment()
+        )
+        assert ran.returncode in (DONE, LOSSY), f"station {shlex.join(words)}: {ran.stdout}\n{ran.stderr}"
+
+    @contextmanager
+    def running(self, words: list[str], until: str) -> Iterator[None]:
+        """One that serves until it is ended; yields when it has said that it does."""
+        child = subprocess.Popen(  # noqa: S603  (the README's own words)
+            self._words(words),
+            cwd=self.folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=plain_environment(),
+        )
+        assert child.stdout is not None
+        try:
+            said = ""
+            for line in child.stdout:
+                said += line
+                if until in line:
+                    break
+            else:
+                raise AssertionError(f"station {shlex.join(words)}: {said}")
+            yield
+        finally:
+            child.terminate()
+            child.communicate(timeout=60)
+
+    def provide(self, words: list[str]) -> None:
+        """What an example takes from elsewhere, made of the session's own recordings."""
+        if "import" in words:
+            for kind, theirs, ours in (("csv", "_force.csv", "daq.csv"), ("tsv", "_markers.tsv", "trial.tsv")):
+                self.run(["export", STATIC, "--to", kind, "--output", "made"])
+                (self.folder / "made" / f"{Path(STATIC).stem}{theirs}").rename(self.folder / ours)
+        elif "sweep" in words:
+            (self.folder / "plan.toml").write_text(PLAN)
+
+    def _words(self, words: list[str]) -> list[str]:
+        assert self._command is not None, "the station command is not installed"
+        # A check listens for as long as a person takes to start a capture: the first devices run at the wall's speed.
+        return [self._command, *words, *(() if "bounce" in words else QUICKER.get(words[0], ()))]
+
+
+def free_ports(count: int) -> list[int]:
+    taken = [socket.socket() for _ in range(count)]
+    try:
+        for each in taken:
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in taken]
+    finally:
+        for each in taken:
+            each.close()
+
+
+def plain_environment() -> dict[str, str]:
+    """Nobody's browser opens, no window is drawn, and the command does not know that it is tested."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+    return {**kept, "BROWSER": "true", "MPLBACKEND": "agg"}
+
+
+def test_every_example_of_the_readme_runs_in_its_order(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    with ExitStack() as devices:
+        for words in examples():
+            if words[0] == "simulate":
+                devices.close()
+                devices.enter_context(desk.running(words, until="stop with Ctrl-C"))
+            elif words[0] == "serve":
+                with desk.running([*words, "--port", str(free_ports(1)[0])], until="http://127.0.0.1:"):
+                    pass
+            else:
+                desk.provide(words)
+                desk.run(words)
+    assert (tmp_path / "monday" / "report.html").is_file()
+    assert {words[0] for words in examples()} >= {"simulate", "record", "fit", "assess", "report"}
