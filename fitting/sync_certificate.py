@@ -53,7 +53,7 @@ class SyncCertificate:
 def certify(line: Timeline, pulled: NDArray[np.float64]) -> SyncCertificate:
     """Of a trial's timeline, in which the pulled point moved along (frames, 3) [m]."""
     duration = float(line.marker_time[-1])
-    worst = math.hypot(line.clock.errors(duration, 0.0, 0.0).time, line.stop_contradiction)
+    worst = max(line.clock.errors(duration, 0.0, 0.0).time, line.lag.edge)  # the lag knows of frames that contradict
     force_rate, speed = peak_rate(line.force_time, line.force[:, None]), peak_rate(line.marker_time, pulled)
     return SyncCertificate(
         offset=line.clock.start,

@@ -169,11 +169,11 @@ def _by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> _OneTime:
     frames = _captured(frames, edge_clock, edges)
     last_frame = float(frames.numbers[-1]) / frames.stream.rate_hz
     clock = clocks.fit_clock(edges, last_frame)
-    first_frame, frames_sd, notes = _first_frame_time(frames, edge_clock, edges)
+    first_frame, frames_sd, late_start = _first_frame_time(frames, edge_clock, edges)
     middle = (first_frame + (frames.numbers[-1] - frames.numbers[0]) / frames.stream.rate_hz) / 2
     force_time, edge_sd, drift = _force_time(manifest, force, edge_clock, clock, float(middle))
     contradiction = clocks.stop_contradiction(edges, last_frame, 1 / frames.stream.rate_hz)
-    findings = edges.findings + quality.stop_notes(edges.falling, clock.has_both_edges, contradiction)
+    findings = edges.findings + late_start + quality.stop_notes(edges.falling, clock.has_both_edges, contradiction)
     return _OneTime(
         force_time,
         frames,
@@ -182,7 +182,7 @@ def _by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> _OneTime:
         float(np.linalg.norm((edge_sd, frames_sd, contradiction))),
         drift,
         None if edges.falling is None else (edges.falling - clock.start) / clock.ratio,
-        notes + findings,
+        findings,
         findings,
         contradiction,
     )

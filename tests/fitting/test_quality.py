@@ -14,6 +14,8 @@ from fitting.quality import (
     marker_quality,
     require_live_force,
     require_plausible_displacement,
+    zero_drift,
+    zero_notes,
 )
 
 TIME = np.arange(3000) / 100
@@ -68,3 +70,30 @@ def test_a_displacement_in_the_wrong_unit_is_refused(scale: float) -> None:
     require_plausible_displacement(FORCE / 8000)
     with pytest.raises(UnusableTrial, match="millimetres"):
         require_plausible_displacement(scale * FORCE / 8000)
+
+
+def _pull(drift: float, rest: float = 2.0) -> np.ndarray:
+    """60 N between a rest at 3 N and one that reads `drift` more; the zero drifts all the time."""
+    pulled = np.abs(TIME - TIME[-1] / 2) < TIME[-1] / 2 - rest
+    noise = 0.2 * np.random.default_rng(2).standard_normal(len(TIME))
+    return 3.0 + 60.0 * pulled + drift * TIME / TIME[-1] + noise
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.9, 2.4, -2.4])
+def test_the_zero_s_drift_between_both_rests_is_measured_and_told_beyond_its_limit(drift: float) -> None:
+    found = zero_drift(TIME, _pull(drift))
+    assert found == pytest.approx(drift, abs=0.15)
+    notes = zero_notes(found, 60.0)
+    assert len(notes) == (abs(drift) > 1.2)
+    assert all("expected at most 1.20 N" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [_pull(0.0, rest=0.5), np.where(TIME > 15, 63.0, 3.0), 25 + 12 * np.sin(2 * np.pi * 0.1 * TIME), np.zeros(1)],
+    ids=["short rest", "load left on", "never at rest", "one sample"],
+)
+def test_without_a_rest_at_both_ends_no_drift_is_told(force: np.ndarray) -> None:
+    found = zero_drift(TIME[: len(force)], force)
+    assert found is None
+    assert zero_notes(found, 60.0) == ()

@@ -91,6 +91,8 @@ def test_a_recording_is_shown_as_a_table_and_as_json(station, tmp_path: Path) ->
     content = json.loads(plain.out)
     assert content["complete"] is True and content["gaps"] == []
     assert set(content["topics"]["/force"]) == {"messages", "first_ns", "last_ns"}
+    assert content["sync_sentence"] in table.out
+    assert "load cell: no serial number, 50 kg, no calibration date" in table.out
 
 
 def test_a_cut_recording_is_code_3_in_info_and_recover_and_the_original_stays(station, tmp_path: Path) -> None:
