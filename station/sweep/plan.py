@@ -152,15 +152,25 @@ def _condition(value: Any, where: str) -> Value:
 
 
 def _number(value: Any, where: str) -> Value:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+    if not _is_finite(value) or value < 0:
         raise PlanError(f"{where} should be a number that is not negative and is {value!r}; correct it")
     return float(value)
 
 
+def _above_zero(value: Any, where: str) -> Value:
+    if not _is_finite(value) or value <= 0:
+        raise PlanError(f"{where} should be a number above 0 and is {value!r}; correct it")
+    return float(value)
+
+
 def _point(value: Any, where: str) -> Value:
-    if not (isinstance(value, list) and len(value) == 3 and all(isinstance(each, int | float) for each in value)):
+    if not (isinstance(value, list) and len(value) == 3 and all(map(_is_finite, value))):
         raise PlanError(f"{where} should be a point of three numbers and is {value!r}; correct it")
     return tuple(float(each) for each in value)
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _whole(document: dict[str, Any], key: str, least: int) -> int:
@@ -182,8 +192,8 @@ AXES: dict[str, Callable[[Any, str], Value]] = {
     "external_loads": _word,
     "hand_mass_kg": _number,
     "suit": _word,
-    "rest_length_m": _number,
-    "stiffness_n_per_m": _number,
+    "rest_length_m": _above_zero,
+    "stiffness_n_per_m": _above_zero,
     "waist_point_m": _point,
     "shoulder_point_m": _point,
     "arm_point_m": _point,
