@@ -33,6 +33,7 @@ class Plateau:
     force, force_sd      N; force_sd holds noise and what the converter's codes leave unknown
     displacement, displacement_sd  m
     late                 displacement and its uncertainty at the hold's end, [m]: where slip had (nearly) stopped
+    codes                N, the part of force_sd that the converter's codes leave: the same in every trial
     """
 
     start: float
@@ -42,6 +43,7 @@ class Plateau:
     displacement: float
     displacement_sd: float
     late: tuple[float, float]
+    codes: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,8 @@ def find_plateaus(
         load, load_noise = _mean(force_time[in_force], force[in_force])
         codes = level_bias(force_step, float(np.std(force[in_force])))
         time, way = marker_time[in_frames], displacement[in_frames]
-        found.append(Plateau(start, end, load, math.hypot(load_noise, codes), *_mean(time, way), _at_end(time, way)))
+        force_sd = math.hypot(load_noise, codes)
+        found.append(Plateau(start, end, load, force_sd, *_mean(time, way), _at_end(time, way), codes))
     return tuple(found)
 
 

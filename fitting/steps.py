@@ -46,7 +46,7 @@ def check_steps(plateaus: Sequence[Plateau], masses: Sequence[float]) -> tuple[s
 def _first_guess(force: NDArray[np.float64], levels: NDArray[np.float64]) -> float:
     """Newtons read for one hung on: the middle step up over the middle weight."""
     steps = np.diff(force)
-    rises = steps[steps > 0.3 * np.abs(steps).max()]
+    rises = steps[steps > 0.3 * steps.max()]  # all weights may come off at once
     return float(np.median(rises) / np.median(np.diff(levels))) if len(rises) else 1.0
 
 

@@ -180,7 +180,8 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
         information = float(weight @ load**2)
         compliance = float(weight @ (load * way)) / information
     chi_square = float(weight @ (way - compliance * load) ** 2)
-    white = 1 / x_sd**2
+    codes = np.array([plateau.codes for plateau in plateaus])
+    white = 1 / (x_sd**2 + compliance**2 * (force_sd**2 - codes**2))
     noise = 1 / math.sqrt(float(white @ within(force, segment, white) ** 2))
     middle = np.array([(plateau.start + plateau.end) / 2 for plateau in plateaus])
     # A zero that drifts by d [N/s] adds d t to the load, and so Σ w load t / Σ w load² of itself to the compliance.

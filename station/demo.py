@@ -52,7 +52,7 @@ def run_demo(folder: Path | None, speed: float, seed: int) -> int:
     folder = folder or _free_folder()
     if any(folder.glob("*.mcap")):
         raise DemoError(f"{folder} holds recordings already, and the demo overwrites none; give another --output")
-    talk, data = Console(stderr=True), Console()
+    talk, data = Console(stderr=True), Console(markup=False)
     with progress_bars(talk) as progress:
         results, truth = record_session(folder, demo_config(), speed, seed, progress)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")

@@ -28,7 +28,7 @@ def show_contents(path: Path, as_json: bool) -> int:
         plain = {**json.loads(contents.to_json()), "sync": plain_sync(certificate), "sync_sentence": sentence}
         print(json.dumps(plain, indent=2, ensure_ascii=False))
     else:
-        _print_tables(contents, Console())
+        _print_tables(contents, Console(markup=False))
         for words in (f"sync: {sentence}", *(certificate.findings if certificate else ())):
             print(words)
     return DONE if contents.complete and not contents.gaps else LOSSY

@@ -39,7 +39,7 @@ def fit(
     elif format == "json":
         print(fitted.to_json(), end="")
     else:
-        print_cuffs(fitted, Console())
+        print_cuffs(fitted, Console(markup=False))  # "[mm]" is a unit
     is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
     raise typer.Exit(DONE if is_whole else LOSSY)
 
@@ -61,4 +61,4 @@ def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format)
     if format == "json":
         print(text, end="")
     else:
-        Console().print(published_table(fits, fitted))
+        Console(markup=False).print(published_table(fits, fitted))

@@ -94,7 +94,7 @@ def assess(
     with progress_bars(Console(stderr=True)) as progress:
         assessed = assess_file(inputs, output, draws, progress)
     write_report(output)
-    Console().print(assessment_table(assessed.assessment))
+    Console(markup=False).print(assessment_table(assessed.assessment))
     for sentence in findings(assessed.assessment):
         say(sentence)
     raise typer.Exit(LOSSY if assessed.assessment.unsolved else DONE)
@@ -128,7 +128,7 @@ def optimise(
     freedoms: Any = tuple(each.value for each in free or ())
     with progress_bars(Console(stderr=True)) as progress:
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
-    Console().print(optimum_table(optimised))
+    Console(markup=False).print(optimum_table(optimised))
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
         say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")
 

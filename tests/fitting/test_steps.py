@@ -52,6 +52,13 @@ def test_a_scale_that_is_wrong_is_named(scale: float, words: str) -> None:
     assert f"{scale * 14.71:.1f} N where 1.5 kg" in note
 
 
+def test_a_wrong_scale_is_named_where_all_weights_come_off_at_once() -> None:
+    five = (1.5,) * 5
+    forces = 2.0 + 2.2046 * WEIGHT * np.array([0.0, 1.5, 3.0, 4.5, 6.0, 7.5, 0.0])
+    (note,) = check_steps([Plateau(0, 8, force, 0.02, 0.0, 1e-5, (0.0, 1e-5)) for force in forces], five)
+    assert "kilograms were taken for pounds" in note
+
+
 def test_a_pulley_that_rubs_is_named_and_is_no_wrong_scale() -> None:
     (note,) = check_steps(_held(friction=0.06), MASSES)
     assert "the pulley holds 6 % of the load" in note

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,6 +43,16 @@ def test_slip_while_the_load_rises_does_not_reach_the_stiffness() -> None:
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
     assert fit.slip == pytest.approx(2e-4 * 65, rel=1e-6)
     assert not fit.slips_again
+
+
+@pytest.mark.parametrize("cause", ["noise", "codes"])
+def test_noise_of_the_force_is_new_in_every_trial_and_what_its_codes_leave_is_not(cause: str) -> None:
+    held = [replace(each, force_sd=0.3, codes=0.3 if cause == "codes" else 0.0) for each in _held(UP + DOWN)]
+    one, four = fit_stiffness([held], 0.0).stiffness, fit_stiffness([held] * 4, 0.0).stiffness
+    assert one is not None
+    assert four is not None
+    assert one.parts[cause] == pytest.approx(one.standard_error, rel=0.2)
+    assert four.parts[cause] == pytest.approx(one.parts[cause] / (2 if cause == "noise" else 1))
 
 
 def test_hanging_the_same_weights_on_again_is_used_as_well() -> None:

@@ -56,8 +56,12 @@ def test_the_fit_is_written_beside_the_recordings(station, folder: Path) -> None
     assert json.loads((folder / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
 
 
-def test_the_table_has_the_bound_the_law_and_what_may_be_wrong(station, folder: Path) -> None:
+def test_the_table_has_the_bound_the_law_and_what_may_be_wrong(
+    station, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
     out = " ".join(station("fit", folder).out.split())
     assert "at best" in out
+    assert "[mm]" in out
     assert "its law is slip" in out
     assert "likely: slip explains" in out
