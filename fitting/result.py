@@ -308,12 +308,25 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
         damping=estimates[1],
         migration=estimates[2],
         verdicts=tuple(verdict for verdict in Verdict if verdict in said) or (Verdict.GIVEN,),
-        covariance=np.asarray(cuff.get("covariance", covariance_of(estimates)), dtype=np.float64),
+        covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
         sources=cuff.get("sources", {}),
         notes=tuple(cuff.get("notes", ())),
         diagnostics=cuff.get("diagnostics", {}),
         energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
     )
+
+
+def _covariance_from(entry: Any, independent: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+    """Where there is none, that of independent estimates."""
+    if entry is None:
+        return independent
+    try:
+        covariance = np.asarray(entry, dtype=np.float64)
+    except (TypeError, ValueError):
+        covariance = np.zeros(0)
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all() or np.diag(covariance).min() < 0:
+        raise CuffsFileError(f"{where} is {entry!r}, expected 3 rows of 3 finite numbers, none below 0 in the diagonal")
+    return covariance
 
 
 def _estimate_from(entry: Any, where: str) -> Estimate | None:
@@ -322,11 +335,18 @@ def _estimate_from(entry: Any, where: str) -> Estimate | None:
     if plain.get("value") is None:
         return None
     value, error = plain["value"], plain.get("standard_error") or 0.0
-    if not all(isinstance(number, int | float) and math.isfinite(number) for number in (value, error)):
-        raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value")
-    low, high = plain.get("ci95") or (value - NORMAL_95 * error, value + NORMAL_95 * error)
+    if not all(map(_is_finite, (value, error))) or error < 0:
+        raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value, and no standard_error below 0")
+    ends = plain.get("ci95") or [value - NORMAL_95 * error, value + NORMAL_95 * error]
+    if not (isinstance(ends, list) and len(ends) == 2 and all(map(_is_finite, ends)) and ends[0] <= ends[1]):
+        raise CuffsFileError(f"{where} is {entry!r}, expected two finite numbers, the lower first, as ci95")
+    low, high = ends
     parts = {str(cause): float(part) for cause, part in (plain.get("parts") or {}).items()}
     bound = plain.get("cramer_rao_bound")
     return Estimate(
         float(value), float(error), (float(low), float(high)), parts, None if bound is None else float(bound)
     )
+
+
+def _is_finite(number: Any) -> bool:
+    return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number)

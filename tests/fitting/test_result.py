@@ -91,6 +91,12 @@ def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
         ('{"cuffs": {"hand": 3}}', "cuff hand is 3"),
         ('{"cuffs": {"hand": {"stiffness_n_per_m": {"value": "soft"}}}}', "hand.stiffness_n_per_m"),
         ('{"cuffs": {"hand": {"site": "leg"}}}', "hand.site is 'leg'"),
+        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "standard_error": -1}}}}', "no standard_error below 0"),
+        ('{"cuffs": {"hand": {"migration_m": {"value": true}}}}', "hand.migration_m is .* expected a finite number"),
+        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "ci95": [1]}}}}', "two finite numbers, the lower first"),
+        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "ci95": [2, 1]}}}}', "two finite numbers, the lower first"),
+        ('{"cuffs": {"hand": {"covariance": [[1, 2], [3, 4]]}}}', "hand.covariance is .* expected 3 rows of 3"),
+        ('{"cuffs": {"hand": {"covariance": "none"}}}', "hand.covariance is 'none', expected 3 rows of 3"),
     ],
 )
 def test_a_file_that_is_none_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:
