@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fitting.quality import UnusableTrial
@@ -89,3 +91,17 @@ def test_a_line_that_started_the_acquisition_passes_glitches_over_too() -> None:
     edges = find_fall(time, _line((-1.0, 6.0), (7.0, 7.002), low=((3.0, 3.002),)), 2.5)
     assert edges.falling == pytest.approx(5.9995)
     assert [finding.split(":")[0] for finding in edges.findings] == ["glitch", "glitch"]
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 60)), max_size=12), st.booleans())
+def test_whatever_the_line_does_two_edges_in_order_come_out_or_one_sentence(
+    stretches: list[tuple[bool, int]], is_started_by_edge: bool
+) -> None:
+    level = np.concatenate([np.zeros(0), *(np.full(count, 5.0 * is_high) for is_high, count in stretches)])
+    try:
+        edges = (find_fall if is_started_by_edge else find_edges)(time[: len(level)], level, 2.5)
+    except UnusableTrial as error:
+        assert "\n" not in str(error)
+    else:
+        assert edges.falling is None or edges.rising < edges.falling
+        assert all("\n" not in finding for finding in edges.findings)

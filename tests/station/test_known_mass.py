@@ -18,6 +18,8 @@ from recordings.samples import Item
 from station.check import calibration_line, look_at_bench
 from station.clock import Clock
 from station.config import ConfigError, StationConfig, parse_config
+from station.fit import fit_session_folder
+from station.journal import append_line
 from station.known_mass import CHECKS_FILE, KnownMassError, MassCheck, check_known_mass, inherited, listed, read_checks
 from tests.fitting.experiment import Session, published
 from tests.station.fake_devices import FakeCapture, FakeDaq
@@ -110,6 +112,21 @@ def test_a_gain_that_drifted_widens_the_scale_of_the_force_and_is_told_with_all_
     assert sum(note.startswith("known mass") for note in notes) == 4
     assert any("zero drifted by +2." in note for note in notes)
     assert any("gain drifted by +4." in note for note in notes)
+
+
+def test_the_fit_of_a_folder_goes_by_what_was_read_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trial = build_trial(*Session(published("hand", weights=(20.0, 40.0), hold=5.0), 3).static(), "a.mcap", "hash")
+    monkeypatch.setattr("station.fit.read_trials", lambda _: ((trial,), ()))
+    (tmp_path / "a.mcap").touch()
+    silent = fit_session_folder(tmp_path, None).cuffs["hand"]
+    for found in (19.6, 22.6):
+        said = {"mass_kg": 2.0, "expected_n": 19.6, "found_n": found, "u_n": 0.02, "zero_n": 0.1}
+        append_line(tmp_path / CHECKS_FILE, "known_mass", **said)
+    fit = fit_session_folder(tmp_path, None).cuffs["hand"]
+    assert any("gain drifted by +15.31 %" in note for note in fit.notes)
+    assert fit.stiffness is not None
+    assert silent.stiffness is not None
+    assert fit.stiffness.standard_error > 1.5 * silent.stiffness.standard_error
 
 
 def test_readings_that_agree_change_nothing() -> None:
