@@ -44,6 +44,11 @@ def as_png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def thinned(count: int, most: int) -> slice:
+    """Every so many of `count` that at most `most` are left."""
+    return slice(None, None, max(1, -(-count // most)))
+
+
 def trial_figure(static: TrialCurves | None, dynamic: TrialCurves | None) -> bytes:
     """Force and displacement over session time with the sync edge and the trial's start and end marked."""
     shown = [curves for curves in (static, dynamic) if curves is not None]
@@ -72,7 +77,7 @@ def dynamic_figure(fit: CuffFit, dynamic: Sequence[TrialCurves]) -> bytes:
     reach = 0.0
     for curves, shade in zip(dynamic, SHADES * 8, strict=False):
         if curves.dynamic is not None:
-            thin = _thinned(len(curves.dynamic.velocity), 1500)
+            thin = thinned(len(curves.dynamic.velocity), 1500)
             velocity = 1e3 * curves.dynamic.velocity[thin]
             label = f"repeat {curves.trial.repeat}"
             axis.plot(velocity, curves.dynamic.damper_force[thin], ".", color=shade, ms=1.6, alpha=0.5, label=label)
@@ -90,7 +95,7 @@ def dynamic_figure(fit: CuffFit, dynamic: Sequence[TrialCurves]) -> bytes:
 def _draw_trial(axis: Axes, curves: TrialCurves) -> None:
     trial = curves.trial
     axis.set_title(f"{trial.test}, repeat {trial.repeat}", loc="left")
-    thin = _thinned(len(curves.force), MOST_POINTS)
+    thin = thinned(len(curves.force), MOST_POINTS)
     axis.plot(curves.force_time[thin], curves.force[thin], color=FORCE, linewidth=0.8)
     axis.set_ylabel("force [N]", color=FORCE)
     axis.set_xlabel("session time [s]")
@@ -128,7 +133,3 @@ def _draw_held_loads(axis: Axes, curves: TrialCurves, fit: CuffFit, shade: str) 
             ends = np.array([x[inside].min(), x[inside].max()])
             line = fit.stiffness.value * ends + curves.static.offset[inside][0]
             axis.plot(1e3 * ends, line, color=LINE, linewidth=1.1)
-
-
-def _thinned(count: int, most: int) -> slice:
-    return slice(None, None, max(1, -(-count // most)))

@@ -11,16 +11,28 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fitting.bushing import bushing_force
 from fitting.curves import TrialCurves
 from fitting.result import CuffFit, SessionFit, read_cuffs
+from fitting.tensor import Tensor
 from fitting.uncertainty import Estimate
 from station.assessment_section import assessment_section
 from station.figures import dynamic_figure, static_figure, trial_figure
 from station.fit import fit_session_folder, recordings_in
+from station.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.pictures import Picture, picture
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
+REPEAT = (
+    "Left: held loads, the line of the common stiffness, and how far they lie off it. Middle: the swing as measured "
+    "and as fitted. Right: what the spring does not explain, over velocity, and this trial's damper"
+)
+REPEATS = "Each repeat on its own and what they say together, with 95 % intervals"
+COMPLEX = "Complex stiffness K* = k + i 2πf c in bands of frequency: level lines are what a spring and a damper have"
+LEFT_OVER = (
+    "What the law leaves of the force of the swings: over time, against itself later, against a normal distribution"
+)
 TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""
 
@@ -36,6 +48,19 @@ class CuffSection:
     fit: CuffFit
     truth: Mapping[str, float]
     pictures: tuple[Picture, ...]
+
+    @property
+    def tensors(self) -> list[tuple[str, str, Tensor]]:
+        """Those that are told, with their names and units."""
+        found = self.fit.tensors
+        both = (("Stiffness", "N/m", found and found.stiffness), ("Damping", "N s/m", found and found.damping))
+        return [(what, unit, tensor) for what, unit, tensor in both if tensor]
+
+    @property
+    def bushing(self) -> str:
+        """OpenSim's element, empty where a figure is missing."""
+        known = self.fit.stiffness and self.fit.damping and self.fit.migration
+        return bushing_force(self.fit) if known else ""
 
 
 def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progress = silent) -> Path:
@@ -105,14 +130,28 @@ def _pictures_of(fit: CuffFit, curves: list[TrialCurves]) -> tuple[Picture, ...]
         caption = (
             "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
         )
-        pictures.append(picture(png, caption))
+        pictures += [picture(png, caption, is_wide=True), picture(repeats_figure(fit), REPEATS, is_wide=True)]
+    pictures += _repeats(fit, static, dynamic)
     if static:
         pictures.append(
             picture(static_figure(fit, static), "Held loads and the line of the common stiffness; slip between lines")
         )
-    if dynamic:
+    if any(each.dynamic for each in dynamic):
         pictures.append(picture(dynamic_figure(fit, dynamic), "What the spring does not explain, over velocity"))
+        if fit.complex_stiffness:
+            pictures.append(picture(complex_stiffness_figure(fit), COMPLEX, is_wide=True))
+        pictures.append(picture(residual_figure(dynamic), LEFT_OVER, is_wide=True))
     return tuple(pictures)
+
+
+def _repeats(fit: CuffFit, static: list[TrialCurves], dynamic: list[TrialCurves]) -> list[Picture]:
+    """A picture of every repeat of which anything was used."""
+    held = {each.trial.repeat: each for each in static}
+    swung = {each.trial.repeat: each for each in dynamic}
+    return [
+        picture(repeat_figure(fit, held.get(repeat), swung.get(repeat)), f"Repeat {repeat}. {REPEAT}", is_wide=True)
+        for repeat in sorted({*held, *swung})
+    ]
 
 
 def _environment() -> Environment:
