@@ -146,6 +146,7 @@ def fit_clock(edges: SyncEdges, capture: float | None) -> ClockFit:
 def stop_contradiction(edges: SyncEdges, capture: float, frame: float) -> float:
     """Seconds by which the stop edge contradicts frames that last `capture` [s], `frame` [s] each; 0 where it does not.
 
+    All of it where edges between samples and drifting clocks cannot explain it: then neither can be believed.
     Negative where the line fell before the last frame was taken. A line that falls later leaves room for whole frames
     that were not received; what is left of the nearest number of them contradicts.
     """
@@ -155,7 +156,7 @@ def stop_contradiction(edges: SyncEdges, capture: float, frame: float) -> float:
     reach = PRIOR_REACH * DRIFT_PRIOR_SD * capture + math.sqrt(3) * (edges.rising_sd + edges.falling_sd)
     if excess > 0:
         excess -= frame * round(excess / frame)
-    return math.copysign(max(0.0, abs(excess) - reach), excess)
+    return excess if abs(excess) > reach else 0.0
 
 
 def arrival_offset(host_time: NDArray[np.float64], device_time: NDArray[np.float64]) -> float:
