@@ -34,6 +34,8 @@ the model's resonance, and so bias the damping."""
 
 def output_error(record: Record, stiffness: float, damping: float) -> tuple[Estimate, Estimate] | None:
     """k [N/m] and c [N s/m], the lag taken as known, from a start near them; None if no k, c > 0 fits."""
+    if stiffness <= 0:
+        return None  # a law that is no spring diverges
     time = np.arange(record.force_time[0], record.force_time[-1], STEP)
     force = _without_noise(CubicSpline(record.force_time, record.force)(time))
     u = (2 * time - time[0] - time[-1]) / (time[-1] - time[0])

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Machines are shared and slow at times: how long an example takes is no finding.
-settings.register_profile("house", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# Machines are shared and slow at times: how long an example takes is no finding. The same examples every time: a gate
+# that fails by chance teaches nobody; new ones are sought by `python -m benchmarks.fuzz`.
+settings.register_profile("house", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("house")
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
