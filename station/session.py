@@ -25,6 +25,8 @@ GRACE_S = 1.0
 """Wall seconds without samples after which closing waits no longer for those that are still on their way."""
 LONGEST_CLOSING_S = 15.0
 """Wall seconds after which closing waits no longer at all, though a backlog still comes in."""
+GLITCH_NS = 5_000_000
+"""A rise that is over sooner starts nothing; one that ends its block is believed, not to start late."""
 SHORT_S = 0.1
 """Wall seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
 
@@ -239,12 +241,26 @@ class TrialSession:
             first = int(samples.sample_numbers[0]), int(samples.device_time_ns[0])
             self._begin(*first, "the hardware trigger on PFI0 started the acquisition")
             return
-        for edge in edges:
+        for edge in self._without_glitches(edges):
             if edge.rising:
                 words = f"the sync line rose from {edge.from_v:.2f} V to {edge.to_v:.2f} V"
                 self._begin(edge.sample_number, edge.device_time_ns, words)
                 return
             self._fell = self._clock.wall_s(), edge
+
+    def _without_glitches(self, edges: Sequence[Edge]) -> list[Edge]:
+        """The edges of a block without each rise that is over at once, which is noted instead."""
+        kept: list[Edge] = []
+        for edge in edges:
+            if kept and kept[-1].rising and edge.device_time_ns - kept[-1].device_time_ns < GLITCH_NS:
+                spike = kept.pop()
+                words = f"the sync line spiked to {spike.to_v:.2f} V for less than {GLITCH_NS * 1e-6:g} ms"
+                self._record(
+                    self._event("sync_glitch", f"{words} at sample {spike.sample_number}, which starts nothing")
+                )
+            else:
+                kept.append(edge)
+        return kept
 
     def _check_polarity(self) -> None:
         """A fall together with the start of a capture is an inverted line; a fall alone ends an earlier capture."""

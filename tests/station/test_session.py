@@ -191,6 +191,19 @@ def test_no_edge_in_time_fails_with_the_level_seen(level: float, words: str) -> 
     assert bench.recorder.items == []
 
 
+def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file() -> None:
+    bench = Bench().arm()
+    bench.run(2.5)
+    spike = np.zeros(100)
+    spike[40:43] = 5.0
+    bench.send_daq(spike)
+    assert bench.session.state is State.ARMED
+    bench.start_capture()
+    bench.run(3.0)
+    assert bench.session.state is State.RECORDING, "nor is the glitch's end taken for an inverted edge"
+    assert "sync_glitch" in bench.recorder.events()
+
+
 def test_an_inverted_line_is_named_when_the_capture_starts() -> None:
     bench = Bench().arm()
     bench.level = 5.0
