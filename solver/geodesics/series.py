@@ -20,6 +20,7 @@ EXACT, ROUGH = 1e-16, 1e-8  # accuracy: what the terms left out may add to a ste
 X, G, P, J, ROWS = 0, 3, 4, 5, 7  # rows of the series: x in three, g, p, and j in two
 
 Spread = tuple[float, float, float, float]
+Five = tuple[float, float, float, float, float]
 
 
 @compiled
@@ -56,29 +57,31 @@ def _expand(size: Vector, x: Vector, t: Vector, order: int, accuracy: float, ser
     C = g0 * (A[0] * t[0] * t[0] + A[1] * t[1] * t[1] + A[2] * t[2] * t[2])
     curvature = A[0] * A[1] * A[2]
     for k in range(order - 1):
-        x0, x1, x2 = _square(series, X, k), _square(series, X + 1, k), _square(series, X + 2, k)
-        series[G, k] = B[0] * x0 + B[1] * x1 + B[2] * x2
+        series[G, k] = _weighted_square(series, B, k)
         series[P, k] = _power(series, k) / (k * g0) if k > 0 else 1.0 / (g0 * g0)
         share = 1.0 / ((k + 1) * (k + 2))
-        x0, x1, x2 = _product(series, X, k)
+        x0, x1, x2, j0, j1 = _products(series, k) if k + 2 <= ORDER_OF_NEIGHBOURS else _places(series, k)
         series[X, k + 2] = -C * A[0] * x0 * share
         series[X + 1, k + 2] = -C * A[1] * x1 * share
         series[X + 2, k + 2] = -C * A[2] * x2 * share
-        if k + 2 <= ORDER_OF_NEIGHBOURS:
-            _, j0, j1 = _product(series, J - 1, k)
-            series[J, k + 2] = -curvature * j0 * share
-            series[J + 1, k + 2] = -curvature * j1 * share
+        series[J, k + 2] = -curvature * j0 * share
+        series[J + 1, k + 2] = -curvature * j1 * share
     return min(_reach(size, series, order, accuracy), _reach(size, series, order - 1, accuracy))
 
 
 @compiled
-def _square(series: Array, row: int, k: int) -> float:
-    """The k-th coefficient of a row's square; each product counts twice but the middle one."""
-    total = 0.0
+def _weighted_square(series: Array, weights: Vector, k: int) -> float:
+    """The k-th coefficient of Σ w x²; each product counts twice but the middle one."""
+    x0 = x1 = x2 = 0.0
     for j in range((k + 1) // 2):
-        total += series[row, j] * series[row, k - j]
-    middle = series[row, k // 2] if k % 2 == 0 else 0.0
-    return 2.0 * total + middle * middle
+        x0 += series[0, j] * series[0, k - j]
+        x1 += series[1, j] * series[1, k - j]
+        x2 += series[2, j] * series[2, k - j]
+    if k % 2 == 0:
+        x0 += 0.5 * series[0, k // 2] * series[0, k // 2]
+        x1 += 0.5 * series[1, k // 2] * series[1, k // 2]
+        x2 += 0.5 * series[2, k // 2] * series[2, k // 2]
+    return 2.0 * (weights[0] * x0 + weights[1] * x1 + weights[2] * x2)
 
 
 @compiled
@@ -94,15 +97,29 @@ def _power(series: Array, k: int) -> float:
 
 
 @compiled
-def _product(series: Array, row: int, k: int) -> Vector:
-    """The k-th coefficients of p times three rows."""
+def _products(series: Array, k: int) -> Five:
+    """The k-th coefficients of p times x and j."""
+    x0 = x1 = x2 = j0 = j1 = 0.0
+    for j in range(k + 1):
+        p = series[P, k - j]
+        x0 += p * series[0, j]
+        x1 += p * series[1, j]
+        x2 += p * series[2, j]
+        j0 += p * series[J, j]
+        j1 += p * series[J + 1, j]
+    return x0, x1, x2, j0, j1
+
+
+@compiled
+def _places(series: Array, k: int) -> Five:
+    """The same without j."""
     x0 = x1 = x2 = 0.0
     for j in range(k + 1):
         p = series[P, k - j]
-        x0 += p * series[row, j]
-        x1 += p * series[row + 1, j]
-        x2 += p * series[row + 2, j]
-    return x0, x1, x2
+        x0 += p * series[0, j]
+        x1 += p * series[1, j]
+        x2 += p * series[2, j]
+    return x0, x1, x2, 0.0, 0.0
 
 
 @compiled

@@ -35,7 +35,7 @@ from solver.wrapping.vectors import (
 GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
 MOST_STEPS = 30
 SINGULAR = 1e-14
-LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 3e-4, 1e-8  # in radii of the surface, or rad
+LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 1e-4, 1e-7  # in radii of the surface, or rad
 
 
 @compiled
