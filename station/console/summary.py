@@ -27,7 +27,7 @@ class Summary:
 def summarise(folder: Path) -> Summary:
     """Writes cuffs.json, assessment.json and report.html into the session's folder."""
     from station.assess import assess_file
-    from station.assessment_inputs import AssessmentInputs
+    from station.assessment_inputs import AssessmentInputs, InputError
     from station.findings import findings
     from station.report import write_report
 
@@ -48,7 +48,7 @@ def summarise(folder: Path) -> Summary:
     try:
         assessed = assess_file(AssessmentInputs(folder / "cuffs.json"), folder, DRAWS)
         said = tuple(findings(assessed.assessment))
-    except (NotIdentified, CuffsFileError) as error:
+    except (NotIdentified, CuffsFileError, InputError) as error:
         said = (f"no assessment: {error}",)
     write_report(folder, fitted)
     return Summary(rows, said)

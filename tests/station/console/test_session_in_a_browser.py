@@ -71,7 +71,7 @@ def seen(page: Page, words: str | re.Pattern[str]) -> None:
 
 
 def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, tmp_path: Path, pictures: Path) -> None:
-    config = write_config(tmp_path, migration_m=0.04)
+    config = write_config(tmp_path, migration_m=0.03)
     with ServedConsole(config, "--simulated", "--speed", "3") as console:
         page = open_page(browser, console.address)
         page.get_by_label("Subject code").fill("Maria")
@@ -91,7 +91,7 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         assert drawn(page) != before, "the curves move"
         page.screenshot(path=pictures / "console-trial.png")
 
-        seen(page, "the cuff slipped by 40 mm in this trial")
+        seen(page, "the cuff slipped by 30 mm in this trial")
         page.screenshot(path=pictures / "console-redo.png")
         page.get_by_label("mark 1 was").fill("coughed")
         page.get_by_role("button", name="Don the cuff anew and redo").click()
