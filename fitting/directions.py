@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,12 @@ from fitting.quality import UnusableTrial
 from fitting.tensor import APART, angle_between
 from fitting.trial import Trial
 
-ELSEWHERE_NOTE = "the rope pulls {:.0f}° away from the donning's first; the trial counts in three dimensions only"
+ELSEWHERE = "the trial counts in three dimensions only"
+ELSEWHERE_NOTE = f"the rope pulls {{:.0f}}° away from the donning's first; {ELSEWHERE}"
+TURNED_NOTE = (
+    "the cuff goes {:.0f}° away from its way in the donning's first {} trial, and both count along one line; put two "
+    "markers on the rope, which tell a turned pull from a cuff that slips sideways"
+)
 
 
 def pulled_elsewhere(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, NDArray[np.float64]]:
@@ -21,17 +26,54 @@ def pulled_elsewhere(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> 
     Static and dynamic trials that differ throughout are no set of directions but a fault, which D6 names; dynamic ones
     are held against the first static direction if any of them pulls along it. Without rope markers nobody knows.
     """
-    ropes = {}
-    for trial, motion in zip(trials, motions, strict=True):
-        if motion.rope is not None and np.isfinite(motion.rope).any():
-            try:
-                ropes[trial.file] = pull_direction([trial], [motion])
-            except UnusableTrial:  # said again where the trial is fitted
-                continue
-    tests = {trial.file: trial.test for trial in trials}
-    static = [rope for file, rope in ropes.items() if tests[file] == "static"]
-    dynamic = [rope for file, rope in ropes.items() if tests[file] == "dynamic"]
-    first = {"static": static[:1], "dynamic": dynamic[:1]}
-    if static and any(angle_between(static[0], rope) < APART for rope in dynamic):
-        first["dynamic"] = static[:1]
-    return {file: rope for file, rope in ropes.items() if angle_between(first[tests[file]][0], rope) >= APART}
+    pairs = [(trial, motion) for trial, motion in zip(trials, motions, strict=True) if _shows_rope(motion)]
+    ropes = _ways(pairs)
+    first = _firsts(pairs, ropes)
+    held = first.get("static")
+    swung = [ropes[trial.file] for trial, _ in pairs if trial.test == "dynamic" and trial.file in ropes]
+    if held is not None and any(angle_between(held, rope) < APART for rope in swung):
+        first["dynamic"] = held
+    return {
+        trial.file: ropes[trial.file]
+        for trial, _ in pairs
+        if trial.file in ropes and angle_between(first[trial.test], ropes[trial.file]) >= APART
+    }
+
+
+def turned_notes(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> dict[str, str]:
+    """File → a note for the trials without rope markers in which the cuff goes another way than in the first."""
+    pairs = [(trial, motion) for trial, motion in zip(trials, motions, strict=True) if not _shows_rope(motion)]
+    ways = _ways(pairs)
+    first = _firsts(pairs, ways)
+    angles = {
+        trial.file: (angle_between(first[trial.test], ways[trial.file]), trial.test)
+        for trial, _ in pairs
+        if trial.file in ways
+    }
+    return {file: TURNED_NOTE.format(angle, test) for file, (angle, test) in angles.items() if angle >= APART}
+
+
+def _shows_rope(motion: CuffMotion) -> bool:
+    return motion.rope is not None and bool(np.isfinite(motion.rope).any())
+
+
+def _ways(pairs: Sequence[tuple[Trial, CuffMotion]]) -> dict[str, NDArray[np.float64]]:
+    """File → the trial's own direction of pull."""
+    ways = {}
+    for trial, motion in pairs:
+        try:
+            ways[trial.file] = pull_direction([trial], [motion])
+        except UnusableTrial:  # said again where the trial is fitted
+            continue
+    return ways
+
+
+def _firsts(
+    pairs: Sequence[tuple[Trial, CuffMotion]], ways: Mapping[str, NDArray[np.float64]]
+) -> dict[str, NDArray[np.float64]]:
+    """Test → the direction of its first trial."""
+    first: dict[str, NDArray[np.float64]] = {}
+    for trial, _ in pairs:
+        if trial.file in ways:
+            first.setdefault(trial.test, ways[trial.file])
+    return first

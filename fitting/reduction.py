@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting import frames, quality
-from fitting.directions import ELSEWHERE_NOTE, pulled_elsewhere
+from fitting.directions import ELSEWHERE_NOTE, pulled_elsewhere, turned_notes
 from fitting.frames import CuffMotion
 from fitting.plateaus import Plateau, find_plateaus
 from fitting.quality import MarkerQuality, UnusableTrial
@@ -56,6 +56,7 @@ def reduce_trials(trials: Sequence[Trial]) -> tuple[list[ReducedTrial], dict[str
     if not moved:
         return [], reasons
     elsewhere = pulled_elsewhere([each[0] for each in moved], [each[1] for each in moved])
+    turned_away = turned_notes([each[0] for each in moved], [each[1] for each in moved])
     along = [each for each in moved if each[0].file not in elsewhere]
     pulls = [each for each in along if each[0].test == "static"] or along
     try:
@@ -67,7 +68,8 @@ def reduce_trials(trials: Sequence[Trial]) -> tuple[list[ReducedTrial], dict[str
         try:
             turned = elsewhere.get(trial.file)
             if turned is None:
-                reduced.append(_project(trial, motion, markers, notes, direction))
+                said = (*notes, turned_away[trial.file]) if trial.file in turned_away else notes
+                reduced.append(_project(trial, motion, markers, said, direction))
                 continue
             said = (*notes, ELSEWHERE_NOTE.format(angle_between(turned, direction)))
             reduced.append(replace(_project(trial, motion, markers, said, turned), is_elsewhere=True))

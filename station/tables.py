@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fitting.directions import ELSEWHERE
 from fitting.published_method import PublishedFit
 from fitting.result import CuffFit, SessionFit
 from fitting.uncertainty import NORMAL_95, Estimate
@@ -29,7 +30,7 @@ def print_cuffs(fitted: SessionFit, console: Console) -> None:
                     console.print(f"{trial.file}: {trial.state}: {trial.reason}", highlight=False)
                 for note in trial.notes:
                     console.print(f"{trial.file}: {note}", highlight=False)
-            for sentence in (*fit.notes, *_law(fit), *_diagnosed(fit)):
+            for sentence in (*fit.notes, *_law(fit), *_in_space(fit), *_diagnosed(fit)):
                 console.print(f"{name}, donning {donning}: {sentence}", highlight=False)
     for rejected in fitted.rejected:
         console.print(f"{rejected.file}: {rejected.reason}", highlight=False)
@@ -120,6 +121,22 @@ def _law(fit: CuffFit) -> Iterator[str]:
     if fit.classes is not None:
         ranking = ", ".join(f"{score.name} {score.left_over:.2f} N" for score in fit.classes.ranking)
         yield f"its law is {fit.classes.name}; left over in repeats left out: {ranking}"
+
+
+def _in_space(fit: CuffFit) -> Iterator[str]:
+    """Principal values and axes of K and C, or why there are none for a cuff that was pulled in several directions."""
+    found = fit.tensors
+    if found is None:
+        return
+    for name, unit, tensor in (("stiffness", "N/m", found.stiffness), ("damping", "N s/m", found.damping)):
+        if tensor is not None:
+            each = (
+                f"{_spoken(value, 1.0, '.0f', None)} along ({', '.join(f'{part:.2f}' for part in axis)})"
+                for value, axis in zip(tensor.eigenvalues, tensor.axes, strict=True)
+            )
+            yield f"{name} in three dimensions [{unit}]: {'; '.join(each)}"
+    if any(ELSEWHERE in note for trial in fit.trials for note in trial.notes):
+        yield from (reason for reason in (found.no_stiffness, found.no_damping) if reason)
 
 
 def _diagnosed(fit: CuffFit) -> Iterator[str]:

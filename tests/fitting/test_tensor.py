@@ -150,6 +150,27 @@ def test_a_donning_pulled_in_five_directions_keeps_one_line_and_adds_space() -> 
     assert plain["damping_tensor_n_s_per_m"]["directions"] == 5
 
 
+def test_without_rope_markers_trials_that_go_another_way_are_told() -> None:
+    random = np.random.default_rng(3)
+    space = elbow(random)
+    trials = []
+    for i, u in enumerate(directions(40, 2), 1):
+        trial = pulled(space, u, "static", i, random)
+        trials.append(replace(trial, cuff=replace(trial.cuff, rope_markers=())))
+    first, second = reduce_trials(trials)[0]
+    assert not any("turned pull" in note for note in first.notes)
+    assert any("turned pull" in note for note in second.notes)
+    assert not second.is_elsewhere
+
+
+def test_swings_that_all_go_another_way_are_a_fault_to_name_and_no_set_of_directions() -> None:
+    random = np.random.default_rng(4)
+    space = elbow(random)
+    ahead, aside = directions(40, 2)
+    trials = [pulled(space, ahead, "static", 1, random), pulled(space, aside, "dynamic", 1, random)]
+    assert not any(each.is_elsewhere for each in reduce_trials(trials)[0])
+
+
 def test_one_direction_gives_its_line_and_says_why_no_tensor() -> None:
     random = np.random.default_rng(2)
     space = elbow(random)
