@@ -24,7 +24,8 @@ from solver.raise_arm import raise_arm
 from solver.suit import BUNDLED_SUIT, Suit, read_suit
 from station.emg import MeasuredReduction, read_emg
 
-KNOWN_LAW, RIGID = "kelvin_voigt", "rigid"
+KNOWN_LAW, TENSOR, RIGID = "kelvin_voigt", "tensor", "rigid"
+TENSOR_KEYS = ("stiffness_tensor_n_per_m", "damping_tensor_n_s_per_m")
 HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itself
 
 
@@ -116,6 +117,8 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
             raise InputError(f"a cuff is called {RIGID}, as is the suit with cuffs that do not yield; rename it")
         if fit.classes is not None:
             _ensure_is_worn_as(fit.classes.name, fit.name)
+        if fit.tensors is not None and (fit.tensors.stiffness or fit.tensors.damping):
+            _ensure_is_worn_as(TENSOR, fit.name)
     return [_drawable(fit) for fit in worn]
 
 
@@ -125,10 +128,17 @@ def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, Cu
     plain = json.loads(path.read_text(encoding="utf-8"))["cuffs"]
     for fit in cuffs.values():
         if _is_worn(fit, chosen):
-            compared = plain[fit.name].get("model_class") or {}
-            _ensure_is_worn_as(plain[fit.name].get("law", KNOWN_LAW), fit.name)
-            _ensure_is_worn_as(compared.get("chosen") if isinstance(compared, dict) else compared, fit.name)
+            entry = plain[fit.name]
+            _ensure_is_worn_as(entry.get("law"), fit.name)
+            _ensure_is_worn_as(_named(entry.get("model_class"), "chosen"), fit.name)
+            if any(_named(entry.get(key), "value") for key in TENSOR_KEYS):
+                _ensure_is_worn_as(TENSOR, fit.name)
     return cuffs
+
+
+def _named(entry: Any, key: str) -> Any:
+    """What an object has under its key, or what stands in the object's place."""
+    return entry.get(key) if isinstance(entry, dict) else entry
 
 
 def _is_worn(fit: CuffFit, chosen: tuple[str, ...]) -> bool:

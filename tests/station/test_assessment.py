@@ -15,6 +15,7 @@ import pytest
 from markupsafe import escape
 
 from fitting.model_class import ModelComparison
+from fitting.tensor import Tensor, Tensors
 from solver.suit import BUNDLED_SUIT
 from station.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
@@ -171,6 +172,7 @@ def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> Non
         ({"model_class": {"chosen": "slip + stiffening"}}, r"slip \+ stiffening"),
         ({"model_class": {"chosen": "creep"}}, "creep"),
         ({"model_class": "creep"}, "creep"),
+        ({"damping_tensor_n_s_per_m": {"value": [[1, 0, 0], [0, 2, 0], [0, 0, 3]]}}, "tensor"),
     ],
 )
 def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
@@ -180,7 +182,9 @@ def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], 
 
 @pytest.mark.parametrize("chosen", ["Kelvin-Voigt", "slip"])
 def test_a_spring_and_damper_that_slips_is_worn(tmp_path: Path, chosen: str) -> None:
-    path = write_cuffs(tmp_path / "cuffs.json", law="kelvin_voigt", model_class={"chosen": chosen})
+    none = {"value": None, "reason": "the pulls go in one direction"}
+    more = {"law": "kelvin_voigt", "model_class": {"chosen": chosen}, "stiffness_tensor_n_per_m": none}
+    path = write_cuffs(tmp_path / "cuffs.json", **more)
     assert set(read_cuffs_to_wear(path)) == {"waist", "hand", "elbow"}
 
 
@@ -197,6 +201,15 @@ def test_a_fit_straight_from_its_session_is_treated_as_one_from_a_file(
     cuffs["hand"] = replace(cuffs["hand"], classes=ModelComparison((), chosen))
     with pytest.raises(InputError, match=r"the cuff hand has the law slip \+ creep") if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
+
+
+def test_a_fit_in_three_dimensions_straight_from_its_session_is_refused(tmp_path: Path) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
+    tensor = Tensor(np.eye(3), np.eye(6), 1.96, 3)
+    for tensors, is_refused in ((Tensors(None, None, "one", "one"), False), (Tensors(None, tensor), True)):
+        cuffs["hand"] = replace(cuffs["hand"], tensors=tensors)
+        with pytest.raises(InputError, match="the cuff hand has the law tensor") if is_refused else nullcontext():
+            assert len(worn_cuffs(cuffs, ())) == 3
 
 
 def test_a_load_from_outside_bears_on_every_scenario(tmp_path: Path) -> None:
