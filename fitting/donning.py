@@ -76,6 +76,7 @@ def fit_donning(
         lag=_lag([each.trial for each in used.values()] or trials),
         trials=_list_trials(trials, every, lines, swings, reasons),
         notes=_notes(stiffness, list(swings.values()))
+        + interval_notes(estimates[1])
         + held_load_notes(held, stiffness)
         + _migration_notes(all_static, before),
         held=plain_held_loads(held, stiffness),
@@ -85,6 +86,17 @@ def fit_donning(
         tensors=_tensors(list(every.values()), swings),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
+
+
+def interval_notes(damping: Estimate | None) -> tuple[str, ...]:
+    """A damping [N s/m] whose standard error is small enough may still have an interval that holds zero."""
+    if damping is None or damping.ci95[0] > 0:
+        return ()
+    low, high = damping.ci95
+    return (
+        f"the 95 % interval of damping holds zero ({low:.0f} to {high:.0f} N s/m); record more dynamic trials, and a "
+        "bounce if the lag is only declared",
+    )
 
 
 def _of(trials: Sequence[ReducedTrial], test: str) -> list[ReducedTrial]:
