@@ -265,7 +265,7 @@ class Desk:
         write_verdict(self.folder, plan.undecided.file, choice, reason)
         if is_donned_anew and plan.undecided.cuff is not None:
             write_donned(self.folder, plan.undecided.cuff)
-        self.judgement, self._decided_s = None, time.monotonic()
+        self.judgement, self.message, self._decided_s = None, "", time.monotonic()
 
     def name_mark(self, number: int, name: str) -> None:
         plan = self.agenda
