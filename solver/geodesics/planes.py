@@ -119,7 +119,7 @@ def _circle(pencil: Pencil, cosine: float, sine: float) -> Circle:
     height, radius = away * cosine, sqrt(1.0 - away * away * sine * sine)
     centre = along(scale(away, towards), -height, v)
     from_start, from_end = at_start * at_start + height * height, at_end * at_end + height * height
-    k, m = sqrt(from_start - radius * radius), sqrt(from_end - radius * radius)
+    k, m = sqrt(max(from_start - radius * radius, 0.0)), sqrt(max(from_end - radius * radius, 0.0))
     c, s = (at_start * radius + height * k) / from_start, (height * radius - at_start * k) / from_start
     end_c, end_s = (at_end * radius - height * m) / from_end, (height * radius + at_end * m) / from_end
     arc = atan2(s * end_c - c * end_s, c * end_c + s * end_s)

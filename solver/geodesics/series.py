@@ -16,6 +16,7 @@ from solver.compiled import compiled
 from solver.wrapping.vectors import Array, Vector, divide, dot
 
 ORDER, ROUGH_ORDER, ORDER_OF_NEIGHBOURS = 18, 8, 10
+MOST_STEPS = 1000
 EXACT, ROUGH = 1e-16, 1e-8  # accuracy: what the terms left out may add to a step, in semi-axes
 X, G, P, J, ROWS = 0, 3, 4, 5, 7  # rows of the series: x in three, g, p, and j in two
 
@@ -34,7 +35,9 @@ def along_ellipsoid(
     """
     a, r, da, dr = 1.0, 0.0, 0.0, 1.0
     order, left = ORDER if accuracy < ROUGH else ROUGH_ORDER, length
-    while left != 0.0:
+    for _ in range(MOST_STEPS):
+        if not abs(left) > 0.0:
+            break
         reach = _expand(size, x, t, order, accuracy, series)
         step = left if abs(left) <= reach else (reach if left > 0.0 else -reach)
         x, t = _values(series, order, step)

@@ -5,6 +5,7 @@ and grow by λ. Four equations ask that the straight pieces before and behind it
 
     d·n = 0,   d·b = 0      at both ends, d being the straight piece there
 
+(on an ellipsoid the first in another form, _past_touch).
 Their derivatives come from the surface's bends and from the spread of neighbouring geodesics. Each equation knows only
 the neighbours on the path. (As Scholz, Sherman, Stavness, Delp, Kecskeméthy, Multibody Syst. Dyn. 36:195, 2016.)
 """
@@ -108,9 +109,9 @@ def _fill_end(
 
 @compiled
 def _past_touch(radius: float, x: float, y: float) -> tuple[float, float, float]:
-    """How far along a circle, from its topmost point on, a line from the point (x, y) above that touches it; and its
-    derivatives by x and y. On the surface it is as good a condition as y = 0, for one of the two points that satisfy
-    this, and nearly linear where the other is close. From inside the circle, the nearest point is taken.
+    """How far along a circle, from its topmost point on, the line touches it that goes on to (x, y) from there; and its
+    derivatives by x and y. It is zero where y is, but at one of the two points of the circle only, and nearly linear
+    where the other is close, as it is for an end close to the surface. From inside, the nearest point is taken.
     """
     height = y + radius
     square = x * x + height * height

@@ -86,9 +86,9 @@ def _touch_cylinder(radius: float, length: float, axis: int, allowed: int, start
 @compiled
 def _sweep(axis: int, allowed: int, start: Vector, end: Vector) -> float:
     """The angle about z from start to end: the smaller one or, where one side only is allowed, that which does not pass
-    the middle of the other side.
+    the middle of the other side. A side along z says nothing of the way round.
     """
-    if allowed == 0:
+    if allowed == 0 or axis == 2:
         return atan2(start[0] * end[1] - start[1] * end[0], start[0] * end[0] + start[1] * end[1])
     return _from_wall(axis, allowed, end) - _from_wall(axis, allowed, start)
 

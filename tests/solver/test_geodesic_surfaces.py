@@ -177,6 +177,16 @@ def test_a_cylinder_is_passed_beyond_its_ends() -> None:
     assert long > short
 
 
+def test_a_quadrant_along_a_cylinder_s_axis_allows_all_ways_round() -> None:
+    start, end = _at(0.2, 0.09, 0.0), _at(2.9, 0.07, 0.03)
+    assert _length([cylinder(RADIUS, 1.0, "-z")], start, end) == _length([cylinder(RADIUS, 1.0)], start, end)
+
+
+@pytest.mark.parametrize("surface", [sphere(RADIUS), cylinder(RADIUS, 1.0), ellipsoid(RADII)])
+def test_a_place_that_is_not_a_number_gives_none(surface: WrapSurface) -> None:
+    assert np.isnan(lengths_over([surface], [[(np.nan, 0.0, 0.0), (0.1, 0.0, 0.0)]], mode="geodesic")).all()
+
+
 def test_every_piece_of_a_path_is_laid_over_a_surface_in_its_way() -> None:
     left, middle, right = (-0.1, 0.0, 0.0), (0.0, 0.042, 0.0), (0.1, 0.0, 0.0)
     pieces = lengths_over([sphere(RADIUS)], [[left, middle], [middle, right]], mode="geodesic")
