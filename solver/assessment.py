@@ -74,7 +74,7 @@ class Comparison:
 class Sureness:
     """How the intervals came about, and how far the thinner study of the draws is from the whole one.
 
-    largest_difference  name of a field of Readings → largest |thinned − whole| over all conditions
+    largest_difference  name of a field of Readings → largest |thinned − whole| over all conditions, NaN where one is
     """
 
     draws: int
@@ -261,13 +261,11 @@ def _sureness(wearings: Sequence[Wearing], readings: Sequence[Readings], drawn: 
     if drawn is None:
         return None
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    largest = {
-        name: max(
-            abs(float(getattr(drawn.readings[_place(wearing)], name)[0] - getattr(reading, name)[0]))
-            for wearing, reading in zip(wearings, readings, strict=True)
-        )
-        for name in names
-    }
+    largest = {}
+    for name in names:
+        thinned = [getattr(drawn.readings[_place(wearing)], name)[0] for wearing in wearings]
+        # NaN where one of them is, which max() would tell or hide by their order
+        largest[name] = float(np.max(np.abs(np.subtract(thinned, [getattr(each, name)[0] for each in readings]))))
     return Sureness(drawn.count, drawn.every, largest)
 
 

@@ -73,10 +73,13 @@ def _sure(sureness: Sureness | None) -> str:
     if sureness is None:
         return "Intervals were not determined: no cuff carries an uncertainty, or no draws were asked for."
     off = sureness.largest_difference
+    words = f"Intervals come from {sureness.draws} draws of the cuffs on every {sureness.every}th frame"
+    if np.isnan(list(off.values())).any():
+        return f"{words}; what that thinning alone changes is not known of all figures."
     return (
-        f"Intervals come from {sureness.draws} draws of the cuffs on every {sureness.every}th frame; that thinning "
-        f"alone changes costs by up to {max(off['at_reference'], off['lowest_cost']):.4f}, best rest lengths by up to "
-        f"{1e3 * off['rest_length']:.1f} mm and permissible errors by up to {1e3 * off['permissible_error']:.1f} mm."
+        f"{words}; that thinning alone changes costs by up to {max(off['at_reference'], off['lowest_cost']):.4f}, best "
+        f"rest lengths by up to {1e3 * off['rest_length']:.1f} mm and permissible errors by up to "
+        f"{1e3 * off['permissible_error']:.1f} mm."
     )
 
 
@@ -103,10 +106,11 @@ def _reserves(assessment: Assessment) -> Iterator[str]:
     """What stands in for muscles is not in the costs; it should be little."""
     nearest = int(np.argmin(np.abs(assessment.rest_lengths - assessment.reference_rest_length)))
     parts = [float(curve.reserve_cost[nearest]) for curve in assessment.curves]
-    yield (
-        f"Reserve actuators, which are in none of these costs, would add at most {max(parts):.4f} at "
-        f"{assessment.rest_lengths[nearest]:.2f} m."
-    )
+    if not np.isnan(parts).any():
+        yield (
+            f"Reserve actuators, which are in none of these costs, would add at most {max(parts):.4f} at "
+            f"{assessment.rest_lengths[nearest]:.2f} m."
+        )
 
 
 def _unsolved(what: str, count: int) -> str:

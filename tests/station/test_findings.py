@@ -98,6 +98,14 @@ def test_what_reserves_add_near_the_reference_is_told() -> None:
     assert sentence in findings(assessment(curve("hand", 0.85)))
 
 
+def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
+    unknown = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
+    names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
+    sentences = findings(assessment(unknown, sureness=Sureness(5, 20, dict.fromkeys(names, np.nan))))
+    assert any(sentence.endswith("thinning alone changes is not known of all figures.") for sentence in sentences)
+    assert not any("nan" in sentence for sentence in sentences)
+
+
 def test_thinning_and_unsolved_frames_are_told() -> None:
     names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
     sure = Sureness(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
