@@ -9,6 +9,7 @@ filtered as for `station rmr`. Times are of the processor, on one core, with eve
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from pathlib import Path
 from time import process_time
 
@@ -23,7 +24,7 @@ REPEATS = 7
 sys.path.insert(0, str(ROOT))
 
 from solver.bundled import bundled_model  # noqa: E402
-from solver.kinematics import Postures, jacobians, postures  # noqa: E402
+from solver.kinematics import Postures, jacobians, postures, speeds_from_rates  # noqa: E402
 from solver.model import Model  # noqa: E402
 from solver.motion import differentiate, read_motion  # noqa: E402
 from solver.osim.reader import read_osim  # noqa: E402
@@ -48,7 +49,8 @@ def main() -> None:
             print(f"{muscle.name:<26}" + "".join(f"{figure:9.4f}" for figure in figures))
     print(f"{'all':<26}" + "".join(f"{f(each):9.4f}" for each in (lengths, arms) for f in (np.median, np.max)))
     for mode, seconds in times(model, state).items():
-        print(f"{mode:<26}{1e6 * seconds / len(coordinates):9.1f} µs a frame")
+        jump = jumps(model, coordinates, mode)
+        print(f"{mode:<26}{1e6 * seconds / len(coordinates):9.1f} µs a frame, jumps of up to {jump:.0e} m")
 
 
 def subject() -> tuple[Model, Array, str]:
@@ -65,6 +67,20 @@ def moment_arms(model: Model, state: Postures, paths: PathState) -> Array:
     """(frames, muscles, coordinates) generalised forces of a unit tension [m], the thorax's six in ground left out."""
     forces = np.einsum("fpbi,fbij->fpj", paths.wrench_per_tension, jacobians(model, state)) + paths.mobility_per_tension
     return forces[..., 6:]
+
+
+def jumps(model: Model, coordinates: Array, mode: PathMode) -> float:
+    """The most that a length changes [m] beyond what its speeds say, in twenty steps between every fourth frame."""
+    worst = 0.0
+    for begin, end in pairwise(coordinates[::4]):
+        if np.abs(end - begin).max() > 0.2:  # where one motion ends and another begins
+            continue
+        sweep = begin + np.linspace(0.0, 1.0, 21)[:, None] * (end - begin)
+        rates = speeds_from_rates(model, sweep, np.tile((end - begin) / 20, (21, 1)))
+        laid = evaluate_paths(model, postures(model, sweep, rates), mode=mode)
+        expected = (laid.speeds[1:] + laid.speeds[:-1]) / 2
+        worst = max(worst, float(np.abs(np.diff(laid.lengths, axis=0) - expected).max()))
+    return worst
 
 
 def times(model: Model, state: Postures) -> dict[PathMode, float]:
