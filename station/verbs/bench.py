@@ -18,7 +18,7 @@ def simulate(
     config: ConfigPath = Path("station.toml"),
     speed: Speed = 1.0,
     seed: Seed = 1,
-    cuff: Annotated[str | None, typer.Option(help="Play this cuff's tests, in turn; default: the plan, in order.")] = None,
+    cuff: Annotated[str | None, typer.Option(help="Play this cuff's tests in turn; default: the plan.")] = None,
     test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, in order.")] = None,
     faults: Annotated[Path | None, typer.Option(help="A plan of what goes wrong, and when (.toml).")] = None,
 ) -> None:

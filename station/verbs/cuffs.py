@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from station.exit_code import DONE, LOSSY
-from station.verbs.options import Format
+from station.exit_code import DONE, FAILED, LOSSY
+from station.verbs.options import Format, say
 
 if TYPE_CHECKING:
     from fitting.result import SessionFit
@@ -40,6 +40,9 @@ def fit(
         print(fitted.to_json(), end="")
     else:
         print_cuffs(fitted, Console(markup=False))  # "[mm]" is a unit
+    if not fitted.curves:
+        say("not one trial could be used; why stands beside each above, or in cuffs.json")
+        raise typer.Exit(FAILED)
     is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
     raise typer.Exit(DONE if is_whole else LOSSY)
 

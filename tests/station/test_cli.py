@@ -193,3 +193,10 @@ def test_only_a_recording_that_is_there_is_judged(station, tmp_path: Path) -> No
     ran = station("judge", tmp_path / "none.mcap")
     assert ran.code == 2
     assert "there is no recording" in ran.err
+
+
+def test_a_session_of_which_no_trial_can_be_used_has_failed(station, tmp_path: Path) -> None:
+    station("judge", trial_file(tmp_path), "--redo", "the wearer coughed")
+    ran = station("fit", tmp_path)
+    assert ran.code == 1
+    assert "no recording" in ran.err or "not one trial" in ran.err
