@@ -64,7 +64,7 @@ def _pictures(assessment: Plain, activations_file: Path) -> list[Picture]:
     if len(arms) > 1:
         pictures.insert(0, picture(cuffs_figure(assessment), f"{what}, with every arm cuff shifted and yielding"))
     if activations_file.is_file():
-        activations = pd.read_csv(activations_file, keep_default_na=False)
+        activations = pd.read_csv(activations_file, keep_default_na=False, na_values=["nan"])
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
         pictures += [
             picture(activation_figure(activations, arm), f"Activations {at}, {waist}{arm} cuff", is_wide=True)
