@@ -4,7 +4,8 @@
 
 prints the tables of docs/fitting.md. Every run is a record or donning of the simulated experiments that the tests use,
 which import nothing of the fitted law. T1: force at 20 Hz, lag known. T2: 1 kHz, the true lag drawn from its prior.
-T9b: markers with a memory. T8: one defect a donning. T9: one law a donning. T17: repeats that really differ.
+T9b: markers with a memory. T8: one defect a donning. T9: one law a donning. T12: five pulls, 30° apart.
+T17: repeats that really differ.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,12 +27,17 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fitting.cross_checks import check
 from fitting.errors_in_variables import C, K, estimate
+from fitting.held_tensor import held_tensor
 from fitting.output_error import output_error
+from fitting.reduction import reduce_trials
 from fitting.session import fit_session
+from fitting.swung_tensor import swung_tensor
+from fitting.tensor import entries_of
 from fitting.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine
 from tests.fitting.defects import Law, OddSession
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
+from tests.fitting.pulled_in_space import directions, elbow, pulled
 from tests.fitting.swinging import swing
 from tests.fitting.test_diagnosis import DEFECTS
 from tests.fitting.test_model_class import STRONG, WEAK, Rig
@@ -46,7 +53,7 @@ def main() -> None:
     parser.add_argument("--only", default="")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    wanted = options.only.split(",") if options.only else ["T1", "T2", "T9b", "T8", "T9", "T17", "speed"]
+    wanted = options.only.split(",") if options.only else ["T1", "T2", "T9b", "T8", "T9", "T12", "T17", "speed"]
     with ProcessPoolExecutor(options.processes) as pool:
         for name in wanted:
             for line in REPORTS[name](options.runs, pool):
@@ -148,6 +155,33 @@ def _donning(law: Law, rig: Rig, seed: int, repeats: int) -> list[Trial]:
     return trials
 
 
+def _space(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
+    rows = np.array(list(pool.map(_in_space, range(max(1, 2 * runs // 25)))))
+    yield "| T12 tensor | rms error of an entry over the largest % | cover % |"
+    yield "|---|---|---|"
+    for name, (error, cover) in zip(("K", "C"), rows.transpose(1, 2, 0), strict=True):
+        yield f"| {name} | {100 * math.sqrt(np.mean(error)):.2f} | {100 * np.mean(cover):.0f} |"
+    yield ""
+
+
+def _in_space(seed: int) -> list[Row]:
+    """Of K and C: mean square error of an entry over the largest, and the part of the entries in their intervals."""
+    random = np.random.default_rng(seed)
+    space = elbow(random)
+    space = replace(space, lag=space.lag_sd * random.standard_normal())
+    pulls = enumerate(directions(30), 1)
+    trials = [pulled(space, u, test, i, random) for i, u in pulls for test in ("static", "dynamic")]
+    reduced, _ = reduce_trials(trials)
+    stiffness = held_tensor([each for each in reduced if each.trial.test == "static"], 0.0)
+    damping = swung_tensor([each for each in reduced if each.trial.test == "dynamic"], {}, 0.0)
+    rows = []
+    for tensor, true in ((stiffness, space.stiffness), (damping, space.damping)):
+        off = tensor.value - true
+        inside = entries_of(np.abs(off)) < tensor.factor * entries_of(tensor.standard_error)
+        rows.append((float(np.mean(off**2)) / np.abs(true).max() ** 2, float(np.mean(inside))))
+    return rows
+
+
 def _repeats(runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
     yield "| T17 spread between repeats / noise | cover, 2 repeats % | 3 repeats % | 5 repeats % |"
     yield "|---|---|---|---|"
@@ -188,6 +222,7 @@ REPORTS = {
     ),
     "T8": _causes,
     "T9": _laws,
+    "T12": _space,
     "T17": _repeats,
     "speed": _speed,
 }
