@@ -45,7 +45,7 @@ def held_tensor(trials: Sequence[ReducedTrial], gain_sd: float) -> Tensor:
     fit = _solve(holds, [np.zeros(len(each), np.intp) for each in holds])
     if fit.chi_square > stats.chi2.ppf(BELIEVED, max(fit.dof, 1)):
         slipped = [_segments(each.plateaus) for each, _ in seen]
-        if all(np.ptp(np.bincount(segment)) or len(np.unique(segment)) < len(segment) for segment in slipped):
+        if all(len(np.unique(segment)) < len(segment) for segment in slipped):
             fit = _solve(holds, slipped)
     inflation = fit.chi_square / fit.dof if fit.dof else 1.0
     # δK = −K δ(K⁻¹) K, entry by entry.
