@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -26,16 +27,28 @@ pytestmark = [
 ]
 
 
+@contextmanager
+def chromium(path: Path | str | None) -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
 @pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
+    with chromium(CHROMIUM) as launched:
+        yield launched
+
+
+@pytest.fixture
+def polite_browser(tmp_path: Path) -> Iterator[Browser]:
     """At a low priority: a real bench's devices do not share a processor with the pages, and simulated ones do."""
     polite = tmp_path / "chromium"
     polite.write_text(f'#!/bin/sh\nexec nice -n 19 {CHROMIUM} "$@"\n')
     polite.chmod(0o755)
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=polite, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
+    with chromium(polite) as launched:
+        yield launched
 
 
 @pytest.fixture
@@ -133,13 +146,13 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
 
 @pytest.mark.skipif(IS_BUSY, reason="others keep this machine busy: the simulated devices themselves fall silent")
 def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
-    browser: Browser, tmp_path: Path
+    polite_browser: Browser, tmp_path: Path
 ) -> None:
     """At the wall's speed: eleven pages on a small machine starve a faster world, and its samples are lost."""
     with ServedConsole(write_config(tmp_path, hold_s=4.0), "--simulated") as console:
-        page = open_page(browser, console.address)
+        page = open_page(polite_browser, console.address)
         begin(page)
-        others = [open_page(browser, console.address) for _ in range(10)]
+        others = [open_page(polite_browser, console.address) for _ in range(10)]
         for other in others:
             seen(other, "next: hand")
         page.keyboard.press("a")
