@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fitting.bounce import fit_bounce
 from fitting.curves import TrialCurves
-from fitting.quality import UnusableTrial
+from fitting.quality import UnusableTrial, zero_notes
 from fitting.result import CuffFit, SessionFit, TrialFit
 from fitting.trial import read_bounce
 from fitting.uncertainty import Estimate
@@ -87,15 +87,21 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     others = [
         each for each in of_cuff.trials if each.test == of_trial.test and each.file != file and each.state == "used"
     ]
-    reasons = _against(recorded, of_trial, others)
+    curves = fitted.curves.get(file)
+    moved = () if curves is None else zero_notes(of_trial.zero_drift, float(np.ptp(curves.force)))
+    reasons = (*_against(recorded, of_trial, others), *moved)
     return Judgement(
         file=file,
         title=_title(recorded, file),
         advice="redo" if reasons else "accept",
         reasons=reasons,
         rows=tuple(_rows(of_trial, others, of_cuff)),
-        notes=(*of_trial.notes, *of_cuff.notes, *(f"so far: {verdict}" for verdict in of_cuff.verdicts)),
-        path=_path(fitted.curves.get(file)),
+        notes=(
+            *(note for note in of_trial.notes if note not in reasons),
+            *of_cuff.notes,
+            *(f"so far: {verdict}" for verdict in of_cuff.verdicts),
+        ),
+        path=_path(curves),
         marks=_marks_in(folder / file),
     )
 

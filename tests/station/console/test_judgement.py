@@ -138,3 +138,9 @@ def test_a_fault_of_ours_keeps_the_recording(session: Path, monkeypatch: pytest.
     monkeypatch.setattr("station.console.judgement.fit_session_folder", fail)
     judgement = judge_recording(session, STATIC)
     assert judgement.advice == "accept" and "ZeroDivisionError: oh" in judgement.reasons[0]
+
+
+def test_a_zero_that_moved_speaks_against_the_trial(judged: Callable[..., Judgement]) -> None:
+    judgement = judged(zero_drift=5.0)
+    assert judgement.advice == "redo"
+    assert any("the force at rest changed by +5.00 N" in reason for reason in judgement.reasons)
