@@ -62,7 +62,7 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
     assert set(plain["optimum"]) == {"rigid", "hand", "tube", "elbow"}
 
     page = write_report(session, fitted).read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 7 * 4 + 3 * 3 + 1, "seven per cuff, three more per arm cuff, one of all"
+    assert page.count("data:image/png;base64,") == 7 * 4 + 3 * 3 + 1, "seven a cuff, three more an arm cuff, one of all"
     assert "http://" not in page and "https://" not in page, "self-contained"
 
 
