@@ -45,7 +45,8 @@ def history_of(curves: TrialCurves) -> History:
     frame = float(np.median(np.diff(curves.marker_time)))
     filled = np.interp(curves.marker_time, curves.marker_time[seen], curves.displacement[seen])
     is_held = curves.dynamic is None
-    window = max(5, 2 * round((HELD_WINDOW if is_held else SWING_WINDOW) / frame / 2) + 1)
+    longest = 2 * ((len(filled) - 1) // 2) + 1  # of a record of which little is left
+    window = max(5, min(longest, 2 * round((HELD_WINDOW if is_held else SWING_WINDOW) / frame / 2) + 1))
     smooth = savgol_filter(filled, window, 0 if is_held else 2)
     speed = savgol_filter(filled, window, 2, deriv=1, delta=frame)
     step = max(STEP, float(np.median(np.diff(curves.force_time))))

@@ -29,6 +29,8 @@ BELIEVED = 0.999
 """Probability of χ² up to which a line or a curve is believed."""
 INCONSISTENT = 3.0
 """Combined standard errors between unloading and reloading beyond which reloading slips, too."""
+LEAST_SD = 1e-7
+"""Metres: no marker is placed better, whatever a stream that stands still claims."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +172,7 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
         for plateau, slipped in zip(plateaus, begins, strict=True)
     ]
     x, x_sd = np.array(read).reshape(-1, 2).T
+    x_sd = np.maximum(x_sd, LEAST_SD)
     dof = len(plateaus) - len(np.unique(segment)) - 1
     if dof < 0 or not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
         return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None, x, x_sd)

@@ -144,7 +144,7 @@ def export(
     from station.export_trial import export_recordings
     from station.fit import recordings_in
     from station.one_clock import ExportRefused, WrongExport
-    from station.progress import progress_bars
+    from station.progress import progress_bars, silent
 
     if osim:
         if output is None or file is not None or session is not None or to is not None:
@@ -160,7 +160,7 @@ def export(
         raise ExportRefused(f"{source} holds no recording (*.mcap); give the folder of a session")
     with progress_bars(Console(stderr=True)) as progress:
         where = output or (source.parent if file is not None else source)
-        written, refused = export_recordings(paths, to, where, subject, progress)
+        written, refused = export_recordings(paths, to, where, subject, progress if len(paths) > 1 else silent)
     for sentence in refused:
         say(sentence)
     for path in written:
