@@ -70,7 +70,7 @@ class ModelComparison:
 
 
 def compare_classes(histories: Sequence[History]) -> ModelComparison | None:
-    """The classes on all records of a donning in time order; None if nothing in them moves."""
+    """The classes on all records of a donning in time order; None if nothing moves, or no part can be left out."""
     histories = [each for each in histories if np.count_nonzero(each.kept) > 20]
     if not histories or max(float(np.ptp(each.force[each.kept])) for each in histories) < 1.0:
         return None
@@ -78,6 +78,8 @@ def compare_classes(histories: Sequence[History]) -> ModelComparison | None:
     stretches = _cut(histories, columns, by_stretch=True)
     repeats = {each.repeat for each in histories}
     parts = stretches if len(repeats) == 1 else _cut(histories, columns, by_stretch=False)
+    if min(len({part.fold for part in each}) for each in (parts, stretches)) < 2:
+        return None  # there is nothing to leave out
     plain = _left_out(parts, ())
     scores = {KELVIN_VOIGT: plain, **{each.name: _left_out(parts, (each,)) for each in extensions}}
     chosen: tuple[_Extension, ...] = ()
