@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from fitting.plateaus import Plateau
+from fitting.stiffness import LEAST_SD
 from fitting.tangent import within
 from fitting.uncertainty import Estimate, normal_estimate
 
@@ -159,7 +160,7 @@ class _Problem:
 def _problem(trials: Sequence[HeldTrial], bins: Sequence[_Bins]) -> _Problem:
     firsts = np.concatenate(([0], np.cumsum([trial.segment.max(initial=-1) + 1 for trial in trials])))
     group = np.concatenate([each.segment + first for each, first in zip(bins, firsts, strict=False)]).astype(np.intp)
-    weight = np.concatenate([each.sd for each in bins]) ** -2.0
+    weight = np.maximum(np.concatenate([each.sd for each in bins]), LEAST_SD) ** -2.0
     x, load = (np.concatenate([getattr(each, name) for each in bins]) for name in ("x", "force"))
     return _Problem(trials, bins, group, weight, within(x, group, weight), within(load, group, weight))
 

@@ -166,6 +166,8 @@ def _curvature(static: Sequence[TrialCurves]) -> Iterator[Finding]:
             continue
         u = 2 * (x - x.min()) / np.ptp(x) - 1
         design = np.vander(u, 3)
+        if np.linalg.matrix_rank(design) < 3:
+            continue
         solved, _, _, _ = np.linalg.lstsq(design, force, rcond=None)
         variance = float(np.sum((force - design @ solved) ** 2)) / (len(x) - 3)
         found.append((solved[0], variance * np.linalg.inv(design.T @ design)[0, 0]))
