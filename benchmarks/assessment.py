@@ -22,7 +22,7 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion, thin
-from solver.suit import read_suit
+from solver.wearing.suit import read_suit
 
 SHARED = Path(__file__).parents[2] / "shared"
 PEER = SHARED / "peer" / "opensim_rmr.py"

@@ -3,14 +3,17 @@
     python -m benchmarks.faults
 
 Prints a row for each: after how many milliseconds it was first told, as what, what was counted as lost of which stream
-at 1 kHz, 100 Hz and 10 Hz, and how many samples nobody accounts for, on the device and on the two others. Then what a
-fault does to one who opens the device, and when one that does not end is given up.
+at 1 kHz, 100 Hz and 10 Hz, and how many samples nobody accounts for, on the device and on the two others. Then what
+each fault of the sync line does to a trial, what a fault does to one who opens the device, and when one that does not
+end is given up.
 """
 
 from __future__ import annotations
 
+import tempfile
 import time
 from math import inf
+from pathlib import Path
 
 from drivers.catalogue import make_device
 from drivers.errors import DeviceError
@@ -19,6 +22,7 @@ from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.settings import Settings
 from recordings.samples import Event, Item, Loss
 from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, device_options, unaccounted
+from tests.station import sync_faults
 
 AT_OPENING = (
     ("ni", "refuse"),
@@ -40,6 +44,10 @@ def main() -> None:
     with FaultBench(speed=1.0) as bench:
         for case in CASES:
             print(_row(case, bench.suffer(case)), flush=True)
+    print("\n| fault of the sync line | told after | told as | the trial | what is known of the clocks then |")
+    print("|---|---:|---|---|---|")
+    for case in sync_faults.CASES:
+        print(_sync_row(case), flush=True)
     print("\n| device | fault when it is opened | refused after | in words |")
     print("|---|---|---:|---|")
     for device, fault in AT_OPENING:
@@ -62,6 +70,23 @@ def _row(case: Case, aftermath: Aftermath) -> str:
         ", ".join(f"{count} of {stream}" for stream, count in aftermath.lost.items()) or "nothing",
         str(sum(len(unaccounted(own, stream)) for stream in STREAMS[case.device])),
         str(sum(_lost(aftermath.items(device)) for device in STREAMS if device != case.device)),
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _sync_row(case: sync_faults.Case) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        suffered = sync_faults.suffer(case, Path(folder), speed=1.0)
+    after_s, certificate = suffered.told_after_s, suffered.certificate
+    named = [finding.split(";")[0] for finding in certificate.findings] if certificate else []
+    cells = [
+        case.name,
+        "–" if after_s is None else f"{1000 * after_s:.0f} ms",
+        case.event.replace("_", " ") or "–",
+        "accepted" if suffered.result.accepted else "not accepted",
+        suffered.words
+        if certificate is None
+        else "; ".join([f"good to {1e3 * certificate.errors.time:.2f} ms", *named]),
     ]
     return f"| {' | '.join(cells)} |"
 

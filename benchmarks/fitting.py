@@ -4,8 +4,9 @@
 
 prints the tables of docs/fitting.md. Every run is a record or donning of the simulated experiments that the tests use,
 which import nothing of the fitted law. T1: force at 20 Hz, lag known. T2: 1 kHz, the true lag drawn from its prior.
-T9b: markers with a memory. T8: one defect a donning. T9: one law a donning. T12: five pulls, 30° apart.
-T17: repeats that really differ.
+T3: 20 Hz without a sync line, half a sample off. T9b: markers with a memory. T10, T11: markers that are hidden,
+and that jump. T8: one defect a donning. T9: one law a donning. T12: five pulls, 30° apart. T17: repeats that really
+differ. Runs are divided where a run is a donning: T3, T10 and T11 by 10, T8 and T9 by 50, T12 by 12.
 """
 
 from __future__ import annotations
@@ -25,22 +26,24 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fitting.cross_checks import check
-from fitting.errors_in_variables import C, K, estimate
-from fitting.held_tensor import held_tensor
-from fitting.output_error import output_error
-from fitting.reduction import reduce_trials
+from fitting.dynamic.cross_checks import check
+from fitting.dynamic.damping import fit_damping
+from fitting.dynamic.errors_in_variables import C, K, Record, estimate
+from fitting.dynamic.output_error import output_error
 from fitting.session import fit_session
-from fitting.swung_tensor import swung_tensor
-from fitting.tensor import entries_of
+from fitting.spatial.held_tensor import held_tensor
+from fitting.spatial.reduction import reduce_trials
+from fitting.spatial.swung_tensor import swung_tensor
+from fitting.spatial.tensor import entries_of
+from fitting.timing.clocks import DRIFT_PRIOR_SD, LagUncertainty
 from fitting.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine
 from tests.fitting.defects import Law, OddSession
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
+from tests.fitting.laws.test_diagnosis import DEFECTS
+from tests.fitting.laws.test_model_class import STRONG, WEAK, Rig
 from tests.fitting.pulled_in_space import directions, elbow, pulled
 from tests.fitting.swinging import swing
-from tests.fitting.test_diagnosis import DEFECTS
-from tests.fitting.test_model_class import STRONG, WEAK, Rig
 
 LAG_SD = 0.5e-3
 Row = tuple[float, ...]
@@ -53,7 +56,7 @@ def main() -> None:
     parser.add_argument("--only", default="")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    wanted = options.only.split(",") if options.only else ["T1", "T2", "T9b", "T8", "T9", "T12", "T17", "speed"]
+    wanted = options.only.split(",") if options.only else list(REPORTS)
     with ProcessPoolExecutor(options.processes) as pool:
         for name in wanted:
             for line in REPORTS[name](options.runs, pool):
@@ -70,18 +73,9 @@ def _estimates(title: str, runs: int, pool: ProcessPoolExecutor, **settings: flo
 
 
 def _one(cuff: str, seed: int, rate: float, lag_sd: float, colour: float = 0.0) -> Row:
-    """One swing of ± 12 N at 1 Hz for 22.5 s with 0.51 N and 0.157 mm of noise, fitted with its lag's prior."""
+    """A swing, fitted with its lag's prior."""
     k, c, _ = PUBLISHED[cuff]
-    record = swing(
-        seed,
-        k=k,
-        c=c,
-        rate=min(rate, 250.0),
-        seconds=22.5,
-        colour=colour,
-        lag_sd=lag_sd,
-        force_noise=0.51 / math.sqrt(max(1.0, rate / 250.0)),
-    )
+    record = _swing(cuff, seed, rate, lag_sd, colour)
     solution = estimate(record)
     error = np.sqrt(np.diag(solution.covariance))
     found = (solution.parameters[K], error[K], error[K], solution.parameters[C], error[C], error[C])
@@ -99,6 +93,27 @@ def _one(cuff: str, seed: int, rate: float, lag_sd: float, colour: float = 0.0) 
     return tuple(float(value) / scale for value, scale in zip(found, (k, k, k, c, c, c), strict=True))
 
 
+def _swing(cuff: str, seed: int, rate: float, lag_sd: float, colour: float) -> Record:
+    """± 12 N at 1 Hz for 22.5 s with 0.51 N and 0.157 mm of noise."""
+    k, c, _ = PUBLISHED[cuff]
+    force_noise = 0.51 / math.sqrt(max(1.0, rate / 250.0))
+    return swing(
+        seed,
+        k=k,
+        c=c,
+        rate=min(rate, 250.0),
+        seconds=22.5,
+        colour=colour,
+        lag_sd=lag_sd,
+        force_noise=force_noise,
+    )
+
+
+def _is_flagged(colour: float, cuff: str, seed: int) -> bool:
+    record = _swing(cuff, seed, 20.0, 0.0, colour)
+    return check(record, estimate(record), 1.0).is_coloured
+
+
 def _judged(rows: np.ndarray) -> list[str]:
     off = rows[:, 0] - 1
     covered = np.mean(np.abs(off) < 1.96 * rows[:, 1])
@@ -107,6 +122,101 @@ def _judged(rows: np.ndarray) -> list[str]:
         f"{np.sqrt(np.mean(off**2)) / np.sqrt(np.mean(rows[:, 2] ** 2)):.2f}",
         f"{100 * covered:.1f}",
     ]
+
+
+def _coloured(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
+    for memory in (0.05, 0.5):
+        title = f"T9b: markers' memory {memory:g} s"
+        yield from _estimates(title, runs, pool, rate=20.0, lag_sd=0.0, colour=memory)
+    for memory in (0.0, 0.05, 0.5):
+        flagged = [pool.map(partial(_is_flagged, memory, cuff), range(max(2, runs // 5))) for cuff in PUBLISHED]
+        rates = (f"{cuff} {100 * np.mean(list(each)):.0f} %" for cuff, each in zip(PUBLISHED, flagged, strict=True))
+        yield f"called coloured with a memory of {memory:g} s: {', '.join(rates)}"
+    yield ""
+
+
+def _half_a_sample(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
+    yield "| T3: 20 Hz, no sync line, 25 ms off | c given % | its interval over k · 25 ms/√3 | cover % |"
+    yield "|---|---|---|---|"
+    for cuff in PUBLISHED:
+        found = list(pool.map(partial(_unsynchronised, cuff), range(max(2, runs // 10))))
+        rows = np.array([row for row in found if row is not None]).reshape(-1, 2)
+        width, cover = (f"{rows[:, 0].mean():.2f}", f"{100 * rows[:, 1].mean():.0f}") if len(rows) else ("–", "–")
+        yield f"| {cuff} | {100 * len(rows) / len(found):.0f} | {width} | {cover} |"
+    yield ""
+
+
+def _unsynchronised(cuff: str, seed: int) -> Row | None:
+    """Of c, where it is given: its interval over that of a lag spread over ± 25 ms, and whether it holds the truth."""
+    truth = published(cuff, friction=1e9, migration=0.0)
+    session, half = Session(truth, 3000 + seed), 0.025
+    lag = LagUncertainty(0.0, half / math.sqrt(3), DRIFT_PRIOR_SD)  # what `station import` takes of such files
+    trials = []
+    for test in (session.static, session.dynamic):
+        trial = build_trial(*test(), test.__name__, "")
+        slow = slice(seed % 50, None, 50)
+        late = trial.force_time[slow] + half * (-1) ** seed
+        trials.append(replace(trial, force_time=late, force=trial.force[slow], lag=lag))
+    (fit,) = fit_session(trials).cuffs.values()
+    if fit.damping is None:
+        return None
+    low, high = fit.damping.ci95
+    spread = 2 * 1.96 * truth.stiffness * half / math.sqrt(3)
+    return (high - low) / spread, float(low < truth.damping < high)
+
+
+def _seen(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
+    yield "| T10, T11: 1 kHz, lag known | bias c % | RMSE c / that of whole records | cover c % |"
+    yield "|---|---|---|---|"
+    for cuff in PUBLISHED:
+        rows = np.array(list(pool.map(partial(_through_markers, cuff), range(max(2, runs // 10)))))
+        whole = np.sqrt(np.mean(rows[:, 0, 0] ** 2))
+        for kind, (off, is_covered) in zip(SIGHTS, rows.transpose(1, 2, 0), strict=True):
+            ratio = np.sqrt(np.mean(off**2)) / whole
+            yield f"| {cuff}, {kind} | {100 * off.mean():+.2f} | {ratio:.2f} | {100 * is_covered.mean():.0f} |"
+    yield ""
+
+
+def _through_markers(cuff: str, seed: int) -> list[tuple[float, float]]:
+    """Of the same swing seen whole, with markers hidden and with ghosts: relative error of c, and whether covered."""
+    truth = published(cuff, friction=1e9, migration=0.0)
+    manifest, tracks = Session(truth, 4000 + seed).dynamic()
+    manifest = replace(manifest, effective_config={"sync": {"lag_sd_s": 0.0}})
+    found = []
+    for spoil in SIGHTS.values():
+        markers = tracks["/markers"]
+        values = spoil(markers.values.copy(), np.random.default_rng(seed))
+        trial = build_trial(manifest, {**tracks, "/markers": replace(markers, values=values)}, "d", "d")
+        ((reduced,), _) = reduce_trials([trial])
+        damping = fit_damping(trial, reduced.displacement).damping.estimate
+        low, high = damping.ci95
+        found.append((damping.value / truth.damping - 1, float(low < truth.damping < high)))
+    return found
+
+
+def _hidden(values: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """30 times a minute each marker, for up to 0.2 s."""
+    for marker, frame in _moments(values, 30.0, random):
+        values[frame : frame + random.integers(2, 21), marker] = np.nan
+    return values
+
+
+def _ghosts(values: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """5 times a minute each marker, 15 mm away for 1 to 5 frames."""
+    for marker, frame in _moments(values, 5.0, random):
+        away = random.standard_normal(3)
+        values[frame : frame + random.integers(1, 6), marker, :3] += 15.0 * away / np.linalg.norm(away)
+    return values
+
+
+def _moments(values: np.ndarray, a_minute: float, random: np.random.Generator) -> list[tuple[int, int]]:
+    """(marker, frame) of what happens to each marker so many times a minute, at 100 Hz."""
+    frames, markers = values.shape[:2]
+    counts = random.poisson(a_minute * frames / 6000, markers)
+    return [(i, int(frame)) for i, count in enumerate(counts) for frame in random.integers(0, frames, count)]
+
+
+SIGHTS = {"whole": lambda values, _: values, "hidden (T10)": _hidden, "ghosts (T11)": _ghosts}
 
 
 def _causes(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
@@ -217,9 +327,9 @@ def _speed(_runs: int, _pool: ProcessPoolExecutor) -> Iterator[str]:
 REPORTS = {
     "T1": lambda runs, pool: _estimates("T1: 20 Hz, lag known", runs, pool, rate=20.0, lag_sd=0.0),
     "T2": lambda runs, pool: _estimates("T2: 1 kHz, lag ± 0.5 ms", runs, pool, rate=1000.0, lag_sd=LAG_SD),
-    "T9b": lambda runs, pool: _estimates(
-        "T9b: markers' memory 0.05 s", runs // 2, pool, rate=20.0, lag_sd=0.0, colour=0.05
-    ),
+    "T3": _half_a_sample,
+    "T9b": _coloured,
+    "T10": _seen,
     "T8": _causes,
     "T9": _laws,
     "T12": _space,

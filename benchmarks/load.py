@@ -24,10 +24,11 @@ from recordings.contents import contents_of
 from recordings.manifest import Outcome
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
-from station.simulation import SimulatedBench
+from station.bench.simulation import SimulatedBench
 from tests.recordings.trials import MANIFEST, STREAMS, frames, scalars
 
 SETTLED_S = 5.0
+BLOCK_S = 0.05
 STATION = "from station.cli import main; main()"
 
 
@@ -55,6 +56,7 @@ def main(seconds: float) -> None:
     for load in loads:
         print(_row(load), flush=True)
     print("\n" + _cost_of_syncing())
+    print(_growth_of_the_index())
 
 
 def _print_start_up() -> None:
@@ -154,14 +156,32 @@ def _cost_of_syncing() -> str:
 
     with tempfile.TemporaryDirectory() as folder:
         writer = RecordingWriter(Path(folder) / "a.mcap", MANIFEST, STREAMS, sync=sync)
-        for i in range(200):
+        for i in range(round(10 / BLOCK_S)):
             items: list[Samples] = [scalars("/force", 50 * i, 50), scalars("/sync", 50 * i, 50), frames(5 * i, 5)]
             for item in items:
                 writer.write(item)
-            time.sleep(0.05)
+            time.sleep(BLOCK_S)
         writer.close(Outcome(True, "closed", "ten seconds"))
     mean_ms, most_ms = 1000 * np.mean(took_s), 1000 * np.max(took_s)
     return f"fsync: {len(took_s)} in 10 s, {mean_ms:.1f} ms each, {most_ms:.1f} ms at most"
+
+
+def _growth_of_the_index() -> str:
+    """Ten minutes of a usual trial with as many chunks as at the wall's pace, by a clock that need not wait for it."""
+    wall_s = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mcap"
+        writer = RecordingWriter(path, MANIFEST, STREAMS, clock=lambda: wall_s, sync=lambda _: None)
+        held: list[float] = []
+        for i in range(round(660 / BLOCK_S)):
+            if i in (round(60 / BLOCK_S), round(660 / BLOCK_S) - 1):
+                held.append(psutil.Process().memory_info().rss / 1e6)
+            wall_s = BLOCK_S * i
+            items: list[Samples] = [scalars("/force", 50 * i, 50), scalars("/sync", 50 * i, 50), frames(5 * i, 5)]
+            for item in items:
+                writer.write(item)
+        writer.close(Outcome(True, "closed", "ten minutes"))
+    return f"index of the chunks: {6 * (held[1] - held[0]):.0f} MB for an hour's trial at the wall's pace"
 
 
 if __name__ == "__main__":

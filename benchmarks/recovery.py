@@ -2,9 +2,10 @@
 
     python -m benchmarks.recovery [SHARE]
 
-Takes half an hour; a SHARE of 0.1 tries every tenth. Each recovery must keep exactly the messages of the chunks that
-are whole, open by its index in the mcap package with every CRC right, be the same when done twice, and leave the
-original as it was; a file in which nothing is whole must be refused in one line. The first that does not ends the run.
+Takes an hour or two, the shorter rows first; a SHARE of 0.1 tries every tenth. Each recovery must keep exactly the
+messages of the chunks that are whole, open by its index in the mcap package with every CRC right, be the same when done
+twice, and leave the original as it was; a file in which nothing is whole must be refused in one line. The first that
+does not ends the run.
 """
 
 from __future__ import annotations
@@ -31,7 +32,6 @@ def main(share: float) -> None:
         around = [place + step for place in record_boundaries(short.data) for step in (-1, 0, 1)]
         bits = random.integers(0, 8 * size, 2000).tolist()
         cuts = random.integers(0, len(long.data) + 1, 2000).tolist()
-        _try(short, "cut at every byte", range(0, size + 1, every), short.ensure_cut_is_recovered)
         _try(
             short,
             "cut at every record ± 1 byte",
@@ -40,6 +40,7 @@ def main(share: float) -> None:
         )
         _try(short, "one bit flipped, at random", bits[::every], short.ensure_flip_is_recovered)
         _try(long, "cut at random", cuts[::every], long.ensure_cut_is_recovered)
+        _try(short, "cut at every byte", range(0, size + 1, every), short.ensure_cut_is_recovered)
 
 
 def _try(victim: Victim, what: str, places: Iterable[int], ensure: Callable[[int], None]) -> None:

@@ -28,6 +28,7 @@ NO_SUCH_CHANNEL = {-200170}
 NO_TRANSFER = {-50405}  # of the USB-600x, after minutes or hours; only unplugging it helps
 
 CONNECT_TIMEOUT_S = 3.0
+RELEASED_AFTER_S = 3.0  # a server may take that long to notice that the client which holds the device was killed
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
 RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would hold the caller for ever
@@ -93,7 +94,14 @@ class NiDaq:
         self._streams = ()
         self._next_number = 0
         self._zero_ns = sys.maxsize  # when sample 0 was taken, by the block that came with the least delay
-        self._begin_or_close()
+        give_up_s = time.monotonic() + RELEASED_AFTER_S
+        while True:
+            try:
+                return self._begin_or_close()
+            except DeviceUnavailable as error:
+                if _code(error.__cause__) not in IN_USE or time.monotonic() > give_up_s:
+                    raise
+            time.sleep(0.1)
 
     def resume(self) -> None:
         self.close()
@@ -314,7 +322,7 @@ _UNAVAILABLE = (
 )
 
 
-def _code(error: Exception) -> int:
+def _code(error: BaseException | None) -> int:
     """NI's error code; 0 for errors of the transport."""
     return int(getattr(error, "error_code", 0))
 

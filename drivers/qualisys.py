@@ -32,8 +32,9 @@ class Qualisys:
     """Streams /markers in mm; sample numbers are QTM's frame numbers, device time is its time stamp.
 
     wanted_labels must be in QTM and come first; all others follow. control "start" takes control of QTM, so that a
-    capture can be started and stopped from here; QTM saves it in its project when the device closes. Where QTM numbers
-    its frames anew (a capture after a preview), an event "numbering_restarted" says so.
+    capture can be started and stopped from here; QTM saves it in its project when the device closes. A capture that a
+    killed station left there is ended and saved at opening. Where QTM numbers its frames anew (a capture after a
+    preview), an event "numbering_restarted" says so.
     """
 
     def __init__(
@@ -114,9 +115,10 @@ class _Conversation:
     """
 
     def __init__(self, wishes: _Wishes, past: _Conversation | None = None) -> None:
-        from qtm_rt.protocol import QTMProtocol
+        from qtm_rt.protocol import QRTCommandException, QTMProtocol
         from qtm_rt.qrt import QRTConnection
 
+        self._refusal = QRTCommandException
         self.streams: tuple[Stream, ...] = ()
         self.inbox = Inbox(LONGEST_QUEUE)
         self._resumed: tuple[Stream, ...] = past.streams if past else ()
@@ -159,11 +161,9 @@ class _Conversation:
 
     def _command(self, what: str, command: Callable[[], Coroutine[Any, Any, Any]]) -> None:
         """Has QTM do something, on behalf of another thread."""
-        from qtm_rt.protocol import QRTCommandException
-
         try:
             asyncio.run_coroutine_threadsafe(command(), self._loop).result(2 * COMMAND_TIMEOUT_S)
-        except QRTCommandException as error:
+        except self._refusal as error:
             advice = "check QTM's measurement" if self._wishes.has_control else 'set mocap.control = "start"'
             raise DeviceMisconfigured(
                 f'{self._name} was asked to {what} and answered "{_words(error)}"; {advice}'
@@ -197,8 +197,6 @@ class _Conversation:
         self._guard.close()
 
     async def _open(self) -> None:
-        from qtm_rt.protocol import QRTCommandException
-
         step = "protocol version"
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
@@ -224,7 +222,7 @@ class _Conversation:
                 f"{self._name}: no QTM answers there ({error.strerror or error}); start QTM, or correct mocap.host "
                 "and mocap.port"
             ) from error
-        except QRTCommandException as error:
+        except self._refusal as error:
             raise DeviceMisconfigured(
                 f'{self._name} was asked for its {step} and answered "{_words(error)}"; {_ADVICE[step]}'
             ) from error
@@ -236,7 +234,15 @@ class _Conversation:
 
     async def _take_control(self) -> None:
         await self._connection.take_control(self._wishes.password)
-        if not self._resumed and await self._connection.new() == b"Creating new connection":
+        if self._resumed:
+            return
+        self._is_capturing = True  # a station that was killed may have left its capture, running or not saved
+        try:
+            await self._connection.stop()
+        except self._refusal:
+            self._is_capturing = False
+        await asyncio.wait_for(self._save_capture(), COMMAND_TIMEOUT_S)
+        if await self._connection.new() == b"Creating new connection":
             with suppress(TimeoutError):  # then QTM refuses to start a capture, and says why
                 await asyncio.wait_for(self._cameras_are_connected.wait(), CAMERAS_TIMEOUT_S)
 
@@ -258,8 +264,6 @@ class _Conversation:
 
     async def _watch(self) -> None:
         """Asks a quiet QTM for what it has answered before; one that does not answer is not there any more."""
-        from qtm_rt.protocol import QRTCommandException
-
         while self._connection.has_transport():
             await asyncio.sleep(QUIET_S / 2)
             if self._loop.time() - self._guard.heard_s < QUIET_S:
@@ -273,7 +277,7 @@ class _Conversation:
                     "check that QTM is not stuck"
                 )
                 self._guard.close()
-            except (QRTCommandException, DeviceError):  # any answer will do; what is closed is told elsewhere
+            except (self._refusal, DeviceError):  # any answer will do; what is closed is told elsewhere
                 continue
 
     async def _ask_parameters(self) -> tuple[tuple[str, ...], float]:
@@ -285,11 +289,9 @@ class _Conversation:
 
     async def _leave(self) -> None:
         """Ends what we began; QTM keeps its capture."""
-        from qtm_rt.protocol import QRTCommandException
-
         if not self._wishes.has_control or not self._connection.has_transport():
             return
-        with suppress(TimeoutError, QRTCommandException):
+        with suppress(TimeoutError, self._refusal):
             async with asyncio.timeout(LEAVE_TIMEOUT_S):
                 if self._has_captured:
                     await self._save_capture()
@@ -297,11 +299,9 @@ class _Conversation:
 
     async def _save_capture(self) -> None:
         """Where QTM cannot, it says why on its own screen."""
-        from qtm_rt.protocol import QRTCommandException
-
-        with suppress(QRTCommandException):
+        with suppress(self._refusal):
             if self._is_capturing:
-                with suppress(QRTCommandException):  # it has been stopped, and the event is on its way
+                with suppress(self._refusal):  # it has been stopped, and the event is on its way
                     await self._connection.stop()
             while self._is_capturing:
                 await asyncio.sleep(0.01)

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.calibration import MAX_GAIN_ERROR, Calibration, blame
-from fitting.clocks import LagUncertainty
 from fitting.oscillation import Oscillation, find_oscillation
 from fitting.quality import UnusableTrial
 from fitting.spline import Spline, grounded, solve_banded
+from fitting.timing.clocks import LagUncertainty
 from fitting.uncertainty import Repeat, combine
 from recordings.manifest import BounceRig
 
@@ -263,15 +263,18 @@ def _window(
     time: NDArray[np.float64], start: float, length: float, omega: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """sin⁴(π s / length) e^(−iωs) of s = time − start, 0 outside, and its second time derivative."""
-    s = time - start
-    inside = (s > 0) & (s < length)
-    angle, rate = np.pi * s / length, math.pi / length
-    sine, cosine = np.sin(angle), np.cos(angle)
+    answer, curved = np.zeros((2, len(time)), dtype=np.complex128)
+    inside = slice(*np.searchsorted(time, (start, start + length)))
+    s = time[inside] - start
+    rate = math.pi / length
+    sine, cosine = np.sin(rate * s), np.cos(rate * s)
     bump = sine**4
     slope = 4 * rate * sine**3 * cosine
     curvature = 4 * rate**2 * sine**2 * (3 * cosine**2 - sine**2)
-    turn = np.where(inside, np.exp(-1j * omega * s), 0.0)
-    return bump * turn, (curvature - 2j * omega * slope - omega**2 * bump) * turn
+    turn = np.exp(-1j * omega * s)
+    answer[inside] = bump * turn
+    curved[inside] = (curvature - 2j * omega * slope - omega**2 * bump) * turn
+    return answer, curved
 
 
 def _zero(trial: BounceTrial, motion: _Motion, answer: _Answer, gain: float) -> float:

@@ -86,6 +86,15 @@ def to_newtons(raw: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:
     return cell.polarity * cell.newtons_per_unit * raw
 
 
+def full_scale(cell: LoadCell, converter: float) -> float:
+    """The largest reading that is a measurement: the converter's full scale or the cell's capacity, in its unit.
+
+    Beyond its capacity no certificate holds, and an amplifier is near its own end; inf where neither is known.
+    """
+    capacity = math.inf if cell.capacity_kg is None else cell.capacity_kg * STANDARD_GRAVITY / cell.newtons_per_unit
+    return min(converter, capacity)
+
+
 def code_width(raw: NDArray[np.float64]) -> float:
     """The converter's step in the unit of raw (n,): the smallest distance between values that occur.
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.damping import DampingFit
-from fitting.frames import CuffMotion
+from fitting.dynamic.damping import DampingFit
+from fitting.markers.frames import CuffMotion
 from fitting.quality import MarkerQuality
-from fitting.stiffness import StaticFit
+from fitting.static.stiffness import StaticFit
 from fitting.trial import Trial
 
 

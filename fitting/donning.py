@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fitting.creep import Creep
 from fitting.curves import TrialCurves
-from fitting.damping import DampingFit, fit_damping
+from fitting.dynamic.damping import DampingFit, fit_damping
+from fitting.dynamic.weak_form import ComplexStiffness, complex_stiffness
 from fitting.held_loads import fit_held_loads, held_load_notes, plain_held_loads
-from fitting.held_tensor import held_tensor
-from fitting.migration import fit_migration
 from fitting.quality import UnusableTrial
-from fitting.reduction import ReducedTrial, reduce_trials
 from fitting.result import CuffFit, Lag, TrialFit, Verdict, covariance_of
-from fitting.stiffness import StaticFit, StiffnessFit, trial_stiffness
-from fitting.swung_tensor import swung_tensor
-from fitting.tensor import NoTensor, Tensor, Tensors
+from fitting.spatial.held_tensor import held_tensor
+from fitting.spatial.reduction import ReducedTrial, reduce_trials
+from fitting.spatial.swung_tensor import swung_tensor
+from fitting.spatial.tensor import NoTensor, Tensor, Tensors
+from fitting.static.creep import Creep
+from fitting.static.migration import fit_migration
+from fitting.static.stiffness import StaticFit, StiffnessFit, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
-from fitting.weak_form import ComplexStiffness, complex_stiffness
 
 TESTS = ("static", "dynamic")
 MIN_LOADS = 3
@@ -74,7 +73,7 @@ def fit_donning(
         sources={each.trial.file: each.trial.sha256 for each in (*every.values(), *all_static[:1])}
         | _calibrated_by(trials),
         lag=_lag([each.trial for each in used.values()] or trials),
-        trials=_list_trials(trials, every, lines, swings, reasons),
+        trials=_list_trials(trials, every, {each.trial.file: each.pull for each in moved}, lines, swings, reasons),
         notes=_notes(stiffness, list(swings.values()))
         + interval_notes(estimates[1])
         + held_load_notes(held, stiffness)
@@ -82,7 +81,7 @@ def fit_donning(
         held=plain_held_loads(held, stiffness),
         diagnostics=_diagnostics(stiffness, list(swings.values())),
         energy=_energy(list(swings.values())),
-        complex_stiffness=_complex_stiffness(list(swings.values()), trials[0].cuff_mass),
+        complex_stiffness=_complex_stiffness(list(swings.values()), trials[0]),
         tensors=_tensors(list(every.values()), swings),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
@@ -130,10 +129,13 @@ def _lag(trials: Sequence[Trial]) -> Lag:
 
 
 def _newest_first(trials: Sequence[ReducedTrial]) -> list[list[ReducedTrial]]:
-    """The trials of one test by repeat, in the order of their newest runs; of a repeat the newest run comes first."""
-    repeats: dict[int, list[ReducedTrial]] = {}
+    """The trials of one test by repeat, in the order of their newest runs; of a repeat the newest run comes first.
+
+    Every direction of the pull has repeats of its own.
+    """
+    repeats: dict[tuple[int, int], list[ReducedTrial]] = {}
     for each in sorted(trials, key=lambda each: each.trial.run, reverse=True):
-        repeats.setdefault(each.trial.repeat, []).append(each)
+        repeats.setdefault((each.pull, each.trial.repeat), []).append(each)
     return sorted(repeats.values(), key=lambda runs: (runs[0].trial.start_utc_ns, runs[0].trial.file))
 
 
@@ -189,9 +191,12 @@ def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict
         return None, Verdict.NO_DYNAMIC
     damping = combine([fit.damping for fit in fits])
     if not _is_open(damping):
-        return damping, None
-    noise = combine([replace(fit.damping, noise=fit.noise, common=0.0) for fit in fits])
-    return None, Verdict.DAMPING_UNCERTAIN if _is_open(noise) else Verdict.LAG
+        return (damping, None) if damping.value > 0 else (None, Verdict.NEGATIVE)
+    noise = float(np.linalg.norm([fit.noise for fit in fits])) / len(fits)
+    with_lag = math.hypot(
+        float(np.linalg.norm([fit.damping.noise for fit in fits])) / len(fits), max(fit.damping.common for fit in fits)
+    )
+    return None, Verdict.LAG if with_lag > math.sqrt(2) * noise else Verdict.DAMPING_UNCERTAIN
 
 
 def _judge_migration(
@@ -227,17 +232,18 @@ def _is_open(estimate: Estimate) -> bool:
 def _list_trials(
     trials: Sequence[Trial],
     reduced: Mapping[str, ReducedTrial],
+    pulls: Mapping[str, int],
     static: Mapping[str, StaticFit],
     damping: Mapping[str, DampingFit],
     reasons: Mapping[str, str],
 ) -> tuple[TrialFit, ...]:
     """Every recording of the donning with its part in the fit."""
-    counting = {(each.trial.test, each.trial.repeat): file for file, each in reduced.items()}
+    counting = {(each.trial.test, each.trial.repeat, each.pull): file for file, each in reduced.items()}
     listed = []
     for trial in trials:
         file = trial.file
         is_used = file in reduced
-        again = counting.get((trial.test, trial.repeat), file)
+        again = counting.get((trial.test, trial.repeat, pulls.get(file, 0)), file)
         listed.append(
             TrialFit(
                 file=file,
@@ -261,9 +267,7 @@ def _list_trials(
 
 
 def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str, ...]:
-    notes = []
-    if stiffness.slips_again:
-        notes.append("the cuff slips even under loads it carried before; stiffness is from taking weights off only")
+    notes = [*_slip_notes(stiffness)]
     if stiffness.only_rose and stiffness.stiffness:
         notes.append("the load only rose; noise or creep explain all of its steps, so no slip is taken to be in them")
     if any(fit.uses_static_stiffness for fit in damping):
@@ -276,6 +280,26 @@ def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str,
         if not 0.8 < ratio < 1.25:
             notes.append(f"the cuff is {ratio:.2f} times as stiff when it swings as under held loads")
     return tuple(notes)
+
+
+def _slip_notes(stiffness: StiffnessFit) -> Iterator[str]:
+    """What moves a cuff beside its spring while weights go on and off."""
+    if stiffness.slips_again and stiffness.further:
+        yield (
+            f"the cuff slips even under loads it carried before, by {1e3 * stiffness.further:.2f} mm from the first "
+            "trial to the last; stiffness is from taking weights off only"
+        )
+    elif stiffness.slips_again:
+        yield (
+            "weights that come off lead the cuff back another way than they led it out, but the same load holds it "
+            "where it did before: it rubs, or was put back between the trials; stiffness is from taking weights off "
+            "only, which friction makes too high: take them off one by one"
+        )
+    if stiffness.friction:
+        yield (
+            f"the cuff rubs by ± {stiffness.friction:.1f} N, or creeps too little for the holds to show: under the "
+            "same load it lies further out when weights come off than when they go on; stiffness is along each way"
+        )
 
 
 def _migration_notes(static: Sequence[ReducedTrial], before: Sequence[str]) -> tuple[str, ...]:
@@ -311,12 +335,23 @@ def _energy(damping: Sequence[DampingFit]) -> Estimate | None:
     return combine([fit.damping for fit in damping]).scaled(float(np.mean(loops)))
 
 
-def _complex_stiffness(damping: Sequence[DampingFit], mass: float) -> tuple[ComplexStiffness, ...]:
-    """From the lines of all dynamic trials, in bands about their mean frequency."""
+def _complex_stiffness(damping: Sequence[DampingFit], trial: Trial) -> tuple[ComplexStiffness, ...]:
+    """From the lines of all dynamic trials, in bands about their mean frequency; trial is any of the donning."""
     if not damping:
         return ()
     frequency = float(np.mean([fit.oscillation.frequency for fit in damping]))
-    return complex_stiffness([line for fit in damping for line in fit.checks.lines], mass, frequency)
+    bands = complex_stiffness([line for fit in damping for line in fit.checks.lines], trial.cuff_mass, frequency)
+    lag_sd = _lag_sd(damping)
+    return tuple(band.widened(lag_sd, trial.gain_sd) for band in bands)
+
+
+def _lag_sd(damping: Sequence[DampingFit]) -> float:
+    """What is not known [s] of the lag in the trials' mean: what they share, and each one's own edge."""
+    shared = [
+        math.hypot(fit.damping.causes["lag"], fit.damping.causes["drift"]) / fit.stiffness.value for fit in damping
+    ]
+    edges = [max(0.0, fit.damping.noise**2 - fit.noise**2) / fit.stiffness.value**2 for fit in damping]
+    return math.hypot(max(map(abs, shared)), math.sqrt(sum(edges)) / len(edges))
 
 
 def _draw(each: ReducedTrial, static: StaticFit | None, dynamic: DampingFit | None) -> TrialCurves:

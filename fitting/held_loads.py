@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fitting.creep import Creep, HeldTrial, fit_creep
-from fitting.migration import is_unloaded
 from fitting.plain import plain_estimate
-from fitting.plateaus import SETTLING, Plateau
-from fitting.reduction import ReducedTrial
-from fitting.stiffness import StaticFit, StiffnessFit, fit_stiffness
+from fitting.spatial.reduction import ReducedTrial
+from fitting.static.creep import Creep, HeldTrial, fit_creep
+from fitting.static.migration import is_unloaded
+from fitting.static.plateaus import SETTLING, Plateau
+from fitting.static.stiffness import StaticFit, StiffnessFit, fit_stiffness
 from fitting.uncertainty import Estimate, normal_estimate
 
 SIGNIFICANCE = 3.0
@@ -51,7 +51,7 @@ def fit_held_loads(static: Sequence[ReducedTrial], gain_sd: float) -> tuple[Stif
     stiffness = fit_stiffness(trials, gain_sd, drift_sd)
     # A cuff whose holds creep explains to the last has not slipped, though its loads lie on no line.
     creep = _creep(static, [replace(fit, segment=0 * fit.segment) for fit in stiffness.trials])
-    if creep is not None and creep.is_seen and creep.explains:
+    if creep is not None and creep.is_measured:
         stiffness = fit_stiffness(trials, gain_sd, drift_sd, creeps=True)
     else:
         creep = _creep(static, stiffness.trials)
@@ -67,12 +67,17 @@ def held_load_notes(held: HeldLoads | None, stiffness: StiffnessFit) -> tuple[st
     if held is None:
         return ()
     notes = []
-    if held.creep is not None and held.creep.is_seen:
+    if held.creep is not None and held.creep.is_measured:
         rest, fraction = held.creep.stiffness_at_rest, held.creep.fraction
         notes.append(
             f"the cuff creeps: it yields {100 * fraction.value:.0f} ± {196 * fraction.standard_error:.0f} % more, with "
             f"a time constant of about {held.creep.time_constant:.0f} s; stiffness is that {held.hold:.0f} s after a "
             f"step, and {rest.value:.0f} ± {1.96 * rest.standard_error:.0f} N/m when it has come to rest"
+        )
+    elif held.creep is not None and held.creep.is_seen:
+        notes.append(
+            "the cuff goes on yielding under held loads, but slips or rubs as well: how far it would creep is not "
+            f"known; stiffness is that {held.hold:.0f} s after a step"
         )
     law = stiffness.law
     if law is not None and abs(law.significance) > SIGNIFICANCE:
@@ -104,9 +109,9 @@ def plain_held_loads(held: HeldLoads | None, stiffness: StiffnessFit) -> dict[st
     if creep is not None:
         plain["creep"] = {
             "is_seen": creep.is_seen,
-            "fraction": plain_estimate(creep.fraction),
-            "time_constant_s": creep.time_constant,
-            "stiffness_at_rest_n_per_m": plain_estimate(creep.stiffness_at_rest),
+            "fraction": plain_estimate(creep.fraction if creep.explains else None),
+            "time_constant_s": creep.time_constant if creep.explains else None,
+            "stiffness_at_rest_n_per_m": plain_estimate(creep.stiffness_at_rest if creep.explains else None),
         }
     if law is not None:
         loads = np.linspace(law.reference_force, _highest(stiffness), TANGENTS).tolist()

@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fitting.calibration import Calibration
-from fitting.damping import DampingFit
-from fitting.diagnosis import Diagnosis
-from fitting.model_class import ModelComparison
-from fitting.sync_certificate import SyncCertificate
+from fitting.dynamic.damping import DampingFit
+from fitting.dynamic.weak_form import ComplexStiffness
+from fitting.laws.diagnosis import Diagnosis
+from fitting.laws.model_class import ModelComparison
+from fitting.timing.sync_certificate import SyncCertificate
 from fitting.uncertainty import Estimate
-from fitting.weak_form import ComplexStiffness
 
 
 def plain_estimate(estimate: Estimate | None) -> dict[str, Any]:

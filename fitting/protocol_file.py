@@ -8,6 +8,7 @@ step_masses_kg = [1.53, 1.53, 1.0]          # the weights as they were, instead 
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 PROTOCOL_FILE = "protocol.toml"
+BETTER = (".recovered.mcap", ".completed.mcap")
+"""Endings of the files that stand for a recording: its steps are theirs."""
 
 
 class ProtocolFileError(Exception):
@@ -46,8 +49,17 @@ def read_protocol(folder: Path) -> SessionProtocol:
     masses = data.get("step_masses_kg")
     return SessionProtocol(
         None if masses is None else _positive(masses, f"{path}: step_masses_kg"),
-        {file: _rising(times, f'{path}: steps_s."{file}"') for file, times in data.get("steps_s", {}).items()},
+        _steps(data.get("steps_s", {}), path),
     )
+
+
+def _steps(table: Mapping[str, Any], path: Path) -> dict[str, tuple[float, ...]]:
+    """By file, and by the file that stands for it. A wrong name would leave the correction without effect: refused."""
+    steps = {file: _rising(times, f'{path}: steps_s."{file}"') for file, times in table.items()}
+    for file in steps:
+        if not (path.parent / file).is_file():
+            raise ProtocolFileError(f"{path}: steps_s names {file}, expected a recording beside it; correct the name")
+    return {Path(file).stem + ending: times for file, times in steps.items() for ending in BETTER} | steps
 
 
 def _positive(entry: Any, where: str) -> tuple[float, ...]:
@@ -65,6 +77,6 @@ def _rising(entry: Any, where: str) -> tuple[float, ...]:
 
 
 def _numbers(entry: Any, where: str) -> tuple[float, ...]:
-    if not isinstance(entry, list) or not all(isinstance(each, int | float) for each in entry):
-        raise ProtocolFileError(f"{where} is {entry!r}, expected a list of numbers")
+    if not isinstance(entry, list) or not all(type(each) in (int, float) and math.isfinite(each) for each in entry):
+        raise ProtocolFileError(f"{where} is {entry!r}, expected a list of finite numbers")
     return tuple(float(each) for each in entry)

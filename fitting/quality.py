@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fitting.calibration import code_width
 
 MIN_ANCHOR_MARKERS = 3
 MIN_ANCHOR_WIDTH = 5e-3
@@ -17,8 +19,14 @@ OCCLUSION_LIMIT = 0.5
 SKIN_CORRELATION = 0.3
 LEAN_NOTE = 5e-3
 STUCK = 1.0
+MOVES_ON = 0.2
+"""Part of its way by which the cuff may move under a load that is held, creeping or slipping."""
+QUIETER, BEYOND_CHANCE = 10, 1e-9
+"""Per cent of a record's seconds that have less noise than what is taken for it, and the chance that is none."""
 REST = 1.0
 """Seconds."""
+ZERO_DRIFT_LIMIT = 0.02
+"""Part of the cell's capacity: what moves a zero further within minutes is no drift (docs/calibration.md)."""
 ZERO_DRIFT, ZERO_DRIFT_PART = 0.5, 0.02
 """Newtons, and part of the trial's range: the larger is what the zero may drift without a note."""
 MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6
@@ -38,10 +46,10 @@ def require_labels(wanted: tuple[str, ...], present: tuple[str, ...]) -> None:
         )
 
 
-def require_sound_force(values: NDArray[np.float64], limit: float) -> None:
+def require_sound_force(values: NDArray[np.float64], limit: float, unit: str = "V") -> None:
     """Raises UnusableTrial for force samples (n,), in the device's unit, that are no measurement.
 
-    limit is the converter's full scale in that unit, inf where it has none.
+    limit is the largest reading that is a measurement, inf where nobody knows.
     """
     broken = np.count_nonzero(~np.isfinite(values))
     if broken:
@@ -51,8 +59,8 @@ def require_sound_force(values: NDArray[np.float64], limit: float) -> None:
     saturated = np.count_nonzero(np.abs(values) >= 0.99 * limit)
     if saturated > 3:  # a code or two at full scale is an electrical spike, not a load
         raise UnusableTrial(
-            f"force is saturated in {saturated} of {len(values)} samples (at {limit:g} V); check wiring, "
-            "daq.force_range_v and the amplifier's zero"
+            f"force is saturated in {saturated} of {len(values)} samples (at {limit:.4g} {unit}); check wiring, "
+            "daq.force_range_v, load_cell.capacity_kg and the amplifier's zero"
         )
     if len(values) and np.all(values == values[0]):
         raise UnusableTrial(
@@ -103,6 +111,16 @@ def zero_drift(time: NDArray[np.float64], force: NDArray[np.float64]) -> float |
     return sum(halves[1]) / 2 - sum(halves[0]) / 2
 
 
+def require_steady_zero(drift: float | None, limit: float) -> None:
+    """Raises UnusableTrial if the zero drifted by more than a sound load cell's can, both [N]."""
+    if drift is not None and abs(drift) > limit:
+        raise UnusableTrial(
+            f"the force at rest changed by {drift:+.2f} N from start to end, expected at most {limit:.2f} N "
+            "(load_cell.zero_drift_relative_limit); look for a load that was left on or a loose mount, let the load "
+            "cell and its amplifier warm up, and record the trial again"
+        )
+
+
 def zero_notes(drift: float | None, span: float) -> tuple[str, ...]:
     """A note where the zero drifted [N] by more than a force of this range [N] allows."""
     limit = max(ZERO_DRIFT, ZERO_DRIFT_PART * span)
@@ -111,6 +129,16 @@ def zero_notes(drift: float | None, span: float) -> tuple[str, ...]:
     return (
         f"the force at rest changed by {drift:+.2f} N from start to end, expected at most {limit:.2f} N; look for a "
         "load that was left on, and warm the load cell and its amplifier up",
+    )
+
+
+def early_notes(early: float) -> tuple[str, ...]:
+    """A note where the sync line rose before the first frame was exposed, by so many seconds."""
+    if not early:
+        return ()
+    return (
+        f"early edge: the sync line rose {early:.2f} s before the first frame, by the frames' number and by their "
+        "arrival; the lag is that uncertain, set QTM's sync output to measurement time",
     )
 
 
@@ -196,23 +224,46 @@ def require_live_force(
     marker_time: NDArray[np.float64],
     displacement: NDArray[np.float64],
 ) -> None:
-    """Raises UnusableTrial if force (n,) [N] reads one value for a second while the cuff (frames,) [m] moves.
+    """Raises UnusableTrial if force (n,) [N] reads one value for a second while it should not.
 
-    A held load may well read one code; one that is held does not let the cuff move half of its way.
+    A held load may well read one code, unless the cuff (frames,) [m] moves on meanwhile, or the noise that the force
+    has even where it is quietest cannot have stayed within one code for so long.
     """
     bounds = np.concatenate(([0], np.flatnonzero(np.diff(force)) + 1, [len(force)]))
+    runs = np.column_stack((bounds[:-1], bounds[1:]))
     way = float(np.nanpercentile(displacement, 99.5) - np.nanpercentile(displacement, 0.5))
-    for first, last in pairwise(bounds):
+    for first, last in runs[force_time[runs[:, 1] - 1] - force_time[runs[:, 0]] > STUCK]:
         start, end = float(force_time[first]), float(force_time[last - 1])
-        if end - start <= STUCK:
-            continue
         here = displacement[(marker_time >= start) & (marker_time <= end)]
         here = here[np.isfinite(here)]
-        if len(here) > 20 and np.percentile(here, 97.5) - np.percentile(here, 2.5) > way / 2:
+        moves = len(here) > 20 and np.percentile(here, 97.5) - np.percentile(here, 2.5) > MOVES_ON * way
+        elsewhere = np.concatenate((force[:first], force[last:]))
+        noise = _quietest_noise(elsewhere, max(5, round((last - first) / (end - start))))
+        if moves or _chance_of_one_code(elsewhere, noise, last - first) < BEYOND_CHANCE:
+            why = "while the cuff moves" if moves else f"although its noise is {noise:.2g} N"
             raise UnusableTrial(
-                f"force reads {force[first]:.2f} N without change for {end - start:.1f} s from {start:.1f} s on while "
-                "the cuff moves; check the amplifier and its cable"
+                f"force reads {force[first]:.2f} N without change for {end - start:.1f} s from {start:.1f} s on {why}: "
+                "the converter or its stream hung; check the amplifier and its cable, and record the trial again"
             )
+
+
+def _quietest_noise(force: NDArray[np.float64], second: int) -> float:
+    """Standard deviation [N] of force (n,) within seconds of so many samples, as in the quieter ones of them.
+
+    From third differences, which a swing of 1 Hz at 20 Hz hardly reaches: white noise is √20 times as large in them.
+    """
+    seconds = force[: len(force) // second * second].reshape(-1, second)
+    noise = np.std(np.diff(seconds, 3, axis=1), axis=1) / math.sqrt(20)
+    return float(np.percentile(noise, QUIETER)) if len(seconds) else 0.0
+
+
+def _chance_of_one_code(force: NDArray[np.float64], noise: float, count: int) -> float:
+    """Probability that so many samples at the middle of a code all read it, under normal noise [N]."""
+    step = code_width(force)
+    dithering = math.sqrt(max(0.0, noise**2 - step**2 / 12))  # Sheppard: what the codes themselves add
+    if dithering == 0:
+        return 1.0
+    return math.erf(step / 2 / dithering / math.sqrt(2)) ** count
 
 
 def require_plausible_displacement(displacement: NDArray[np.float64]) -> None:

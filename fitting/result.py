@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from fitting.calibration import Calibration
 from fitting.curves import TrialCurves
-from fitting.damping import DampingFit
-from fitting.diagnosis import Diagnosis
-from fitting.model_class import ModelComparison
+from fitting.dynamic.damping import DampingFit
+from fitting.dynamic.weak_form import ComplexStiffness
+from fitting.laws.diagnosis import Diagnosis
+from fitting.laws.model_class import ModelComparison
 from fitting.plain import (
     plain_bands,
     plain_calibration,
@@ -27,11 +28,10 @@ from fitting.plain import (
     plain_swing,
     plain_sync,
 )
-from fitting.sync_certificate import SyncCertificate
-from fitting.tensor import Tensors, plain_tensor
+from fitting.spatial.tensor import Tensors, plain_tensor
+from fitting.timing.sync_certificate import SyncCertificate
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import NORMAL_95, Estimate
-from fitting.weak_form import ComplexStiffness
 from solver.cuff import CuffParameters
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
@@ -56,6 +56,10 @@ class Verdict(StrEnum):
         "is more than half of it; record --test bounce, raise daq.sample_rate_hz or start by PFI0"
     )
     DAMPING_UNCERTAIN = "damping is not identified: noise leaves more than half of it open; pull faster and farther"
+    NEGATIVE = (
+        "damping is not identified: it comes out negative, and a cuff takes energy; force and markers are not at the "
+        "times that are taken for theirs, record --test bounce"
+    )
     NOT_UNLOADED = (
         "migration is not identified: the first static trial does not start, or the last does not end, unloaded"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,12 +13,13 @@ from numpy.typing import NDArray
 
 from fitting import quality
 from fitting.bounce import BounceTrial, calibrate
-from fitting.calibration import Calibration
-from fitting.clocks import LagUncertainty
-from fitting.protocol_file import SessionProtocol, read_protocol
+from fitting.calibration import STANDARD_GRAVITY, Calibration
+from fitting.protocol_file import PROTOCOL_FILE, ProtocolFileError, SessionProtocol, read_protocol
 from fitting.quality import UnusableTrial
-from fitting.sync_certificate import SyncCertificate, certify
-from fitting.timeline import Timeline, lay_out, setting
+from fitting.timing.clocks import LagUncertainty
+from fitting.timing.sync_certificate import SyncCertificate, certify
+from fitting.timing.thinned import thinned
+from fitting.timing.timeline import lay_out, setting
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, TestKind
 from recordings.reader import Recording, Track, open_recording
@@ -40,8 +42,8 @@ class Trial:
     markers         (frames, markers, 3) m in the mocap frame; a marker not seen, and a frame not received, is NaN
     lag             of force against markers: what it was taken to be, and its uncertainty
     sync_fall       s, when the sync line fell again; None where that was not recorded
-    sync            what the sync line's edges are worth; None for force that came on no sync line
-    zero_drift      N by which the force at rest changed from start to end; None without rest at both
+    sync            what the sync line's edges are worth; None where there is no sync line
+    zero_drift      N by which the force at rest changed from start to end; None without rest, or the capture's end
     gain_sd         relative standard uncertainty of the load cell's scale
     calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
@@ -180,8 +182,17 @@ def calibrated(trial: Trial, calibration: Calibration) -> Trial:
 
 
 def _as_edited(trial: Trial, protocol: SessionProtocol) -> Trial:
+    """With the steps as the operator knows them. Raises ProtocolFileError if one lies outside the trial."""
     masses = trial.step_masses if protocol.step_masses is None else protocol.step_masses
-    return replace(trial, step_masses=masses, step_times=protocol.steps.get(trial.file))
+    times = protocol.steps.get(trial.file)
+    first, last = float(trial.force_time[0]), float(trial.force_time[-1])
+    outside = [time for time in times or () if not first < time < last]
+    if outside:
+        raise ProtocolFileError(
+            f"{PROTOCOL_FILE} names a step of {trial.file} at {outside[0]:g} s, expected between {first:.1f} and "
+            f"{last:.1f} s after its sync edge; correct the time"
+        )
+    return replace(trial, step_masses=masses, step_times=times)
 
 
 def _read(path: Path, recording: Recording) -> Trial | BounceTrial:
@@ -211,7 +222,9 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
     if site is None:
         raise UnusableTrial(f"{file} is a recording of no cuff; give the test a cuff")
     line = lay_out(manifest, tracks, site.labels)
-    drift = quality.zero_drift(line.force_time, line.force)
+    is_at_end = line.sync_fall is not None or not manifest.begins_at_edge  # else a load may hang on at what is the end
+    drift = quality.zero_drift(line.force_time, line.force) if is_at_end else None
+    quality.require_steady_zero(drift, _zero_limit(manifest))
     return Trial(
         cuff=site,
         test=manifest.test,
@@ -229,7 +242,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         markers=line.markers,
         lag=line.lag,
         sync_fall=line.sync_fall,
-        sync=_certified(manifest, line, site.labels, site.anchor_markers, site.cuff_markers),
+        sync=certify(manifest, thinned(manifest, tracks)),
         zero_drift=drift,
         gain_sd=float(setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
         cuff_mass=float(setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
@@ -241,34 +254,11 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
     )
 
 
-def certificate_of(path: Path) -> SyncCertificate | None:
-    """What the edges of one recording, of a cuff or a bounce, are worth; None for force that came on no sync line.
-
-    Raises UnusableTrial, or RecordingError if the file is none of ours.
-    """
-    recording = open_recording(path)
-    manifest = recording.manifest
-    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
-    if manifest.cuff is not None:
-        return build_trial(manifest, tracks, path.name, "").sync
-    labels = manifest.bounce.labels if manifest.bounce else ()
-    return _certified(manifest, lay_out(manifest, tracks, labels), labels, (), labels)
-
-
-def _certified(
-    manifest: Manifest,
-    line: Timeline,
-    labels: Sequence[str],
-    anchor: Sequence[str],
-    pulled: Sequence[str],
-) -> SyncCertificate | None:
-    """The pulled markers move against the anchor's, where there are any."""
-    if not manifest.begins_at_edge or manifest.load_cell.source != "daq":
-        return None
-    position = line.markers[:, [labels.index(label) for label in pulled]].mean(axis=1)
-    if anchor:
-        position = position - line.markers[:, [labels.index(label) for label in anchor]].mean(axis=1)
-    return certify(line, position)
+def _zero_limit(manifest: Manifest) -> float:
+    """Newtons by which the zero may drift within a trial; inf for a cell of unknown capacity."""
+    capacity = manifest.load_cell.capacity_kg
+    part = float(setting(manifest, "load_cell").get("zero_drift_relative_limit", quality.ZERO_DRIFT_LIMIT))
+    return math.inf if capacity is None else part * capacity * STANDARD_GRAVITY
 
 
 def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> BounceTrial:

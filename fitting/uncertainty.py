@@ -39,6 +39,19 @@ class Estimate:
             None if self.bound is None else abs(factor) * self.bound,
         )
 
+    def widened(self, causes: Mapping[str, float]) -> Estimate:
+        """With independent normal errors by cause that the estimate did not hold; what it held is its "noise"."""
+        more = math.hypot(*causes.values())
+        low, high = (
+            math.copysign(math.hypot(end - self.value, NORMAL_95 * more), end - self.value) for end in self.ci95
+        )
+        return replace(
+            self,
+            standard_error=math.hypot(self.standard_error, more),
+            ci95=(self.value + low, self.value + high),
+            parts={"noise": self.standard_error, **causes},
+        )
+
 
 @dataclass(frozen=True)
 class Repeat:

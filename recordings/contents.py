@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,8 @@ import numpy as np
 from recordings import topics
 from recordings.chunks import Damage, read_entries
 from recordings.manifest import Manifest, Outcome
-from recordings.reader import is_ours, read, survey_file
-from recordings.samples import Event, Loss, Samples, Stream
+from recordings.reader import Survey, is_ours, read, survey_file
+from recordings.samples import Event, Item, Loss, Samples, Stream
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,11 @@ class Contents:
 
 def contents_of(path: Path) -> Contents:
     """Reads a recording, whole or cut, in bounded memory. Raises RecordingError where there is nothing to read."""
-    survey = survey_file(path)
+    return sum_up(path, survey_file(path))
+
+
+def sum_up(path: Path, survey: Survey, listen: Callable[[Stream | Item], None] = lambda _: None) -> Contents:
+    """The contents of a file that was surveyed. listen hears everything on the way, so that it is read but once."""
     found: dict[str, TopicContents] = {}
     tallies = {stream.name: _Tally(stream) for stream in survey.streams}
     losses: list[Loss] = []
@@ -98,11 +103,16 @@ def contents_of(path: Path) -> Contents:
         now = entry.log_time_ns
         seen = found.get(entry.topic, TopicContents(0, now, now))
         found[entry.topic] = TopicContents(seen.messages + 1, min(seen.first_ns, now), max(seen.last_ns, now))
-        match read(entry):
+        message = read(entry)
+        if isinstance(message, Stream | Item):
+            listen(message)
+        match message:
             case Stream() as stream:
                 tallies[stream.name].stream = stream
             case Samples() as block:
-                tallies.setdefault(block.stream, _undescribed(block.stream)).add(block, entry.sequence)
+                if block.stream not in tallies:
+                    tallies[block.stream] = _undescribed(block.stream)
+                tallies[block.stream].add(block, entry.sequence)
             case Loss() as loss:
                 losses.append(loss)
             case Event() as event:

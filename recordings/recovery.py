@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import filecmp
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -58,18 +59,19 @@ def recovered_path(path: Path) -> Path:
     return path.with_suffix(".recovered.mcap")
 
 
-def recover(path: Path, output: Path | None = None) -> RecoveryReport:
+def recover(path: Path, output: Path | None = None, progress: Callable[[int], None] = lambda _: None) -> RecoveryReport:
     """Copies every readable message of a recording into a new file with an index and right CRCs.
 
     Messages stay in their chunks, with their times and sequence numbers, and nothing is added: recovering a recovered
     file gives the same bytes again. The output takes its name when it is whole, and never replaces a different file.
-    Raises RecordingError where nothing can be kept, or the output cannot be made.
+    progress is told the bytes of the source that are done. Raises RecordingError where nothing can be kept, or the
+    output cannot be made.
     """
     output = output or recovered_path(path)
     part = output.with_name(f"{output.name}.part")
     try:
         with part.open("wb") as file:
-            damage = _copy(path, file)
+            damage = _copy(path, file, progress)
         _give_name(part, output)
         sync_folder(output.parent)
     except OSError as error:
@@ -79,7 +81,7 @@ def recover(path: Path, output: Path | None = None) -> RecoveryReport:
     return RecoveryReport(path, output, damage, contents_of(output))
 
 
-def _copy(path: Path, file: BinaryIO) -> tuple[Damage, ...]:
+def _copy(path: Path, file: BinaryIO, progress: Callable[[int], None]) -> tuple[Damage, ...]:
     """Returns what of the source could not be read. Raises RecordingError where nothing could."""
     writer = Writer(file, compression=CompressionType.ZSTD)
     writer.start(profile=topics.PROFILE)
@@ -94,6 +96,7 @@ def _copy(path: Path, file: BinaryIO) -> tuple[Damage, ...]:
             continue
         if chunk is not None and entry.chunk_offset != chunk:
             writer.flush()  # type: ignore[no-untyped-call]
+            progress(entry.chunk_offset)
         chunk = entry.chunk_offset
         writer.add_message(
             channel_id=channels[entry.topic],
@@ -107,6 +110,7 @@ def _copy(path: Path, file: BinaryIO) -> tuple[Damage, ...]:
     writer.finish()  # type: ignore[no-untyped-call]
     file.flush()
     os.fsync(file.fileno())
+    progress(path.stat().st_size)
     return tuple(damage)
 
 

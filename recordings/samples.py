@@ -67,7 +67,8 @@ class Event:
 class Loss:
     """Samples that the device numbered and nobody received.
 
-    cause is one word: "skipped" (numbers jump), "overrun", "silent", "disconnected", "garbled", "queue_overflow".
+    cause is one word: "skipped" (numbers jump), "late" (the first of a capture), "overrun", "silent", "disconnected",
+    "garbled", "queue_overflow".
     first_missing and count are in the device's sample numbers; last_device_time_ns is that of the last good sample.
     """
 

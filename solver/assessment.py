@@ -12,15 +12,24 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cuff import CuffParameters
+from solver.cuff import CuffParameters, by_site
 from solver.loads import ExternalForce
 from solver.model import Model
 from solver.motion import Kinematics
-from solver.readings import Readings, read_curves
 from solver.redundancy import FrameOutcome, RedundancyOptions
-from solver.suit import Suit, SuitError
-from solver.uncertainty import Draws, wear_draws
-from solver.worn import CUFF_CONDITIONS, Condition, Effort, Wearing, WornMotion, solve_bare, solve_wearings, wear
+from solver.wearing.readings import Readings, read_curves
+from solver.wearing.suit import Suit, SuitError
+from solver.wearing.uncertainty import Draws, wear_draws
+from solver.wearing.worn import (
+    CUFF_CONDITIONS,
+    Condition,
+    Effort,
+    Wearing,
+    WornMotion,
+    solve_bare,
+    solve_wearings,
+    wear,
+)
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -135,11 +144,12 @@ def assess(
 
     Muscles are solved in every N-th frame, those of the drawn cuffs in every draw_every-th; progress(what, done, total)
     counts them. Loads from outside are sampled at all frames and bear on every scenario, the slack cord's too. Raises
-    SuitError without an arm cuff, with two at the waist or where worn.wear refuses the suit, MotionError where it
-    refuses the motion.
+    SuitError without an arm cuff, with two at the waist or where worn.wear refuses the suit or its cord never pulls,
+    MotionError where it refuses the motion.
     """
-    arms, waist = _by_site(cuffs)
+    arms, waist = _arms_and_waist(cuffs)
     worn = wear(model, kinematics, suit, every, options, loads)
+    worn.ensure_pulls()
     wearings = _wearings(suit, arms, waist)
     slack, efforts = solve_wearings(worn, wearings, lambda *count: progress("solving muscles", *count))
     bare = solve_bare(worn, slack)
@@ -170,11 +180,10 @@ def assess(
     )
 
 
-def _by_site(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], CuffParameters | None]:
-    cuffs = list(cuffs)
-    arms, waists = ([cuff for cuff in cuffs if cuff.site == site] for site in ("arm", "waist"))
+def _arms_and_waist(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], CuffParameters | None]:
+    arms, waists = by_site(cuffs)
     if not arms or len(waists) > 1:
-        found = ", ".join(f"{cuff.name} ({cuff.site})" for cuff in cuffs) or "none"
+        found = ", ".join(f"{cuff.name} ({cuff.site})" for cuff in (*arms, *waists)) or "none"
         raise SuitError(
             f"an assessment needs arm cuffs and at most one waist cuff and has {found}; fit what is missing"
         )

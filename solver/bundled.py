@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.curves import MillardCurves
-from solver.functions import polynomial
+from solver.functions.coordinate import polynomial
+from solver.functions.fibre import MillardCurves
 from solver.model import (
     NO_COORDINATE,
     AnyPathPoint,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -31,6 +32,12 @@ class CuffParameters:
     migration: float
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
     source: str = ""
+
+
+def by_site(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameters], list[CuffParameters]]:
+    """Those at the arm, and those at the waist."""
+    cuffs = list(cuffs)
+    return [cuff for cuff in cuffs if cuff.site == "arm"], [cuff for cuff in cuffs if cuff.site == "waist"]
 
 
 def cuff_force(

@@ -84,28 +84,9 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
 
     ModelError where the mass matrix or the constraints are singular, or the model has no such joint.
     """
-    from solver.moving.masses import weigh  # the compiler behind it takes a third of a second to import
-
-    frames, count = state.coordinates.shape
-    tables, joint = tables_of(model), model.joint(reaction_joint)
+    joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
-    mass_matrix, bias_force = np.zeros((frames, count, count)), np.zeros((frames, count))
-    per_acceleration, reaction_bias = np.zeros((frames, 6, count)), np.zeros((frames, 6))
-    for passive in model.coordinate_forces:
-        bias_force[:, passive.coordinate] -= _own_force(passive, state)
-    weigh(
-        tables.bodies,
-        tables.moves,
-        np.array(model.gravity),
-        state.poses,
-        state.screws,
-        mass_matrix,
-        bias_force,
-        _carried(model, joint.child),
-        point,
-        per_acceleration,
-        reaction_bias,
-    )
+    mass_matrix, bias_force, per_acceleration, reaction_bias = _weighed(model, state, joint.child, point)
     jacobian, bias = constraint_rows(model, state)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
@@ -122,7 +103,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
         constraint_bias=bias,
         mobility=mobility,
         multiplier_per_force=np.swapaxes(gain, 1, 2),
-        tables=tables,
+        tables=tables_of(model),
         screws=state.screws,
         acceleration_unloaded=acceleration,
         multipliers_unloaded=rotate(stiffness, bias) - rotate(np.swapaxes(gain, 1, 2), bias_force),
@@ -190,6 +171,34 @@ def response_maps(
 def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array:
     """λ (frames, rows) [N; N m for angles] under a generalised force f (frames, coordinates), in Simbody's sign."""
     return equations.multipliers_unloaded + rotate(equations.multiplier_per_force, generalised_force)
+
+
+def _weighed(model: Model, state: Postures, child: int, point: Array) -> tuple[Array, Array, Array, Array]:
+    """M (frames, u, u) and bias (frames, u); of the reaction that carries `child` and what hangs on it, about point
+    (frames, 3), the part per acceleration (frames, 6, u) and its bias (frames, 6).
+    """
+    from solver.moving.masses import weigh  # the compiler behind it takes a third of a second to import
+
+    frames, count = state.coordinates.shape
+    tables = tables_of(model)
+    mass_matrix, bias_force = np.zeros((frames, count, count)), np.zeros((frames, count))
+    per_acceleration, reaction_bias = np.zeros((frames, 6, count)), np.zeros((frames, 6))
+    for passive in model.coordinate_forces:
+        bias_force[:, passive.coordinate] -= _own_force(passive, state)
+    weigh(
+        tables.bodies,
+        tables.moves,
+        np.array(model.gravity),
+        state.poses,
+        state.screws,
+        mass_matrix,
+        bias_force,
+        _carried(model, child),
+        point,
+        per_acceleration,
+        reaction_bias,
+    )
+    return mass_matrix, bias_force, per_acceleration, reaction_bias
 
 
 def _own_force(passive: CoordinateForce, state: Postures) -> Array:

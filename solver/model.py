@@ -13,8 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.curves import Curves
-from solver.functions import Function
+from solver.functions.coordinate import Function
+from solver.functions.fibre import Curves
 
 Array = NDArray[np.float64]
 

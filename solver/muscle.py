@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.curves import Curves
+from solver.functions.fibre import Curves
 from solver.model import Model, Muscle
 
 Array = NDArray[np.float64]

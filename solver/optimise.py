@@ -17,9 +17,9 @@ from solver.loads import ExternalForce
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.redundancy import RedundancyOptions
-from solver.suit import Suit, SuitError
-from solver.uncertainty import SEED, draw_cuff
-from solver.worn import Condition, Wearing, WornMotion, solve_wearings, wear
+from solver.wearing.suit import Suit, SuitError
+from solver.wearing.uncertainty import SEED, draw_cuff
+from solver.wearing.worn import Condition, Wearing, WornMotion, solve_wearings, wear
 
 Array = NDArray[np.float64]
 Freedom = Literal["stiffness", "waist", "shoulder", "arm"]
@@ -75,14 +75,12 @@ def optimise(
 ) -> Optimised:
     """Search by Nelder and Mead's simplex on every draw_every-th frame, from the suit's reference rest length.
 
-    Raises as worn.wear does; a suit on the way that cannot be worn or solved counts as infinitely costly.
+    Raises as worn.wear does, and where the suit's cord never pulls; a suit on the way that cannot be worn or solved
+    counts as infinitely costly.
     """
-    search = _Search(
-        worn=wear(model, kinematics, suit, draw_every, options, loads),
-        condition=condition,
-        free=tuple(free),
-        progress=progress,
-    )
+    thinned = wear(model, kinematics, suit, draw_every, options, loads)
+    thinned.ensure_pulls()
+    search = _Search(thinned, condition, tuple(free), progress)
     pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted

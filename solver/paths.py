@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.kinematics import Postures
 from solver.model import Model, Path
-from solver.wrapping.course import pack_bodies, pack_paths
+from solver.wrapping.course import Laid, pack_bodies, pack_paths
 
 Array = NDArray[np.float64]
 PathMode = Literal["faithful", "geodesic"]
@@ -47,9 +47,10 @@ def evaluate_paths(
     Raises ModelError where a path refers to what the model has not.
     """
     # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
-    from solver.geodesics.room import room_for
+    from solver.geodesics.room import room_for as geodesic_room
     from solver.geodesics.tension import lay_all as lay_geodesics
     from solver.wrapping.changes import pack_changes
+    from solver.wrapping.room import room_for
     from solver.wrapping.tension import lay_all
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
@@ -60,13 +61,12 @@ def evaluate_paths(
         wrench_per_tension=np.zeros((frames, len(chosen), bodies, 6)),
         mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
     )
-    courses = pack_paths(model, chosen)
-    poses, rates = pack_bodies(postures), np.array(postures.speeds, order="C")
+    courses, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
+    changes = pack_changes(chosen, postures, stops_at_ends=mode == "geodesic")
     if mode == "geodesic":
-        changes = pack_changes(chosen, postures, stops_at_ends=True)
-        lay_geodesics(*courses, poses, changes, rates, room_for(courses), *vars(state).values())
+        lay_geodesics(courses, poses, changes, rates, geodesic_room(courses), Laid(*vars(state).values()))
     else:
-        lay_all(*courses, poses, pack_changes(chosen, postures), rates, *vars(state).values())
+        lay_all(courses, poses, changes, rates, room_for(courses), Laid(*vars(state).values()))
     for values in vars(state).values():
         values.flags.writeable = False
     return state

@@ -27,8 +27,9 @@ from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics, MotionError
 from solver.muscle import MuscleForces, muscle_forces
 from solver.paths import PathMode, PathState, evaluate_paths
-from solver.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
-from solver.sequence import FrameSequence, follow, follow_with_clarabel
+from solver.sharing.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
+from solver.sharing.sequence import FrameSequence, follow, follow_with_clarabel
+from solver.spatial import each_frame
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
@@ -330,20 +331,20 @@ def solve_redundancy(
         matrix=problem.acceleration_matrix,
         target=target,
         cone_matrix=cone @ problem.reaction_matrix[:, 3:],
-        cone_offset=_each_frame(cone, reaction_at_rest[..., 3:]),
+        cone_offset=each_frame(cone, reaction_at_rest[..., 3:]),
         rise=rise,
         fall=fall,
         limits=problem.control_limits,
     )
     controls, outcomes = _SOLVERS[problem.solver](sequence, progress, workers)
     controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
-    residual = _each_frame(problem.acceleration_matrix, controls) - target
-    reaction = reaction_at_rest + _each_frame(problem.reaction_matrix, controls)
-    ray = _each_frame(problem.cone, reaction[..., 3:])
+    residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
+    reaction = reaction_at_rest + each_frame(problem.reaction_matrix, controls)
+    ray = each_frame(problem.cone, reaction[..., 3:])
     has_cone = problem.cone.shape[1] > 0
     slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
-    return RedundancySolution(controls, outcomes, np.abs(residual).max(axis=-1), reaction, slack)
+    return RedundancySolution(controls, outcomes, np.abs(residual, out=residual).max(axis=-1), reaction, slack)
 
 
 def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction: Array) -> Array:
@@ -355,9 +356,3 @@ def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction
 
 
 _SOLVERS = {"interior_point": follow, "clarabel": follow_with_clarabel}
-
-
-def _each_frame(matrix: Array, values: Array) -> Array:
-    """The product of each frame's matrix (frames, i, j) with its values (scenarios, frames, j)."""
-    product: Array = np.moveaxis(matrix @ np.moveaxis(values, 0, 2), 2, 0)
-    return product

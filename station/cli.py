@@ -6,6 +6,7 @@ stdout carries data, stderr talk.
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import NoReturn
 
@@ -17,28 +18,16 @@ from station.verbs.options import say
 
 ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
 
-VERBS = {
-    verb.__name__.rstrip("_"): verb
-    for verb in (
-        whole.demo,
-        bench.simulate,
-        bench.check,
-        bench.record,
-        whole.serve,
-        files.info,
-        files.replay,
-        files.recover,
-        files.import_,
-        files.export,
-        whole.judge,
-        cuffs.fit,
-        muscles.rmr,
-        muscles.assess,
-        muscles.optimise,
-        muscles.sweep,
-        whole.report,
-    )
+WAY = {
+    "Try it": (whole.demo,),
+    "At the bench": (bench.simulate, bench.check, bench.record, whole.serve),
+    "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
+    "Cuff parameters": (whole.judge, cuffs.fit),
+    "The suit on the muscles": (muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
+    "Report": (whole.report,),
 }
+"""Where on the way, from left to right → its verbs."""
+VERBS = {verb.__name__.rstrip("_"): verb for verbs in WAY.values() for verb in verbs}
 
 app = typer.Typer(
     help=f"From the cuff on the bench to the muscles under the suit, left to right: {', '.join(list(VERBS)[1:])}. "
@@ -47,12 +36,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for name, verb in VERBS.items():
-    app.command(name)(verb)
+for place, verbs in WAY.items():
+    for verb in verbs:
+        app.command(verb.__name__.rstrip("_"), rich_help_panel=place)(verb)
 
 
 def main() -> NoReturn:
     """Runs the verb. An exception born in our house is a sentence for the user; any other is a bug and shows itself."""
+    # The last digits of a product hang on how many threads share it; the same input shall give the same bytes anywhere.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except Exception as error:

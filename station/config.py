@@ -55,6 +55,7 @@ class LoadCellSection(_Section):
     calibrated_on: date | None = None
     calibration_due_on: date | None = None  # default: calibration_valid_days after it
     calibration_valid_days: int = Field(default=365, gt=0)
+    zero_drift_relative_limit: Positive = 0.02  # of the capacity: a trial whose zero drifts further is refused
     port: str | None = None
     baud_rate: int = 9600
     line_format: Literal["usb220", "usb520"] = "usb220"

@@ -8,17 +8,17 @@ from pathlib import Path
 from rich.console import Console
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
-from station.assess import assess_cuffs, write_assessment
-from station.assessment_inputs import AssessmentInputs
+from station.bench.daemon import Daemon, TrialResult
+from station.bench.simulation import SimulatedBench, simulator_settings
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
-from station.daemon import Daemon, TrialResult
 from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
+from station.muscles.assess import assess_cuffs, write_assessment
+from station.muscles.assessment_inputs import AssessmentInputs
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
-from station.report import TRUTH_FILE, write_report
-from station.simulation import SimulatedBench, simulator_settings
+from station.report.page import TRUTH_FILE, write_report
 from station.tables import assessment_table, cuff_table
 from station.whole_file import write_whole
 

@@ -11,8 +11,8 @@ from fitting.session import fit_session
 from fitting.trial import RejectedTrial, read_trials
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
+from station.bench.known_mass import inherited, listed, read_checks
 from station.journal import read_journal
-from station.known_mass import inherited, listed, read_checks
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 

@@ -15,7 +15,11 @@ from datetime import UTC, datetime
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
+from station.file_lock import locked
+
 JOURNAL_FILE = "session.jsonl"
+LOCK_WAIT_S = 10.0
+"""A line takes a millisecond, or what the disk takes for an fsync."""
 
 Choice = Literal["accept", "redo"]
 
@@ -26,7 +30,10 @@ class JournalError(Exception):
 
 @dataclass(frozen=True)
 class Setup:
-    """Who is measured by whom, with which cuffs, each test so many times over. subject is a code, never a name."""
+    """Who is measured by whom, with which cuffs, each test so many times over. subject is a code, never a name.
+
+    step_masses_kg are the weights of a static test in the order they are hung on; empty: as the configuration says.
+    """
 
     subject: str
     operator: str
@@ -34,6 +41,7 @@ class Setup:
     repeats: int
     has_bounce: bool = True
     number: str = "1"
+    step_masses_kg: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -129,7 +137,8 @@ def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     if PureWindowsPath(name).name != name:  # both separators and the drive: what it names stays in the folder
         raise ValueError(name)
     if kind == "setup":
-        return replace(journal, setup=Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}))
+        masses = tuple(entry.pop("step_masses_kg", ()))
+        return replace(journal, setup=Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}, step_masses_kg=masses))
     if kind == "recorded":
         return replace(journal, recorded=(*journal.recorded, Recorded(**entry)))
     if kind == "verdict" and entry["choice"] in get_args(Choice):
@@ -149,13 +158,16 @@ def _append(folder: Path, kind: str, **said: Any) -> None:
 
 
 def append_line(path: Path, kind: str, **said: Any) -> None:
-    """One line, on the disk before this returns. A torn line that is there already is taken away first."""
+    """One line, on the disk before this returns. A torn line that is there already is taken away first.
+
+    Console and terminal may write at once: one waits for the other, or it would take a line half written for torn.
+    """
     line = json.dumps({"at": datetime.now(UTC).isoformat(timespec="milliseconds"), "kind": kind, **said})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        written = path.read_bytes() if path.exists() else b""
-        with path.open("ab") as file:
-            file.truncate(written.rfind(b"\n") + 1)
+        with locked(path.with_name(f".{path.name}.lock"), LOCK_WAIT_S), path.open("a+b") as file:
+            file.seek(0)
+            file.truncate(file.read().rfind(b"\n") + 1)
             file.write(line.encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())

@@ -1,4 +1,4 @@
-"""Progress bars on stderr, one for each thing that takes longer than a moment."""
+"""What a terminal shows on stderr while a thing takes longer than a moment: a bar, or words until it is done."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from rich.console import Console
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and of how much."""
+
+
+@contextmanager
+def busy(words: str) -> Iterator[None]:
+    """While something is done whose length nobody knows. Nothing is drawn where there is no terminal."""
+    with Console(stderr=True).status(words):
+        yield
 
 
 def silent(what: str, done: int, total: int) -> None:

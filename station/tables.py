@@ -8,9 +8,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fitting.directions import ELSEWHERE
 from fitting.published_method import PublishedFit
 from fitting.result import CuffFit, SessionFit
+from fitting.spatial.directions import ELSEWHERE
 from fitting.uncertainty import NORMAL_95, Estimate
 from solver.assessment import Assessment, Figure
 from solver.optimise import Optimised
@@ -54,7 +54,8 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Tabl
 
     With the truth of simulated cuffs, that in brackets.
     """
-    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict")
+    caption = "± is half of the 95 % interval; at best: what the Cramér-Rao bound allows"
+    table = Table("cuff", "k [N/m]", "c [N s/m]", "migration [mm]", "verdict", caption=caption)
     for name, fit in cuffs.items():
         true = (truth or {}).get(name, {})
         table.add_row(

@@ -1,4 +1,4 @@
-"""Which packages made a recording."""
+"""Which packages made a recording, and which a result."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import platform
 from importlib import metadata
 
 RECORDED = ("cuffstation", "nidaqmx", "qtm-rt", "pyserial", "mcap", "numpy")
+SOLVING = ("cuffstation", "numpy", "scipy", "numba", "clarabel")
 
 
 def installed_versions() -> dict[str, str]:
@@ -17,3 +18,8 @@ def installed_versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+def solving_versions() -> dict[str, str]:
+    """Version by package, of those that decide a result of the solver."""
+    return {name: metadata.version(name) for name in SOLVING}

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# The matrices here are small: threads only wait for each other, several times the work on a machine that is busy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes
 
 # Machines are shared and slow at times: how long an example takes is no finding. The same examples every time: a gate
 # that fails by chance teaches nobody; new ones are sought by `python -m benchmarks.fuzz`.

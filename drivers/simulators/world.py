@@ -10,6 +10,7 @@ markers, friction of the pulley, drift of the amplifier, the person between two 
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -154,18 +155,22 @@ class World:
             self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
             script = self._bounce if self._trial.test == "bounce" and self._bounce is not None else self._pull
-            self._capture = Capture(number, self._seen, script.begin(self._seen), self._trial)
+            end = self._end_of_frame(self._seen, script.begin(self._seen))
+            self._capture = Capture(number, self._seen, end, self._trial)
             self._is_capturing = True
             self.faults.capture_started(number, self._seen)
             return self._capture
 
     def stop_capture(self) -> Capture:
-        """Lowers the sync line now; hands take every load off. Raises ValueError when no capture runs."""
+        """Lowers the sync line with the end of this frame; hands take every load off.
+
+        Raises ValueError when no capture runs.
+        """
         with self._lock:
             self._live(self.now())
             if self._capture is None or not self._is_capturing:
                 raise ValueError("no capture is running")
-            self._capture = replace(self._capture, end=self._seen)
+            self._capture = replace(self._capture, end=self._end_of_frame(self._capture.start, self._seen))
             self._live(self._capture.end)
             return self._capture
 
@@ -213,6 +218,11 @@ class World:
             return self._trial
 
     # Everything below is called with the lock held
+
+    def _end_of_frame(self, start: float, end: float) -> float:
+        """The mocap system captures whole frames: the end of the one that is exposed at `end`."""
+        rate_hz = self.settings.mocap.rate_hz
+        return start + math.ceil((end - start) * rate_hz - 1e-6) / rate_hz
 
     def _moved(self, t: Floats) -> Floats:
         """(n, 3) at t (n,): displacement [m], slip [m], load [N]."""

@@ -10,36 +10,22 @@ from solver.compiled import compiled, compiled_for_python
 from solver.geodesics.lay import lay_between
 from solver.geodesics.room import Room
 from solver.model import NO_COORDINATE
-from solver.wrapping.course import NO_SURFACE, Indices, Record, Records
-from solver.wrapping.sweep import lay_points, place_in_ground, to_ground
+from solver.wrapping.course import NO_SURFACE, Courses, Indices, Laid, Record, Records
+from solver.wrapping.sweep import lay_points, place_in_ground, points_and_wraps, to_ground
 from solver.wrapping.tension import path_speed, pull_on
 from solver.wrapping.vectors import Array, read, scale, subtract, turn_back, unit, write
 
 
 @compiled_for_python
-def lay_all(
-    points: Records,
-    wraps: Records,
-    first_point: Indices,
-    first_wrap: Indices,
-    poses: Records,
-    changes: Records,
-    rates: Array,
-    room: Room,
-    lengths: Array,
-    speeds: Array,
-    wrenches: Array,
-    mobilities: Array,
-) -> None:
+def lay_all(courses: Courses, poses: Records, changes: Records, rates: Array, room: Room, laid: Laid) -> None:
     """As wrapping.tension.lay_all, with geodesics."""
     for frame in range(len(poses)):
         bodies, u = poses[frame], rates[frame]
-        for path in range(lengths.shape[1]):
-            its_points = points[first_point[path] : first_point[path + 1]]
-            its_wraps = wraps[first_wrap[path] : first_wrap[path + 1]]
-            count, lengths[frame, path] = _lay_path(its_points, its_wraps, bodies, changes[frame], room)
-            speeds[frame, path] = path_speed(bodies, u, room.nodes, room.sequence, count)
-            _pull(bodies, room.nodes, room.sequence, count, wrenches[frame, path], mobilities[frame, path])
+        for path in range(laid.lengths.shape[1]):
+            points, wraps = points_and_wraps(courses, path)
+            count, laid.lengths[frame, path] = _lay_path(points, wraps, bodies, changes[frame], room)
+            laid.speeds[frame, path] = path_speed(bodies, u, room.nodes, room.sequence, count)
+            _pull(bodies, room.nodes, room.sequence, count, laid.wrenches[frame, path], laid.mobilities[frame, path])
 
 
 @compiled

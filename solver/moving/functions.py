@@ -1,4 +1,4 @@
-"""Functions of one coordinate, as solver/functions.py defines them; compiled."""
+"""Functions of one coordinate, as solver/functions/coordinate.py defines them; compiled."""
 
 from __future__ import annotations
 

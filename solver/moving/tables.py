@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.functions import Function, Sine, polynomial
+from solver.functions.coordinate import Function, Sine, polynomial
 from solver.model import NO_COORDINATE, AxisMotion, BallMotion, Joint, Model, ScapulothoracicMotion
 
 Array = NDArray[np.float64]

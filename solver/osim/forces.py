@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.functions import polynomial, scaled, smooth_step, times_line
+from solver.functions.coordinate import polynomial, scaled, smooth_step, times_line
 from solver.model import CoordinateForce
 from solver.osim.document import Element
 from solver.osim.frames import Names

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.functions import (
+from solver.functions.coordinate import (
     Function,
     Sine,
     natural_spline,

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.functions import Function, polynomial, scaled
+from solver.functions.coordinate import Function, polynomial, scaled
 from solver.model import (
     NO_COORDINATE,
     AxisMotion,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.curves import Curves, MillardCurves, ThelenCurves
+from solver.functions.fibre import Curves, MillardCurves, ThelenCurves
 from solver.model import CoordinateActuator, Muscle, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names

@@ -7,13 +7,13 @@ import xml.etree.ElementTree as Xml
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.cord import towards_joint
 from solver.cuff import CuffParameters
-from solver.functions import polynomial
+from solver.functions.coordinate import polynomial
 from solver.model import Coordinate, Model, Placement
 from solver.osim.writer import add, add_axes, add_body, add_joint, add_path, add_path_point, add_values, objects_of
-from solver.suit import PARTS, Suit, SuitError, SuitPoint, WornMass, ensure_fits
-from solver.worn import Wearing
+from solver.wearing.cord import towards_joint
+from solver.wearing.suit import PARTS, Suit, SuitError, SuitPoint, WornMass, ensure_fits
+from solver.wearing.worn import Wearing
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.curves import MillardCurves
-from solver.functions import Function, PiecewisePolynomial
+from solver.functions.coordinate import Function, PiecewisePolynomial
+from solver.functions.fibre import MillardCurves
 from solver.model import (
     GROUND,
     NO_COORDINATE,

@@ -75,15 +75,15 @@ def project_rows(matrix: Array, first: int, ray: Ray) -> None:
         return
     x, y, ratio = ray[1] / off, ray[2] / off, ray[0] / off
     for j in range(len(matrix)):
-        old = [(1.0 if j == first + i else 0.0) - matrix[first + i, j] for i in range(3)]
-        along = x * old[1] + y * old[2]
-        new = (
-            old[0] + along,
-            x * old[0] + (1.0 + ratio) * old[1] - ratio * x * along,
-            y * old[0] + (1.0 + ratio) * old[2] - ratio * y * along,
-        )
         for i in range(3):
-            matrix[first + i, j] = (1.0 if j == first + i else 0.0) - 0.5 * new[i]
+            matrix[first + i, j] = (1.0 if j == first + i else 0.0) - matrix[first + i, j]
+        p, q, r = matrix[first, j], matrix[first + 1, j], matrix[first + 2, j]
+        along = x * q + y * r
+        matrix[first, j] = 0.5 * (p + along)
+        matrix[first + 1, j] = 0.5 * (x * p + (1.0 + ratio) * q - ratio * x * along)
+        matrix[first + 2, j] = 0.5 * (y * p + (1.0 + ratio) * r - ratio * y * along)
+        for i in range(3):
+            matrix[first + i, j] = (1.0 if j == first + i else 0.0) - matrix[first + i, j]
 
 
 @compiled

@@ -13,6 +13,7 @@ from solver.compiled import compiled, compiled_for_python
 from solver.sharing.interior_point import VIOLATION_LIMIT, interior_point
 from solver.sharing.linear import copy
 from solver.sharing.newton import NEWTON_GOAL, conditions, newton
+from solver.sharing.room import Room
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -34,6 +35,7 @@ def solve_in_turn(
     fall: Array,
     reach: Array,
     guess: Array,
+    room: Room,
     a: Array,
     v: Array,
     codes: Codes,
@@ -51,7 +53,7 @@ def solve_in_turn(
         for frame in range(t.shape[1]):
             a1, v1 = a[scenario, frame], v[scenario, frame]
             copy(v0, v1)
-            code = _solve_frame(q, M[frame], R[frame], t[scenario, frame], equalities, lower, upper, a1, v1)
+            code = _solve_frame(q, M[frame], R[frame], t[scenario, frame], equalities, lower, upper, room, a1, v1)
             codes[scenario, frame] = code
             if code in (SOLVED, BEYOND_RATE):
                 _reach(rise, fall, a1, lower, upper)
@@ -62,55 +64,60 @@ def solve_in_turn(
 
 @compiled
 def _solve_frame(
-    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, room: Room, a: Array, v: Array
 ) -> int:
-    """Within the bounds; if that cannot be, within 0 and 1, which stay in lower and upper; if that cannot be either,
-    leave the cone along its axis as little as possible; if there is none, or leaving it is not enough, miss equalities.
-
-    What is missed is one more eliminated unknown of a row, in R, of weight 1 against the effort's share.
-    """
-    cost, own = q.copy(), R.copy()
-    for attempt in range(4):
-        if attempt == 1:
+    """Within the bounds, else within 0 and 1, which then stay in lower and upper, else missing rows by little."""
+    for attempt in range(2):
+        if attempt:
             _widen(lower, upper)
-        elif attempt == 2:
-            for i in range(len(q)):
-                cost[i] *= EFFORT_SHARE
-            for i in range(len(t)):
-                for j in range(len(t)):
-                    own[i, j] /= EFFORT_SHARE
-            if equalities == len(t):
-                continue
-            own[equalities, equalities] += 0.5
-        elif attempt == 3:
-            for i in range(equalities):
-                own[i, i] += 0.5
-        code = _solve(cost, M, own, t, equalities, lower, upper, a, v)
+        code = _solve(q, M, R, t, equalities, lower, upper, room, a, v)
         if code != INFEASIBLE:
-            break
-    if attempt < 2:
-        return BEYOND_RATE if attempt == 1 and code == SOLVED else code
-    for i in range(len(v)):
-        v[i] /= EFFORT_SHARE
+            return BEYOND_RATE if attempt and code == SOLVED else code
+    _miss_by_little(q, M, R, t, equalities, lower, upper, room, a, v)
     return INFEASIBLE
 
 
 @compiled
+def _miss_by_little(
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, room: Room, a: Array, v: Array
+) -> None:
+    """Leave the cone along its axis as little as possible; if there is none, or leaving it is not enough, miss
+    equalities as well.
+
+    What is missed is one more eliminated unknown of a row, in R, of weight 1 against the effort's share.
+    """
+    cost, own, code = room.cost, room.own, INFEASIBLE
+    for i in range(len(q)):
+        cost[i] = EFFORT_SHARE * q[i]
+    for i in range(len(t)):
+        for j in range(len(t)):
+            own[i, j] = R[i, j] / EFFORT_SHARE
+    if equalities < len(t):
+        own[equalities, equalities] += 0.5
+        code = _solve(cost, M, own, t, equalities, lower, upper, room, a, v)
+    if code == INFEASIBLE:
+        for i in range(equalities):
+            own[i, i] += 0.5
+        _solve(cost, M, own, t, equalities, lower, upper, room, a, v)
+    for i in range(len(v)):
+        v[i] /= EFFORT_SHARE
+
+
+@compiled
 def _solve(
-    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, room: Room, a: Array, v: Array
 ) -> int:
     """One problem, v being a guess. The code rests on the errors of a and v as they are returned."""
-    found = np.empty(len(v))
     for is_near in (False, True):
-        left = newton(q, M, R, t, equalities, lower, upper, a, v)
+        left = newton(q, M, R, t, equalities, lower, upper, room, a, v)
         if left <= (VIOLATION_LIMIT if is_near else NEWTON_GOAL):
             return SOLVED
         if not is_near:
-            if not interior_point(q, M, R, t, equalities, lower, upper, v):
+            if not interior_point(q, M, R, t, equalities, lower, upper, room, v):
                 return INFEASIBLE
-            copy(v, found)
-    copy(found, v)
-    left, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, np.empty(len(q)), np.empty(len(t)))
+            copy(v, room.found)
+    copy(room.found, v)
+    left, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, room.loose, room.error)
     return SOLVED if left <= VIOLATION_LIMIT else NOT_CONVERGED
 
 

@@ -8,7 +8,7 @@ multipliers of lower and upper bounds; every step is a system of M's few rows,
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from solver.sharing.cone import (
     scaling,
 )
 from solver.sharing.linear import Order, columns_times, divide, dot, factor, rows_times_rows
+from solver.sharing.room import Room
 
 Array = NDArray[np.float64]
 
@@ -41,31 +42,21 @@ LARGEST_EFFORT = 1e7  # ½ v·R v beyond which no solution is looked for
 
 @compiled
 def interior_point(
-    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, v: Array
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, room: Room, v: Array
 ) -> bool:
     """Set v to multipliers near the solution's; False where a certificate proves that there is no solution."""
     n, m, p = len(q), len(t), equalities
-    a, z, room, inverse = np.empty(n), np.empty((2, n)), np.empty((2, n)), np.empty(n)
-    da, dz, aim = np.zeros(n), np.zeros((2, n)), np.empty((2, n))
-    pull, rest, dv, error, order = np.empty(n), np.empty(n), np.empty(m), np.empty(m), np.empty(m, np.int64)
-    matrix = np.empty((m, m))
-    for i in range(n):
-        a[i] = 0.7 * lower[i] + 0.3 * upper[i]
-        z[0, i], z[1, i] = FIRST_GAP / (a[i] - lower[i]), FIRST_GAP / (upper[i] - a[i])
-    for i in range(m):
-        v[i] = 0.0
-    s, W = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-    if p < m:
-        s = _first_ray(M, t, p, a)
-        v[p], v[p + 1], v[p + 2] = quotient(s, (FIRST_GAP, 0.0, 0.0))
+    a, z, slack, inverse, da, dz, aim = room.a, room.z, room.slack, room.inverse, room.da, room.dz, room.aim
+    pull, rest, dv, error, matrix, order = room.pull, room.rest, room.dv, room.error, room.matrix, room.order
+    s, W = _start(M, t, p, lower, upper, a, z, v), (1.0, 0.0, 0.0, 0.0)
     for _ in range(MOST_STEPS):
         for i in range(n):
-            room[0, i], room[1, i] = a[i] - lower[i], upper[i] - a[i]
-            inverse[i] = 1.0 / (q[i] + z[0, i] / room[0, i] + z[1, i] / room[1, i])
+            slack[0, i], slack[1, i] = a[i] - lower[i], upper[i] - a[i]
+            inverse[i] = 1.0 / (q[i] + z[0, i] / slack[0, i] + z[1, i] / slack[1, i])
             aim[0, i] = aim[1, i] = 0.0
         columns_times(M, v, pull)
         violation = _row_errors(M, R, t, a, v, s, p, error)
-        gap = _gap(room, z, s, v, p)
+        gap = _gap(slack, z, s, v, p)
         if violation <= GOAL and gap <= GOAL:
             break
         if violation > VIOLATION_LIMIT and _is_certificate(R, t, lower, upper, v, pull):
@@ -76,23 +67,38 @@ def interior_point(
             add_square(matrix, W)
         if not factor(matrix, order):
             break
-        ds = _step(q, M, inverse, matrix, order, a, z, room, pull, error, aim, along(s, -2.0, s), W, da, dz, dv)
-        length = min(1.0, _longest(room, z, s, v, da, dz, ds, dv, p))
-        ahead = _gap_ahead(room, z, s, v, da, dz, ds, dv, p, length)
+        ds = _step(q, M, inverse, matrix, order, a, z, slack, pull, error, aim, along(s, -2.0, s), W, da, dz, dv)
+        length = min(1.0, _longest(slack, z, s, v, da, dz, ds, dv, p))
+        ahead = _gap_ahead(slack, z, s, v, da, dz, ds, dv, p, length)
         target = (ahead / gap) ** 3 * gap / (2 * n + (1 if p < m else 0))
         for i in range(n):
             aim[0, i], aim[1, i] = target - da[i] * dz[0, i], target + da[i] * dz[1, i]
         way = centred(s, ds, last(v), last(dv), W, target) if p < m else s
-        ds = _step(q, M, inverse, matrix, order, a, z, room, pull, error, aim, way, W, da, dz, dv)
-        length = min(1.0, SHARE_OF_STEP * _longest(room, z, s, v, da, dz, ds, dv, p))
-        for i in range(n):
-            a[i] += length * da[i]
-            z[0, i] += length * dz[0, i]
-            z[1, i] += length * dz[1, i]
-        for i in range(m):
-            v[i] += length * dv[i]
+        ds = _step(q, M, inverse, matrix, order, a, z, slack, pull, error, aim, way, W, da, dz, dv)
+        if not dot(dv, dv) < inf:  # at huge efforts nothing is left between a and its bound before the gap is small
+            break
+        length = min(1.0, SHARE_OF_STEP * _longest(slack, z, s, v, da, dz, ds, dv, p))
+        _advance(a, length, da)
+        _advance(z[0], length, dz[0])
+        _advance(z[1], length, dz[1])
+        _advance(v, length, dv)
         s = along(s, length, ds)
     return True
+
+
+@compiled
+def _start(M: Array, t: Array, p: int, lower: Array, upper: Array, a: Array, z: Array, v: Array) -> Ray:
+    """Fill a, z and v with a point inside all bounds; returns a ray inside the cone."""
+    for i in range(len(a)):
+        a[i] = 0.7 * lower[i] + 0.3 * upper[i]
+        z[0, i], z[1, i] = FIRST_GAP / (a[i] - lower[i]), FIRST_GAP / (upper[i] - a[i])
+    for i in range(len(v)):
+        v[i] = 0.0
+    if p == len(t):
+        return (0.0, 0.0, 0.0)
+    s = _first_ray(M, t, p, a)
+    v[p], v[p + 1], v[p + 2] = quotient(s, (FIRST_GAP, 0.0, 0.0))
+    return s
 
 
 @compiled
@@ -104,7 +110,7 @@ def _step(
     order: Order,
     a: Array,
     z: Array,
-    room: Array,
+    slack: Array,
     pull: Array,
     error: Array,
     aim: Array,
@@ -114,10 +120,10 @@ def _step(
     dz: Array,
     dv: Array,
 ) -> Ray:
-    """The Newton step to room · z = aim and, for the cone, to ds + W² dλ = way. Fills da, dz and dv, returns ds."""
+    """The Newton step to slack · z = aim and, for the cone, to ds + W² dλ = way. Fills da, dz and dv, returns ds."""
     p = len(dv) - 3
     for j in range(len(da)):
-        da[j] = inverse[j] * (pull[j] - q[j] * a[j] + aim[0, j] / room[0, j] - aim[1, j] / room[1, j])
+        da[j] = inverse[j] * (pull[j] - q[j] * a[j] + aim[0, j] / slack[0, j] - aim[1, j] / slack[1, j])
     for i in range(len(dv)):
         dv[i] = -error[i] - dot(M[i], da)
     if W[3] > 0.0:
@@ -128,11 +134,17 @@ def _step(
         for j in range(len(da)):
             da[j] += dv[i] * M[i, j] * inverse[j]
     for j in range(len(da)):
-        dz[0, j] = (aim[0, j] - z[0, j] * da[j]) / room[0, j] - z[0, j]
-        dz[1, j] = (aim[1, j] + z[1, j] * da[j]) / room[1, j] - z[1, j]
+        dz[0, j] = (aim[0, j] - z[0, j] * da[j]) / slack[0, j] - z[0, j]
+        dz[1, j] = (aim[1, j] + z[1, j] * da[j]) / slack[1, j] - z[1, j]
     if W[3] > 0.0:
         return along(way, -1.0, scaled(W, scaled(W, last(dv))))
     return way
+
+
+@compiled
+def _advance(x: Array, length: float, dx: Array) -> None:
+    for i in range(len(x)):
+        x[i] += length * dx[i]
 
 
 @compiled
@@ -171,31 +183,31 @@ def _first_ray(M: Array, t: Array, p: int, a: Array) -> Ray:
 
 
 @compiled
-def _gap(room: Array, z: Array, s: Ray, v: Array, p: int) -> float:
-    gap = dot(room[0], z[0]) + dot(room[1], z[1])
+def _gap(slack: Array, z: Array, s: Ray, v: Array, p: int) -> float:
+    gap = dot(slack[0], z[0]) + dot(slack[1], z[1])
     return gap + inner(s, last(v)) if p < len(v) else gap
 
 
 @compiled
 def _gap_ahead(
-    room: Array, z: Array, s: Ray, v: Array, da: Array, dz: Array, ds: Ray, dv: Array, p: int, length: float
+    slack: Array, z: Array, s: Ray, v: Array, da: Array, dz: Array, ds: Ray, dv: Array, p: int, length: float
 ) -> float:
     """The gap after a step."""
     gap = 0.0
     for j in range(len(da)):
-        gap += (room[0, j] + length * da[j]) * (z[0, j] + length * dz[0, j])
-        gap += (room[1, j] - length * da[j]) * (z[1, j] + length * dz[1, j])
+        gap += (slack[0, j] + length * da[j]) * (z[0, j] + length * dz[0, j])
+        gap += (slack[1, j] - length * da[j]) * (z[1, j] + length * dz[1, j])
     if p < len(v):
         gap += inner(along(s, length, ds), along(last(v), length, last(dv)))
     return gap
 
 
 @compiled
-def _longest(room: Array, z: Array, s: Ray, v: Array, da: Array, dz: Array, ds: Ray, dv: Array, p: int) -> float:
+def _longest(slack: Array, z: Array, s: Ray, v: Array, da: Array, dz: Array, ds: Ray, dv: Array, p: int) -> float:
     """How far a step can go until something reaches its boundary."""
     fastest = 1e-30
     for j in range(len(da)):
-        fastest = max(fastest, -da[j] / room[0, j], da[j] / room[1, j], -dz[0, j] / z[0, j], -dz[1, j] / z[1, j])
+        fastest = max(fastest, -da[j] / slack[0, j], da[j] / slack[1, j], -dz[0, j] / z[0, j], -dz[1, j] / z[1, j])
     if p < len(v):
         fastest = max(fastest, approach(s, ds), approach(last(v), last(dv)))
     return 1.0 / fastest

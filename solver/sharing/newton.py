@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.sharing.cone import Ray, project, project_rows
 from solver.sharing.linear import columns_times, copy, divide, dot, factor, rows_times_rows
+from solver.sharing.room import Room
 
 Array = NDArray[np.float64]
 
@@ -29,21 +30,20 @@ SHORTEST_STEP = 0.05
 
 @compiled
 def newton(
-    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, a: Array, v: Array
+    q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, room: Room, a: Array, v: Array
 ) -> float:
     """Improve v; returns the size of what is left of the errors (infinite if it went astray), and a with it."""
-    loose, error, old, change = np.empty(len(q)), np.empty(len(t)), np.empty(len(t)), np.empty(len(t))
-    matrix, order, weighted = np.empty((len(t), len(t))), np.empty(len(t), np.int64), np.empty(len(q))
+    loose, error, old, change, matrix = room.loose, room.error, room.old, room.change, room.matrix
     size, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
     for _ in range(MOST_STEPS):
         if size <= NEWTON_GOAL:
             break
-        rows_times_rows(M, loose, R, weighted, matrix)
+        rows_times_rows(M, loose, R, room.weighted, matrix)
         if equalities < len(t):
             project_rows(matrix, equalities, ray)
-        if not factor(matrix, order):
+        if not factor(matrix, room.order):
             return np.inf
-        divide(matrix, order, error)
+        divide(matrix, room.order, error)
         copy(error, change)
         copy(v, old)
         length, before = 1.0, size

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.sharing.triangle import triangularise
+from solver.spatial import each_frame
 
 Array = NDArray[np.float64]
 
@@ -94,9 +95,3 @@ def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Arra
         free_per_effort=F,
         free_per_acceleration=of_acceleration,
     )
-
-
-def each_frame(matrix: Array, values: Array) -> Array:
-    """The product of each frame's matrix (frames, i, j) with its values (scenarios, frames, j)."""
-    product: Array = np.moveaxis(matrix @ np.moveaxis(values, 0, 2), 2, 0)
-    return product

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
 from solver.compiled import compiled
 from solver.wrapping.segment import ROUND_OFF
 from solver.wrapping.vectors import Array, Vector, read, write
@@ -38,10 +36,10 @@ def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int) -> Vector:
 
 
 @compiled
-def closest_to_each(a: Vector, points: Array) -> Array:
-    """The same for each of points (3, n), bit for bit, several times as fast."""
+def closest_to_each(a: Vector, points: Array, t: Array, feet: Array) -> None:
+    """The same for each of points (3, n), bit for bit, several times as fast. Fills feet (3, n), with t (n,)."""
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
-    t, feet = _multipliers(a, points), np.empty_like(points)
+    _find_multipliers(a, points, t)
     for i in range(t.size):
         feet[0, i] = aa * points[0, i] / (t[i] + aa)
         feet[1, i] = bb * points[1, i] / (t[i] + bb)
@@ -49,7 +47,6 @@ def closest_to_each(a: Vector, points: Array) -> Array:
     for i in range(t.size):
         if min(abs(points[0, i]), abs(points[1, i]), abs(points[2, i])) <= ROUND_OFF:
             write(feet[:, i], closest_on_ellipsoid(a, read(points[:, i]), ANY_AXIS))
-    return feet
 
 
 @compiled
@@ -112,12 +109,11 @@ def _closest_in_space(a: Vector, point: Vector) -> Vector:
 
 
 @compiled
-def _multipliers(a: Vector, points: Array) -> Array:
-    """For each of points (3, n), away from the coordinate planes, the t with which a² x / (t + a²) is closest. All take
-    their Newton steps together, so that the compiler can put several into one instruction.
+def _find_multipliers(a: Vector, points: Array, t: Array) -> None:
+    """For each of points (3, n), away from the coordinate planes, the t (n,) with which a² x / (t + a²) is closest.
+    All take their Newton steps together, so that the compiler can put several into one instruction.
     """
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
-    t = np.empty(points.shape[1])
     for i in range(t.size):
         t[i] = _first_multiplier(a, points[0, i], points[1, i], points[2, i])
     for _ in range(MOST_ITERATIONS):
@@ -130,7 +126,6 @@ def _multipliers(a: Vector, points: Array) -> Array:
             t[i] -= 0.0 if is_close else f / slope
         if unfinished == 0:
             break
-    return t
 
 
 @compiled

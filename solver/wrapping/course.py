@@ -102,6 +102,17 @@ class Courses(NamedTuple):
     first_wrap: Indices
 
 
+class Laid(NamedTuple):
+    """What lay_all fills: lengths and speeds (frames, paths), and what must be zero before, wrenches (frames, paths,
+    bodies, 6) and mobilities (frames, paths, coordinates); as paths.PathState.
+    """
+
+    lengths: Array
+    speeds: Array
+    wrenches: Array
+    mobilities: Array
+
+
 @lru_cache(maxsize=32)
 def pack_paths(model: Model, paths: tuple[Path, ...]) -> Courses:
     """Raises ModelError where a path refers to what the model has not: compiled code would read beyond its arrays."""

@@ -19,6 +19,7 @@ from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 from solver.wrapping.vectors import (
     ORIGIN,
     SMALLEST_LENGTH,
+    Array,
     Vector,
     add,
     along,
@@ -41,12 +42,20 @@ CHORD = 0.001
 MOST_CHORDS = 499
 
 
+def fan_room() -> Array:
+    """What _fan_direction needs: where its blades start, where they end, and the multipliers of the ends."""
+    return np.empty((7, BLADES - 2))
+
+
 @compiled
-def wrap_ellipsoid(start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int) -> Contact:
+def wrap_ellipsoid(
+    start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int, fan: Array
+) -> Contact:
     """Lay the segment from start to end over an ellipsoid with these semi-axes [m] along the axes of its frame.
 
     method         HYBRID, MIDPOINT or AXIAL: how c is chosen
     axis, allowed  c must lie where coordinate `axis` has the sign `allowed`; 0 allows all sides
+    fan            a fan_room()
     """
     factor = 3.0 / (radii[0] + radii[1] + radii[2])
     p1, p2, a = scale(factor, start), scale(factor, end), scale(factor, radii)
@@ -58,7 +67,7 @@ def wrap_ellipsoid(start: Vector, end: Vector, radii: Vector, method: int, axis:
         return FREE, ORIGIN, ORIGIN, 0.0
 
     r1, r2 = along(p2, l1, backwards), along(p2, l2, backwards)
-    c, fan_weight, crosses_between = _passing_point(r1, r2, unit(backwards), a, method)
+    c, fan_weight, crosses_between = _passing_point(r1, r2, unit(backwards), a, method, fan)
     if method != AXIAL or crosses_between:
         r1, r2 = c, c
     if allowed != 0 and side(c[axis]) != allowed:
@@ -73,7 +82,9 @@ def wrap_ellipsoid(start: Vector, end: Vector, radii: Vector, method: int, axis:
 
 
 @compiled
-def _passing_point(r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int) -> tuple[Vector, float, bool]:
+def _passing_point(
+    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, room: Array
+) -> tuple[Vector, float, bool]:
     """c for the segment that pierces the ellipsoid at r1 and r2; the weight of the fan in it; whether the segment
     crosses between r1 and r2 the plane normal to the axis that it is most parallel to.
     """
@@ -95,7 +106,7 @@ def _passing_point(r1: Vector, r2: Vector, direction: Vector, a: Vector, method:
         alignment = ALL_FAN + max(fade, 0.0) * (alignment - ALL_FAN)
     if alignment >= ALL_AXIAL:
         return axial, 0.0, True
-    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a)), ANY_AXIS)
+    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a, room)), ANY_AXIS)
     if alignment <= ALL_FAN:
         return fan, 1.0, True
     weight = (alignment - ALL_FAN) / (ALL_AXIAL - ALL_FAN)
@@ -104,13 +115,13 @@ def _passing_point(r1: Vector, r2: Vector, direction: Vector, a: Vector, method:
 
 
 @compiled
-def _fan_direction(r1: Vector, inner: Vector, a: Vector) -> Vector:
+def _fan_direction(r1: Vector, inner: Vector, a: Vector, room: Array) -> Vector:
     """Mean direction from points of the segment inside the ellipsoid to their closest points on it."""
-    handles = np.empty((3, BLADES - 2))
+    handles, blades = room[:3], room[3:6]
     for axis in range(3):
         for i in range(BLADES - 2):
             handles[axis, i] = r1[axis] + (i + 1) / BLADES * inner[axis]
-    blades = closest_to_each(a, handles)
+    closest_to_each(a, handles, room[6], blades)
     for i in range(BLADES - 2):  # a loop without a sum: the compiler takes several steps at once
         x, y, z = blades[0, i] - handles[0, i], blades[1, i] - handles[1, i], blades[2, i] - handles[2, i]
         length = sqrt(x * x + y * y + z * z)

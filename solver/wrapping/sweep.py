@@ -11,13 +11,15 @@ from math import inf
 
 from solver.compiled import compiled
 from solver.model import NO_COORDINATE
-from solver.wrapping.course import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Indices, Record, Records
+from solver.wrapping.course import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Courses, Indices, Record, Records
 from solver.wrapping.cylinder import wrap_cylinder
 from solver.wrapping.ellipsoid import wrap_ellipsoid
+from solver.wrapping.room import Room
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
 from solver.wrapping.sphere import wrap_sphere
 from solver.wrapping.vectors import (
     ORIGIN,
+    Array,
     Vector,
     add,
     distance,
@@ -33,13 +35,13 @@ SETTLED = 0.0005
 
 
 @compiled
-def lay_path(
-    points: Records, wraps: Records, bodies: Records, changes: Records, nodes: Records, sequence: Indices
-) -> tuple[int, float]:
+def lay_path(points: Records, wraps: Records, bodies: Records, changes: Records, room: Room) -> tuple[int, float]:
     """Lay one path (POINT, WRAP) in one posture (BODY, CHANGE).
 
-    Afterwards the first `count` entries of sequence are the nodes in order along it; returns count and the length [m].
+    Afterwards the first `count` entries of room.sequence are the nodes in order along it; returns count and the length
+    [m].
     """
+    nodes, sequence = room.nodes, room.sequence
     count = lay_points(points, wraps, changes, nodes, sequence)
     length = inf
     is_swapped = False
@@ -48,7 +50,7 @@ def lay_path(
         for position in range(len(wraps)):
             k = 1 - position if is_swapped and position < 2 else position
             node = len(points) + 2 * k
-            count, answer = _try_surface(wraps[k], node, len(wraps) == 1, bodies, nodes, sequence, count)
+            count, answer = _try_surface(wraps[k], node, len(wraps) == 1, bodies, room, count)
             if position == 0:
                 first_answer = answer
             elif position == 1:
@@ -60,6 +62,13 @@ def lay_path(
             is_swapped = True
             count = _remove_tangent_points(len(points), sequence, count)
     return count, length
+
+
+@compiled
+def points_and_wraps(courses: Courses, path: int) -> tuple[Records, Records]:
+    """Those of one path."""
+    points = courses.points[courses.first_point[path] : courses.first_point[path + 1]]
+    return points, courses.wraps[courses.first_wrap[path] : courses.first_wrap[path + 1]]
 
 
 @compiled
@@ -107,13 +116,12 @@ def lay_points(points: Records, wraps: Records, changes: Records, nodes: Records
 
 
 @compiled
-def _try_surface(
-    wrap: Record, node: int, is_alone: bool, bodies: Records, nodes: Records, sequence: Indices, count: int
-) -> tuple[int, int]:
+def _try_surface(wrap: Record, node: int, is_alone: bool, bodies: Records, room: Room, count: int) -> tuple[int, int]:
     """Take the path off one surface and lay it over it anew, where it must or where the detour is the shortest.
 
     Returns how many nodes the path has then, and what the surface answered last.
     """
+    nodes, sequence = room.nodes, room.sequence
     count = _remove_tangent_points(node, sequence, count)
     last_answer = FREE
     behind, r1, r2, on_surface, least_detour = -1, ORIGIN, ORIGIN, 0.0, inf
@@ -121,7 +129,7 @@ def _try_surface(
         start, end = sequence[k], sequence[k + 1]
         if _is_over_surface(nodes, start, end):
             continue
-        answer, s1, s2, length = _lay_segment(wrap, is_alone, bodies, nodes[start], nodes[end])
+        answer, s1, s2, length = _lay_segment(wrap, is_alone, bodies, nodes[start], nodes[end], room.fan)
         last_answer = answer
         if answer == MANDATORY:
             behind, r1, r2, on_surface = k, s1, s2, length
@@ -155,12 +163,12 @@ def _range_on_path(wrap: Record, nodes: Records, sequence: Indices, count: int) 
 
 
 @compiled
-def _lay_segment(wrap: Record, is_alone: bool, bodies: Records, start: Record, end: Record) -> Contact:
+def _lay_segment(wrap: Record, is_alone: bool, bodies: Records, start: Record, end: Record, fan: Array) -> Contact:
     """Lay the segment between two nodes over a surface; the tangent points are in the surface's body."""
     p1, p2 = _to_surface(wrap, bodies, start), _to_surface(wrap, bodies, end)
     size, axis, allowed = read(wrap["dimensions"]), wrap["axis"], wrap["allowed"]
     if wrap["kind"] == ELLIPSOID:
-        answer, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed)
+        answer, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, fan)
     elif wrap["kind"] == SPHERE:
         answer, r1, r2, length = wrap_sphere(p1, p2, size[0], axis, allowed)
     else:

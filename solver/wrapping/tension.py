@@ -6,11 +6,10 @@ only. OpenSim's tangents are not exact, so the forces are not quite the derivati
 
 from __future__ import annotations
 
-import numpy as np
-
 from solver.compiled import compiled, compiled_for_python
-from solver.wrapping.course import NODE, Indices, Records
-from solver.wrapping.sweep import lay_path, place_in_ground, to_ground
+from solver.wrapping.course import Courses, Indices, Laid, Records
+from solver.wrapping.room import Room
+from solver.wrapping.sweep import lay_path, place_in_ground, points_and_wraps, to_ground
 from solver.wrapping.vectors import (
     SMALLEST_LENGTH,
     Array,
@@ -27,36 +26,17 @@ from solver.wrapping.vectors import (
 
 
 @compiled_for_python
-def lay_all(
-    points: Records,
-    wraps: Records,
-    first_point: Indices,
-    first_wrap: Indices,
-    poses: Records,
-    changes: Records,
-    rates: Array,
-    lengths: Array,
-    speeds: Array,
-    wrenches: Array,
-    mobilities: Array,
-) -> None:
-    """Lay every path of some Courses in every frame: poses (frames, bodies) of BODY, changes (frames, points) of
-    CHANGE, rates (frames, coordinates). Fills lengths and speeds (frames, paths), wrenches (frames, paths, bodies,
-    6) and mobilities (frames, paths, coordinates); the last two must be zero before.
+def lay_all(courses: Courses, poses: Records, changes: Records, rates: Array, room: Room, laid: Laid) -> None:
+    """Lay every path in every frame: poses (frames, bodies) of BODY, changes (frames, points) of CHANGE, rates (frames,
+    coordinates).
     """
-    longest = 0
-    for path in range(lengths.shape[1]):
-        its_nodes = first_point[path + 1] - first_point[path] + 2 * (first_wrap[path + 1] - first_wrap[path])
-        longest = max(longest, its_nodes)
-    nodes, sequence = np.empty(longest, NODE), np.empty(longest, np.int64)
     for frame in range(len(poses)):
         bodies, u = poses[frame], rates[frame]
-        for path in range(lengths.shape[1]):
-            its_points = points[first_point[path] : first_point[path + 1]]
-            its_wraps = wraps[first_wrap[path] : first_wrap[path + 1]]
-            count, lengths[frame, path] = lay_path(its_points, its_wraps, bodies, changes[frame], nodes, sequence)
-            speeds[frame, path] = path_speed(bodies, u, nodes, sequence, count)
-            _pull(bodies, nodes, sequence, count, wrenches[frame, path], mobilities[frame, path])
+        for path in range(laid.lengths.shape[1]):
+            points, wraps = points_and_wraps(courses, path)
+            count, laid.lengths[frame, path] = lay_path(points, wraps, bodies, changes[frame], room)
+            laid.speeds[frame, path] = path_speed(bodies, u, room.nodes, room.sequence, count)
+            _pull(bodies, room.nodes, room.sequence, count, laid.wrenches[frame, path], laid.mobilities[frame, path])
 
 
 @compiled

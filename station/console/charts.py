@@ -1,10 +1,42 @@
-"""How the console's curves are lettered: for two metres, on white and on black."""
+"""How the console's curves are lettered: for two metres, in the colour of the axis they belong to.
+
+Drawn for a white page; on a black one the browser turns the whole picture round (`page.STYLE`).
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-LETTERS = {"fontSize": 16, "color": "#808890"}
-LINES = {"lineStyle": {"color": "#80889060"}}
-AXIS: dict[str, Any] = {"type": "value", "axisLabel": LETTERS, "nameTextStyle": LETTERS, "splitLine": LINES}
-LEGEND: dict[str, Any] = {"top": 0, "textStyle": LETTERS}
+INK, FORCE, DISPLACEMENT = "#2c3640", "#0b4f9e", "#a83a00"
+DISPLACEMENT_AXIS, FORCE_AXIS, TIME_AXIS = "displacement [mm]", "force [N]", "time [s]"
+LINE_WIDTH = 3
+
+
+def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
+    """A value axis that follows its curve."""
+    letters = {"fontSize": 18, "color": colour}
+    return {
+        "type": "value",
+        "scale": True,
+        "name": name,
+        "axisLabel": letters,
+        "nameTextStyle": letters,
+        "splitLine": {"lineStyle": {"color": "#80889060"}},
+        **more,
+    }
+
+
+def line(colour: str = FORCE, **more: Any) -> dict[str, Any]:
+    style = {"width": LINE_WIDTH, "color": colour}
+    return {"type": "line", "showSymbol": False, "color": colour, "lineStyle": style, "data": [], **more}
+
+
+def force_over_displacement(path: list[list[float]]) -> dict[str, Any]:
+    """The picture of path, (displacement mm, force N) each."""
+    return {
+        "animation": False,
+        "grid": {"left": 60, "right": 20, "top": 40, "bottom": 60},
+        "xAxis": axis(DISPLACEMENT_AXIS, nameLocation="middle", nameGap=32, splitNumber=4),
+        "yAxis": axis(FORCE_AXIS),
+        "series": [line(data=path)],
+    }

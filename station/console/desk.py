@@ -14,21 +14,21 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from station.check import Line, look_at_bench
+from station.bench.check import Line, look_at_bench
+from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.console.adoption import adopt_recordings
 from station.console.agenda import Agenda, agenda
 from station.console.guide import Ceilings, Cue, FreeStaticGuide, Guide, StaticGuide, SwingGuide
-from station.console.judgement import Judgement, be_ready, judge_recording
+from station.console.judgement import Judgement, be_ready, judge_recording, unjudged
 from station.console.summary import Summary, SummaryError, summarise
 from station.console.trial_process import TrialProcess
-from station.console.worker import end_with_parent
+from station.console.worker import Worker
 from station.journal import (
     JOURNAL_FILE,
     Choice,
@@ -42,7 +42,6 @@ from station.journal import (
     write_verdict,
 )
 from station.protocol import TrialSpec
-from station.simulation import SimulatedBench
 
 SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
 NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
@@ -70,6 +69,7 @@ class Live:
     displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
     words: deque[str] = field(default_factory=lambda: deque(maxlen=8))
     alarm: str | None = None
+    is_alarm_seen: bool = False
     marks: int = 0
     alarm_marks: dict[int, str] = field(default_factory=dict)
 
@@ -78,22 +78,33 @@ class Live:
         return self.guide.cue()
 
     @property
+    def unseen_alarm(self) -> str | None:
+        return None if self.is_alarm_seen else self.alarm
+
+    @property
     def takes_marks(self) -> bool:
         """Before the sync edge there is nothing to point at."""
         return self.latest["state"] in ("recording", "closing")
 
     def take(self, said: dict[str, Any], ceilings: Ceilings) -> bool:
         """One line of telemetry. Returns whether it raised an alarm."""
-        was_quiet = self.alarm is None
         self.latest = said
         force = [(t, n) for t, n in said["force"]]
         self.force.extend(force)
         self.displacement.extend((t, d) for t, d in said["displacement"])
         self.words.extend(said["words"])
-        self.alarm = self.alarm or ceilings.broken_by(list(self.force)[-8 - len(force) :])
-        if said["state"] == "recording":
-            self.guide.take(force)
-        return was_quiet and self.alarm is not None
+        if said["state"] in ("armed", "recording"):
+            self.guide.take(force, is_recorded=said["state"] == "recording")
+        return self._watch(ceilings.broken_by(list(self.force)[-8 - len(force) :]))
+
+    def _watch(self, broken: str | None) -> bool:
+        """An alarm stays until somebody has seen it and its cause is gone; then it may be raised again."""
+        is_new = broken is not None and self.alarm is None
+        if is_new:
+            self.alarm = broken
+        elif broken is None and self.is_alarm_seen:
+            self.alarm, self.is_alarm_seen = None, False
+        return is_new
 
 
 class Desk:
@@ -113,7 +124,7 @@ class Desk:
         self._read: tuple[tuple[int, int], Journal] | None = None
         self._trial: TrialProcess | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._worker = ProcessPoolExecutor(1, get_context("spawn"), end_with_parent)
+        self._worker = Worker()
         self._ceilings = Ceilings(config.safety.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s)
         self._prepared: TrialSpec | None = None
 
@@ -143,6 +154,12 @@ class Desk:
     def folder_of(self, setup: Setup) -> Path:
         return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
 
+    def example_file(self, setup: Setup) -> Path:
+        """What the first static trial of its first cuff is called; nothing that is there already is overwritten."""
+        cuff = setup.cuffs[0] if setup.cuffs else ""
+        names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
+        return self.folder_of(setup) / f"{self.config.session.file_name.format(**names)}.mcap"
+
     def begin(self, setup: Setup, *, is_rehearsal: bool = False) -> None:
         """Opens a session; one that is in its folder already goes on where it was."""
         self._refuse_while_running()
@@ -151,17 +168,21 @@ class Desk:
                 f"the subject is {setup.subject!r}, expected a code of letters and digits, like P01: it becomes part "
                 "of file names"
             )
+        if not SUBJECT.fullmatch(setup.number):
+            raise DeskRefusal(f"the session is {setup.number!r}, expected letters and digits, like 1 or monday")
         unknown = [cuff for cuff in setup.cuffs if cuff not in self.config.cuffs]
         if unknown or not setup.cuffs:
             raise DeskRefusal(
                 f"no cuff {', '.join(unknown) or 'is chosen'}; the configuration has {', '.join(self.config.cuffs)}"
             )
+        if not all(mass > 0 for mass in setup.step_masses_kg):
+            raise DeskRefusal(f"the load steps are {setup.step_masses_kg} kg, expected masses above 0")
         folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else self.folder_of(setup)
         before = read_journal(folder).setup
-        if before is not None and (before.cuffs, before.repeats) != (setup.cuffs, setup.repeats):
+        if before is not None and self._plan_in_words(before) != self._plan_in_words(setup):
             raise DeskRefusal(
-                f"session {setup.number} of {setup.subject} was planned with {before.repeats} repeats of "
-                f"{', '.join(before.cuffs)}; resume it as it is or give this one another session number"
+                f"session {setup.number} of {setup.subject} was planned with {self._plan_in_words(before)}; resume it "
+                "as it is or give this one another session number"
             )
         if before is None:
             write_setup(folder, setup)
@@ -229,7 +250,7 @@ class Desk:
         self.live = Live(spec, self._guide(spec))
         try:
             await asyncio.to_thread(self._prepare, plan)
-            self._trial = await TrialProcess.start(self.config, self.folder, spec, self.speed)
+            self._trial = await TrialProcess.start(self._session_config, self.folder, spec, self.speed)
         except BaseException:
             self.live = None
             raise
@@ -251,9 +272,9 @@ class Desk:
         await self._trial.mark()
 
     def silence(self) -> None:
-        """Takes note of an alarm; it comes back if its cause does."""
+        """Somebody has seen the alarm: it is not sounded any more, and goes with its cause."""
         if self.live is not None:
-            self.live.alarm = None
+            self.live.is_alarm_seen = self.live.alarm is not None
 
     # -- the verdict ---------------------------------------------------------------------------------------------
 
@@ -279,13 +300,13 @@ class Desk:
 
     async def in_worker(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """Runs a function of a module in the worker process."""
-        return await asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
+        return await self._worker.run(work, *arguments)
 
     def close(self) -> None:
         """The console ends; a running trial goes on to its end by itself."""
         for task in self._tasks:
             task.cancel()
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        self._worker.close()
 
     # -- inside --------------------------------------------------------------------------------------------------
 
@@ -299,14 +320,28 @@ class Desk:
         keep = {"test": "{test}", "cuff": "{cuff}", "run": "{run}"}
         return self.config.session.file_name.format(subject=setup.subject, session=setup.number, **keep)
 
+    def _masses(self, setup: Setup) -> tuple[float, ...]:
+        return setup.step_masses_kg or self.config.protocol.step_masses_kg
+
+    def _plan_in_words(self, setup: Setup) -> str:
+        masses = " + ".join(f"{mass:g}" for mass in self._masses(setup))
+        return f"{setup.repeats} repeats of {', '.join(setup.cuffs)}" + (f" and steps of {masses} kg" if masses else "")
+
+    @property
+    def _session_config(self) -> StationConfig:
+        """The configuration with the load steps of this session, which the fit checks and every recording tells."""
+        setup = self.journal.setup
+        assert setup is not None  # noqa: S101  (an agenda has one)
+        protocol = self.config.protocol.model_copy(update={"step_masses_kg": self._masses(setup)})
+        return self.config.model_copy(update={"protocol": protocol})
+
     def _guide(self, spec: TrialSpec) -> Guide:
-        if spec.test == "static" and self.config.protocol.step_masses_kg:
-            return StaticGuide(self.config.protocol.step_masses_kg, self.config.protocol.hold_s)
+        protocol = self._session_config.protocol
+        if spec.test == "static" and protocol.step_masses_kg:
+            return StaticGuide(protocol.step_masses_kg, protocol.hold_s)
         if spec.test == "static":
-            return FreeStaticGuide(self.config.protocol.hold_s)
-        return SwingGuide(
-            "bounce the weight" if spec.test == "bounce" else "pull the spring", self.config.protocol.swing_s
-        )
+            return FreeStaticGuide(protocol.hold_s)
+        return SwingGuide("bounce the weight" if spec.test == "bounce" else "pull the spring", protocol.swing_s)
 
     def _prepare(self, plan: Agenda) -> None:
         """Tells simulated devices what a person would do at the bench before this trial."""
@@ -350,7 +385,10 @@ class Desk:
             plan = self.agenda
             waits = plan.undecided.file if plan is not None and plan.undecided is not None else None
             if waits is not None and (self.judgement is None or self.judgement.file != waits):
-                self.judgement = await self.in_worker(judge_recording, self.folder, waits)
+                try:
+                    self.judgement = await self.in_worker(judge_recording, self.folder, waits)
+                except BrokenProcessPool:
+                    self.judgement = unjudged(waits)
         finally:
             self.is_judging = False
 

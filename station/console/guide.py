@@ -36,6 +36,7 @@ class Rest(StrEnum):
     MOVING = "moving"
     SETTLING = "still settling"
     STEADY = "steady"
+    SWINGING = "swinging"
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class Cue:
 
 
 class Guide(Protocol):
-    def take(self, points: Iterable[tuple[float, float]]) -> None:
-        """Force as it came: (time s, newtons), in order."""
+    def take(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:
+        """Force as it came: (time s, newtons), in order; what came before the recording tells only how it was then."""
         ...
 
     def cue(self) -> Cue: ...
@@ -86,14 +87,20 @@ class RecentForce:
         return Rest.STEADY if abs(slope) < STEADY_SLOPE_N_PER_S else Rest.SETTLING
 
     def swing(self) -> tuple[float, float]:
-        """Frequency [Hz] and amplitude [N] of what swings about the window's mean, from its upward crossings."""
+        """Frequency [Hz] and amplitude [N] of what swings about the window's mean, from its upward crossings.
+
+        A crossing counts that came from half an amplitude below and goes as far above: noise about the mean does not.
+        """
         if len(self._points) < 10:
             return 0.0, 0.0
         time, force = np.array(self._points).T
         about = force - force.mean()
-        up = np.flatnonzero((about[:-1] < 0) & (about[1:] >= 0))
+        amplitude = float(np.std(about) * np.sqrt(2))
+        side = np.sign(about) * (np.abs(about) > amplitude / 2)
+        decided = np.flatnonzero(side)
+        up = decided[1:][np.diff(side[decided]) > 0]
         frequency = (len(up) - 1) / (time[up[-1]] - time[up[0]]) if len(up) > 1 else 0.0
-        return float(frequency), float(np.std(about) * np.sqrt(2))
+        return float(frequency), amplitude
 
 
 class StaticGuide:
@@ -111,11 +118,14 @@ class StaticGuide:
         self._elsewhere_since: float | None = None
         self._now = 0.0
 
-    def take(self, points: Iterable[tuple[float, float]]) -> None:
+    def take(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:
         for time, force in points:
             self._force.add(time, force)
             self._now = time
-            self._follow()
+            if is_recorded:
+                self._follow()
+            elif self._force.rest() is Rest.STEADY:  # in case the hands are quicker than the first telemetry
+                self._empty = self._force.mean
 
     def cue(self) -> Cue:
         rest, steps = self._force.rest(), len(self._levels)
@@ -133,7 +143,7 @@ class StaticGuide:
         rest, level = self._force.rest(), self._force.mean
         if rest is not Rest.STEADY:
             self._held_since = self._elsewhere_since = None
-        elif not self._is_at(self._step):
+        elif self._is_ahead() or (self._step and not self._is_at(self._step)):
             self._step += self._is_ahead()
             self._held_since = None
             self._elsewhere_since = self._now if self._elsewhere_since is None else self._elsewhere_since
@@ -141,14 +151,12 @@ class StaticGuide:
             self._elsewhere_since = None
             self._held_since = self._now if self._held_since is None else self._held_since
             if self._now - self._held_since >= self._needed_s():
-                self._empty = level if self._empty is None else self._empty
+                self._empty = self._empty if self._step else level
                 self._step, self._held_since = self._step + 1, None
 
     def _is_at(self, step: int) -> bool:
-        """Whether the force is what the step's weights give; before the empty hook was weighed, it always is."""
-        if self._empty is None:
-            return True
-        if step >= len(self._levels):
+        """Whether the force is what the step's weights give, once the empty hook was weighed."""
+        if self._empty is None or step >= len(self._levels):
             return False
         target = self._empty + float(self._levels[step])
         return abs(self._force.mean - target) < max(LEVEL_N, LEVEL_SHARE * abs(target))
@@ -167,20 +175,22 @@ class StaticGuide:
     def _elsewhere(self) -> str | None:
         """The sentence for a force that rests where it should not."""
         target = self._target()
-        if self._elsewhere_since is None or target is None or self._now - self._elsewhere_since < ELSEWHERE_S:
+        if (
+            not self._step
+            or self._elsewhere_since is None
+            or target is None
+            or self._now - self._elsewhere_since < ELSEWHERE_S
+        ):
             return None
         if abs(self._force.mean - (target - self._change())) < LEVEL_N:
             return None  # the weight of this step is not in play yet
-        return (
-            f"the force rests at {self._force.mean:.1f} N, expected {target:.1f} N: "
-            "is it the right weight, and does the rope run free over the pulley?"
-        )
+        return f"{self._force.mean:.1f} N instead of {target:.1f} N: the right weight? Does the rope run free?"
 
     def _change(self) -> float:
         return float(self._levels[self._step] - self._levels[self._step - 1])
 
     def _order(self, target: float | None) -> str:
-        if target is None:
+        if not self._step or target is None:
             return "leave the hook empty and stand still"
         weights = (len(self._levels) - 1) // 2
         if self._step <= weights:
@@ -199,11 +209,11 @@ class FreeStaticGuide:
         self._held_since: float | None = None
         self._now = 0.0
 
-    def take(self, points: Iterable[tuple[float, float]]) -> None:
+    def take(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:
         for time, force in points:
             self._now = time
             self._force.add(time, force)
-            if self._force.rest() is not Rest.STEADY:
+            if not is_recorded or self._force.rest() is not Rest.STEADY:
                 self._held_since = None
             elif self._held_since is None:
                 self._held_since = time
@@ -232,9 +242,9 @@ class SwingGuide:
         self._swung_s = self._rested_s = 0.0
         self._now: float | None = None
 
-    def take(self, points: Iterable[tuple[float, float]]) -> None:
+    def take(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:
         for time, force in points:
-            passed = 0.0 if self._now is None else time - self._now
+            passed = 0.0 if self._now is None or not is_recorded else time - self._now
             self._now = time
             self._force.add(time, force)
             self._still.add(time, force)
@@ -252,7 +262,7 @@ class SwingGuide:
         left = self._swing_s - self._swung_s
         if self._is_swinging():
             words = f"keep it swinging: {frequency:.2f} Hz, ±{amplitude:.0f} N"
-            return Cue(words, rest, 1, 2, left)
+            return Cue(words, Rest.SWINGING, 1, 2, left)
         if self._rested_s < REST_S and not self._swung_s:
             return Cue("stand still", rest, 0, 2, REST_S - self._rested_s)
         return Cue(f"{self._what}, about once a second", rest, 1, 2, left)

@@ -106,6 +106,12 @@ def judge_recording(folder: Path, file: str) -> Judgement:
     )
 
 
+def unjudged(file: str) -> Judgement:
+    """Of a recording whose fit was killed each time: the operator decides by what was seen."""
+    words = "the fit of it was killed twice, as a system does that is short of memory; the recording is stored"
+    return Judgement(file, file, "accept", (words,), (), (), (), 0)
+
+
 def _judge_bounce(path: Path, recorded: Recorded) -> Judgement:
     """Raises UnusableTrial where the bounce calibrates nothing."""
     fit = fit_bounce(read_bounce(path))

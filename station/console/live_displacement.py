@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.markers.rigid import fit_pose
 from fitting.quality import MIN_ANCHOR_MARKERS
-from fitting.rigid import fit_pose
 from recordings.manifest import CuffSite
 
 REFERENCE_FRAMES = 20

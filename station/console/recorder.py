@@ -18,14 +18,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NoReturn
 
+from station.bench.daemon import Daemon, TrialResult
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.console.telemetry import Telemetry
-from station.daemon import Daemon, TrialResult
 from station.journal import Recorded, write_recorded
 from station.protocol import TrialSpec
 
-LAST_WORD_S = 5.0
+LAST_WORD_S = 2.0
 """Wall seconds that a console which does not read is given for the last line."""
 
 

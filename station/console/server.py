@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hmac
 import secrets
+import signal
+import sys
 import webbrowser
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from http.cookies import SimpleCookie
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from urllib.parse import parse_qs
 
 from nicegui import app, ui
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
+from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, parse_config
 from station.console.desk import Desk
 from station.console.page import show_page
-from station.simulation import SimulatedBench, simulator_settings
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "station_token"
@@ -82,9 +84,10 @@ def serve(
     simulated_speed: float | None = None,
     seed: int = 1,
 ) -> None:
-    """Serves until Ctrl-C. simulated_speed: on simulated devices of its own, so much faster than the wall."""
+    """Serves until Ctrl-C or a kill. simulated_speed: on simulated devices of its own, so much faster than the wall."""
     token = None if host in LOOPBACK else secrets.token_urlsafe(16)
     address = f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+    signal.signal(signal.SIGTERM, _end)  # the web server ends politely, and then has the signal take its own course
     with ExitStack() as stack:
         bench = None
         if simulated_speed is not None:
@@ -109,6 +112,10 @@ def serve(
             reload=False,
             show_welcome_message=False,
         )
+
+
+def _end(*_: object) -> NoReturn:
+    sys.exit(0)
 
 
 def _in_control(config: StationConfig) -> StationConfig:

@@ -26,10 +26,10 @@ class Summary:
 
 def summarise(folder: Path) -> Summary:
     """Writes cuffs.json, assessment.json and report.html into the session's folder."""
-    from station.assess import assess_file
-    from station.assessment_inputs import AssessmentInputs, InputError
-    from station.findings import findings
-    from station.report import write_report
+    from station.muscles.assess import assess_file
+    from station.muscles.assessment_inputs import AssessmentInputs, InputError
+    from station.muscles.findings import findings
+    from station.report.page import write_report
 
     try:
         fitted = fit_session_folder(folder, folder / "cuffs.json")

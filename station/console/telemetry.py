@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
-from station.background_view import BackgroundView
+from station.bench.background_view import BackgroundView
+from station.bench.disk import RESERVE_BYTES, bytes_free
+from station.bench.live import StreamTally
+from station.bench.session import Snapshot, State
 from station.console.live_displacement import LiveDisplacement
-from station.disk import RESERVE_BYTES, bytes_free
-from station.live import StreamTally
-from station.session import Snapshot, State
 
 REFRESH_S = 0.05
 RATE_REFRESHES = 60

@@ -8,15 +8,31 @@ from typing import Any
 from nicegui import ui
 
 from station.console.agenda import Agenda
-from station.console.charts import AXIS, LEGEND
+from station.console.charts import (
+    DISPLACEMENT,
+    DISPLACEMENT_AXIS,
+    FORCE,
+    FORCE_AXIS,
+    axis,
+    force_over_displacement,
+    line,
+)
 from station.console.desk import Desk, Live
 from station.console.guide import Rest
 
 Acts = dict[str, Callable[[], Awaitable[None] | None]]
 SHOWN_S = 20.0
 """Of each curve over time."""
+SHOWN_WORDS = 2
+"""Lines of what devices say; all of it is in the recording."""
 WORDS = {"idle": "opening the devices", "armed": "armed: start the capture", "closing": "closing"}
-COLOURS = {Rest.WAITING: "grey", Rest.MOVING: "negative", Rest.SETTLING: "warning", Rest.STEADY: "positive"}
+COLOURS = {
+    Rest.WAITING: "grey-8",
+    Rest.MOVING: "negative",
+    Rest.SETTLING: "warning",
+    Rest.STEADY: "positive",
+    Rest.SWINGING: "positive",
+}
 
 
 def show_next(desk: Desk, plan: Agenda, act: Callable[..., Any], acts: Acts) -> None:
@@ -37,15 +53,14 @@ def show_next(desk: Desk, plan: Agenda, act: Callable[..., Any], acts: Acts) -> 
         _rest(desk)
     acts["arm"] = desk.arm
     with ui.row():
-        ui.button("Arm (a)", on_click=lambda: act(desk.arm)).mark("arm").classes("text-2xl")
+        ui.button("Arm (a)", on_click=lambda: act(desk.arm)).mark("arm")
         ui.button("Leave the session", on_click=lambda: act(desk.leave)).props("outline").mark("leave")
     ui.linear_progress(len(plan.done) / len(plan.trials), show_value=False).classes("w-full")
     with ui.row().classes("gap-2"):
         for each in plan.trials:
             name = "bounce" if each.cuff is None else f"{each.cuff} {each.test} {each.repeat}"
-            ui.chip(
-                name, icon="check" if each in plan.done else None, color="positive" if each in plan.done else "grey-5"
-            )
+            is_done = each in plan.done
+            ui.chip(name, icon="check" if is_done else None, color="positive" if is_done else "grey-8").props("dark")
 
 
 def _rest(desk: Desk) -> None:
@@ -60,69 +75,71 @@ def _rest(desk: Desk) -> None:
 
 
 def show_running(desk: Desk, live: Live, act: Callable[..., Any], acts: Acts) -> Callable[[], None]:
-    """Returns what keeps the picture up to date, to be called ten times a second."""
+    """Returns what keeps the picture up to date, to be called more than ten times a second."""
     alarm = ui.label().classes("alarm w-full p-6 rounded").mark("alarm")
+    alarm_seen = ui.label().classes("text-3xl text-negative").mark("alarm-seen")
     cue = ui.label().classes("cue").mark("cue")
-    with ui.row().classes("w-full items-end gap-12"):
+    with ui.row().classes("w-full items-center gap-x-10 gap-y-2"):
         force, displacement, left = _figure("force"), _figure("displacement"), _figure("left")
-        with ui.column().classes("gap-1"):
-            rest = ui.badge("").classes("text-2xl p-3").mark("rest-state")
-            state = ui.label().classes("text-xl").mark("state")
-            sync = ui.label().classes("text-xl").mark("sync")
-    with ui.row():
-        ui.button("Stop (s)", color="negative", on_click=lambda: act(desk.stop)).mark("stop").classes("text-2xl")
+        rest = ui.badge("").mark("rest-state")
+    with ui.row().classes("items-center gap-x-6 gap-y-2"):
+        ui.button("Stop (s)", color="negative", on_click=lambda: act(desk.stop)).mark("stop")
         ui.button("Mark (m)", on_click=lambda: act(desk.mark)).props("outline").mark("mark")
-        quiet = ui.button("I have seen it", on_click=lambda: act(desk.silence)).props("outline color=negative")
-    acts |= {"stop": desk.stop, "mark": desk.mark}
+        quiet = ui.button("I have seen it (i)", on_click=lambda: act(desk.silence)).props("outline color=negative")
+        state = ui.label().classes("text-2xl").mark("state")
+        sync = ui.label().classes("text-2xl").mark("sync")
+    acts |= {"stop": desk.stop, "mark": desk.mark, "silence": desk.silence}
     with ui.row().classes("w-full no-wrap gap-4"):
-        over_time = ui.echart(_over_time()).classes("w-2/3 h-72").mark("over-time")
-        loop = ui.echart(_loop()).classes("w-1/3 h-72").mark("loop")
-    streams = ui.label().classes("text-xl").mark("streams")
-    markers = ui.label().classes("text-xl").mark("markers")
-    words = ui.label().classes("text-lg opacity-70 whitespace-pre-line")
-    sound = ui.switch("speak the steps").mark("speak")
-    spoken = {"cue": ""}
+        over_time = ui.echart(_over_time()).classes("w-2/3 h-64").mark("over-time")
+        loop = ui.echart(force_over_displacement([])).classes("w-1/3 h-64").mark("loop")
+    streams = ui.label().classes("text-2xl").mark("streams")
+    markers = ui.label().classes("text-2xl").mark("markers")
+    words = ui.label().classes("text-xl opacity-80 whitespace-pre-line")
 
     def tick() -> None:
         said, now = live.latest, live.cue
         recording = said["state"] == "recording"
-        alarm.text = live.alarm or ""
-        alarm.set_visibility(live.alarm is not None)
-        quiet.set_visibility(live.alarm is not None)
-        cue.text = now.sentence if recording else WORDS.get(said["state"], said["sentence"])
+        alarm.text = alarm_seen.text = live.alarm or ""
+        for element in (alarm, quiet):
+            element.set_visibility(live.unseen_alarm is not None)
+        alarm_seen.set_visibility(live.is_alarm_seen)
+        cue.text = cue_of(live)
         force.text = f"{live.force[-1][1]:.1f} N" if live.force else "- N"
         displacement.text = f"{live.displacement[-1][1]:+.1f} mm" if live.displacement else "- mm"
         left.text = f"{now.left_s:.0f} s" if recording and now.left_s is not None else ""
         rest.text, rest.props["color"] = now.rest.value, COLOURS[now.rest]
         rest.update()
-        state.text = _state(said)
+        state.text = state_of(said)
         level = said.get("sync_v")
         sync.text = f"sync line {level:.2f} V" if level is not None else "sync line: nothing yet"
         streams.text = _streams(said)
         markers.text = _markers(said.get("seen", {}))
-        words.text = "\n".join(live.words)
+        words.text = "\n".join(list(live.words)[-SHOWN_WORDS:])
         over_time.run_chart_method(
             "setOption", {"series": [{"data": _last(live.force)}, {"data": _last(live.displacement)}]}
         )
         loop.run_chart_method("setOption", {"series": [{"data": _against(live)}]})
-        speech = live.alarm or (cue.text if sound.value else "")
-        if sound.value and speech != spoken["cue"]:
-            ui.run_javascript(
-                f"speechSynthesis.cancel(); speechSynthesis.speak(new SpeechSynthesisUtterance({speech!r}))"
-            )
-        spoken["cue"] = speech
 
     return tick
+
+
+def cue_of(live: Live) -> str:
+    """What is to be done now."""
+    said = live.latest
+    return live.cue.sentence if said["state"] == "recording" else WORDS.get(said["state"], str(said["sentence"]))
 
 
 def _figure(mark: str) -> ui.label:
     return ui.label().classes("figure").mark(mark)
 
 
-def _state(said: dict[str, Any]) -> str:
+def state_of(said: dict[str, Any]) -> str:
+    """The state with its time; of a recording also what speaks against it already."""
     if said["state"] == "armed":
         return f"armed for {said['waited_s']:.0f} s, {said['left_s']:.0f} s left"
-    return f"{said['state']} {said['recorded_s']:.1f} s" if said["state"] == "recording" else str(said["sentence"])
+    if said["state"] == "recording":
+        return f"recording {said['recorded_s']:.1f} s{said['sentence'].removeprefix('recording')}"
+    return str(said["sentence"])
 
 
 def _streams(said: dict[str, Any]) -> str:
@@ -164,21 +181,10 @@ def _over_time() -> dict[str, Any]:
     return {
         "animation": False,
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 30},
-        "legend": LEGEND,
-        "xAxis": {**AXIS, "scale": True},
-        "yAxis": [{**AXIS, "scale": True}, {**AXIS, "scale": True}],
-        "series": [
-            {"name": "force [N]", "type": "line", "showSymbol": False, "data": []},
-            {"name": "displacement [mm]", "type": "line", "showSymbol": False, "yAxisIndex": 1, "data": []},
+        "xAxis": axis(),
+        "yAxis": [
+            axis(FORCE_AXIS, FORCE),
+            axis(DISPLACEMENT_AXIS, DISPLACEMENT, splitLine={"show": False}),
         ],
-    }
-
-
-def _loop() -> dict[str, Any]:
-    return {
-        "animation": False,
-        "grid": {"left": 50, "right": 20, "top": 40, "bottom": 55},
-        "xAxis": {**AXIS, "scale": True, "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 30},
-        "yAxis": {**AXIS, "scale": True, "name": "force [N]"},
-        "series": [{"type": "line", "showSymbol": False, "lineStyle": {"width": 1.5}, "data": []}],
+        "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
     }

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from station.console.charts import AXIS
+from station.console.charts import force_over_displacement
 from station.console.desk import Desk
 from station.console.judgement import Judgement
 from station.journal import Choice, Recorded
@@ -28,7 +28,9 @@ def show(
             _figures(judged)
             marks = _marks(desk, judged)
         if judged.path:
-            ui.echart(_loop(judged)).classes("w-full lg:w-2/5 h-80").mark("loop")
+            ui.echart(force_over_displacement([list(point) for point in judged.path])).classes(
+                "w-full lg:w-2/5 h-80"
+            ).mark("loop")
     _decision(desk, recorded, judged, marks, act, acts)
 
 
@@ -60,7 +62,7 @@ def _figures(judged: Judgement) -> None:
     if rows:
         ui.table(columns=columns, rows=rows, row_key="quantity").props("flat").classes("text-xl").mark("figures")
     for note in judged.notes:
-        ui.label(note).classes("text-lg opacity-80")
+        ui.label(note).classes("text-xl opacity-80")
 
 
 def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
@@ -95,6 +97,8 @@ def _decision(
         decide("redo", is_donned_anew=True)
 
     acts |= {"keep": keep, "redo": redo}
+    if recorded.cuff is not None:
+        acts["don_anew"] = redo_donned_anew
     with ui.row():
         ui.button("Keep (k)", on_click=lambda: act(keep)).props("" if judged.advice == "accept" else "outline").mark(
             "keep"
@@ -102,17 +106,5 @@ def _decision(
         ui.button("Redo (r)", on_click=lambda: act(redo)).props("outline" if judged.advice == "accept" else "").mark(
             "redo"
         )
-        again = ui.button("Don the cuff anew and redo", on_click=lambda: act(redo_donned_anew)).props("outline")
+        again = ui.button("Don the cuff anew and redo (d)", on_click=lambda: act(redo_donned_anew)).props("outline")
         again.mark("don-anew").set_visibility(recorded.cuff is not None)
-
-
-def _loop(judged: Judgement) -> dict[str, Any]:
-    return {
-        "grid": {"left": 60, "right": 20, "top": 40, "bottom": 60},
-        "xAxis": {**AXIS, "name": "displacement [mm]", "nameLocation": "middle", "nameGap": 32, "scale": True},
-        "yAxis": {**AXIS, "name": "force [N]", "scale": True},
-        "series": [
-            {"type": "line", "showSymbol": False, "lineStyle": {"width": 1.5}, "data": [list(p) for p in judged.path]}
-        ],
-        "animation": False,
-    }

@@ -2,14 +2,50 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
+import signal
 import threading
-from multiprocessing import parent_process
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
+from typing import Any
 
 
-def end_with_parent() -> None:
-    """A pool's process outlives a parent that was killed, waiting for work for ever; this one does not."""
+class Worker:
+    """Runs functions of modules, one after the other, in a process beside; one that is killed is replaced."""
+
+    def __init__(self) -> None:
+        self._pool = _one_process()
+
+    async def run(self, work: Callable[..., Any], *arguments: Any) -> Any:
+        """Raises what the function raises, and BrokenProcessPool where a second process dies of it, too."""
+        loop = asyncio.get_running_loop()
+        try:
+            return await loop.run_in_executor(self._pool, work, *arguments)
+        except BrokenProcessPool:  # a system short of memory kills the largest
+            self._pool = _one_process()
+            return await loop.run_in_executor(self._pool, work, *arguments)
+
+    def close(self) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _one_process() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, get_context("spawn"), _serve)
+
+
+def _serve() -> None:
+    """Gives way to whatever records or shows, and ends with its parent.
+
+    A pool's process outlives a parent that was killed, waiting for work for ever; this one does not. Ctrl-C in a
+    terminal reaches the whole group; it is for the console to end.
+    """
+    if hasattr(os, "nice"):  # not on Windows
+        os.nice(10)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_end_after, args=(parent,), name="parent", daemon=True).start()

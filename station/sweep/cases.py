@@ -14,17 +14,15 @@ from typing import Any
 import numpy as np
 
 from fitting.result import CuffFit
-from solver.bundled import bundled_model
-from solver.cuff import CuffParameters
-from solver.loads import data_file, read_external_loads
+from solver.cuff import CuffParameters, by_site
 from solver.model import Model, ModelError, with_point_mass
-from solver.motion import MotionError, differentiate, read_motion
-from solver.osim.reader import read_osim
-from solver.raise_arm import raise_arm
-from solver.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
-from solver.worn import Wearing
-from station.assessment_inputs import read_cuffs_to_wear, worn_cuffs
-from station.sweep.plan import BUNDLED, NONE, PlanError, Point, SweepPlan, Value
+from solver.motion import MotionError, differentiate
+from solver.osim.loads import data_file
+from solver.wearing.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
+from solver.wearing.worn import Wearing
+from station.muscles.assessment_inputs import read_cuffs_to_wear, worn_cuffs
+from station.muscles.sources import BUNDLED, loads_of, model_of, motion_of
+from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
 from station.sweep.solving import Geometry, Task, WornCase
 
 FRAMES_PER_TASK = 100_000
@@ -51,7 +49,7 @@ class SweepInputs:
     """Reads what a plan names. Raises PlanError, or what its readers raise, for files that cannot be used."""
 
     def __init__(self, plan: SweepPlan) -> None:
-        self.plan = plan
+        self.plan, self.solver = plan, _solver_digest()
         self.model, self.suit, self.cuffs = cache(self._model), cache(self._suit), cache(self._cuffs)
         self.digest = cache(self._digest)
         for each in plan.values("model"):
@@ -80,6 +78,7 @@ class SweepInputs:
         wearing = Wearing(point["condition"], waist, arm, lengths)  # type: ignore[arg-type]  # the plan has checked it
         content = {
             "version": metadata.version("cuffstation"),
+            "solver": self.solver,
             "every": self.plan.every,
             "files": [self.digest(axis, point[axis]) for axis in ("model", "motion", "external_loads", "suit")],
             "hand_mass": point["hand_mass_kg"],
@@ -95,7 +94,7 @@ class SweepInputs:
         """Those at waist and arm; none is worn in the rigid condition."""
         fits = self.cuffs(point["cuffs"])
         worn = worn_cuffs(fits, (str(point["cuff"]),))
-        arms, waists = ([cuff for cuff in worn if cuff.site == site] for site in ("arm", "waist"))
+        arms, waists = by_site(worn)
         if len(arms) != 1 or len(waists) > 1:
             raise PlanError(
                 f"a case wears one arm cuff and at most one at the waist, and with {point['cuff']} of {point['cuffs']} "
@@ -107,19 +106,17 @@ class SweepInputs:
         """Or the sentence why there is none."""
         try:
             model, motion, loads = self.model(named["model"]), named["motion"], named["external_loads"]
-            kinematics = differentiate(
-                raise_arm(model) if motion == BUNDLED else read_motion(self._path(motion), model)
-            )
+            kinematics = differentiate(motion_of(None if motion == BUNDLED else self._path(motion), model))
             return Geometry(
                 model=_with_mass_in_hand(model, float(str(named["hand_mass_kg"]))),
                 kinematics=kinematics,
-                loads=() if loads == NONE else read_external_loads(self._path(loads), model, kinematics.time),
+                loads=loads_of(None if loads == NONE else self._path(loads), model, kinematics.time),
             )
         except (ModelError, MotionError) as error:
             return str(error)
 
     def _model(self, name: Value) -> Model:
-        return bundled_model() if name == BUNDLED else read_osim(self._path(name))
+        return model_of(BUNDLED if name == BUNDLED else str(self._path(name)))
 
     def _suit(self, name: Value) -> Suit:
         return read_suit(BUNDLED_SUIT if name == BUNDLED else self._path(name))
@@ -131,11 +128,8 @@ class SweepInputs:
         return self.plan.folder / str(name)
 
     def _digest(self, axis: str, name: Value) -> str:
-        """SHA-256 of what a file holds; what is bundled and no file changes with the station's version."""
-        bundled = {"model": resources.files("solver") / "thoracoscapular.toml", "suit": BUNDLED_SUIT}
-        sources: list[Any] = [self._path(name)]
-        if name in (BUNDLED, NONE):
-            sources = [bundled[axis]] if axis in bundled else []
+        """SHA-256 of what a file holds; what is bundled is part of the solver."""
+        sources = [] if name in (BUNDLED, NONE) else [self._path(name)]
         try:
             if axis == "external_loads" and sources:
                 sources.append(data_file(self._path(name)))
@@ -145,6 +139,15 @@ class SweepInputs:
                 f"the plan's vary.{axis} names {name}, which cannot be read ({error.strerror}); paths are relative to "
                 "the plan"
             ) from error
+
+
+def _solver_digest() -> str:
+    """SHA-256 of the solver's own files: where it is being developed it changes and its version does not."""
+    root = Path(str(resources.files("solver")))
+    digest = hashlib.sha256()
+    for path in sorted(path for suffix in ("py", "toml") for path in root.rglob(f"*.{suffix}")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
 
 
 def _changed(suit: Suit, point: Point) -> Suit:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from solver.suit import PARTS
+from solver.wearing.suit import PARTS
 from station.sweep.cases import Case
 from station.sweep.plan import AXES, SweepPlan
 from station.sweep.solving import RESULTS, Outcome
+from station.versions import solving_versions
 from station.whole_file import write_whole
 
 TABLE_FILE, ACCOUNT_FILE, PARTS_FOLDER = "sweep.parquet", "sweep.json", "parts"
@@ -43,7 +43,7 @@ class Parts:
 
 def write_account(folder: Path, plan: SweepPlan, cases: int) -> None:
     """sweep.json: which plan is swept into this folder, and by what."""
-    plain = {"plan_sha256": plan.digest, "cases": cases, "versions": _versions()}
+    plain = {"plan_sha256": plan.digest, "cases": cases, "versions": solving_versions()}
     write_whole(folder / ACCOUNT_FILE, json.dumps(plain, indent=2) + "\n")
 
 
@@ -55,7 +55,7 @@ def write_table(folder: Path, plan: SweepPlan, cases: Sequence[Case], outcomes: 
     rows = [{**_design(case), **outcomes[case.key], "key": case.key} for case in cases]
     kinds = {**dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys([*NAMES, "error", "key"], pa.string())}
     fields = [pa.field(name, kinds.get(name, pa.float64())) for name in rows[0]]
-    about = {"plan_sha256": plan.digest, "versions": json.dumps(_versions())}
+    about = {"plan_sha256": plan.digest, "versions": json.dumps(solving_versions())}
     table = pa.Table.from_pylist(rows, schema=pa.schema(fields, metadata=about))
     path = folder / TABLE_FILE
     draft = path.with_name(f".{path.name}.draft")
@@ -73,7 +73,3 @@ def _design(case: Case) -> dict[str, Any]:
         cord |= {f"{part}_{axis}_m": float(value) for axis, value in zip("xyz", location, strict=True)}
     named = {axis: case.point[axis] for axis in AXES if axis in (*NAMES, "hand_mass_kg")}
     return {"case": case.number, **named, **cord}
-
-
-def _versions() -> dict[str, str]:
-    return {name: metadata.version(name) for name in ("cuffstation", "numpy", "scipy")}

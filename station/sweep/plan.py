@@ -14,13 +14,14 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.worn import Condition
+from solver.wearing.worn import Condition
+from station.muscles.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]
 Point = dict[str, Value]
 """Axis → its value: one point of the design."""
 
-BUNDLED, NONE = "bundled", "none"
+NONE = "none"
 METHODS = ("grid", "latin_hypercube", "random")
 KEYS = ("every", "method", "count", "seed", "vary")
 

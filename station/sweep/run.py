@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from station.assessment_inputs import ensure_folder
+from station.muscles.assessment_inputs import ensure_folder
 from station.progress import Progress, silent
 from station.sweep.cases import SweepInputs
 from station.sweep.dataset import Parts, write_account, write_table
@@ -38,8 +38,8 @@ def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = 
     write_account(output, plan, len(inputs.cases))
     known = {case.key: parts.read(case.key) for case in inputs.cases}
     outcomes = {key: outcome for key, outcome in known.items() if outcome is not None}
-    found = len(outcomes)
-    progress("solving cases", found, len(known))
+    found = sum(case.key in outcomes for case in inputs.cases)
+    progress("solving cases", len(outcomes), len(known))
     for solved, is_final in solve(inputs.tasks([case for case in inputs.cases if case.key not in outcomes])):
         for key, outcome in solved.items():
             if is_final:

@@ -13,9 +13,9 @@ import numpy as np
 from solver.loads import ExternalForce
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError
-from solver.optimum import lowest_of
-from solver.suit import Suit, SuitError
-from solver.worn import Wearing, WornMotion, lay, solve_bare, solve_wearings
+from solver.wearing.optimum import lowest_of
+from solver.wearing.suit import Suit, SuitError
+from solver.wearing.worn import Wearing, WornMotion, solve_bare, solve_wearings, wear
 
 Outcome = dict[str, float | str | None]
 """Column → value: those of RESULTS, and `error`, the sentence of a case that failed."""
@@ -67,7 +67,7 @@ def solve_task(task: Task) -> dict[str, Outcome]:
     if isinstance(laid, str):
         return {case.key: failed(laid) for case in task.cases}
     try:
-        worn = lay(laid.model, laid.kinematics, task.cases[0].suit, task.every, loads=laid.loads)
+        worn = wear(laid.model, laid.kinematics, task.cases[0].suit, task.every, loads=laid.loads)
         slack, _ = solve_wearings(worn, [], workers=1)
     except (ModelError, MotionError, SuitError) as error:
         return {case.key: failed(str(error)) for case in task.cases}

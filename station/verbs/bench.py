@@ -19,12 +19,15 @@ def simulate(
     speed: Speed = 1.0,
     seed: Seed = 1,
     cuff: Annotated[str | None, typer.Option(help="Play this cuff's tests in turn; default: the plan.")] = None,
-    test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, in order.")] = None,
+    test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, without its bounce.")] = None,
     faults: Annotated[Path | None, typer.Option(help="A plan of what goes wrong, and when (.toml).")] = None,
 ) -> None:
-    """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C."""
+    """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C.
+
+    While they run, a line such as `ni unplug for_s=2` lets that fault happen now.
+    """
+    from station.bench.simulation import serve_until_stopped
     from station.config import load_config
-    from station.simulation import serve_until_stopped
 
     serve_until_stopped(load_config(config), speed, seed, cuff=cuff, test=test, fault_plan=faults)
 
@@ -39,11 +42,11 @@ def check(
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Show what answers: devices, rates, force at rest and calibration, the level of the sync line, labels, disk."""
-    from station.check import check_bench
+    from station.bench.check import check_bench
     from station.config import load_config
 
     if known_mass is not None:
-        from station.known_mass import check_known_mass
+        from station.bench.known_mass import check_known_mass
 
         raise typer.Exit(check_known_mass(load_config(config), session, known_mass, as_json=format == "json"))
     raise typer.Exit(check_bench(load_config(config), session, as_json=format == "json"))
@@ -67,10 +70,10 @@ def record(
     """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
     from contextlib import ExitStack
 
+    from station.bench.daemon import Daemon, View
+    from station.bench.live import LiveView
     from station.clock import RealClock
     from station.config import load_config
-    from station.daemon import Daemon, View
-    from station.live import LiveView
     from station.protocol import TrialSpec
 
     if (cuff is None) != (test == "bounce"):
@@ -80,7 +83,7 @@ def record(
     with ExitStack() as stack:
         views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff or 'load cell'} {test} {repeat}"))]
         if rrd is not None or rerun:
-            from station.rerun_log import open_rerun
+            from station.rerun.log import open_rerun
 
             views += open_rerun(stack, rrd, rerun, settings.cuffs[cuff].rope_markers if cuff in settings.cuffs else ())
         daemon = Daemon(settings, clock, views)

@@ -31,11 +31,11 @@ def fit(
     from station.progress import progress_bars
     from station.tables import print_cuffs
 
-    to = output or (session / "cuffs.json" if method == "default" else None)
+    cuffs = output or session / "cuffs.json"
     with progress_bars(Console(stderr=True)) as progress:
-        fitted = fit_session_folder(session, to if method == "default" else None, progress)
+        fitted = fit_session_folder(session, cuffs if method == "default" else None, progress)
     if method == "paper":
-        _compare_with_paper(fitted, to, format)
+        _compare_with_paper(fitted, output, format)
     elif format == "json":
         print(fitted.to_json(), end="")
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -19,7 +20,7 @@ def info(
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Show what is in a recording, whole or cut."""
-    from station.info import show_contents
+    from station.files.info import show_contents
 
     raise typer.Exit(show_contents(file, as_json=format == "json"))
 
@@ -39,12 +40,12 @@ def replay(
     from tempfile import TemporaryDirectory
 
     from recordings.reader import open_recording
+    from station.bench.daemon import View
+    from station.bench.live import LiveView
     from station.clock import RealClock
-    from station.daemon import View
-    from station.live import LiveView
-    from station.replay import replay as play_back
-    from station.rerun_log import open_rerun
-    from station.rerun_scene import log_scene
+    from station.files.replay import replay as play_back
+    from station.rerun.log import open_rerun
+    from station.rerun.scene import log_scene
 
     with ExitStack() as stack:
         folder = session or Path(stack.enter_context(TemporaryDirectory()))
@@ -64,7 +65,7 @@ def recover(
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Make a whole file of what a killed recording left. Never touches the original."""
-    from station.info import recover_recording
+    from station.files.info import recover_recording
 
     raise typer.Exit(recover_recording(file, output, as_json=format == "json"))
 
@@ -91,22 +92,27 @@ def import_(
     lag_s: Annotated[
         float | None, typer.Option(help="A force sample stamped t was taken at t + LAG_S by the markers' time.")
     ] = None,
-    lag_sd_s: Annotated[float | None, typer.Option(min=0, help="Its standard uncertainty. Default: 0.0005.")] = None,
+    lag_sd_s: Annotated[
+        float | None,
+        typer.Option(min=0, help="Its standard uncertainty. Default: 0.0005; without a sync line half a sample more."),
+    ] = None,
     start: Annotated[
         datetime | None, typer.Option(help="When it was captured, in UTC; default: in the order of the plan.")
     ] = None,
     over: Annotated[Path | None, typer.Option(help="Instead: a recording of the station, to be completed.")] = None,
 ) -> None:
     """Make a recording of files that other programs left. Prints its path."""
-    from station.complete_trial import complete_trial
     from station.config import load_config
-    from station.foreign_files import ForceSource, MarkerSource, WrongImport, parse_names
-    from station.import_trial import import_trial, with_lag
+    from station.files.complete_trial import complete_trial
+    from station.files.foreign_files import ForceSource, MarkerSource, WrongImport, parse_names
+    from station.files.import_trial import import_trial, with_lag
+    from station.progress import busy
     from station.protocol import TrialSpec
 
     markers = MarkerSource(mocap, mocap_unit, parse_names(label or ()))
     if over is not None and force is None:
-        done = complete_trial(over, markers)
+        with busy(f"laying {mocap.name} over {over.name}"):
+            done = complete_trial(over, markers)
     elif over is not None or force is None or session is None or test is None or (cuff is None) != (test == "bounce"):
         raise WrongImport(
             "an import needs --force, --session, --test and --cuff (a bounce no --cuff), or --over alone; see --help"
@@ -114,7 +120,8 @@ def import_(
     else:
         source = ForceSource(force, force_column, force_unit, time_column, sync_column)
         spec = TrialSpec(cuff, test, repeat, donning)
-        done = import_trial(session, spec, with_lag(load_config(config), lag_s, lag_sd_s), source, markers, start)
+        with busy(f"importing {mocap.name}"):
+            done = import_trial(session, spec, with_lag(load_config(config), lag_s, lag_sd_s), source, markers, start)
     for note in done.notes:
         say(note)
     print(done.path)
@@ -135,34 +142,53 @@ def export(
     cuff: Annotated[str | None, typer.Option(help="With --osim: the arm cuff, where there are several.")] = None,
     condition: Annotated[Condition | None, typer.Option(help="With --osim: what the cuffs do; default: both.")] = None,
     rest_length_m: Annotated[float | None, typer.Option(min=0, help="With --osim; default: the suit's.")] = None,
+    format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
+    from solver.wearing.suit import BUNDLED_SUIT
+    from station.files.one_clock import WrongExport
+    from station.muscles.export_model import SuitToExport, write_suited_model
+    from station.progress import busy
+
+    written: tuple[Path, ...]
+    refused: tuple[str, ...] = ()
+    if not osim:
+        written, refused = _export_recordings(file, session, to, output, subject)
+    elif output is None or file is not None or session is not None or to is not None:
+        raise WrongExport("an export with --osim needs --output, and no FILE, --session or --to; see --help")
+    else:
+        with busy("writing the model"):
+            write_suited_model(SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m), output)
+        written = (output,)
+    for sentence in refused:
+        say(sentence)
+    if format == "json":
+        print(json.dumps({"written": [str(path) for path in written], "refused": refused}, indent=2))
+    else:
+        print("\n".join(map(str, written)))
+    raise typer.Exit(LOSSY if refused else DONE)
+
+
+def _export_recordings(
+    file: Path | None, session: Path | None, to: ExportFormat | None, output: Path | None, subject: str
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """The files that were written, and sentences why others were not."""
     from rich.console import Console
 
-    from solver.suit import BUNDLED_SUIT
-    from station.export_model import SuitToExport, write_suited_model
-    from station.export_trial import export_recordings
+    from station.files.export_trial import export_recordings
+    from station.files.one_clock import ExportRefused, WrongExport
     from station.fit import recordings_in
-    from station.one_clock import ExportRefused, WrongExport
-    from station.progress import progress_bars, silent
+    from station.progress import busy, progress_bars
 
-    if osim:
-        if output is None or file is not None or session is not None or to is not None:
-            raise WrongExport("an export with --osim needs --output, and no FILE, --session or --to; see --help")
-        write_suited_model(SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m), output)
-        print(output)
-        return
     source = file or session
     if source is None or (file is not None and session is not None) or to is None:
         raise WrongExport("an export needs either a FILE or --session, and --to, or else --osim; see --help")
     paths = [source] if file is not None else recordings_in(source)
     if not paths:
         raise ExportRefused(f"{source} holds no recording (*.mcap); give the folder of a session")
+    where = output or (source.parent if file is not None else source)
+    if len(paths) == 1:
+        with busy(f"exporting {paths[0].name}"):
+            return export_recordings(paths, to, where, subject)
     with progress_bars(Console(stderr=True)) as progress:
-        where = output or (source.parent if file is not None else source)
-        written, refused = export_recordings(paths, to, where, subject, progress if len(paths) > 1 else silent)
-    for sentence in refused:
-        say(sentence)
-    for path in written:
-        print(path)
-    raise typer.Exit(LOSSY if refused else DONE)
+        return export_recordings(paths, to, where, subject, progress)

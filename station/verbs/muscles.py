@@ -10,6 +10,9 @@ import typer
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import Condition, Freedom, Paths, say
 
+CuffsFile = Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")]
+BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")]
+BundledOrOsim = Annotated[str, typer.Option(help='An .osim file, or "bundled".')]
 ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads: .xml, names its data.")]
 
 
@@ -19,7 +22,7 @@ def rmr(
         Path | None,
         typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled raise of the arm."),
     ] = None,
-    model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
     effort: Annotated[Path | None, typer.Option(help="Weights, and reserves of your own: .toml.")] = None,
     no_glenoid: Annotated[bool, typer.Option(help="Without keeping the joint reaction inside the glenoid.")] = False,
@@ -37,9 +40,9 @@ def rmr(
     from rich.console import Console
 
     from solver.redundancy import RedundancyOptions
+    from station.muscles.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
+    from station.muscles.rmr_table import ensure_writable, write_solved
     from station.progress import progress_bars
-    from station.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
-    from station.rmr_table import ensure_writable, write_solved
 
     ensure_writable(output)
     if plot is not None and plot.suffix not in ("", ".png"):
@@ -55,7 +58,7 @@ def rmr(
     write_solved(output, solved)
     print(output)
     if plot is not None:
-        from station.rmr_figures import draw_solved
+        from station.report.rmr_figures import draw_solved
 
         draw_solved(plot, solved)
         print(plot)
@@ -63,11 +66,11 @@ def rmr(
 
 
 def assess(
-    cuffs: Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")],
+    cuffs: CuffsFile,
     output: Annotated[Path, typer.Option(help="Folder for assessment.json, activations.csv and report.html.")],
-    motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
+    motion: BundledOrMotion = None,
     suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
-    model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
     cuff: Annotated[list[str] | None, typer.Option(help="Wear this arm cuff; repeat for more. Default: all.")] = None,
     emg: Annotated[Path | None, typer.Option(help="Measured: a CSV of muscle,reduction_percent,sd.")] = None,
@@ -80,12 +83,12 @@ def assess(
     """What the suit with these cuffs does for the muscles, over its rest length, and how sure that is."""
     from rich.console import Console
 
-    from solver.suit import BUNDLED_SUIT
-    from station.assess import assess_file
-    from station.assessment_inputs import AssessmentInputs
-    from station.findings import findings
+    from solver.wearing.suit import BUNDLED_SUIT
+    from station.muscles.assess import assess_file
+    from station.muscles.assessment_inputs import AssessmentInputs
+    from station.muscles.findings import findings
     from station.progress import progress_bars
-    from station.report import write_report
+    from station.report.page import write_report
     from station.tables import assessment_table
 
     inputs = AssessmentInputs(
@@ -101,11 +104,11 @@ def assess(
 
 
 def optimise(
-    cuffs: Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")],
+    cuffs: CuffsFile,
     output: Annotated[Path, typer.Option(help="Folder for optimum.json.")],
-    motion: Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")] = None,
+    motion: BundledOrMotion = None,
     suit: Annotated[Path | None, typer.Option(help="Where to start; default: the bundled exotendon suit.")] = None,
-    model: Annotated[str, typer.Option(help='An .osim file, or "bundled".')] = "bundled",
+    model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
     cuff: Annotated[str | None, typer.Option(help="The arm cuff; may be left out where there is one only.")] = None,
     condition: Annotated[Condition, typer.Option(help="What the cuffs do.")] = "both",
@@ -117,9 +120,9 @@ def optimise(
     """The rest length, and where asked the stiffness and points of the cord, that save the muscles most."""
     from rich.console import Console
 
-    from solver.suit import BUNDLED_SUIT
-    from station.assessment_inputs import AssessmentInputs
-    from station.optimum import optimise_file
+    from solver.wearing.suit import BUNDLED_SUIT
+    from station.muscles.assessment_inputs import AssessmentInputs
+    from station.muscles.optimum import optimise_file
     from station.progress import progress_bars
     from station.tables import optimum_table
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from station.daemon import TrialResult
+    from station.bench.daemon import TrialResult
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wall station time runs.")]

@@ -61,6 +61,11 @@ def report(
     folder: Annotated[Path, typer.Argument(help="A folder with recordings, cuffs.json or assessment.json.")],
 ) -> None:
     """Write report.html, one self-contained page, of all that a folder holds. Prints its path."""
-    from station.report import write_report
+    from rich.console import Console
 
-    print(write_report(folder))
+    from station.progress import progress_bars
+    from station.report.page import write_report
+
+    with progress_bars(Console(stderr=True)) as progress:
+        written = write_report(folder, progress=progress)
+    print(written)

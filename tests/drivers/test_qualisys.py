@@ -118,6 +118,20 @@ def test_it_gives_control_back_and_leaves_the_capture_saved() -> None:
             assert not qtm.is_controlled
 
 
+def test_a_capture_that_a_killed_station_left_running_is_saved_and_in_nobody_s_way() -> None:
+    with simulator() as qtm:
+        killed = driver(qtm.port, control="start")
+        killed.open()
+        killed.start_capture()
+        received(killed, 10)
+        hang_up_on_everyone(qtm)
+        with opened(driver(qtm.port, control="start")) as device:
+            device.start_capture()
+            assert received(device, 10)
+        killed.close()
+        assert not qtm.is_controlled
+
+
 def test_stopping_what_does_not_run_is_no_error() -> None:
     with simulator() as qtm, opened(driver(qtm.port, control="start")) as device:
         device.stop_capture()

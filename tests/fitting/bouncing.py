@@ -5,7 +5,7 @@ The spring is a chain of masses, so that its own weight and surge are there; the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -44,7 +44,7 @@ class Bounce:
     polarity: int = 1
     ghosts: float = 0.0
     occlusion: float = 0.0
-    down: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
 
 def recorded(truth: Bounce, seed: int, run: int = 1) -> tuple[Manifest, dict[str, Track]]:
@@ -61,7 +61,7 @@ def recorded(truth: Bounce, seed: int, run: int = 1) -> tuple[Manifest, dict[str
     volts = (newtons + truth.force_noise * random.standard_normal(len(numbers))) / truth.newtons_per_volt
     frames = np.arange(int(truth.duration * truth.marker_rate))
     frame_time = frames / truth.marker_rate
-    place = np.array([0.2, -0.4, 1.1]) + np.interp(frame_time, time, way)[:, None] * truth.down
+    place = np.array([0.2, -0.4, 1.1]) + np.interp(frame_time, time, way)[:, None] * np.array(truth.down)
     place += truth.marker_noise * random.standard_normal(place.shape)
     place[random.random(len(frames)) < truth.ghosts] += 0.03
     place[random.random(len(frames)) < truth.occlusion] = np.nan

@@ -58,11 +58,12 @@ class Rig:
 
 
 class OddSession(Session):
-    """A donning of a cuff with any law on a rig with a defect."""
+    """A donning of a cuff with any law on a rig with a defect. What slipped or rubs stays so from trial to trial."""
 
     def __init__(self, law: Law, rig: Rig, seed: int, truth: Truth | None = None) -> None:
         super().__init__(truth or Truth(friction=1e9, migration=0.0), seed)
         self.law, self.rig = law, rig
+        self.left, self.left_across = np.zeros(3), np.zeros(3)
 
     def _record(
         self, test: str, repeat: int, time: NDArray[np.float64], load: NDArray[np.float64]
@@ -70,41 +71,52 @@ class OddSession(Session):
         is_dynamic = test == "dynamic"
         angle = self.rig.dynamic_angle if is_dynamic else 0.0
         law, k, c = self.law, self.law.stiffness, self.law.damping
-        along = _answer(law, k, c, load * np.cos(angle))
-        across = _answer(law, self.rig.ratio * k, self.rig.ratio * c, load * np.sin(angle)) if angle else 0 * along
-        path = along[:, None] * PULL + across[:, None] * ACROSS + self.rig.dynamic_shift * is_dynamic * PULL
-        shifts = np.zeros((len(load), len(ANCHOR) + 1, 3))
-        shifts[:, 0] = self.rig.skin * load[:, None] * PULL
+        along, self.left = _answer(law, k, c, load * np.cos(angle), self.left)
+        across = 0 * along
+        if angle:
+            ratio, aside = self.rig.ratio, load * np.sin(angle)
+            across, self.left_across = _answer(law, ratio * k, ratio * c, aside, self.left_across)
+        seen = self.exposed(time)
+        path = along[seen, None] * PULL + across[seen, None] * ACROSS + self.rig.dynamic_shift * is_dynamic * PULL
+        shifts = np.zeros((len(seen), len(ANCHOR) + 1, 3))
+        shifts[:, 0] = self.rig.skin * load[seen, None] * PULL
         shifts[:, -1] = path
         return self.assemble(test, repeat, time, load + self.rig.dynamic_zero * is_dynamic, shifts)
 
 
-def _answer(law: Law, k: float, c: float, load: NDArray[np.float64]) -> NDArray[np.float64]:
+def _answer(
+    law: Law, k: float, c: float, load: NDArray[np.float64], left: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The cuff's way (n,) [m] under a load (n,) [N], and what it leaves behind: friction, slip, highest load (3,)."""
     arms = (law.fast[0] * k, law.fast[1], law.slow[0] * k, law.slow[1])
     slip = (law.slip_from, law.hardening)
-    return np.asarray(_move(load, k, c, law.mass, law.bend, law.friction, law.presliding, *arms, *slip))
+    return _move(load, k, c, law.mass, law.bend, law.friction, law.presliding, *arms, *slip, left)  # type: ignore[no-any-return]
 
 
 @njit(cache=True)
-def _move(load, k, c, mass, bend, friction, presliding, k1, t1, k2, t2, limit, hardening):  # type: ignore[no-untyped-def]
-    """Semi-implicit Euler in ten sub-steps; starts at rest under the first load, friction and arms at ease."""
+def _move(load, k, c, mass, bend, friction, presliding, k1, t1, k2, t2, limit, hardening, left):  # type: ignore[no-untyped-def]
+    """Semi-implicit Euler in ten sub-steps; starts at rest under the first load, the arms at ease."""
     h = STEP / 10
-    x = load[0] / k if bend == 0.0 else np.log(1 + bend * load[0] / k) / bend
-    v, z, q1, q2, s, highest = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    z, s, highest = left
+    v, q1, q2 = 0.0, 0.0, 0.0
+    carried = load[0] - friction * z
+    x = s + (carried / k if bend == 0.0 else np.log(1 + bend * carried / k) / bend)
     places = np.empty(len(load))
     for i in range(len(load)):
         places[i] = x
-        for _ in range(10):
-            highest = max(highest, load[i] - limit)
+        change = load[min(i + 1, len(load) - 1)] - load[i]
+        for part in range(10):
+            here = load[i] + (part + 0.5) / 10 * change
+            highest = max(highest, here - limit)
             gives = max(0.0, highest / hardening - s) / 0.3
             y = x - s
             spring = k * y if bend == 0.0 else k / bend * (np.exp(bend * y) - 1)
             rate = v - gives
-            v += h / mass * (load[i] - spring - c * rate - friction * z - q1 - q2)
+            v += h / mass * (here - spring - c * rate - friction * z - q1 - q2)
             x += h * v
             s += h * gives
             rate = v - gives
             z += h * (rate - abs(rate) * z) / presliding
             q1 += h * (k1 * rate - q1 / t1)
             q2 += h * (k2 * rate - q2 / t2)
-    return places
+    return places, np.array([z, s, highest])

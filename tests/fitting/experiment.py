@@ -54,6 +54,7 @@ class Truth:
     volt_noise: float = 5e-3
     volts_per_code: float = 20 / 4096
     volt_zero: float = 0.03
+    zero_drift: float = 0.0
     newtons_per_volt: float = 50 * 9.80665 / 5
     clock_ppm: float = 30e-6
     lag: float = 0.0
@@ -85,8 +86,10 @@ class Session:
         load = np.full(len(time), 2.0)  # the hook
         for i in range(1, len(levels)):
             since = time - i * truth.hold - self.random.uniform(-0.3, 0.3)
-            load += (levels[i] - levels[i - 1]) * np.clip(since / 0.3, 0, 1)
-            load += 0.03 * (levels[i] - levels[i - 1]) * np.exp(-since / 0.5) * np.sin(8 * since) * (since > 0)
+            after = slice(np.searchsorted(since, 0.0, side="right"), None)
+            since = since[after]
+            load[after] += (levels[i] - levels[i - 1]) * np.clip(since / 0.3, 0, 1)
+            load[after] += 0.03 * (levels[i] - levels[i - 1]) * np.exp(-since / 0.5) * np.sin(8 * since)
         return self._record("static", repeat, time, load)
 
     def dynamic(self, repeat: int = 1) -> tuple[Manifest, dict[str, Track]]:
@@ -110,9 +113,15 @@ class Session:
             load, truth.stiffness, truth.damping, truth.mass, truth.friction, hardening, truth.slowness, self.slip
         )
         self.slip = float(slip[-1])
-        shifts = np.zeros((len(load), len(truth.anchor) + 1, 3))
-        shifts[:, -1] = x[:, None] * PULL
+        seen = self.exposed(time)
+        shifts = np.zeros((len(seen), len(truth.anchor) + 1, 3))
+        shifts[:, -1] = x[seen, None] * PULL
         return self.assemble(test, repeat, time, load, shifts)
+
+    def exposed(self, time: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Which of `time` (n,) each frame shows, (frames,)."""
+        frame_time = np.arange(int(time[-1] * self.truth.marker_rate)) / self.truth.marker_rate
+        return np.searchsorted(time, frame_time - STEP / 2)
 
     def assemble(
         self,
@@ -122,11 +131,11 @@ class Session:
         load: NDArray[np.float64],
         shifts: NDArray[np.float64],
     ) -> tuple[Manifest, dict[str, Track]]:
-        """What both instruments make of a load (n,) [N] and of how the body's markers move with it, (n, markers, 3)."""
+        """What both instruments make of a load (n,) [N] and of how markers move on the body, (frames, markers, 3)."""
         truth = self.truth
         start_ns = 1_700_000_000_000_000_000 + int(self.trials * 120e9)
         self.trials += 1
-        tracks = {**self._daq(time, load, start_ns), "/markers": self._mocap(time, shifts, start_ns)}
+        tracks = {**self._daq(time, load, start_ns), "/markers": self._mocap(shifts, start_ns)}
         labels = tuple(f"anchor_{i + 1}" for i in range(len(truth.anchor)))
         manifest = Manifest(
             cuff=CuffSite(truth.cuff, "waist" if truth.cuff == "waist" else "arm", labels, ("cuff_1",)),
@@ -149,6 +158,7 @@ class Session:
         device = np.arange(count) / rate
         true = (device - edge) / (1 + truth.clock_ppm)
         volts = np.interp(true + truth.lag, time, load, left=load[0]) / truth.newtons_per_volt + truth.volt_zero
+        volts += truth.zero_drift / truth.newtons_per_volt * true
         volts += truth.volt_noise * self.random.standard_normal(count)
         capture_end = int(time[-1] * truth.marker_rate) / truth.marker_rate
         sync = np.where((true >= 0) & (true < capture_end), 5.0, 0.0) + 2e-3 * self.random.standard_normal(count)
@@ -161,12 +171,11 @@ class Session:
         step = self.truth.volts_per_code
         return volts if step == 0 else step * np.round(volts / step)
 
-    def _mocap(self, time: NDArray[np.float64], shifts: NDArray[np.float64], start_ns: int) -> Track:
+    def _mocap(self, shifts: NDArray[np.float64], start_ns: int) -> Track:
         """Frame 1 is exposed at the edge."""
-        truth = self.truth
-        count = int(time[-1] * truth.marker_rate)
+        truth, count = self.truth, len(shifts)
         frame_time = np.arange(count) / truth.marker_rate
-        body = np.vstack((truth.anchor, CUFF)) + shifts[np.searchsorted(time, frame_time - STEP / 2)]
+        body = np.vstack((truth.anchor, CUFF)) + shifts
         sway = truth.sway * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         turn = truth.sway_angle * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         lab = np.einsum("fij,fmj->fmi", _rotations(turn), body) + sway[:, None]
@@ -232,17 +241,21 @@ def _rates(x, v, s, load, stiffness, damping, mass, friction, hardening, slownes
 
 @njit(cache=True)
 def _move(load, stiffness, damping, mass, friction, hardening, slowness, slip):  # type: ignore[no-untyped-def]
-    """Runge-Kutta of the cuff at rest under the first load; returns its place and slip at every step."""
+    """Runge-Kutta of the cuff at rest under the first load; returns its place and slip at every step.
+
+    Between steps the load goes straight: held for a step, it would lag by half of one, 0.4 to 2 % of the damping.
+    """
     x, v, s, h = slip + load[0] / stiffness, 0.0, slip, STEP
     places, slips = np.empty(len(load)), np.empty(len(load))
     for i in range(len(load)):
         places[i], slips[i] = x, s
-        f = load[i]
+        f, after = load[i], load[min(i + 1, len(load) - 1)]
+        between = (f + after) / 2
         p = (stiffness, damping, mass, friction, hardening, slowness)
         a1, b1, c1 = _rates(x, v, s, f, *p)
-        a2, b2, c2 = _rates(x + h / 2 * a1, v + h / 2 * b1, s + h / 2 * c1, f, *p)
-        a3, b3, c3 = _rates(x + h / 2 * a2, v + h / 2 * b2, s + h / 2 * c2, f, *p)
-        a4, b4, c4 = _rates(x + h * a3, v + h * b3, s + h * c3, f, *p)
+        a2, b2, c2 = _rates(x + h / 2 * a1, v + h / 2 * b1, s + h / 2 * c1, between, *p)
+        a3, b3, c3 = _rates(x + h / 2 * a2, v + h / 2 * b2, s + h / 2 * c2, between, *p)
+        a4, b4, c4 = _rates(x + h * a3, v + h * b3, s + h * c3, after, *p)
         x += h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
         v += h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
         s += h / 6 * (c1 + 2 * c2 + 2 * c3 + c4)

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from fitting.clocks import LagUncertainty
+from fitting.timing.clocks import LagUncertainty
 from fitting.trial import Trial
 from recordings.manifest import CuffSite
+from tests.fitting.experiment import ANCHOR, CUFF, PULL
 
-ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
-CUFF = np.array([0.03, 0.07, 0.12])
-PULL = np.array([0.36, 0.48, 0.80])
 LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4")
 STEP = 0.01
 
@@ -27,13 +26,15 @@ class Held:
     """One cuff and its rig; SI units. The newtons of the weights are hung on one by one, and taken off if it unloads.
 
     creep is the part by which an instantly elastic cuff yields more in the long run, with a time constant; stiffness is
-    then that at rest. stiffening is b of dF/dx = stiffness + b F. It slips beyond first_slip, by 1/hardening a newton.
+    then that at rest. stiffening is b of dF/dx = stiffness + b F; yielding adds so much of the way for each newton. It
+    slips beyond first_slip, by 1/hardening a newton.
     """
 
     stiffness: float = 8520.0
     creep: float = 0.0
     creep_time: float = 15.0
     stiffening: float = 0.0
+    yielding: float = 0.0
     first_slip: float = np.inf
     hardening: float = 20e3
     weights: tuple[float, ...] = (15.0, 15.0, 15.0, 15.0, 15.0)
@@ -62,7 +63,7 @@ def static_trial(truth: Held, seed: int, repeat: int = 1, slipped: float = 0.0) 
     frames = time
     body = np.repeat(np.vstack((ANCHOR, CUFF))[None], len(frames), axis=0)
     body[:, -1] += x[:, None] * PULL
-    lab = body + truth.sway * np.column_stack([_wander(frames, random) for _ in range(3)])[:, None]
+    lab = body + truth.sway * np.column_stack([wander(frames, random) for _ in range(3)])[:, None]
     lab += truth.marker_noise * random.standard_normal(lab.shape)
     _spoil(lab, truth, random)
     trial = Trial(
@@ -99,11 +100,10 @@ def _way(truth: Held, load: NDArray[np.float64], slipped: float) -> tuple[NDArra
     if truth.stiffening:
         elastic = np.log1p(truth.stiffening * load / truth.stiffness) / truth.stiffening
     else:
-        elastic = load / truth.stiffness
+        elastic = load / truth.stiffness * (1 + truth.yielding * load)
     # At once 1/(1 + creep) of the way at rest; the other part follows the load with the time constant.
-    late = elastic.copy()
-    for i in range(1, len(load)):
-        late[i] = late[i - 1] + STEP / truth.creep_time * (elastic[i] - late[i - 1])
+    pace = STEP / truth.creep_time
+    late, _ = lfilter([pace], [1.0, pace - 1.0], elastic, zi=[(1 - pace) * elastic[0]])
     crept = (elastic + truth.creep * late) / (1 + truth.creep)
     limit = np.maximum(np.maximum.accumulate(load) - truth.first_slip, 0.0)
     slip = np.maximum(slipped, limit / truth.hardening)
@@ -120,7 +120,7 @@ def _spoil(lab: NDArray[np.float64], truth: Held, random: np.random.Generator) -
             lab[start : start + random.integers(1, 6), marker] += 0.015 * away / np.linalg.norm(away)
 
 
-def _wander(time: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
+def wander(time: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
     """A slow random curve of unit size between 0.05 and 0.8 Hz."""
     curve = np.zeros(len(time))
     for _ in range(6):

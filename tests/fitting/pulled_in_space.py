@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from fitting.clocks import LagUncertainty
+from fitting.timing.clocks import LagUncertainty
 from fitting.trial import Trial
 from recordings.manifest import CuffSite
+from tests.fitting.experiment import ANCHOR, CUFF
+from tests.fitting.held import wander
 
-ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
-CUFF = np.array([0.03, 0.07, 0.12])
 LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4", "cuff_1", "rope_1", "rope_2")
 ROPE = (0.1, 0.6)
 """Metres of the rope's markers from the cuff;"""
@@ -72,11 +72,11 @@ def pulled(
     """One static or dynamic trial along u (3,)."""
     load = _held(space, random) if test == "static" else _swung(space, random)
     time = STEP / INSIDE * np.arange(len(load))
-    x = _answer(space, load, u)[::INSIDE]
+    x = _answer(space, load, u)
     frames = time[::INSIDE]
     still = np.clip(frames - 2.0, 0, 1)[:, None]
-    rest = space.sway * still * np.column_stack([_wander(frames, random) for _ in range(3)])
-    angles = space.turn * still * np.column_stack([_wander(frames, random) for _ in range(3)])
+    rest = space.sway * still * np.column_stack([wander(frames, random) for _ in range(3)])
+    angles = space.turn * still * np.column_stack([wander(frames, random) for _ in range(3)])
     if (test, repeat) != ("static", 1):
         angles += space.turn * random.standard_normal(3)
     turns = np.eye(3) + np.cross(angles[:, None, :], np.eye(3)[None], axisc=1)
@@ -127,12 +127,12 @@ def _held(space: Space, random: np.random.Generator) -> NDArray[np.float64]:
 
 def _swung(space: Space, random: np.random.Generator) -> NDArray[np.float64]:
     time = np.arange(0.0, space.swing, STEP / INSIDE)
-    phase = 2 * np.pi * space.frequency * time + 0.4 * _wander(time, random)
-    return np.asarray(25.0 + 12.0 * (1 + 0.1 * _wander(time, random)) * np.sin(phase))
+    phase = 2 * np.pi * space.frequency * time + 0.4 * wander(time, random)
+    return np.asarray(25.0 + 12.0 * (1 + 0.1 * wander(time, random)) * np.sin(phase))
 
 
 def _answer(space: Space, load: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """X (n, 3) from rest under the first load; each small step has its mean load."""
+    """X (frames, 3) from rest under the first load; each small step has its mean load."""
     motion = np.zeros((7, 7))
     motion[:3, 3:6] = np.eye(3)
     motion[3:6, :3], motion[3:6, 3:6] = -space.stiffness / space.mass, -space.damping / space.mass
@@ -146,13 +146,4 @@ def _answer(space: Space, load: NDArray[np.float64], u: NDArray[np.float64]) -> 
     places = np.empty((len(load), 6), complex)
     for mode in range(6):
         places[:, mode] = lfilter([0.0, drive[mode]], [1.0, -values[mode]], driving, zi=modal[mode : mode + 1])[0]
-    return np.asarray((places @ vectors.T).real[:, :3])
-
-
-def _wander(time: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-    curve = np.zeros(len(time))
-    for _ in range(6):
-        curve += random.standard_normal() * np.sin(
-            2 * np.pi * random.uniform(0.05, 0.8) * time + random.uniform(0, 6.3)
-        )
-    return curve / np.sqrt(3)
+    return np.asarray((places[::INSIDE] @ vectors[:3].T).real)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fitting.errors_in_variables import Record
+from fitting.dynamic.errors_in_variables import Record
 
 STIFFNESS, DAMPING, MASS = 5500.0, 120.0, 0.2
 

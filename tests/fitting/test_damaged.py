@@ -6,9 +6,10 @@ import json
 import math
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from fitting.quality import UnusableTrial
@@ -68,6 +69,36 @@ damages = st.lists(
 )
 
 
+def _found(*damages: tuple[int, str, str, list[float]]) -> Any:
+    """One that a random search found to be neither fitted nor refused."""
+    return example(list(damages))
+
+
+@_found(
+    (1, "/markers", "lost", [0.0135, 0.85]),
+    (0, "/sync", "stuck", [0.0116, 0.708]),
+    (1, "/markers", "huge", [0.5747, 0.9585]),
+)
+@_found((0, "/markers", "stuck", [0.02, 1.0]), (0, "/force", "only", [0.3422, 0.771]))
+@_found((0, "/force", "lost", [0.00791, 0.04217]), (1, "/markers", "stuck", [0.35038, 1.0]))
+@_found(
+    (1, "/sync", "zero", [0.00294, 0.28687]),
+    (1, "/markers", "stuck", [0.31218, 0.92625]),
+    (0, "/markers", "huge", [0.29563, 0.97075]),
+    (0, "/force", "zero", [0.0335, 1.0]),
+)
+@_found(
+    (0, "/markers", "stamps", [0.0, 0.51796]),
+    (0, "/sync", "lost", [0.96352, 1.0]),
+    (0, "/force", "renumbered", [0.5727, 0.99122]),
+    (0, "/markers", "only", [0.75122, 0.75306]),
+)
+@_found(
+    (0, "/markers", "only", [0.70733, 1.0]),
+    (1, "/markers", "late", [0.0, 0.95667]),
+    (0, "/force", "lost", [0.0412, 0.99312]),
+)
+@_found((1, "/sync", "zero", [0.62233664, 1.0]), (0, "/force", "late", [0.9452918, 0.99568963]))
 @settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(damages)
 def test_damaged_tracks_are_fitted_or_refused_in_a_sentence(damages: list[tuple[int, str, str, list[float]]]) -> None:

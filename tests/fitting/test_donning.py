@@ -5,7 +5,11 @@ from __future__ import annotations
 import pytest
 
 from fitting.donning import interval_notes
+from fitting.session import fit_session
+from fitting.trial import build_trial
 from fitting.uncertainty import Repeat, combine
+from tests.fitting.defects import Law, OddSession, Rig
+from tests.fitting.experiment import Truth
 
 
 @pytest.mark.parametrize(("apart", "is_said"), [(2.0, False), (60.0, True)])
@@ -19,3 +23,29 @@ def test_two_repeats_whose_interval_holds_zero_are_not_passed_over(apart: float,
 
 def test_a_damping_that_is_not_identified_has_no_interval_to_speak_of() -> None:
     assert interval_notes(None) == ()
+
+
+def _said(law: Law, seed: int, unloads_at_once: bool = False) -> str:
+    """The notes on two static trials of a donning."""
+    truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=unloads_at_once)
+    session = OddSession(law, Rig(), seed, truth)
+    (fit,) = fit_session([build_trial(*session.static(i), f"s{i}", "s") for i in (1, 2)]).cuffs.values()
+    assert fit.stiffness
+    return "; ".join(fit.notes)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("unloads_at_once", [False, True])
+def test_each_law_of_held_loads_is_called_by_its_own_name_only(seed: int, unloads_at_once: bool) -> None:
+    assert _said(Law(), seed, unloads_at_once) == ""
+    rubbing = _said(Law(friction=4.0), seed, unloads_at_once)
+    assert "rubs" in rubbing
+    assert "the cuff creeps" not in rubbing
+    assert "slips even" not in rubbing
+    softening = _said(Law(stiffness=9640.0, bend=-26.0), seed, unloads_at_once)
+    assert softening.startswith("the cuff softens")
+    creeping = _said(Law(slow=(0.15, 15.0)), seed, unloads_at_once)
+    assert creeping.startswith("the cuff creeps: it yields 1")
+    assert "slips" not in creeping
+    assert "rubs" not in creeping
+    assert "slip" not in _said(Law(slip_from=45.0), seed, unloads_at_once)

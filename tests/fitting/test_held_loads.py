@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 
 from fitting.held_loads import HeldLoads, fit_held_loads, held_load_notes, plain_held_loads
-from fitting.migration import fit_migration
-from fitting.reduction import ReducedTrial, reduce_trials
-from fitting.stiffness import StiffnessFit
+from fitting.spatial.reduction import ReducedTrial, reduce_trials
+from fitting.static.migration import fit_migration
+from fitting.static.stiffness import StiffnessFit
 from tests.fitting.held import Held, static_trial
 
 COUNT = 60
@@ -111,6 +111,21 @@ def test_a_cuff_that_does_not_creep_is_not_said_to() -> None:
             assert not any("creeps" in note for note in held_load_notes(held, stiffness))
 
 
+@pytest.mark.parametrize("yielding", [0.3 / 77, 1 / 77, -0.3 / 77])
+@pytest.mark.parametrize("unloads", [False, True])
+def test_a_cuff_that_bends_is_not_said_to_creep_or_slip(yielding: float, unloads: bool) -> None:
+    truth = Held(yielding=yielding, unloads=unloads)
+    for seed in range(5):
+        reduced = [each for again in (0, 50) for each in _reduced(truth, seed + again)[0]]
+        stiffness, held = fit_held_loads(reduced, 0.0)
+        said = " ".join(held_load_notes(held, stiffness))
+        assert "creep" not in said
+        assert "yielding" not in said
+        assert "the cuff softens" in said if yielding > 0 else "the cuff stiffens" in said
+        assert abs(stiffness.slip) < 0.5e-3
+        assert not stiffness.slips_again
+
+
 def test_what_creep_still_recovers_is_no_migration() -> None:
     """Unloaded for 8 s, a cuff that creeps by 15 % is still 0.1 mm away and has not migrated."""
     for seed in range(10):
@@ -148,6 +163,14 @@ def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool) ->
             scores.append((tangent.value - (truth.stiffness + truth.stiffening * load)) / half)
         assert abs(law.stiffening.value - truth.stiffening) < 4 * law.stiffening.standard_error
     assert np.sum(np.square(scores)) < 2 * stats.chi2.ppf(0.9995, 60), "three loads of one fit are not independent"
+
+
+def test_a_tangent_tells_what_the_load_cell_s_scale_leaves_open() -> None:
+    law = fit_held_loads(_reduced(Held(unloads=True), 1)[0], 0.01)[0].law
+    assert law
+    tangent = law.tangent(40.0)
+    assert tangent.parts["gain"] == pytest.approx(0.01 * tangent.value)
+    assert sum(part**2 for part in tangent.parts.values()) == pytest.approx(tangent.standard_error**2)
 
 
 def test_a_straight_cuff_has_the_same_tangent_everywhere() -> None:

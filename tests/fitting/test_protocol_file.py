@@ -10,6 +10,7 @@ from fitting.protocol_file import ProtocolFileError, SessionProtocol, read_proto
 
 
 def _written(folder: Path, text: str) -> Path:
+    (folder / "a.mcap").touch()
     (folder / "protocol.toml").write_text(text, encoding="utf-8")
     return folder
 
@@ -21,7 +22,15 @@ def test_a_session_without_the_file_is_as_configured(tmp_path: Path) -> None:
 def test_steps_and_weights_are_taken_from_the_file(tmp_path: Path) -> None:
     said = read_protocol(_written(tmp_path, 'step_masses_kg = [1, 2.5]\n[steps_s]\n"a.mcap" = [3.1, 12]\n'))
     assert said.step_masses == (1.0, 2.5)
-    assert said.steps == {"a.mcap": (3.1, 12.0)}
+    assert said.steps["a.mcap"] == (3.1, 12.0)
+
+
+def test_steps_of_a_recording_are_those_of_what_was_recovered_from_it(tmp_path: Path) -> None:
+    (tmp_path / "a.recovered.mcap").touch()
+    text = '[steps_s]\n"a.mcap" = [3]\n'
+    assert read_protocol(_written(tmp_path, text)).steps["a.recovered.mcap"] == (3.0,)
+    text += '"a.recovered.mcap" = [4]\n'
+    assert read_protocol(_written(tmp_path, text)).steps["a.recovered.mcap"] == (4.0,)
 
 
 @pytest.mark.parametrize(
@@ -31,8 +40,10 @@ def test_steps_and_weights_are_taken_from_the_file(tmp_path: Path) -> None:
         ("masses = [1]", "has masses, expected step_masses_kg"),
         ("steps_s = [1]", "no table steps_s"),
         ("step_masses_kg = [1, -2]", "expected weights above 0 kg"),
-        ('step_masses_kg = "heavy"', "expected a list of numbers"),
+        ('step_masses_kg = "heavy"', "expected a list of finite numbers"),
         ('[steps_s]\n"a.mcap" = [3, 3]', "expected times that rise"),
+        ('[steps_s]\n"a.mcap" = [3, nan]', "expected a list of finite numbers"),
+        ('[steps_s]\n"b.mcap" = [3]', "names b.mcap, expected a recording beside it"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_a_sentence(tmp_path: Path, text: str, sentence: str) -> None:

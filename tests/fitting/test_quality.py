@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from fitting.quality import (
     marker_quality,
     require_live_force,
     require_plausible_displacement,
+    require_steady_zero,
     zero_drift,
     zero_notes,
 )
@@ -60,9 +62,59 @@ def test_force_that_is_stuck_while_the_cuff_moves_is_refused() -> None:
     require_live_force(TIME, FORCE, TIME, way)
 
 
-def test_a_held_load_may_read_one_code() -> None:
+def test_a_held_load_may_read_one_code_but_not_while_the_cuff_moves() -> None:
     held = np.where(TIME < 15, 2.0, 17.0)
-    require_live_force(TIME, held, TIME, held / 8000 + 1e-5 * np.sin(9 * TIME))
+    rests = held / 8000 + 1e-5 * np.sin(9 * TIME)
+    require_live_force(TIME, held, TIME, rests)
+    with pytest.raises(UnusableTrial, match=r"reads 2\.00 N without change for 15\.0 s from 0\.0 s"):
+        require_live_force(TIME, held, TIME, rests + 2e-3 * np.sin(TIME))
+
+
+def _steps(
+    seed: int, rate: float, noise: float, code: float, hold: float = 7.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Five weights on, one by one, as a converter reads them: time, load and what is read."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0, 6 * hold, 1 / rate)
+    load = 2.0 + random.uniform(0, code) + np.repeat(np.arange(6), len(time) // 6) * 15.0
+    return time, load, code * np.round((load + noise * random.standard_normal(len(load))) / code)
+
+
+@pytest.mark.parametrize("rate", [20.0, 1000.0])
+@pytest.mark.parametrize(("start", "length"), [(20.0, 12.0), (15.0, 3.0)], ids=["over steps", "within a hold"])
+def test_a_converter_that_hangs_is_told_from_a_load_that_is_held(rate: float, start: float, length: float) -> None:
+    for seed in range(4):
+        time, load, read = _steps(seed, rate, 0.5, 0.48)
+        way = np.interp(TIME * 1.4, time, load) / 8000 + 5e-5 * np.random.default_rng(seed).standard_normal(len(TIME))
+        require_live_force(time, read, TIME * 1.4, way)
+        hung = (time >= start) & (time < start + length)
+        read[hung] = read[hung][0]
+        with pytest.raises(UnusableTrial, match=r"without change for \d+\.\d s from \d+\.\d s on") as caught:
+            require_live_force(time, read, TIME * 1.4, way)
+        told = [float(number) for number in re.findall(r"(\d+\.\d) s", str(caught.value))]
+        assert told == pytest.approx([length, start], abs=0.2)
+
+
+def _hangs(time: np.ndarray, read: np.ndarray, way: np.ndarray) -> bool:
+    try:
+        require_live_force(time, read, TIME * 1.4, way)
+    except UnusableTrial:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("rate", [20.0, 1000.0])
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 4.0])
+def test_codes_that_repeat_because_the_force_is_quiet_are_no_hanging_converter(rate: float, noise: float) -> None:
+    """Noise in codes of a 14-bit converter; a swing has rests at both ends."""
+    code = 0.12
+    for seed in range(8):
+        time, load, read = _steps(seed, rate, noise * code, code)
+        assert not _hangs(time, read, np.interp(TIME * 1.4, time, load) / 8000)
+        swing = load[0] + 23.0 * (np.abs(time - 21) < 17) + 12.0 * np.sin(6.3 * time) * (np.abs(time - 21) < 15)
+        noisy = swing + noise * code * np.random.default_rng(seed).standard_normal(len(time))
+        way = np.interp(TIME * 1.4, time, swing) / 8000
+        assert not _hangs(time, code * np.round(noisy / code), way)
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e-6])
@@ -86,6 +138,13 @@ def test_the_zero_s_drift_between_both_rests_is_measured_and_told_beyond_its_lim
     notes = zero_notes(found, 60.0)
     assert len(notes) == (abs(drift) > 1.2)
     assert all("expected at most 1.20 N" in note for note in notes)
+
+
+def test_a_zero_that_drifts_further_than_a_sound_cell_s_is_refused() -> None:
+    require_steady_zero(zero_drift(TIME, _pull(-4.5)), 4.9)
+    require_steady_zero(None, 4.9)
+    with pytest.raises(UnusableTrial, match=r"changed by -5\.\d\d N from start to end, expected at most 4\.90 N"):
+        require_steady_zero(zero_drift(TIME, _pull(-5.5)), 4.9)
 
 
 @pytest.mark.parametrize(

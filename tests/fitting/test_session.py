@@ -66,6 +66,26 @@ def test_force_at_twenty_hertz_still_gives_the_stiffness_and_an_honest_damping(c
     else:
         assert fit.damping is None
         assert fit.verdicts == (Verdict.LAG,)
+        assert all(band.damping.standard_error > 0.5 * damping for band in fit.complex_stiffness)
+
+
+def test_a_damping_that_comes_out_negative_is_not_given() -> None:
+    """50 ms of lag that nobody knows of: c and k τ are 210 and −426 N s/m."""
+    trials = [replace(trial, force_time=trial.force_time + 0.05) for trial in _donning("hand")[0]]
+    fit = _fit(trials)
+    assert fit.damping is None
+    assert fit.verdicts == (Verdict.NEGATIVE,)
+
+
+@pytest.mark.parametrize("lag_sd", [0.1e-3, 10e-3])
+def test_what_is_not_known_of_the_lag_is_in_damping_over_frequency_too(lag_sd: float) -> None:
+    trials = [replace(trial, lag=replace(trial.lag, declared=lag_sd)) for trial in _donning("hand")[0]]
+    bands = _fit(trials).complex_stiffness
+    assert bands
+    for band in bands:
+        assert band.damping.parts["lag"] >= 0.9 * 8520 * lag_sd
+        assert band.damping.ci95[1] - band.damping.ci95[0] > 2 * 1.96 * 0.9 * 8520 * lag_sd
+        assert sum(part**2 for part in band.damping.parts.values()) == pytest.approx(band.damping.standard_error**2)
 
 
 def test_one_static_trial_unloaded_at_once_gives_a_stiffness() -> None:

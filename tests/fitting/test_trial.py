@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fitting.calibration import STANDARD_GRAVITY
+from fitting.protocol_file import ProtocolFileError
 from fitting.quality import UnusableTrial
 from fitting.trial import build_trial, read_trial, read_trials
 from recordings.manifest import LoadCell, Manifest, Outcome
@@ -31,6 +33,16 @@ def _changed(name: str, **changes: object) -> Tracks:
     tracks = dict(_recorded()[1])
     tracks[name] = replace(tracks[name], **changes)  # type: ignore[arg-type]
     return tracks
+
+
+def _until(track: Track, last: int) -> Track:
+    return Track(
+        track.stream,
+        track.sample_numbers[:last],
+        track.device_time_ns[:last],
+        track.host_time_ns[:last],
+        track.values[:last],
+    )
 
 
 def _since(track: Track, first: int) -> Track:
@@ -191,6 +203,42 @@ def test_force_that_is_no_measurement_is_refused_in_a_sentence(change: str, sent
         build_trial(_recorded()[0], _changed("/force", values=_volts(change)), "a.mcap", "hash")
 
 
+def test_the_zero_may_drift_by_a_part_of_the_capacity_that_the_configuration_names() -> None:
+    manifest, tracks = _recorded()
+    volts = tracks["/force"].values
+    drifting = _changed("/force", values=volts + np.linspace(0.0, 0.08, len(volts))[:, None])
+    cell = replace(manifest.load_cell, capacity_kg=25.0)
+    with pytest.raises(UnusableTrial, match=r"changed by \+5\.\d\d N .* expected at most 4\.90 N"):
+        build_trial(replace(manifest, load_cell=cell), drifting, "a.mcap", "hash")
+    wider = replace(manifest, load_cell=cell, effective_config={"load_cell": {"zero_drift_relative_limit": 0.04}})
+    assert build_trial(wider, drifting, "a.mcap", "hash").zero_drift == pytest.approx(5.64, abs=0.05)
+
+
+def test_a_recording_that_was_cut_tells_nothing_of_the_zero() -> None:
+    manifest, tracks = _recorded()
+    high = np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)
+    whole = build_trial(manifest, tracks, "a.mcap", "hash")
+    cut = {name: _until(track, int(high[-1]) - 200) if name != "/markers" else track for name, track in tracks.items()}
+    assert whole.zero_drift == pytest.approx(0.0, abs=0.1)
+    assert build_trial(manifest, cut, "a.mcap", "hash").zero_drift is None
+
+
+def test_force_beyond_the_cell_s_capacity_is_saturated_whatever_reads_it() -> None:
+    manifest, tracks = _recorded()
+    peak = float(np.abs(tracks["/force"].values).max())
+    small = peak * manifest.load_cell.newtons_per_unit / STANDARD_GRAVITY / 1.2
+    indicator = replace(tracks["/force"].stream, unit="N")
+    manifest = replace(manifest, load_cell=replace(manifest.load_cell, capacity_kg=small))
+    with pytest.raises(UnusableTrial, match=rf"saturated in .* \(at {peak / 1.2:.4g} N\)"):
+        build_trial(manifest, _changed("/force", stream=indicator), "a.mcap", "hash")
+
+
+def test_less_than_a_second_of_force_and_markers_together_is_refused() -> None:
+    manifest, tracks = _recorded()
+    with pytest.raises(UnusableTrial, match=r"and 50 frames in 0\.49 s of both, expected at least 1 s"):
+        build_trial(manifest, {**tracks, "/markers": _until(tracks["/markers"], 50)}, "a", "b")
+
+
 def test_a_missing_label_is_named() -> None:
     manifest, tracks = _recorded()
     renamed = replace(tracks["/markers"].stream, labels=("anchor_1", "anchor_2", "anchor_3", "x", "cuff_1"))
@@ -301,6 +349,9 @@ def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_the
     (tmp_path / "protocol.toml").write_text('step_masses_kg = [1.0]\n[steps_s]\n"a.mcap" = [2.0]\n', encoding="utf-8")
     (edited,), _ = read_trials([tmp_path / "a.mcap"])
     assert (edited.step_masses, edited.step_times) == ((1.0,), (2.0,))
+    (tmp_path / "protocol.toml").write_text('[steps_s]\n"a.mcap" = [2.0, 2000]\n', encoding="utf-8")
+    with pytest.raises(ProtocolFileError, match=r"names a step of a\.mcap at 2000 s, expected between"):
+        read_trials([tmp_path / "a.mcap"])
 
 
 def test_sample_numbers_that_go_back_are_refused() -> None:

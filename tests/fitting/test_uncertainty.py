@@ -21,6 +21,15 @@ def test_one_repeat_keeps_its_noise_and_what_it_shares() -> None:
     assert _half_width(estimate) == pytest.approx(NORMAL_95 * 0.5)
 
 
+def test_an_estimate_is_widened_by_what_it_did_not_hold_and_keeps_student_s_ends() -> None:
+    narrow = Estimate(10.0, 0.3, (9.0, 10.8))
+    wide = narrow.widened({"lag": 0.4, "gain": 0.0})
+    assert wide.value == 10.0
+    assert wide.standard_error == pytest.approx(0.5)
+    assert wide.ci95 == pytest.approx((10 - np.hypot(1.0, 0.4 * NORMAL_95), 10 + np.hypot(0.8, 0.4 * NORMAL_95)))
+    assert wide.parts == {"noise": 0.3, "lag": 0.4, "gain": 0.0}
+
+
 def test_what_trials_share_is_not_averaged_away() -> None:
     estimate = combine([Repeat(10.0, 0.3, common=0.4)] * 9)
     assert estimate.standard_error == pytest.approx(np.hypot(0.1, 0.4))

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from station.assess import assess_cuffs, write_assessment
-from station.assessment_inputs import AssessmentInputs
+from station.bench.daemon import Daemon
+from station.bench.simulation import SimulatedBench, simulator_settings
 from station.cli import main
 from station.clock import RealClock
 from station.config import parse_config
-from station.daemon import Daemon
 from station.demo import demo_config, record_session
 from station.fit import fit_session_folder
+from station.muscles.assess import assess_cuffs, write_assessment
+from station.muscles.assessment_inputs import AssessmentInputs
 from station.progress import silent
 from station.protocol import TrialSpec
-from station.report import write_report
-from station.simulation import SimulatedBench, simulator_settings
+from station.report.page import write_report
 
 SPEED = 20.0
 TRUTH = {

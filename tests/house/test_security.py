@@ -11,10 +11,10 @@ from typing import Any
 import psutil
 import pytest
 
-from station import rerun_viewer
+from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import ConfigError, parse_config
 from station.journal import JOURNAL_FILE, JournalError, read_journal
-from station.simulation import SimulatedBench, simulator_settings
+from station.rerun import viewer as rerun_viewer
 from station.sweep import cluster
 
 ROOT = Path(__file__).parents[2]

@@ -54,7 +54,7 @@ def _changed(whole: bytes, changes: list[Change]) -> bytes:
     return bytes(data)
 
 
-def _file_of(messages: list[tuple[str, bytes]], folder: Path) -> Path:
+def forged_file(messages: list[tuple[str, bytes]], folder: Path) -> Path:
     """A file in which every CRC is right, whatever its messages hold."""
     path = folder / "forged.mcap"
     with path.open("wb") as file:
@@ -68,30 +68,34 @@ def _file_of(messages: list[tuple[str, bytes]], folder: Path) -> Path:
 
 
 _numbers = st.one_of(st.integers(0, 2**16), st.integers(0, 2**64))
-_changes = st.lists(
+changes_to_a_file = st.lists(
     st.tuples(st.sampled_from(["put", "insert", "delete", "cut"]), _numbers, st.binary(max_size=40)), max_size=6
 )
 _topic = st.sampled_from(list(topics.SCHEMA_OF_TOPIC))
-_messages = st.one_of(
+forged_messages = st.one_of(
     st.tuples(_topic, st.binary(max_size=80)),
     st.builds(
         lambda which, changes: (_bodies()[which][0], _changed(_bodies()[which][1], changes)),
         st.integers(0, len(STREAMS) + 4),
-        _changes,
+        changes_to_a_file,
     ),
 )
 
 
+def damaged_file(changes: list[Change], folder: Path) -> Path:
+    path = folder / "a.mcap"
+    path.write_bytes(_changed(_whole(), changes))
+    return path
+
+
 def _a_damaged_file_is_recovered_or_refused(changes: list[Change]) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "a.mcap"
-        path.write_bytes(_changed(_whole(), changes))
-        _is_read_or_refused(path)
+        _is_read_or_refused(damaged_file(changes, Path(folder)))
 
 
 def _forged_messages_are_read_or_refused(messages: list[tuple[str, bytes]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        _is_read_or_refused(_file_of(messages, Path(folder)))
+        _is_read_or_refused(forged_file(messages, Path(folder)))
 
 
 def _is_read_or_refused(path: Path) -> None:
@@ -128,7 +132,7 @@ def _a_message_is_what_it_says_or_refused(message: tuple[str, bytes]) -> None:
 
 
 TARGETS = (
-    Target("message", _messages, _a_message_is_what_it_says_or_refused),
-    Target("damaged file", _changes, _a_damaged_file_is_recovered_or_refused, 0.25),
-    Target("forged file", st.lists(_messages, max_size=12), _forged_messages_are_read_or_refused, 0.25),
+    Target("message", forged_messages, _a_message_is_what_it_says_or_refused),
+    Target("damaged file", changes_to_a_file, _a_damaged_file_is_recovered_or_refused, 0.25),
+    Target("forged file", st.lists(forged_messages, max_size=12), _forged_messages_are_read_or_refused, 0.25),
 )

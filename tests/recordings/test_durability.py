@@ -39,9 +39,15 @@ def test_what_one_failed_with_stays() -> None:
 
 
 def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
     def refuse(file: int) -> None:
+        asked.append(file)
         raise OSError(22, "Invalid argument")
 
     monkeypatch.setattr(os, "fsync", refuse)
     sync_folder(tmp_path)
     sync_folder(tmp_path / "missing")
+    (opened,) = asked
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(opened)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.functions import polynomial, simm_spline
+from solver.functions.coordinate import polynomial, simm_spline
 from solver.model import NO_COORDINATE, AxisMotion, BallMotion, Body, Coordinate, Joint, Model, Motion, Placement
 from solver.spatial import rotation_body_fixed_xyz
 

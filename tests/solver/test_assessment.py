@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import solver.worn
+import solver.wearing.worn
 from solver.assessment import Comparison, Figure, assess
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.motion import MotionError, differentiate
 from solver.raise_arm import raise_arm
 from solver.redundancy import FrameOutcome
-from solver.suit import SuitError, read_suit
-from solver.worn import CUFF_CONDITIONS
+from solver.wearing.suit import SuitError, read_suit
+from solver.wearing.worn import CUFF_CONDITIONS
 
 MODEL = bundled_model()
 MOTION = differentiate(raise_arm(MODEL))
@@ -242,8 +242,8 @@ def test_a_frame_that_is_not_solved_is_counted_and_its_curve_has_no_optimum(monk
             outcomes[4, 2], controls[4, 2] = FrameOutcome.INFEASIBLE, np.nan
         return replace(found, outcomes=outcomes, controls=controls)
 
-    solve_redundancy = solver.worn.solve_redundancy
-    monkeypatch.setattr(solver.worn, "solve_redundancy", with_a_hole)
+    solve_redundancy = solver.wearing.worn.solve_redundancy
+    monkeypatch.setattr(solver.wearing.worn, "solve_redundancy", with_a_hole)
     found = coarse(WAIST, HAND)
     assert found.unsolved == 1
     assert found.outcomes == {FrameOutcome.INFEASIBLE.value: 1}

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.constraints import constraint_gaps, constraint_rows
-from solver.functions import Sine
+from solver.functions.coordinate import Sine
 from solver.kinematics import Postures, postures, speeds_from_rates
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, PointConstraint
 from solver.spatial import rotate

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.functions import polynomial
+from solver.functions.coordinate import polynomial
 from solver.kinematics import (
     Postures,
     jacobians,

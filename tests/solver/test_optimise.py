@@ -11,7 +11,7 @@ from solver.cuff import CuffParameters
 from solver.motion import differentiate, thin
 from solver.optimise import optimise
 from solver.raise_arm import raise_arm
-from solver.suit import read_suit
+from solver.wearing.suit import read_suit
 
 MODEL = bundled_model()
 MOTION = thin(differentiate(raise_arm(MODEL)), 10)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.functions import polynomial
+from solver.functions.coordinate import polynomial
 from solver.kinematics import jacobians, postures, speeds_from_rates
 from solver.model import GROUND, ConditionalPathPoint, ModelError, MovingPathPoint, Path, PathWrap, Placement
 from solver.paths import evaluate_paths

@@ -15,8 +15,8 @@ from solver.redundancy import (
     go_through,
     solve_redundancy,
 )
-from solver.suit import read_suit
-from solver.worn import CUFF_CONDITIONS
+from solver.wearing.suit import read_suit
+from solver.wearing.worn import CUFF_CONDITIONS
 from tests.solver.published import (
     FREE_IN_SHRUGS,
     TRIALS,

@@ -8,7 +8,8 @@ import pytest
 from solver.bundled import bundled_model
 from solver.dynamics import response_to_loads
 from solver.glenoid import angle_to_axis, glenoid_cone
-from solver.model import ModelError
+from solver.loads import ExternalForce
+from solver.model import GROUND, ModelError
 from solver.motion import MotionError, differentiate, thin
 from solver.raise_arm import raise_arm
 from solver.redundancy import (
@@ -103,6 +104,22 @@ def test_an_infeasible_frame_is_an_outcome_and_the_next_one_is_solved():
     # muscle 1, which alone pulls along the axis, gives 1 N of the 50; muscle 2 is left what hardly matters
     assert solution.cone_slack[0, 0] == pytest.approx(-0.5 * 49, abs=0.5)
     assert solution.equality_residual[0, 0] == pytest.approx(0, abs=1e-4)
+
+
+def test_a_load_far_beyond_the_muscles_is_left_to_the_reserves_as_by_clarabel():
+    # 60 kg: multipliers beyond 1e6, where the interior point comes to the end of its numbers
+    motion = thin(differentiate(raise_arm(MODEL)), 8)
+    frames, hand = len(motion.time), len(MODEL.bodies) - 1
+    weight = np.tile([0.0, -9.80665 * 60, 0.0], (frames, 1))
+    place = np.tile(MODEL.bodies[hand].mass_center, (frames, 1))
+    load = ExternalForce("weight", hand, GROUND, weight, np.zeros_like(weight), hand, place)
+    problem = build_redundancy(MODEL, go_through(MODEL, motion, loads=[load]), RedundancyOptions())
+    found, known = solve_redundancy(problem), solve_redundancy(replace(problem, solver="clarabel", interval=1e3))
+    assert (found.outcomes == FrameOutcome.SOLVED).all()
+    found = solve_redundancy(replace(problem, interval=1e3))  # the very same problems for both
+    effort, expected = ((problem.weights * each.controls[0] ** 2).sum(axis=-1) for each in (found, known))
+    assert effort.max() > 1e6
+    np.testing.assert_allclose(effort, expected, rtol=1e-6)
 
 
 def test_scenarios_solved_together_are_those_solved_alone():

@@ -1,7 +1,10 @@
-"""What is thrown at the configuration; benchmarks/fuzz.py does so for longer."""
+"""What is thrown at the configuration and at `station info`; benchmarks/fuzz.py does so for longer."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -9,8 +12,11 @@ from typing import Any
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
+from recordings.errors import RecordingError
 from station.config import ConfigError, StationConfig, load_config, parse_config
+from station.files.info import show_contents
 from tests.drivers.fuzz import Target
+from tests.recordings.fuzz import Change, changes_to_a_file, damaged_file, forged_file, forged_messages
 
 _SECTIONS: dict[str, list[str]] = {
     name: list(field.annotation.model_fields)
@@ -58,7 +64,25 @@ def _a_file_is_a_configuration_or_a_sentence(content: bytes) -> None:
             assert "\n" not in str(error), str(error)
 
 
+def _what_is_in_a_file_is_told_or_refused(changes: list[Change], messages: list[tuple[str, bytes]]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        for path in (damaged_file(changes, Path(folder)), forged_file(messages, Path(folder))):
+            with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()):
+                try:
+                    assert show_contents(path, as_json=True) in (0, 3)
+                except RecordingError as error:
+                    assert "\n" not in str(error), str(error)
+                else:
+                    assert "sync_sentence" in json.loads(said.getvalue())
+
+
 TARGETS = (
+    Target(
+        "info",
+        st.tuples(changes_to_a_file, st.lists(forged_messages, max_size=12)),
+        lambda both: _what_is_in_a_file_is_told_or_refused(*both),
+        0.25,
+    ),
     Target("configuration", _configurations, _data_is_a_configuration_or_a_sentence),
     Target("configuration file", _files, _a_file_is_a_configuration_or_a_sentence),
 )

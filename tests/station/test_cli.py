@@ -7,8 +7,8 @@ import pytest
 from mcap.writer import Writer
 
 from station.cli import VERBS
+from tests.station.bench.test_daemon import Rig
 from tests.station.command import assert_one_sentence
-from tests.station.test_daemon import Rig
 
 EXAMPLE = Path(__file__).parents[2] / "station.toml"
 CONFIG = str(EXAMPLE)
@@ -113,6 +113,16 @@ def test_a_recovery_is_reported_as_json(station, tmp_path: Path) -> None:
     report = json.loads(station("recover", path, "--format", "json").out)
     assert report["source"] == str(path) and Path(report["output"]).is_file()
     assert report["lossless"] is False and report["missing"]
+
+
+def test_an_export_is_told_as_json(station, tmp_path: Path) -> None:
+    path, broken = trial_file(tmp_path), tmp_path / "cuff-hand_test-static_run-2.mcap"
+    broken.write_text("no recording\n")
+    ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out", "--format", "json")
+    told = json.loads(ran.out)
+    assert ran.code == 3
+    assert len(told["written"]) == 3 and all(Path(name).stem.startswith(path.stem) for name in told["written"])
+    assert len(told["refused"]) == 1 and broken.name in told["refused"][0]
 
 
 def test_a_replay_is_told_as_json(station, tmp_path: Path) -> None:

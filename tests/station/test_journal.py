@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -79,3 +82,15 @@ def test_a_disk_that_refuses_is_told(tmp_path: Path) -> None:
     (tmp_path / JOURNAL_FILE).mkdir()
     with pytest.raises(JournalError, match="cannot be written"):
         write_setup(tmp_path, SETUP)
+
+
+def test_two_processes_that_write_at_once_keep_every_line_of_both(tmp_path: Path) -> None:
+    many = (
+        "import sys; from pathlib import Path; from station.journal import write_mark\n"
+        "for number in range(60): write_mark(Path(sys.argv[1]), 'a.mcap', number, sys.argv[2] * 500)"
+    )
+    writers = [subprocess.Popen([sys.executable, "-c", many, str(tmp_path), who]) for who in ("console", "terminal")]  # noqa: S603
+    assert [writer.wait(60) for writer in writers] == [0, 0]
+    entries = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
+    for who in ("console", "terminal"):
+        assert [entry["number"] for entry in entries if entry["name"] == who * 500] == list(range(60))

@@ -7,9 +7,9 @@ import io
 import numpy as np
 from rich.console import Console
 
-from fitting.directions import ELSEWHERE
 from fitting.result import CuffFit, SessionFit, TrialFit, Verdict
-from fitting.tensor import Tensor, Tensors
+from fitting.spatial.directions import ELSEWHERE
+from fitting.spatial.tensor import Tensor, Tensors
 from station.tables import print_cuffs
 
 PLANE = "stiffness in three dimensions needs pulls that span space"

@@ -39,7 +39,7 @@ def play(bench: World, wall: Wall) -> tuple[Capture, NDArray[np.float64]]:
     wall.set_to(bench.now() + 30.0)
     capture = bench.start_capture()
     wall.set_to(capture.end + 5.0)
-    return capture, np.arange(capture.start, capture.end, 0.01)
+    return capture, np.arange(capture.start, capture.end - 1e-6, 0.01)
 
 
 def unloading_stiffness(bench: World, wall: Wall) -> float:
@@ -60,6 +60,16 @@ def test_time_runs_as_fast_as_it_is_told() -> None:
     bench, wall = world()
     wall.seconds += 2.0
     assert bench.now() == pytest.approx(2.0 * SPEED)
+
+
+def test_a_capture_lasts_whole_frames_also_when_it_is_stopped() -> None:
+    bench, wall = world()
+    ended, _ = play(bench, wall)
+    bench.start_capture()
+    wall.set_to(bench.now() + 1.2345)
+    for capture in (ended, bench.stop_capture()):
+        frames = (capture.end - capture.start) * bench.settings.mocap.rate_hz
+        assert frames == pytest.approx(round(frames), abs=1e-6)
 
 
 def test_the_sync_line_is_high_exactly_during_the_capture() -> None:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from solver.bundled import bundled_model
 from solver.dynamics import equations_of_motion, response_maps
 from solver.kinematics import postures
-from solver.loads import load_wrenches, read_external_loads
+from solver.loads import load_wrenches
 from solver.model import Model, with_point_mass
 from solver.motion import differentiate, thin, write_table
 from solver.muscle import muscle_forces
+from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
 from solver.raise_arm import raise_arm

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.cord import SuitForces, cord_line, migrated, suit_forces
 from solver.cuff import CuffParameters
 from solver.kinematics import Postures, postures
 from solver.model import Model
 from solver.spatial import rotate
-from solver.suit import SuitPoint, read_suit
+from solver.wearing.cord import SuitForces, cord_line, migrated, suit_forces
+from solver.wearing.suit import SuitPoint, read_suit
 
 opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
 certify: Any = pytest.importorskip("tests.solver.certify")

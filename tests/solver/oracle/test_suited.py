@@ -12,15 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.cord import SuitForces, cord_line, suit_forces
 from solver.cuff import CuffParameters
 from solver.dynamics import equations_of_motion
 from solver.kinematics import postures
 from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
 from solver.spatial import rotate
-from solver.suit import Suit, read_suit, with_suit_masses
-from solver.worn import Condition, Wearing
+from solver.wearing.cord import SuitForces, cord_line, suit_forces
+from solver.wearing.suit import Suit, read_suit, with_suit_masses
+from solver.wearing.worn import Condition, Wearing
 
 opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
 certify: Any = pytest.importorskip("tests.solver.certify")

@@ -34,7 +34,9 @@ def _feet(a: Vector, points: Array) -> Array:
 
 @_from_python
 def _feet_together(a: Vector, points: Array) -> Array:
-    return closest_to_each(a, points)
+    feet = np.empty_like(points)
+    closest_to_each(a, points, np.empty(points.shape[1]), feet)
+    return feet
 
 
 @_from_python

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from recordings.manifest import TestKind
+from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, load_config
 from station.protocol import TrialSpec
-from station.simulation import SimulatedBench, simulator_settings
 from tests.station.console.served import write_config
 
 SPEED = 12.0
@@ -24,11 +24,11 @@ DYNAMIC = TrialSpec("hand", "dynamic", 1)
 
 @contextmanager
 def simulated_bench(
-    folder: Path, *, speed: float = SPEED, test: TestKind = "dynamic", hold_s: float = 7.0
+    folder: Path, *, speed: float = SPEED, test: TestKind = "dynamic", hold_s: float = 7.0, swing_s: float = 5.0
 ) -> Iterator[tuple[SimulatedBench, StationConfig]]:
     """The bench and the configuration that points at it, control of the capture included."""
     folder.mkdir(exist_ok=True)
-    config = load_config(write_config(folder, hold_s=hold_s))
+    config = load_config(write_config(folder, hold_s=hold_s, swing_s=swing_s))
     settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
     with SimulatedBench(settings, speed, 3) as bench:
         bench.tell({"don": "hand"})
@@ -37,9 +37,21 @@ def simulated_bench(
 
 
 class Recorder:
-    """The recorder's process, spoken to as the console does; a context manager that leaves none behind."""
+    """The recorder's process, spoken to as the console does; a context manager that leaves none behind.
 
-    def __init__(self, config: StationConfig, folder: Path, spec: TrialSpec = DYNAMIC, speed: float = SPEED) -> None:
+    One that does not begin at once is there already when its trial is asked for, by begin().
+    """
+
+    def __init__(
+        self,
+        config: StationConfig,
+        folder: Path,
+        spec: TrialSpec = DYNAMIC,
+        speed: float = SPEED,
+        *,
+        begins_at_once: bool = True,
+    ) -> None:
+        self._begins_at_once = begins_at_once
         self._request = {
             "config": config.model_dump(mode="json"),
             "folder": str(folder),
@@ -55,8 +67,12 @@ class Recorder:
             stderr=subprocess.PIPE,
             env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
         )
-        self.wish(self._request)
+        if self._begins_at_once:
+            self.begin()
         return self
+
+    def begin(self) -> None:
+        self.wish(self._request)
 
     def __exit__(self, *_: object) -> None:
         if self.child.poll() is None:

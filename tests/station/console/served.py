@@ -35,7 +35,7 @@ rope_markers = ["rope_1", "rope_2"]
 step_masses_kg = [2.0, 2.0, 2.0]
 
 [simulation.protocol.dynamic]
-swing_s = 12.0
+swing_s = {swing_s}
 
 [simulation.cuffs.hand]
 stiffness_n_per_m = 8520
@@ -44,10 +44,18 @@ migration_m = {migration_m}
 """
 
 
-def write_config(folder: Path, *, migration_m: float = 0.012, hold_s: float = 7.0, ni: int = 9, qtm: int = 9) -> Path:
+def write_config(
+    folder: Path,
+    *,
+    migration_m: float = 0.012,
+    hold_s: float = 7.0,
+    swing_s: float = 12.0,
+    ni: int = 9,
+    qtm: int = 9,
+) -> Path:
     """A station.toml with its devices at these ports of this machine; sessions go into the folder it is used in."""
     path = folder / "station.toml"
-    path.write_text(CONFIG.format(migration_m=migration_m, hold_s=hold_s, ni=ni, qtm=qtm))
+    path.write_text(CONFIG.format(migration_m=migration_m, hold_s=hold_s, swing_s=swing_s, ni=ni, qtm=qtm))
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,12 @@ import pytest
 
 from recordings.reader import open_recording
 from recordings.samples import Event
+from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
-from station.console.desk import Desk, DeskRefusal, looks_like_a_name
+from station.console.desk import Desk, DeskRefusal, Live, looks_like_a_name
+from station.console.guide import Ceilings, FreeStaticGuide
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
-from station.simulation import SimulatedBench
 from tests.station.console.benched import SPEED, simulated_bench
 from tests.station.console.served import write_config
 
@@ -33,7 +35,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedBench, StationConfig]]:
-    with simulated_bench(tmp_path_factory.mktemp("bench")) as both:
+    with simulated_bench(tmp_path_factory.mktemp("bench"), hold_s=2.0) as both:
         yield both
 
 
@@ -79,6 +81,8 @@ def test_a_code_is_no_name(word: str) -> None:
         (replace(SETUP, subject="Maria Lee"), "the subject is 'Maria Lee', expected a code of letters and digits"),
         (replace(SETUP, subject="../P01"), "expected a code of letters and digits"),
         (replace(SETUP, cuffs=("hand", "knee")), "no cuff knee; the configuration has hand"),
+        (replace(SETUP, number="1/2"), "the session is '1/2', expected letters and digits"),
+        (replace(SETUP, step_masses_kg=(2.0, -2.0)), "the load steps are (2.0, -2.0) kg, expected masses above 0"),
         (replace(SETUP, cuffs=()), "no cuff is chosen; the configuration has "),
     ],
 )
@@ -106,8 +110,11 @@ def test_a_session_goes_on_another_hour_as_it_was_planned(desk: Desk) -> None:
 def test_another_plan_under_the_same_number_is_refused(desk: Desk) -> None:
     desk.begin(SETUP)
     desk.leave()
-    with pytest.raises(DeskRefusal, match=r"was planned with 1 repeats of hand; resume it as it is or give this one"):
+    with pytest.raises(DeskRefusal, match=r"was planned with 1 repeats of hand and steps of 2 \+ 2 \+ 2 kg; resume"):
         desk.begin(replace(SETUP, repeats=3))
+    with pytest.raises(DeskRefusal, match=r"resume it as it is or give this one another session number"):
+        desk.begin(replace(SETUP, step_masses_kg=(5.0,)))
+    desk.begin(replace(SETUP, step_masses_kg=(2.0, 2.0, 2.0)))
     desk.begin(replace(SETUP, repeats=3, number="2"))
     assert desk.folder is not None and desk.folder.name == "sub-P01_ses-2"
 
@@ -156,7 +163,11 @@ def test_what_cannot_be_done_now_is_a_sentence(desk: Desk) -> None:
         run(desk.arm())
 
 
-def test_a_session_that_cannot_be_summed_up_says_so(desk: Desk) -> None:
+def test_a_session_that_cannot_be_summed_up_says_so(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def here(work: Callable[..., object], *arguments: object) -> object:
+        return work(*arguments)
+
+    monkeypatch.setattr(desk, "in_worker", here)
     desk.begin(SETUP)
     run(desk.finish())
     assert "holds no recording" in desk.message and desk.progress == "" and desk.summary is None
@@ -170,6 +181,19 @@ def test_a_fault_of_ours_at_the_end_is_a_sentence_too(desk: Desk, monkeypatch: p
     monkeypatch.setattr(desk, "in_worker", fail)
     run(desk.finish())
     assert "ZeroDivisionError: oh" in desk.message and desk.progress == ""
+
+
+def test_a_fit_that_is_killed_again_and_again_leaves_the_decision_to_the_operator(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def die(*_: object) -> None:
+        raise BrokenProcessPool
+
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    monkeypatch.setattr(desk, "in_worker", die)
+    run(desk.look_after())
+    assert desk.judgement is not None and desk.judgement.file == name and "killed twice" in desk.judgement.reasons[0]
 
 
 def test_a_mark_is_named_in_the_journal(desk: Desk) -> None:
@@ -206,6 +230,23 @@ def test_devices_that_are_not_ready_are_a_sentence_on_the_page(desk: Desk) -> No
     assert desk.folder is not None and not list(desk.folder.glob("*.mcap"))
 
 
+def test_an_alarm_stays_until_it_was_seen_and_its_cause_is_gone() -> None:
+    live = Live(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
+
+    def raised_by(start_s: float, newtons: float) -> bool:
+        points = [(start_s + 0.1 * i, newtons) for i in range(12)]
+        return live.take({"state": "armed", "force": points, "displacement": [], "words": []}, Ceilings(150.0, 5e3))
+
+    assert not raised_by(0.0, 20.0) and live.alarm is None
+    assert raised_by(2.0, 160.0) and live.unseen_alarm is not None
+    assert not raised_by(4.0, 20.0) and live.unseen_alarm is not None, "nobody has seen it"
+    assert not raised_by(6.0, 160.0)
+    live.is_alarm_seen = True
+    assert not raised_by(8.0, 160.0) and live.unseen_alarm is None and live.alarm is not None, "it still pulls"
+    assert not raised_by(10.0, 20.0) and not raised_by(11.5, 20.0) and live.alarm is None
+    assert raised_by(13.0, 160.0) and live.unseen_alarm is not None, "another one"
+
+
 def test_a_trial_a_second_start_an_alarm_and_a_new_desk_that_goes_on(
     running: tuple[SimulatedBench, StationConfig], tmp_path: Path
 ) -> None:
@@ -224,7 +265,7 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_desk_that_goes_on(
         await until(lambda: live.alarm is not None)
         assert live.alarm is not None and live.alarm.startswith("STOP: ")
         first.silence()
-        await until(lambda: live.latest["state"] == "recording" and live.latest["recorded_s"] > 12)
+        await until(lambda: live.latest["state"] == "recording" and live.latest["recorded_s"] > 4)
         await first.stop()
         await until(lambda: first.live is None)
 

@@ -11,11 +11,11 @@ import pytest
 from recordings.contents import contents_of
 from recordings.reader import open_recording
 from recordings.samples import Event
+from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.console.adoption import adopt_recordings
 from station.journal import read_journal
-from station.simulation import SimulatedBench
-from tests.station.console.benched import DYNAMIC, Recorder, has_recorded, simulated_bench
+from tests.station.console.benched import Recorder, has_recorded, simulated_bench
 
 SMALLEST_PIPE = 4096
 PATIENCE_S = 120
@@ -79,7 +79,7 @@ def test_a_console_that_is_killed_costs_nothing(config: StationConfig, tmp_path:
 
 def test_what_a_killed_recorder_left_is_made_whole_and_waits_for_a_decision(tmp_path: Path) -> None:
     with simulated_bench(tmp_path / "bench") as (_, config), Recorder(config, tmp_path) as recorder:
-        recorder.until(has_recorded(10.0))
+        recorder.until(has_recorded(4.0))
         adopt_recordings(tmp_path)
         assert read_journal(tmp_path).recorded == (), "a recorder that is at work speaks for itself"
         recorder.child.kill()
@@ -93,21 +93,17 @@ def test_what_a_killed_recorder_left_is_made_whole_and_waits_for_a_decision(tmp_
     assert contents_of(tmp_path / recorded.file).streams["/force"].samples > 1000
 
 
-def test_a_second_start_is_refused_and_leaves_the_first_alone(config: StationConfig, tmp_path: Path) -> None:
-    with Recorder(config, tmp_path) as recorder:
+def test_a_second_start_is_refused_and_the_first_goes_on_until_it_is_stopped(
+    config: StationConfig, tmp_path: Path
+) -> None:
+    with Recorder(config, tmp_path) as recorder, Recorder(config, tmp_path, begins_at_once=False) as second:
         recorder.until(has_recorded(1.0))
-        with Recorder(config, tmp_path, DYNAMIC) as second:
-            assert second.end()["refused"].startswith("another trial is being recorded into ")
-        recorder.end()
-    assert_whole(tmp_path)
-
-
-def test_a_stop_ends_the_trial_and_keeps_it(config: StationConfig, tmp_path: Path) -> None:
-    with Recorder(config, tmp_path) as recorder:
-        recorder.until(has_recorded(2.0))
+        second.begin()
+        assert second.end()["refused"].startswith("another trial is being recorded into ")
         recorder.wish({"stop": True})
         assert recorder.end()["result"]["sentence"] == "stopped by the operator"
-    assert read_journal(tmp_path).recorded[0].accepted
+    (recorded,) = read_journal(tmp_path).recorded
+    assert recorded.accepted and not recorded.lost_samples
 
 
 def test_a_stop_while_armed_records_nothing(running: tuple[SimulatedBench, StationConfig], tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from recordings.contents import Contents, contents_of
 from tests.station.console.benched import simulated_bench
+from tests.station.console.readable import unreadable
 from tests.station.console.served import ServedConsole, write_config
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -62,8 +65,8 @@ def pictures(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return Path(request.config.getoption("--pictures") or tmp_path)
 
 
-def open_page(browser: Browser, address: str) -> Page:
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
+def open_page(browser: Browser, address: str, width: int = 1280, height: int = 800) -> Page:
+    page = browser.new_page(viewport={"width": width, "height": height})
     page.set_default_timeout(PATIENCE_MS)
     page.goto(address)
     return page
@@ -98,6 +101,9 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
     config = write_config(tmp_path, migration_m=0.03)
     with ServedConsole(config, "--simulated", "--speed", "3") as console:
         page = open_page(browser, console.address)
+        asked: set[str] = set()
+        page.on("request", lambda request: asked.add(request.url))
+        page.reload()
         page.get_by_label("Subject code").fill("Maria")
         seen(page, "this looks like a name")
         page.get_by_role("button", name="Check the bench").click()
@@ -117,8 +123,9 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
 
         seen(page, "the cuff slipped by 30 mm in this trial")
         page.screenshot(path=pictures / "console-redo.png")
+        assert unreadable(page) == []
         page.get_by_label("mark 1 was").fill("coughed")
-        page.get_by_role("button", name="Don the cuff anew and redo").click()
+        page.get_by_role("button", name="Don the cuff anew and redo (d)").click()
         seen(page, "Don the hand cuff")
 
         for test in ("static", "dynamic"):
@@ -128,9 +135,11 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
             page.get_by_label("Why (needed to redo)").fill("it is this cuff's own")
             page.get_by_role("button", name="Keep (k)").click()
 
-        page.get_by_role("button", name="Fit, assess and report").click()
+        page.get_by_role("button", name="Fit, assess and report (f)").click()
         page.get_by_role("link", name="Open the report").wait_for(timeout=400_000)
         page.screenshot(path=pictures / "console-end.png")
+        assert unreadable(page) == []
+        assert asked and all(url.startswith((console.address, "data:", "blob:")) for url in asked), "nothing from afar"
         report = page.request.get(f"{console.address}report")
         assert report.ok and "hand" in report.text()
 
@@ -228,17 +237,69 @@ def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser
     assert_whole(the_recording(tmp_path))
 
 
-def test_a_rehearsal_keeps_nothing(browser: Browser, tmp_path: Path) -> None:
-    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "20") as console:
-        page = open_page(browser, console.address)
-        page.get_by_label("Subject code").fill("P02")
-        page.get_by_role("button", name="Rehearse").click()
+def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark(
+    browser: Browser, tmp_path: Path
+) -> None:
+    config = write_config(tmp_path)
+    config.write_text(config.read_text() + "[safety]\nforce_ceiling_n = 40\n")
+    with ServedConsole(config, "--simulated", "--speed", "5") as console:
+        page = open_page(browser, console.address, width=1024, height=768)
+        updates = chart_updates(page)
+        expect(page.get_by_label("Subject code")).to_be_focused()
+        page.keyboard.type("P02")
+        press_tab_until(page, "Check the bench")
+        page.keyboard.press("Enter")
+        seen(page, "disk:")
+        assert unreadable(page) == []
+        press_tab_until(page, "Rehearse")
+        page.keyboard.press("Enter")
         seen(page, "REHEARSAL")
+        assert unreadable(page) == []
         page.keyboard.press("a")
+        seen(page, "STOP: ")
+        page.wait_for_function("window.stationAudio !== undefined")
+        page.keyboard.press("i")
+        expect(page.get_by_role("button", name="I have seen it")).to_be_hidden()
+        assert unreadable(page) == []
+        assert page.evaluate("document.documentElement.scrollHeight") <= 768, "a trial is one screen"
+        page.keyboard.press("Control+s")  # the browser's own
+        page.get_by_role("button", name="Mark (m)").click()
+        page.keyboard.press("s")  # the button still has the focus
+        seen(page, "stopped by the operator")
         seen(page, "Keep (k)")
-        page.get_by_role("button", name="Redo (r)").click()
+        if not IS_BUSY:
+            assert (len(updates) - 1) / (updates[-1] - updates[0]) >= 10, "updates a second"
+        assert unreadable(page) == []
+        page.get_by_label("Why (needed to redo)").fill("")
+        page.get_by_role("button", name="Redo (r)").focus()
+        page.keyboard.press("r")
         seen(page, "no reason is given")
         page.keyboard.press("k")
-        page.get_by_role("button", name="Leave the session").click()
+        seen(page, "next: hand: dynamic")
+        press_tab_until(page, "Leave the session")
+        page.keyboard.press("Enter")
         seen(page, "A new session")
     assert not (tmp_path / "sessions").exists()
+
+
+def chart_updates(page: Page) -> list[float]:
+    """When the curve over time was sent to the page [s], from its next loading on; of two charts every second one."""
+    sent: list[float] = []
+    charts = itertools.cycle((True, False))
+
+    def take(frame: bytes | str) -> None:
+        for _ in range(str(frame).count("setOption")):
+            if next(charts):
+                sent.append(time.monotonic())
+
+    page.on("websocket", lambda socket: socket.on("framereceived", take))
+    page.reload()
+    return sent
+
+
+def press_tab_until(page: Page, button: str) -> None:
+    for _ in range(40):
+        if page.evaluate("document.activeElement.innerText") == button:
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"no Tab leads to {button}")

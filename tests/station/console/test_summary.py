@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from station.assessment_inputs import InputError
 from station.console.summary import SummaryError, summarise
+from station.muscles.assessment_inputs import InputError
 from tests.station.foreign import static_and_dynamic
 
 
@@ -15,7 +15,7 @@ def test_a_session_whose_cuff_no_suit_wears_still_has_its_table_and_report(
     def refuse(*_: object) -> None:
         raise InputError("the cuff hand has the law creep")
 
-    monkeypatch.setattr("station.assess.assess_file", refuse)
+    monkeypatch.setattr("station.muscles.assess.assess_file", refuse)
     for truth in static_and_dynamic():
         truth.record(tmp_path / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
     summary = summarise(tmp_path)

@@ -10,9 +10,9 @@ import pytest
 
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.bench.session import Snapshot, State
 from station.console.live_displacement import LiveDisplacement
 from station.console.telemetry import Telemetry
-from station.session import Snapshot, State
 
 ANCHOR = ("anchor_1", "anchor_2", "anchor_3")
 LABELS = (*ANCHOR, "cuff_1", "rope_1", "rope_2")
@@ -135,8 +135,12 @@ def test_the_disk_lasts_as_long_as_its_room_at_the_rate_that_was_measured(
 def test_a_console_that_is_gone_is_no_error(tmp_path: Path) -> None:
     told = Told(tmp_path)
     told.out.close()
-    told.view.offer(force(0.0, 0.1, 0.0))
-    told.view._refresh()
+    for block in range(3):
+        told.view.offer(force(0.1 * block, 0.1, -0.25))
+        told.view._refresh()
+    told.view._out = told.out = io.StringIO()
+    said = told.line(force(0.3, 0.1, -0.25))
+    assert said["streams"]["/force"]["samples"] == 400 and said["dropped"] == 0, "it looked on all the while"
 
 
 def test_a_view_that_nobody_reads_drops_and_says_how_much(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ import pytest
 from solver.bundled import bundled_model
 from solver.motion import differentiate
 from solver.raise_arm import raise_arm
-from solver.suit import read_suit
-from station.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
+from solver.wearing.suit import read_suit
+from station.muscles.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.sweep.plan import PlanError, read_plan
 from station.sweep.run import Swept, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task
@@ -116,6 +116,21 @@ def test_a_plan_that_grows_keeps_what_it_has_and_a_cuff_that_changes_does_not(tm
     cuffs["cuffs"]["hand"]["stiffness_n_per_m"] = 4000
     (tmp_path / "cuffs.json").write_text(json.dumps(cuffs), "utf-8")
     assert run_sweep(plan, tmp_path / "out", here).found_finished == 2  # the elbow's
+
+
+def test_a_solver_that_changed_solves_anew_though_its_version_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    vary = 'condition = "rigid"\nrest_length_m = 0.74'
+    first, _ = swept(tmp_path, vary)
+    (tmp_path / "solver").mkdir()
+    (tmp_path / "solver" / "model.py").write_text("A = 1", "utf-8")
+    monkeypatch.setattr("station.sweep.cases.resources.files", lambda _: tmp_path / "solver")
+    changed, _ = swept(tmp_path, vary)
+    (tmp_path / "solver" / "model.py").write_text("A = 2", "utf-8")
+    again, _ = swept(tmp_path, vary)
+    assert (first.found_finished, changed.found_finished, again.found_finished) == (0, 0, 0)
+    assert swept(tmp_path, vary, solve=nowhere)[0].found_finished == again.cases
 
 
 def test_a_damaged_part_is_solved_again(tmp_path: Path) -> None:

@@ -1,0 +1,114 @@
+"""Output error: the measured force drives m ẍ + c ẋ + k x = F − F0 − F1 u, and its motion is laid over the markers.
+
+It needs no spline and no weights between the instruments, and its covariance lets the residuals be of any colour:
+autoregressive, as fitted to them. So it is what to believe where the noise of the markers is correlated in time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_toeplitz
+from scipy.signal import butter, cont2discrete, fftconvolve, lfilter, sosfiltfilt
+
+from fitting.dynamic.errors_in_variables import Record
+from fitting.uncertainty import Estimate, normal_estimate
+
+SETTLING = 0.5
+"""Seconds at the start left out: the motion begins as if it had been at rest under the first force."""
+STEP = 0.01
+ORDER = 8
+"""Of the autoregressive model of the residuals."""
+OUTLIER = 5.0
+ROUNDS = 20
+
+
+HIGHEST = 10.0
+SWING, BEYOND = 0.95, 3.0
+"""The force is kept up to three times the frequency below which 95 % of its power lie, at most 10 Hz: noise would shake
+the model's resonance, and so bias the damping."""
+
+
+def output_error(record: Record, stiffness: float, damping: float) -> tuple[Estimate, Estimate] | None:
+    """k [N/m] and c [N s/m], the lag taken as known, from a start near them; None if no k, c > 0 fits."""
+    if stiffness <= 0:
+        return None  # a law that is no spring diverges
+    time = np.arange(record.force_time[0], record.force_time[-1], STEP)
+    force = _without_noise(CubicSpline(record.force_time, record.force)(time))
+    u = (2 * time - time[0] - time[-1]) / (time[-1] - time[0])
+    compared = (record.marker_time >= time[0] + SETTLING) & (record.marker_time <= time[-1])
+    at, seen = record.marker_time[compared], record.displacement[compared]
+    k, c = stiffness, max(damping, 0.01 * stiffness / (2 * math.pi))
+    kept = np.ones(len(at), bool)
+    for _ in range(ROUNDS):
+        model = _motion(time, force, k, c, record.mass)
+        by_k = (_motion(time, force, 1.001 * k, c, record.mass) - model) / (0.001 * k)
+        by_c = (_motion(time, force, k, 1.001 * c, record.mass) - model) / (0.001 * c)
+        design = np.column_stack([np.interp(at, time, each) for each in (by_k, by_c, np.ones(len(time)), u)])
+        left = seen - np.interp(at, time, model)
+        change = np.linalg.lstsq(design[kept], left[kept], rcond=None)[0]
+        residual = left - design @ change
+        kept = np.abs(residual) < OUTLIER * 1.4826 * float(np.median(np.abs(residual))) + 1e-12
+        k, c = k + float(change[0]), c + float(change[1])
+        if not (k > 0 and c > 0):
+            return None
+        if abs(change[0]) < 1e-5 * k and abs(change[1]) < 1e-5 * c:
+            break
+    else:
+        return None
+    try:
+        covariance = _covariance(design, np.where(kept, residual, 0.0))
+    except np.linalg.LinAlgError:
+        return None  # the motion that is left to compare with tells nothing of one of them
+    k_error, c_error = (math.sqrt(max(0.0, float(covariance[i, i]))) for i in range(2))
+    return None if k_error > k else (normal_estimate(k, k_error), normal_estimate(c, c_error))
+
+
+def _without_noise(force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The force (n,) at STEP without what is much faster than its swing."""
+    power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(len(force)))) ** 2
+    swing = float(np.fft.rfftfreq(len(force), STEP)[np.searchsorted(np.cumsum(power), SWING * power.sum())])
+    low_pass = butter(4, min(HIGHEST, max(BEYOND * swing, 1.0)), fs=1 / STEP, output="sos")
+    return np.asarray(sosfiltfilt(low_pass, force))
+
+
+def _motion(
+    time: NDArray[np.float64], force: NDArray[np.float64], k: float, c: float, mass: float
+) -> NDArray[np.float64]:
+    """x (n,) [m] under a force (n,) [N] that is straight between the samples."""
+    continuous = np.array([mass, c, k] if mass > 0 else [c, k])
+    numerator, denominator, _ = cont2discrete((np.ones(1), continuous), float(time[1] - time[0]), "foh")
+    start = force[0]
+    return np.asarray(start / k + lfilter(np.ravel(numerator), denominator, force - start))
+
+
+def _covariance(design: NDArray[np.float64], residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(JᵀJ)⁻¹ Jᵀ R J (JᵀJ)⁻¹ with R from an autoregressive model of the residuals."""
+    inverse = np.linalg.inv(design.T @ design)
+    correlation = _autocovariance(residual, design.shape[1])
+    both = np.concatenate((correlation[:0:-1], correlation))
+    coloured = np.column_stack([fftconvolve(column, both, "valid") for column in _padded(design, len(correlation) - 1)])
+    return np.asarray(inverse @ (design.T @ coloured) @ inverse)
+
+
+def _padded(design: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    return np.pad(design, ((side, side), (0, 0))).T
+
+
+def _autocovariance(residual: NDArray[np.float64], parameters: int) -> NDArray[np.float64]:
+    """(n,) autocovariance of the autoregressive model that has the residuals' first ORDER ones (Yule-Walker)."""
+    n = len(residual)
+    first = np.array([residual[lag:] @ residual[: n - lag] for lag in range(ORDER + 1)]) / (n - parameters)
+    weights = solve_toeplitz(first[:-1], first[1:])
+    # The model's own autocovariances go on by its recursion, started from the first ones.
+    rest = lfilter([1.0], np.concatenate(([1.0], -weights)), np.zeros(n - ORDER - 1), zi=_memory(first, weights))[0]
+    return np.concatenate((first, rest))
+
+
+def _memory(first: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """State of the recursion's filter after the values `first`."""
+    last = first[::-1]
+    return np.array([weights[i:] @ last[: len(weights) - i] for i in range(len(weights))])

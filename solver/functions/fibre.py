@@ -1,0 +1,199 @@
+"""How a muscle's force depends on its fibre: active force on length and on speed, passive force on length.
+
+Millard, Uchida, Seth, Delp, J. Biomech. Eng. 135(2):021005 (2013): chains of quintic Bézier corners, the shapes of
+OpenSim's SmoothSegmentedFunctionFactory. Thelen, J. Biomech. Eng. 125(1):70-77 (2003): exponentials and hyperbolas, in
+OpenSim's version. Lengths over the optimal one, speeds over the fastest, forces over the greatest isometric one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MillardCurves:
+    """The figures of OpenSim's ActiveForceLengthCurve, ForceVelocityCurve and FiberForceLengthCurve, its defaults.
+
+    Active force rises from `shortest`, is gentle to `transition` and beyond, where it has the slope `shallow_slope`,
+    greatest at 1 and least, `minimum`, again from `longest` on. The force at speed has the named slopes at the fastest
+    shortening, near it (nine tenths), at rest, near and at the fastest lengthening. The passive force begins at
+    `passive_start` beyond 1 and is that of full activity at `passive_end`; the slopes are those after its toe and at
+    its end.
+    """
+
+    shortest: float = 0.4441
+    transition: float = 0.73
+    longest: float = 1.8123
+    shallow_slope: float = 0.8616
+    minimum: float = 0.1
+    concentric_slope: float = 0.0
+    near_concentric_slope: float = 0.25
+    isometric_slope: float = 5.0
+    eccentric_slope: float = 0.0
+    near_eccentric_slope: float = 0.15
+    strongest: float = 1.4
+    concentric_curviness: float = 0.6
+    eccentric_curviness: float = 0.9
+    passive_start: float = 0.0
+    passive_end: float = 0.7
+    passive_low_slope: float = 0.2
+    passive_slope: float = 2.0 / 0.7
+    passive_curviness: float = 0.75
+    is_idle_when_shortest: ClassVar[bool] = False
+
+    def active_force_length(self, length: Array) -> Array:
+        return _evaluate(_active_force_length(self), length)
+
+    def force_velocity(self, speed: Array) -> Array:
+        """Lengthening is positive."""
+        return _evaluate(_force_velocity(self), speed)
+
+    def passive_force_length(self, length: Array) -> Array:
+        return _evaluate(_passive_force_length(self), length)
+
+
+@dataclass(frozen=True)
+class ThelenCurves:
+    """The figures of OpenSim's Thelen2003Muscle, its defaults.
+
+    The force at speed is that at full activation: in this muscle alone it depends on the activation, and a force that
+    is to be linear in the activation has to take one. Beyond `linear_beyond` of `strongest` it goes on straight.
+    """
+
+    passive_strain: float = 0.6
+    active_shape: float = 0.45
+    passive_shape: float = 5.0
+    velocity_shape: float = 0.25
+    strongest: float = 1.4
+    linear_beyond: float = 0.95
+    shortest: float = 0.0
+    is_idle_when_shortest: ClassVar[bool] = True
+
+    def active_force_length(self, length: Array) -> Array:
+        force: Array = np.exp(-((length - 1.0) ** 2) / self.active_shape)
+        return force
+
+    def force_velocity(self, speed: Array) -> Array:
+        """Lengthening is positive; equations 6 and 7, solved for the force."""
+        a, strongest = self.velocity_shape, self.strongest
+        gain = (2.0 + 2.0 / a) / (strongest - 1.0)
+        last = self.linear_beyond * strongest
+        room = gain * (strongest - last)
+        last_speed = (last - 1.0) / room
+        straight = last + (speed - last_speed) / (1.0 / room + (last - 1.0) * gain / room**2)
+        shortening = (1.0 + np.clip(speed, -1.0, 0.0)) / (1.0 - np.clip(speed, -1.0, 0.0) / a)
+        lengthening = np.clip(speed, 0.0, last_speed) * gain
+        curved = np.where(speed < 0.0, shortening, (1.0 + lengthening * strongest) / (1.0 + lengthening))
+        force: Array = np.where(speed > last_speed, straight, curved)
+        return force
+
+    def passive_force_length(self, length: Array) -> Array:
+        stretch = np.maximum(length - 1.0, 0.0) / self.passive_strain
+        force: Array = np.expm1(self.passive_shape * stretch) / np.expm1(self.passive_shape)
+        return force
+
+
+Curves = MillardCurves | ThelenCurves
+
+_NODES = 512  # in each corner
+_PLATEAU = 0.05
+
+_Knot = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """A chain of Bézier corners (X(s), Y(s)), s in [0, 1], with X increasing.
+
+    corners            (corners, 2, 6) control points (x, y)
+    nodes_x, nodes_s   points to start the search for s from: X and number of the corner + s
+    """
+
+    corners: Array
+    nodes_x: Array
+    nodes_s: Array
+
+
+@lru_cache(maxsize=256)
+def _active_force_length(curves: MillardCurves) -> _Chain:
+    shortest, shallow, longest = curves.shortest, curves.transition, curves.longest
+    slope, least = curves.shallow_slope, curves.minimum
+    shoulder = 1.0 - _PLATEAU
+    height = 1.0 - slope * (shoulder - shallow)
+    return _chain(
+        (shortest, least, 0.0),
+        ((shortest + shallow) / 2, (height + least) / 2, 1.25 * (height - least) / (shallow - shortest)),
+        ((shallow + shoulder) / 2, (height + 1.0) / 2, slope),
+        (1.0, 1.0, 0.0),
+        ((1.0 + _PLATEAU + longest) / 2, (1.0 + least) / 2, (least - 1.0) / (longest - 1.0 - 2 * _PLATEAU)),
+        (longest, least, 0.0),
+        curviness=(1.0,) * 5,
+    )
+
+
+@lru_cache(maxsize=256)
+def _force_velocity(curves: MillardCurves) -> _Chain:
+    slow, near_slow = curves.concentric_slope, curves.near_concentric_slope
+    fast, near_fast = curves.eccentric_slope, curves.near_eccentric_slope
+    strongest = curves.strongest
+    return _chain(
+        (-1.0, 0.0, slow),
+        (-0.9, 0.05 * (near_slow + slow), near_slow),
+        (0.0, 1.0, curves.isometric_slope),
+        (0.9, strongest - 0.05 * (near_fast + fast), near_fast),
+        (1.0, strongest, fast),
+        curviness=(curves.concentric_curviness,) * 2 + (curves.eccentric_curviness,) * 2,
+    )
+
+
+@lru_cache(maxsize=256)
+def _passive_force_length(curves: MillardCurves) -> _Chain:
+    start, end = 1.0 + curves.passive_start, 1.0 + curves.passive_end
+    low, slope = curves.passive_low_slope, curves.passive_slope
+    toe = min(0.1 / slope, 0.1 * (end - start))
+    foot = (start + toe, low * toe / 2, low)
+    return _chain((start, 0.0, 0.0), foot, (end, 1.0, slope), curviness=(curves.passive_curviness,) * 2)
+
+
+def _chain(*knots: _Knot, curviness: tuple[float, ...]) -> _Chain:
+    """The chain of corners between knots (x, y, slope)."""
+    corners = np.array([_corner(a, b, c) for a, b, c in zip(knots[:-1], knots[1:], curviness, strict=True)])
+    s = np.linspace(0.0, len(corners), _NODES * len(corners) + 1)
+    index = np.minimum(s.astype(int), len(corners) - 1)
+    return _Chain(corners, _bezier(corners[index, 0].T, s - index), s)
+
+
+def _corner(start: _Knot, end: _Knot, curviness: float) -> Array:
+    """Six control points on the two end tangents; the inner ones are doubled, near where the tangents meet."""
+    (x0, y0, slope0), (x1, y1, slope1) = start, end
+    is_straight = abs(slope0 - slope1) <= np.sqrt(np.finfo(float).eps)
+    x = (x0 + x1) / 2 if is_straight else (y1 - y0 - x1 * slope1 + x0 * slope0) / (slope0 - slope1)
+    first, last, meet = np.array([x0, y0]), np.array([x1, y1]), np.array([x, (x - x1) * slope1 + y1])
+    reach = 0.1 + 0.8 * curviness
+    inner_first, inner_last = first + reach * (meet - first), last + reach * (meet - last)
+    return np.column_stack([first, inner_first, inner_first, inner_last, inner_last, last])
+
+
+def _evaluate(chain: _Chain, x: Array) -> Array:
+    """y of the chain at x; beyond its ends a straight line with the end's slope."""
+    from solver.functions.bezier import follow_chain  # the compiler behind it takes a third of a second to import
+
+    values = np.array(x, dtype=float, order="C")
+    follow_chain(chain.corners, chain.nodes_x, chain.nodes_s, values.reshape(-1))
+    return values
+
+
+def _bezier(p: Array, s: Array) -> Array:
+    """Σ (5 over k) sᵏ (1 − s)⁵⁻ᵏ p_k, p (6, …)."""
+    t = 1.0 - s
+    ss, tt = s * s, t * t
+    value: Array = tt * t * (tt * p[0] + 5.0 * s * t * p[1] + 10.0 * ss * p[2])
+    value += ss * s * (10.0 * tt * p[3] + 5.0 * s * t * p[4] + ss * p[5])
+    return value

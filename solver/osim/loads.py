@@ -1,0 +1,131 @@
+"""Forces from outside in OpenSim's files: an XML of ExternalLoads, and the .mot or .sto of columns that it names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.functions.coordinate import natural_spline, piecewise_linear
+from solver.loads import ExternalForce
+from solver.model import GROUND, Model
+from solver.motion import MotionError, read_table
+from solver.osim.document import Element, read_document
+
+Array = NDArray[np.float64]
+
+
+def data_file(path: Path) -> Path:
+    """The file of columns that an ExternalLoads file names."""
+    return _data_file(_loads(path))
+
+
+def read_external_loads(path: Path, model: Model, time: Array) -> tuple[ExternalForce, ...]:
+    """The forces of an ExternalLoads file at times (frames,) [s], those that are switched off left out.
+
+    Between its rows the data file is interpolated as by OpenSim: by natural cubic splines, by straight lines where it
+    has fewer than four. ModelError, with the line, for what the file asks of the model in vain; MotionError for data
+    that are missing or do not cover the times.
+    """
+    loads = _loads(path)
+    forces = [element for element in loads.members("objects") if _is_applied(element)]
+    data = _Data.read(_data_file(loads), time)
+    return tuple(_force(element, model, data) for element in forces)
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """The columns of a data file and the times at which they are wanted."""
+
+    name: str
+    columns: list[str]
+    table: Array
+    time: Array
+
+    @staticmethod
+    def read(path: Path, time: Array) -> _Data:
+        columns, table, _ = read_table(path)
+        if columns[0] != "time" or not np.all(np.diff(table[:, 0]) > 0):
+            raise MotionError(f"{path.name} should begin with a column time that increases, and does not; check it")
+        first, last = table[[0, -1], 0]
+        slight = 1e-9 * max(1.0, abs(last))
+        if time[0] < first - slight or time[-1] > last + slight:
+            raise MotionError(
+                f"{path.name} should cover the motion, {time[0]:g} to {time[-1]:g} s, and has {first:g} to {last:g} s; "
+                "cut the motion or take longer data"
+            )
+        return _Data(path.name, columns, table, time)
+
+    def vectors(self, element: Element, identifier: str) -> Array:
+        """(frames, 3) of the three columns whose names begin with the identifier, in the file's order."""
+        if not identifier:
+            return np.zeros((len(self.time), 3))
+        found = [i for i, column in enumerate(self.columns) if column.startswith(identifier)]
+        if len(found) != 3:
+            raise element.refusal(
+                f"needs three columns of {self.name} that begin with {identifier}, and there are {len(found)}; correct "
+                "the identifier"
+            )
+        x = self.table[:, 0]
+        curves = [natural_spline(x, y, 2) if len(x) > 3 else piecewise_linear(x, y) for y in self.table[:, found].T]
+        return np.stack([curve.derivatives(self.time)[0] for curve in curves], axis=-1)
+
+
+def _loads(path: Path) -> Element:
+    document = read_document(path)
+    loads = document.find("ExternalLoads")
+    if loads is None:
+        raise document.refusal("holds no ExternalLoads; give OpenSim's file of external loads")
+    return loads
+
+
+def _is_applied(element: Element) -> bool:
+    if element.tag != "ExternalForce":
+        raise element.unsupported("load", "ExternalForce")
+    return element.word("appliesForce", "true") == "true" and element.word("isDisabled", "false") == "false"
+
+
+def _data_file(loads: Element) -> Path:
+    """Relative to the folder of the XML unless it is absolute; OpenSim on Windows writes backslashes."""
+    name = loads.word("datafile", "").replace("\\", "/")
+    if not name:
+        raise loads.refusal("names no <datafile>; add the file that holds the columns")
+    return loads.file.parent / name
+
+
+def _force(element: Element, model: Model, data: _Data) -> ExternalForce:
+    force, torque, point = (_identifier(element, each) for each in ("force", "torque", "point"))
+    if not force and not torque:
+        raise element.refusal("names neither force nor torque; add a <force_identifier> or a <torque_identifier>")
+    if point and not force:
+        raise element.refusal("names a point and no force; add a <force_identifier> or take the point away")
+    body = _body(element, "applied_to_body", model)
+    return ExternalForce(
+        name=element.name,
+        body=body,
+        axes=_body(element, "force_expressed_in_body", model),
+        force=data.vectors(element, force),
+        torque=data.vectors(element, torque),
+        origin=_body(element, "point_expressed_in_body", model) if point else body,
+        point=data.vectors(element, point),
+    )
+
+
+def _identifier(element: Element, what: str) -> str:
+    text = element.word(f"{what}_identifier", "")
+    return "" if text == "Unassigned" else text
+
+
+def _body(element: Element, socket: str, model: Model) -> int:
+    """The body of that name or path; in OpenSim, too, nothing is the ground."""
+    name = element.word(socket, "").removeprefix("/bodyset/").removeprefix("/")
+    names = [body.name for body in model.bodies]
+    if name in names:
+        return names.index(name)
+    if not name and socket != "applied_to_body":
+        return GROUND
+    raise element.refusal(
+        f"has the {socket} {name}, and the model {model.name} has {', '.join(names)}; take one of these"
+    )

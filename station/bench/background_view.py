@@ -1,0 +1,58 @@
+"""A view that looks on from a thread of its own: what it has no time for is dropped, oldest first, and counted."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from types import TracebackType
+from typing import Self
+
+from recordings.samples import Item
+from station.bench.session import Snapshot
+
+LEAVE_S = 5.0
+"""Wall seconds that leaving waits for a view that is stuck."""
+
+
+class BackgroundView(ABC):
+    """A context manager around a trial. offer() and show() return at once, whatever the thread is doing."""
+
+    def __init__(self, name: str, refresh_s: float, backlog: int) -> None:
+        self.dropped = 0
+        self._refresh_s = refresh_s
+        self._backlog: deque[Item] = deque(maxlen=backlog)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def offer(self, item: Item) -> None:
+        if len(self._backlog) == self._backlog.maxlen:
+            self.dropped += 1
+        self._backlog.append(item)
+
+    @abstractmethod
+    def show(self, snapshot: Snapshot) -> None: ...
+
+    @abstractmethod
+    def _take(self, item: Item) -> None:
+        """Takes one item, in the view's own thread."""
+
+    def _refresh(self) -> None:
+        """Takes all that came since the last time."""
+        while self._backlog:
+            self._take(self._backlog.popleft())
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._refresh_s):
+            self._refresh()
+        self._refresh()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join(LEAVE_S)

@@ -1,0 +1,215 @@
+"""What is plugged in, does it answer, at which rate, what the sync line says, which labels are there, is there disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+from queue import Empty
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from fitting.calibration import full_scale
+from recordings.samples import Samples, Stream
+from station.bench.daemon import MakeDevices
+from station.bench.devices import devices_for
+from station.bench.disk import bytes_free, bytes_needed
+from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+from station.clock import Clock, RealClock
+from station.config import StationConfig
+
+OPEN_S = 5.0
+LISTEN_S = 1.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the check: what was looked at, whether it is as it should be, what was found."""
+
+    subject: str
+    is_good: bool
+    found: str
+
+
+class Answers:
+    """What the devices said while they were listened to."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.errors: dict[str, str] = {}
+        self.streams: dict[str, Stream] = {}
+        self._clock = clock
+        self._count: dict[str, int] = {}
+        self._span: dict[str, tuple[int, int]] = {}
+        self._last_value: dict[str, float] = {}
+        self._force: list[NDArray[np.float64]] = []
+
+    def take(self, message: Opened | Delivered | Gone) -> None:
+        if isinstance(message, Gone):
+            self.errors[message.device] = str(message.error)
+        elif isinstance(message, Opened):
+            self.streams |= {stream.name: stream for stream in message.streams}
+        else:
+            for item in message.items:
+                if isinstance(item, Samples) and len(item.values):
+                    self._add(item)
+
+    def rate_hz(self, stream: str) -> float:
+        """Samples a second by the device's own clock."""
+        first, last = self._span.get(stream, (0, 0))
+        return (self._count[stream] - 1) / ((last - first) * 1e-9) if last > first else 0.0
+
+    def force(self) -> NDArray[np.float64]:
+        """(n,) all that came of /force, in its device's unit."""
+        return np.concatenate([np.zeros(0), *self._force])
+
+    def last_value(self, stream: str) -> float | None:
+        return self._last_value.get(stream)
+
+    def _add(self, samples: Samples) -> None:
+        first = self._span.get(samples.stream, (int(samples.device_time_ns[0]), 0))[0]
+        self._span[samples.stream] = first, int(samples.device_time_ns[-1])
+        self._count[samples.stream] = self._count.get(samples.stream, 0) + len(samples.values)
+        self._last_value[samples.stream] = float(samples.values[-1].flat[0])
+        if samples.stream == "/force":
+            self._force.append(samples.values[:, 0].astype(np.float64))
+
+
+def check_bench(
+    config: StationConfig,
+    folder: Path,
+    console: Console | None = None,
+    make_devices: MakeDevices = devices_for,
+    *,
+    as_json: bool = False,
+) -> int:
+    """Prints what was found, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
+    with Console(stderr=True).status("listening to the devices"):
+        lines = look_at_bench(config, folder, make_devices)
+    return show_lines(lines, console, as_json=as_json)
+
+
+def show_lines(lines: Sequence[Line], console: Console | None = None, *, as_json: bool = False) -> int:
+    """Prints them; returns 0 when all is as it should be, else 1."""
+    if as_json:
+        print(json.dumps([asdict(line) for line in lines], indent=2, ensure_ascii=False))
+    else:
+        table = Table("", "what", "found")
+        for line in lines:
+            table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
+        (console or Console()).print(table)
+    return 0 if all(line.is_good for line in lines) else 1
+
+
+def look_at_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[Line]:
+    """Opens the devices, listens for some seconds and says what is as it should be and what is not."""
+    answers, names = listen(config, RealClock(), make_devices)
+    return [
+        *_device_lines(answers, names),
+        *_force_line(answers, config),
+        calibration_line(config, datetime.now(UTC).date()),
+        *_sync_line(answers, config),
+        *_label_lines(answers, config),
+        _disk_line(folder, bytes_needed(answers.streams.values(), config, folder, None)),
+    ]
+
+
+def calibration_line(config: StationConfig, today: date) -> Line:
+    """How old the load cell's calibration is, and whether it is still current."""
+    cell, subject = config.load_cell, "calibration of the load cell"
+    if cell.calibrated_on is None or cell.due_on is None:
+        return Line(subject, True, "its date is not known; write load_cell.calibrated_on from its certificate")
+    age = (today - cell.calibrated_on).days
+    number = f" of {cell.serial_number}" if cell.serial_number else ""
+    words = f"certificate{number} of {cell.calibrated_on}, {age} days old, due on {cell.due_on}"
+    if age < 0:
+        return Line(subject, False, f"{words}: it is in the future; correct load_cell.calibrated_on")
+    return Line(subject, today < cell.due_on, words + ("" if today < cell.due_on else "; have it calibrated"))
+
+
+def listen(
+    config: StationConfig, clock: Clock, make_devices: MakeDevices, listen_s: float = LISTEN_S
+) -> tuple[Answers, list[str]]:
+    """What the devices say in so many wall seconds after all of them have opened, and the devices' names."""
+    inbox, answers = Inbox(), Answers(clock)
+    feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock)]
+    for feed in feeds:
+        feed.start()
+    settled: set[str] = set()
+    open_until, listen_until = clock.wall_s() + OPEN_S, float("inf")
+    while clock.wall_s() < min(open_until, listen_until):
+        try:
+            message = inbox.get(timeout=0.05)
+        except Empty:
+            continue
+        answers.take(message)
+        settled.add(message.device)
+        if len(settled) == len(feeds) and listen_until == float("inf"):
+            listen_until = clock.wall_s() + listen_s
+            open_until = listen_until
+    for feed in feeds:
+        feed.ask_to_stop()
+    for feed in feeds:
+        feed.has_ended(1.0)
+        if feed.device.name not in settled:
+            answers.errors[feed.device.name] = f"{feed.device.name} did not answer within {OPEN_S:g} s"
+    return answers, [feed.device.name for feed in feeds]
+
+
+def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
+    lines = [Line(name, name not in answers.errors, answers.errors.get(name, "answers")) for name in names]
+    for stream in answers.streams.values():
+        rate = answers.rate_hz(stream.name)
+        if stream.name == "/markers" and rate == 0:
+            lines.append(Line(stream.name, True, f"no frames: no capture is running (nominal {stream.rate_hz:g} Hz)"))
+        else:
+            good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
+            lines.append(Line(stream.name, good, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}"))
+    return lines
+
+
+def _force_line(answers: Answers, config: StationConfig) -> list[Line]:
+    """With nothing pulling this is the zero, which every fit leaves free; a cell at its end cannot be fitted."""
+    raw, cell = answers.force(), config.calibration()
+    if not len(raw):
+        return []
+    unit = answers.streams["/force"].unit
+    limit = full_scale(cell, config.daq.force_range_v if cell.source == "daq" else float("inf"))
+    newtons = cell.polarity * cell.newtons_per_unit * raw
+    good = float(np.abs(raw).max()) < 0.99 * limit
+    words = f"{newtons.mean():+.2f} N, scatter {newtons.std():.2f} N"
+    return [
+        Line("force at rest", good, words + ("" if good else f"; saturated at {limit:.4g} {unit}, check the wiring"))
+    ]
+
+
+def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:
+    level = answers.last_value("/sync")
+    if level is None:
+        return []
+    good = level < config.sync.threshold_v
+    advice = "" if good else "; expected low until a capture starts: stop the capture or check the polarity"
+    return [Line("sync line", good, f"{level:z.2f} V, threshold {config.sync.threshold_v:g} V{advice}")]
+
+
+def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
+    if "/markers" not in answers.streams:
+        return []
+    there = set(answers.streams["/markers"].labels)
+    lines = []
+    for name, cuff in config.cuffs.items():
+        missing = sorted({*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers} - there)
+        found = f"missing {', '.join(missing)}; there are {', '.join(sorted(there))}" if missing else "all labels there"
+        lines.append(Line(f"markers of cuff {name}", not missing, found))
+    return lines
+
+
+def _disk_line(folder: Path, needed: float) -> Line:
+    free = bytes_free(folder)
+    where = folder.resolve() if folder == Path() else folder
+    words = f"{free / 1e9:.1f} GB free for {where}, the plan needs {needed / 1e9:.2f} GB"
+    return Line("disk", free >= needed, words)

@@ -1,0 +1,267 @@
+"""Records one trial: opens the devices, hands what they deliver to the trial and the views, closes everything."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Protocol
+
+from drivers.device import Device
+from drivers.errors import DeviceUnavailable
+from recordings.errors import RecordingError
+from recordings.manifest import BounceRig, CuffSite, Manifest, Outcome
+from recordings.samples import Item
+from recordings.writer import RecordingWriter
+from station.bench.devices import devices_for
+from station.bench.disk import DiskWatch, bytes_free, bytes_needed
+from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+from station.bench.session import POST_ROLL_S, Snapshot, State, TrialRules, TrialSession
+from station.clock import Clock
+from station.config import StationConfig
+from station.file_lock import locked
+from station.protocol import TrialSpec
+from station.versions import installed_versions
+
+OPEN_TIMEOUT_S = 15.0
+"""Wall seconds for all devices to open; they should take less than 4, a driver that hangs must not hold us for ever."""
+CLOSE_TIMEOUT_S = 2.0
+LOCK = ".recording.lock"
+"""In the session's folder, from its first trial on."""
+
+
+class TrialRefused(Exception):
+    """The trial cannot begin: another one runs, or there is no room for it. One sentence."""
+
+
+class View(Protocol):
+    """Looks on. Must return at once and never raise; may drop what it has no time for, and says how much."""
+
+    def offer(self, item: Item) -> None: ...
+
+    def show(self, snapshot: Snapshot) -> None: ...
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """What became of one trial; path is None when nothing was recorded."""
+
+    path: Path | None
+    accepted: bool
+    lost_samples: int
+    sentence: str
+
+
+MakeDevices = Callable[[StationConfig, CuffSite | BounceRig | None, Clock], list[Device]]
+
+
+class Daemon:
+    """Owns the devices' threads, the clock and the file. stop() may be called from a signal handler."""
+
+    def __init__(
+        self,
+        config: StationConfig,
+        clock: Clock,
+        views: Sequence[View] = (),
+        make_devices: MakeDevices = devices_for,
+        post_roll_s: float = POST_ROLL_S,
+    ) -> None:
+        self._config, self._clock, self._views, self._make_devices = config, clock, views, make_devices
+        self._post_roll_s = post_roll_s
+        self._stops_asked = 0
+        self._marks_asked: SimpleQueue[None] = SimpleQueue()
+        self.left_behind: list[str] = []  # devices whose thread never came back
+
+    def stop(self) -> None:
+        """Once: ends the trial cleanly. Twice: at once."""
+        self._stops_asked += 1
+
+    def mark(self) -> None:
+        """Marks this moment in the trial that is being recorded."""
+        self._marks_asked.put(None)
+
+    def record(self, folder: Path, spec: TrialSpec, duration_s: float | None = None) -> TrialResult:
+        """Records one trial into the session folder and returns what became of it.
+
+        Raises ConfigError, DeviceError, TrialRefused or RecordingError, each one sentence, when it cannot begin.
+        """
+        subject = self._config.subject(spec.cuff)
+        _ensure_folder(folder)
+        with _one_trial_at_a_time(folder):
+            inbox = Inbox()
+            feeds = [DeviceFeed(device, inbox) for device in self._make_devices(self._config, subject, self._clock)]
+            try:
+                for feed in feeds:
+                    feed.start()
+                opened = self._open(feeds, inbox)
+                return self._record(folder, spec, subject, duration_s, feeds, inbox, opened)
+            finally:
+                self._release(feeds)
+
+    def _open(self, feeds: Sequence[DeviceFeed], inbox: Inbox) -> list[Opened]:
+        """Waits until every device is open. Raises the first error that a device reports."""
+        waiting = {feed.device.name for feed in feeds}
+        opened: list[Opened] = []
+        deadline = self._clock.wall_s() + OPEN_TIMEOUT_S
+        while waiting:
+            if self._stops_asked:
+                raise TrialRefused("cancelled by the operator while the devices were opening; nothing was recorded")
+            if self._clock.wall_s() > deadline:
+                raise DeviceUnavailable(
+                    f"{', '.join(sorted(waiting))} did not open within {OPEN_TIMEOUT_S:g} s; check power and cables"
+                )
+            try:
+                message = inbox.get(timeout=0.05)
+            except Empty:
+                continue
+            if isinstance(message, Gone):
+                raise message.error
+            if isinstance(message, Opened):
+                waiting.discard(message.device)
+                opened.append(message)
+        return opened
+
+    def _record(
+        self,
+        folder: Path,
+        spec: TrialSpec,
+        subject: CuffSite | BounceRig,
+        duration_s: float | None,
+        feeds: Sequence[DeviceFeed],
+        inbox: Inbox,
+        opened: Sequence[Opened],
+    ) -> TrialResult:
+        streams = [stream for one in opened for stream in one.streams]
+        device_of = {stream.name: one.device for one in opened for stream in one.streams}
+        _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
+        run = spec.next_free_run(folder)
+        path = folder / spec.file_name(run)
+        writer = RecordingWriter(path, self._manifest(spec, run, subject), streams)
+        rules = TrialRules(
+            self._config.daq.start,
+            self._config.sync.threshold_v,
+            self._config.sync.timeout_s,
+            duration_s,
+            self._post_roll_s,
+        )
+        session = TrialSession(rules, writer, self._clock)
+        try:
+            session.arm(streams, device_of)
+            self._run(session, feeds, inbox, DiskWatch(folder, self._clock))
+        except RecordingError as error:
+            session.abandon(str(error))
+        self._show(session)
+        if not session.has_edge:
+            writer.discard()
+            return TrialResult(None, False, 0, session.sentence)
+        accepted = session.state is State.CLOSED
+        try:
+            writer.close(Outcome(accepted, session.state.value, session.sentence))
+        except RecordingError as error:
+            return TrialResult(path, False, session.lost_samples, str(error))
+        return TrialResult(path, accepted, session.lost_samples, session.sentence)
+
+    def _run(self, session: TrialSession, feeds: Sequence[DeviceFeed], inbox: Inbox, disk: DiskWatch) -> None:
+        controllers = [feed for feed in feeds if feed.can_control_capture and self._config.mocap.control == "start"]
+        capture_asked = False
+        while not session.is_over:
+            self._take(session, inbox)
+            session.tick()
+            if warning := disk.warning():
+                session.cut_short("disk_nearly_full", warning)
+            while not self._marks_asked.empty():
+                self._marks_asked.get()
+                session.mark()
+            if self._stops_asked:
+                session.stop(at_once=self._stops_asked > 1)
+            if session.wants_capture_start and not capture_asked:
+                capture_asked = True
+                for feed in controllers:
+                    feed.request_capture(start=True)
+            self._show(session)
+        if capture_asked:
+            for feed in controllers:
+                feed.request_capture(start=False)
+
+    def _take(self, session: TrialSession, inbox: Inbox) -> None:
+        """Everything that has come, waiting a moment for the first of it."""
+        timeout = 0.02
+        while True:
+            try:
+                message = inbox.get(timeout=timeout) if timeout else inbox.get_nowait()
+            except Empty:
+                return
+            timeout = 0.0
+            if isinstance(message, Gone):
+                session.fail(str(message.error))
+            elif isinstance(message, Delivered):
+                for item in message.items:
+                    session.handle(item)
+                    for view in self._views:
+                        view.offer(item)
+
+    def _show(self, session: TrialSession) -> None:
+        for view in self._views:
+            view.show(session.snapshot())
+
+    def _release(self, feeds: Sequence[DeviceFeed]) -> None:
+        for feed in feeds:
+            feed.ask_to_stop()
+        deadline = self._clock.wall_s() + CLOSE_TIMEOUT_S
+        for feed in feeds:
+            if not feed.has_ended(max(0.0, deadline - self._clock.wall_s())):
+                self.left_behind.append(feed.device.name)
+
+    def _manifest(self, spec: TrialSpec, run: int, subject: CuffSite | BounceRig) -> Manifest:
+        return Manifest(
+            cuff=subject if isinstance(subject, CuffSite) else None,
+            bounce=subject if isinstance(subject, BounceRig) else None,
+            test=spec.test,
+            repeat=spec.repeat,
+            run=run,
+            donning=spec.donning,
+            start=self._config.daq.start,
+            sync_threshold_v=self._config.sync.threshold_v,
+            load_cell=self._config.calibration(),
+            start_utc_ns=self._clock.wall_utc_ns(),
+            effective_config=self._config.model_dump(mode="json"),
+            versions=installed_versions(),
+        )
+
+
+def _ensure_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrialRefused(
+            f"the session's folder {folder} cannot be made ({error.strerror}); give --session a folder that can"
+        ) from error
+    if not os.access(folder, os.W_OK):
+        raise TrialRefused(f"the session's folder {folder} cannot be written into; give another --session")
+
+
+def _ensure_room(folder: Path, needed: float) -> None:
+    free = bytes_free(folder)
+    if free < needed:
+        raise TrialRefused(
+            f"the disk of {folder} has {free / 1e6:.0f} MB free, expected at least {needed / 1e6:.0f} MB "
+            "for the trials that are planned; free some room"
+        )
+
+
+@contextmanager
+def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(folder / LOCK, wait_s=0))
+        except TimeoutError as error:
+            raise TrialRefused(f"another trial is being recorded into {folder}; wait for it to end") from error
+        except OSError as error:
+            why = error.strerror or error
+            raise TrialRefused(
+                f"{folder} lets no file be locked ({why}); record onto a disk of this machine"
+            ) from error
+        yield

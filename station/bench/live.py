@@ -1,0 +1,99 @@
+"""The live view on the terminal: what state, what level, which rates. May drop, and says how much."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from recordings.samples import Event, Item, Loss, Samples
+from station.bench.background_view import BackgroundView
+from station.bench.session import Snapshot, State
+from station.clock import Clock
+
+REFRESH_S = 0.25
+BACKLOG = 2000
+"""Items the view may fall behind before the oldest are dropped."""
+
+
+class StreamTally:
+    """Last value of one stream, and its rate over so many refreshes of the view."""
+
+    def __init__(self, refreshes: int = 12) -> None:
+        self.total = 0
+        self.last = ""
+        self._history: deque[tuple[float, int]] = deque(maxlen=refreshes)
+
+    def add(self, samples: Samples) -> None:
+        self.total += len(samples.values)
+        if not len(samples.values):
+            return
+        last = samples.values[-1]
+        if samples.stream == "/markers":
+            seen = int(np.isfinite(last[:, 0]).sum())
+            self.last = f"{seen} of {len(last)} markers seen"
+        else:
+            self.last = f"{float(last[0]):+.3f}"
+
+    def rate(self, station_s: float) -> float:
+        self._history.append((station_s, self.total))
+        (t0, n0), (t1, n1) = self._history[0], self._history[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+
+class LiveView(BackgroundView):
+    """A table that is drawn anew where there is a terminal; states, events and losses as lines in any case."""
+
+    def __init__(self, clock: Clock, title: str, console: Console | None = None) -> None:
+        super().__init__("live view", REFRESH_S, BACKLOG)
+        self._clock, self._title = clock, title
+        self._console = console or Console(stderr=True)
+        self._snapshot = Snapshot(State.IDLE, "opening the devices")
+        self._changes: deque[Snapshot] = deque()
+        self._tallies: dict[str, StreamTally] = {}
+
+    def show(self, snapshot: Snapshot) -> None:
+        if (snapshot.state, snapshot.sentence) != (self._snapshot.state, self._snapshot.sentence):
+            self._changes.append(snapshot)
+        self._snapshot = snapshot
+
+    def _run(self) -> None:
+        if not self._console.is_terminal:
+            super()._run()
+            return
+        with Live(console=self._console, get_renderable=self._table, refresh_per_second=1 / REFRESH_S, transient=True):
+            super()._run()
+
+    def _refresh(self) -> None:
+        while self._changes:
+            change = self._changes.popleft()
+            self._say(f"{self._title}: {change.state.value}: {change.sentence}")
+        super()._refresh()
+
+    def _take(self, item: Item) -> None:
+        if isinstance(item, Samples):
+            self._tallies.setdefault(item.stream, StreamTally()).add(item)
+        elif isinstance(item, Event):
+            self._say(f"  {item.text}")
+        elif isinstance(item, Loss):
+            self._say(f"  lost {item.count} samples of {item.stream}: {item.cause}")
+
+    def _say(self, words: str) -> None:
+        self._console.print(words, highlight=False, markup=False, soft_wrap=True)
+
+    def _table(self) -> Table:
+        snapshot, now = self._snapshot, self._clock.station_s()
+        level = "-" if snapshot.sync_level_v is None else f"{snapshot.sync_level_v:.2f} V"
+        waited = f"for {snapshot.waited_s:.0f} s, {snapshot.left_s:.0f} s left, Ctrl-C cancels"
+        clock = waited if snapshot.state is State.ARMED else f"{snapshot.recorded_s:.1f} s"
+        table = Table(title=f"{self._title}  {snapshot.state.value}  {clock}  sync {level}", title_justify="left")
+        for heading in ("stream", "samples/s", "samples", "last"):
+            table.add_column(heading, justify="left" if heading in ("stream", "last") else "right")
+        for name, tally in sorted(self._tallies.items()):
+            table.add_row(name, f"{tally.rate(now):.0f}", str(tally.total), tally.last)
+        lost = f"lost samples: {snapshot.lost_samples}"
+        table.caption = lost + (f", view fell behind by {self.dropped}" if self.dropped else "")
+        return table

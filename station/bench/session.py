@@ -1,0 +1,387 @@
+"""One trial's life: idle → armed → recording → closing → closed | failed.
+
+Knows no thread and no device: it is handed what devices delivered and told that time has passed, so every
+path through it can be walked by a test with a clock that stands still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal, Protocol
+
+from fitting.timing.sync_line import BOUNCE
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.bench.first_frame import FirstFrame
+from station.bench.hearing import Hearing
+from station.bench.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
+from station.bench.reach import Reach
+from station.bench.sync_line import GLITCH_NS, Edge, SyncLine, wrong_polarity
+from station.clock import Clock
+
+POST_ROLL_S = 0.5
+"""Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
+GRACE_S = 1.0
+"""Wall seconds without samples after which closing waits no longer for those that are still on their way."""
+LONGEST_CLOSING_S = 15.0
+"""Wall seconds after which closing waits no longer at all, though a backlog still comes in."""
+SHORT_S = 0.1
+"""Wall seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
+
+
+class State(Enum):
+    IDLE = "idle"
+    ARMED = "armed"
+    RECORDING = "recording"
+    CLOSING = "closing"
+    CLOSED = "closed"
+    FAILED = "failed"
+
+
+class Recorder(Protocol):
+    """What a trial needs of the writer; every method raises RecordingError once the first write has failed."""
+
+    def write(self, item: Item) -> None: ...
+
+    def flush_if_due(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class TrialRules:
+    """What this trial waits for. Times in station seconds; duration None: until the capture ends."""
+
+    start: Literal["sync_edge", "pfi0"]
+    threshold_v: float
+    timeout_s: float
+    duration_s: float | None
+    post_roll_s: float = POST_ROLL_S
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The trial at a moment, for views. left_s: station seconds until an armed trial gives up; 0 in other states."""
+
+    state: State
+    sentence: str
+    sync_level_v: float | None = None
+    waited_s: float = 0.0
+    recorded_s: float = 0.0
+    lost_samples: int = 0
+    marks: int = 0
+    streams: tuple[Stream, ...] = ()
+    left_s: float = 0.0
+
+
+class TrialSession:
+    """The state machine. Terminal states are CLOSED (accepted) and FAILED; `sentence` says why.
+
+    has_edge tells whether anything worth keeping was recorded.
+    """
+
+    def __init__(self, rules: TrialRules, recorder: Recorder, clock: Clock) -> None:
+        self.state = State.IDLE
+        self.sentence = "idle"
+        self.has_edge = False
+        self.lost_samples = 0
+        self.marks = 0
+        self.wants_capture_start = False
+        self._rules = rules
+        self._recorder = recorder
+        self._clock = clock
+        self._sync = SyncLine(rules.threshold_v)
+        self._pre_roll = PreRoll(clock.speed)
+        self._streams: tuple[Stream, ...] = ()
+        self._hearing = Hearing(clock, (), {})
+        self._reach = {"/force": Reach(), "/sync": Reach()}
+        self._first_frame = FirstFrame(())
+        self._armed_station_s = self._armed_wall_s = 0.0
+        self._edge_device_ns = self._latest_device_ns = 0
+        self._edge_wall_s = 0.0
+        self._fell: tuple[float, Edge] | None = None  # the latest while armed: wall time and edge
+        self._dip: Edge | None = None  # the latest fall while recording
+        self._doubt = ""  # why the trial will not be accepted, though it goes on
+        self._capture_started_wall_s: float | None = None
+        self._has_capture_ended = False
+        self._closing_host_ns, self._closing_wall_s, self._closing_ok = 0, 0.0, True
+
+    @property
+    def is_over(self) -> bool:
+        return self.state in (State.CLOSED, State.FAILED)
+
+    def snapshot(self) -> Snapshot:
+        waited = self._clock.station_s() - self._armed_station_s if self.state is State.ARMED else 0.0
+        recorded = max(0, self._latest_device_ns - self._edge_device_ns) * 1e-9 if self.has_edge else 0.0
+        return Snapshot(
+            self.state,
+            self.sentence,
+            self._sync.level_v,
+            waited,
+            recorded,
+            self.lost_samples,
+            self.marks,
+            self._streams,
+            max(0.0, self._rules.timeout_s - waited) if self.state is State.ARMED else 0.0,
+        )
+
+    def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:
+        """All devices are open: from now on what comes is kept, and the edge is waited for.
+
+        device_of names the device of each stream by its name.
+        """
+        self._streams = tuple(streams)
+        self._hearing = Hearing(self._clock, streams, device_of or {})
+        self._armed_station_s, self._armed_wall_s = self._clock.station_s(), self._clock.wall_s()
+        self._first_frame = FirstFrame(streams)
+        self._enter(State.ARMED, "armed, waiting for the sync edge")
+        self._record(self._event("armed", "all devices are open; waiting for the sync edge"))
+
+    def handle(self, item: Item) -> None:
+        """Takes one item from a device, in the order of arrival."""
+        if self.state not in (State.ARMED, State.RECORDING, State.CLOSING) or self._is_of_another_capture(item):
+            return
+        if isinstance(item, Samples) and len(item.device_time_ns):
+            self._hearing.hear(item.stream)
+            if item.stream in self._reach:
+                self._reach[item.stream].feed(item)
+            else:
+                self._lose(self._first_frame.feed(item))
+        elif isinstance(item, Loss):
+            self.lost_samples += item.count if self.has_edge else 0
+        self._record(item)
+        if isinstance(item, Event):
+            self._follow_capture(item)
+            self._hearing.follow(item)
+            self._first_frame.follow(item)
+        elif isinstance(item, Samples) and item.stream == "/sync":
+            self._follow_sync(item)
+
+    def tick(self) -> None:
+        """Time has passed: time-outs, silent streams, the end of closing, flushing."""
+        if self.state is State.ARMED:
+            self._check_armed()
+        elif self.state is State.RECORDING:
+            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s)
+            self._check_quiet_capture_end()
+        elif self.state is State.CLOSING:
+            self._check_closing()
+        self._recorder.flush_if_due()
+
+    def stop(self, at_once: bool = False) -> None:
+        """The operator's wish. While armed it cancels; while recording it closes the trial and keeps it."""
+        if self.state in (State.IDLE, State.ARMED):
+            self._enter(State.FAILED, "cancelled by the operator before the sync edge; nothing was recorded")
+        elif self.state is State.RECORDING:
+            self._close("operator_stop", "stopped by the operator", accepted=True)
+        if at_once and self.state is State.CLOSING:
+            self._finish()
+
+    def mark(self) -> None:
+        """The operator points at this moment, to be named later; before the edge there is nothing to point at."""
+        if self.state in (State.RECORDING, State.CLOSING):
+            self.marks += 1
+            self._record(self._event("mark", f"mark {self.marks}"))
+
+    def fail(self, sentence: str) -> None:
+        """A device is gone: the trial ends here. One that goes while the trial is closing takes nothing with it."""
+        if self.state is State.RECORDING:
+            self._close("device_lost", sentence, accepted=False)
+            self._finish()
+        elif self.state in (State.IDLE, State.ARMED):
+            self._enter(State.FAILED, sentence)
+
+    def cut_short(self, kind: str, sentence: str) -> None:
+        """The trial cannot go on: what was recorded is closed well and kept, and not accepted."""
+        if self.state is State.RECORDING:
+            self._close(kind, sentence, accepted=False)
+        elif self.state in (State.IDLE, State.ARMED):
+            self._enter(State.FAILED, sentence)
+
+    def abandon(self, sentence: str) -> None:
+        """The recorder failed: nothing more can be written."""
+        self._enter(State.FAILED, sentence)
+
+    # -- armed ---------------------------------------------------------------------------------------------------
+
+    def _check_armed(self) -> None:
+        waited = self._clock.station_s() - self._armed_station_s
+        if self._rules.start == "sync_edge":
+            self._check_silence(("/sync",), self._armed_wall_s)
+            self._check_polarity()
+            self.wants_capture_start = waited >= PRE_ROLL_S and self._hearing.last_s("/sync") is not None
+        else:
+            self.wants_capture_start = True
+        if self.state is State.ARMED and waited > self._rules.timeout_s:
+            why = self._sync.why_no_rise(self._fell[1] if self._fell else None)
+            self._enter(State.FAILED, f"no sync edge came within {self._rules.timeout_s:g} s{why}")
+
+    def _follow_sync(self, samples: Samples) -> None:
+        if not len(samples.device_time_ns):
+            return
+        self._latest_device_ns = int(samples.device_time_ns[-1])
+        if self.state is State.ARMED and self._rules.start == "pfi0":
+            first = int(samples.sample_numbers[0]), int(samples.device_time_ns[0])
+            self._begin(*first, "the hardware trigger on PFI0 started the acquisition")
+        for edge in self._sync.feed(samples):
+            if edge.is_glitch:
+                self._note_glitch(edge)
+            elif self.state is State.ARMED:
+                self._look_for_start(edge)
+            elif self.state is State.RECORDING:
+                self._look_for_second_start(edge)
+        if self.state is State.RECORDING and self._rules.duration_s is not None:
+            recorded_s = (self._latest_device_ns - self._edge_device_ns) * 1e-9
+            if recorded_s >= self._rules.duration_s:
+                self._close("duration_reached", f"{self._rules.duration_s:g} s recorded after the edge", accepted=True)
+                self._closing_host_ns = self._reach["/sync"].host_ns
+
+    def _look_for_start(self, edge: Edge) -> None:
+        if edge.rising:
+            words = f"the sync line rose from {edge.from_v:z.2f} V to {edge.to_v:z.2f} V"
+            self._begin(edge.sample_number, edge.device_time_ns, words)
+        else:
+            self._fell = self._clock.wall_s(), edge
+
+    def _note_glitch(self, glitch: Edge) -> None:
+        words = f"the sync line {'spiked' if glitch.rising else 'dipped'} to {glitch.to_v:z.2f} V"
+        at = f"for less than {GLITCH_NS * 1e-6:g} ms at sample {glitch.sample_number}"
+        self._record(self._event("sync_glitch", f"{words} {at}, which starts nothing and ends nothing"))
+
+    def _check_polarity(self) -> None:
+        """A fall together with the start of a capture is an inverted line; a fall alone ends an earlier capture."""
+        if self._fell is None or self._capture_started_wall_s is None:
+            return
+        fell_wall_s, edge = self._fell
+        together = abs(fell_wall_s - self._capture_started_wall_s) < LATENESS_S
+        if together and self._clock.wall_s() - max(fell_wall_s, self._capture_started_wall_s) > LATENESS_S:
+            self._enter(State.FAILED, wrong_polarity(edge))
+
+    def _begin(self, sample_number: int, device_time_ns: int, words: str) -> None:
+        self.has_edge = True
+        self._edge_device_ns, self._edge_wall_s = device_time_ns, self._clock.wall_s()
+        self._enter(State.RECORDING, "recording")
+        for item in self._pre_roll.cut(device_time_ns):
+            self._recorder.write(item)
+        self._record(self._event("sync_edge", f"{words} at sample {sample_number}; recording"))
+        since_edge_ns = self._latest_device_ns - device_time_ns
+        self._lose(self._first_frame.edge(self._reach["/sync"].host_ns - since_edge_ns))
+
+    # -- recording and closing -----------------------------------------------------------------------------------
+
+    def _look_for_second_start(self, edge: Edge) -> None:
+        """A line that comes up once more leaves two starts to choose from: the trial goes on, and will not count."""
+        if not edge.rising:
+            self._dip = edge
+        elif self._dip is not None and edge.device_time_ns - self._dip.device_time_ns >= BOUNCE * 1e9:
+            after_s = (edge.device_time_ns - self._edge_device_ns) * 1e-9
+            self._doubt = (
+                f"the sync line rose a second time {after_s:.2f} s after the first, so nobody knows which of them is "
+                "the capture's start; set the mocap system's output to one pulse for the whole capture and record again"
+            )
+            self.sentence = f"recording; {self._doubt}"
+            self._record(self._event("sync_double_edge", self._doubt))
+
+    def _follow_capture(self, event: Event) -> None:
+        if event.kind == "capture_started":
+            self._capture_started_wall_s = self._clock.wall_s()
+        elif event.kind == "capture_stopped" and self.state is State.RECORDING:
+            self._note_empty_capture()
+            self._close("capture_ended", "the mocap capture ended", accepted=True)
+        elif event.kind == "numbering_restarted" and self._recorded_wall_s > LATENESS_S:
+            self._close("capture_ended", "the mocap system numbers its frames anew: its capture ended", accepted=True)
+
+    def _is_of_another_capture(self, item: Item) -> bool:
+        """Frames that come after our capture's end are a preview's, or the next one's."""
+        return self._has_capture_ended and isinstance(item, Samples | Loss) and item.stream == "/markers"
+
+    @property
+    def _recorded_wall_s(self) -> float:
+        """Wall seconds since the edge; 0 unless the trial is recording."""
+        return self._clock.wall_s() - self._edge_wall_s if self.state is State.RECORDING else 0.0
+
+    def _check_silence(self, expected: Sequence[str], since_wall_s: float) -> None:
+        silent = self._hearing.silent(expected, since_wall_s)
+        if silent is not None:
+            stream, quiet_s = silent
+            self._note_silence(stream, quiet_s * self._clock.speed)
+            self.fail(
+                f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
+                "samples a second; check the device and its cable"
+            )
+
+    def _note_silence(self, stream: Stream, quiet_s: float) -> None:
+        """Counts what a stream should have sent in so many station seconds, once anything is recorded."""
+        if self.state in (State.RECORDING, State.CLOSING):
+            missing = round(quiet_s * stream.rate_hz)
+            self._lose(Loss(stream.name, "silent", 0, missing, self._latest_device_ns, self._clock.utc_ns()))
+
+    def _lose(self, loss: Loss | None) -> None:
+        """Counts and records what the station itself found missing, if anything."""
+        if loss is not None:
+            self.lost_samples += loss.count
+            self._record(loss)
+
+    def _note_empty_capture(self) -> None:
+        """One that ends before its silence had lasted long enough to be noticed."""
+        markers = next((stream for stream in self._streams if stream.name == "/markers"), None)
+        if markers is not None and (self._hearing.last_s(markers.name) or 0.0) < self._edge_wall_s:
+            self._note_silence(markers, self._recorded_wall_s * self._clock.speed)
+            self._doubt = f"{markers.source} sent not one frame of it; check that it tracks and streams 3D in real time"
+
+    def _check_quiet_capture_end(self) -> None:
+        """A mocap system that sends no events ends its capture by a low sync line and no more frames."""
+        last = self._hearing.last_s("/markers")
+        quiet = last is not None and self._clock.wall_s() - last > GRACE_S
+        if self.state is State.RECORDING and quiet and self._rules.start == "sync_edge" and not self._sync.is_high:
+            self._close("capture_ended", "the sync line is low and the frames ended", accepted=True)
+
+    def _close(self, kind: str, sentence: str, accepted: bool) -> None:
+        self._closing_ok = accepted and not self._doubt
+        sentence = f"{sentence}; {self._doubt}" if self._doubt else sentence
+        self._has_capture_ended = kind == "capture_ended"
+        self._closing_host_ns, self._closing_wall_s = self._clock.utc_ns(), self._clock.wall_s()
+        self._enter(State.CLOSING, sentence)
+        self._record(self._event(kind, sentence))
+
+    def _check_closing(self) -> None:
+        """Waits for the DAQ's samples up to the capture's end and a little more; a backlog may take its time."""
+        behind = [stream for stream in self._streams if self._behind_s(stream) > -self._rules.post_roll_s]
+        now = self._clock.wall_s()
+        heard = max([self._closing_wall_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
+        if behind and now - heard < GRACE_S and now - self._closing_wall_s < LONGEST_CLOSING_S:
+            return
+        for stream in behind:
+            short_s = self._behind_s(stream)
+            if short_s > SHORT_S * self._clock.speed:
+                self._note_silence(stream, short_s)
+                self._closing_ok = False
+                self.sentence = (
+                    f"{stream.source} sent nothing on {stream.name} in the last {short_s:.1f} s of the trial"
+                )
+        self._finish()
+
+    def _behind_s(self, stream: Stream) -> float:
+        """Station seconds by which a DAQ stream falls short of the closing moment; frames end with the capture."""
+        if stream.name not in self._reach:
+            return -math.inf
+        return (self._closing_host_ns - self._reach[stream.name].host_ns) * 1e-9
+
+    def _finish(self) -> None:
+        if self._has_capture_ended and self._sync.is_high:
+            words = "the sync line is still high where the recording ends, so the start edge alone ties the clocks"
+            self._record(self._event("no_stop_edge", words))
+            self.sentence += f"; {words}"
+        self._enter(State.CLOSED if self._closing_ok else State.FAILED, self.sentence)
+
+    def _enter(self, state: State, sentence: str) -> None:
+        self.state, self.sentence = state, sentence
+
+    def _record(self, item: Item) -> None:
+        if self.state is State.ARMED:
+            self._pre_roll.keep(item)
+        else:
+            self._recorder.write(item)
+
+    def _event(self, kind: str, text: str) -> Event:
+        return Event(kind, text, self._clock.utc_ns(), "station")

@@ -1,0 +1,185 @@
+"""Recordings → files of other programs: both streams on the common clock, in SI or in the format's own unit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.quality import UnusableTrial
+from fitting.trial import read_trial
+from recordings.errors import RecordingError
+from recordings.exchange.c3d import write_c3d
+from recordings.exchange.parquet import write_parquet
+from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.exchange.signal_csv import write_columns
+from recordings.exchange.trc import write_trc
+from solver.motion import write_table
+from station.files.export_bids import write_bids
+from station.files.one_clock import ExportRefused, OneClock, read_on_one_clock
+from station.files.pull import pull_on_cuff
+from station.progress import Progress, silent
+from station.whole_file import drafted, write_whole
+
+
+def export_recordings(
+    paths: Sequence[Path], to: str, output: Path, subject: str, progress: Progress = silent
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Writes every recording that can be exported: the files that were written, and sentences why others were not.
+
+    Raises ExportRefused where there is nothing but such sentences.
+    """
+    written: list[Path] = []
+    refused: list[str] = []
+    for_bids: list[OneClock] = []
+    for done, path in enumerate(paths):
+        progress("exporting recordings", done, len(paths))
+        try:
+            trial = read_on_one_clock(path)
+            if to == "bids":
+                for_bids.append(trial)
+            else:
+                written += WRITERS[to](trial, output / path.stem)
+        except (ExportRefused, RecordingError) as error:
+            refused.append(str(error))
+    progress("exporting recordings", len(paths), len(paths))
+    if for_bids:
+        written += write_bids(for_bids, output, subject)
+    if not written:
+        raise ExportRefused("; ".join(refused) or "there is no recording to export")
+    return tuple(written), tuple(refused)
+
+
+def _tables(separator: str, suffix: str, trial: OneClock, stem: Path) -> Iterable[Path]:
+    """Force and markers in two tables, as their rates differ; markers in .tsv as QTM itself exports them."""
+    force, markers = _beside(stem, f"_force{suffix}"), _beside(stem, f"_markers{suffix}")
+    write_whole(force, write_columns({"time_s": trial.line.force_time, "force_n": trial.line.force}, separator))
+    is_qtm = suffix == ".tsv"
+    write_whole(markers, write_qtm_tsv(trial.markers) if is_qtm else write_columns(_marker_columns(trial), separator))
+    return [force, markers, _sidecar(trial, stem, suffix, "mm" if is_qtm else "m", [force, markers])]
+
+
+def _parquet(trial: OneClock, stem: Path) -> Iterable[Path]:
+    notes = {"station": json.dumps(_description(trial, "m"))}
+    tables = {
+        "_force": {"time_s": trial.line.force_time, "force_n": trial.line.force},
+        "_markers": _marker_columns(trial),
+    }
+    for name, columns in tables.items():
+        path = _beside(stem, f"{name}.parquet")
+        with drafted(path) as draft:
+            units = {column: column.rpartition("_")[2] for column in columns} | {"force_n": "N"}
+            write_parquet(draft, columns, units, notes)
+        yield path
+
+
+def _trc(trial: OneClock, stem: Path) -> Iterable[Path]:
+    path = _beside(stem, ".trc")
+    write_whole(path, write_trc(trial.markers, path.name))
+    return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
+
+
+def _loads(suffix: str, trial: OneClock, stem: Path) -> Iterable[Path]:
+    """The rope's pull on the cuff as OpenSim's external force: vector, point and no torque, in the mocap frame."""
+    if trial.manifest.cuff is None:
+        raise ExportRefused(f"{trial.path.name} is a bounce: it has no cuff on which its force would act")
+    try:
+        force, point = pull_on_cuff(read_trial(trial.path))
+    except UnusableTrial as error:
+        raise ExportRefused(f"{trial.path.name} does not tell the direction of its force: {error}") from error
+    parts = ("cuff_force_v", "cuff_force_p", "cuff_torque_")
+    path = _beside(stem, f"_force{suffix}")
+    with drafted(path) as draft:
+        values = np.column_stack((force, point, np.zeros_like(force)))
+        write_table(draft, [f"{part}{axis}" for part in parts for axis in "xyz"], trial.line.force_time, values)
+    return [path, _sidecar(trial, stem, suffix, "m", [path])]
+
+
+def _c3d(trial: OneClock, stem: Path) -> Iterable[Path]:
+    """Force interpolated to a whole multiple of the frame rate: the format has no other analog clock."""
+    line, markers = trial.line, trial.markers
+    per_frame = max(1, int(np.ceil(_rate(line.force_time) / trial.frame_rate - 1e-3)))
+    time = markers.time_s[0] + np.arange(len(markers.time_s) * per_frame) / (trial.frame_rate * per_frame)
+    path = _beside(stem, ".c3d")
+    with drafted(path) as draft:
+        write_c3d(draft, markers, {"force_n": np.interp(time, line.force_time, line.force)}, {"force_n": "N"})
+    return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
+
+
+WRITERS: dict[str, Callable[[OneClock, Path], Iterable[Path]]] = {
+    "csv": partial(_tables, ",", ".csv"),
+    "tsv": partial(_tables, "\t", ".tsv"),
+    "parquet": _parquet,
+    "trc": _trc,
+    "mot": partial(_loads, ".mot"),
+    "sto": partial(_loads, ".sto"),
+    "c3d": _c3d,
+}
+
+
+def _beside(stem: Path, ending: str) -> Path:
+    return stem.with_name(stem.name + ending)
+
+
+def _marker_columns(trial: OneClock) -> dict[str, NDArray[np.float64]]:
+    columns = {"time_s": trial.line.marker_time}
+    for i, label in enumerate(trial.labels):
+        columns |= {f"{label}_{axis}_m": trial.line.markers[:, i, j] for j, axis in enumerate("xyz")}
+    return columns
+
+
+def _sidecar(trial: OneClock, stem: Path, suffix: str, length_unit: str, files: Sequence[Path]) -> Path:
+    path = _beside(stem, f"{suffix}.json")
+    content = {"files": [file.name for file in files], **_description(trial, length_unit)}
+    write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    return path
+
+
+def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
+    """Units, rates, calibration, clock and what is missing, for whoever has nothing but the exported files."""
+    manifest, line = trial.manifest, trial.line
+    missing = np.isnan(line.markers[..., 0])
+    edge = datetime.fromtimestamp(trial.edge_utc_ns // 1000 / 1e6, UTC)
+    return {
+        "recording": trial.path.name,
+        "sha256": trial.sha256,
+        "cuff": None if manifest.cuff is None else vars(manifest.cuff),
+        "test": manifest.test,
+        "repeat": manifest.repeat,
+        "run": manifest.run,
+        "donning": manifest.donning,
+        "clock": {
+            "unit": "s",
+            "zero": "the sync edge" if manifest.begins_at_edge else "the first frame of the imported files",
+            "zero_utc": edge.isoformat(),
+            "force_lag_s": line.lag.value,
+            "force_lag_sd_s": line.lag.total(float(line.marker_time[-1]) / 2),
+        },
+        "force": {
+            "unit": "N",
+            "rate_hz": _rate(line.force_time),
+            "samples": len(line.force),
+            "calibration": vars(manifest.load_cell) | {"zero": "not removed", "positive": "tension"},
+            "lost_s": line.force_gaps,
+        },
+        "markers": {
+            "unit": length_unit,
+            "frame": "of the mocap system",
+            "rate_hz": trial.frame_rate,
+            "frames": len(line.marker_time),
+            "missing_frames": dict(zip(trial.labels, missing.sum(axis=0).tolist(), strict=True)),
+            "lost_s": line.frame_gaps,
+        },
+        "notes": line.notes,
+        "versions": manifest.versions,
+    }
+
+
+def _rate(time: NDArray[np.float64]) -> float:
+    return float(f"{1 / np.median(np.diff(time)):.9g}")

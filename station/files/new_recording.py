@@ -1,0 +1,66 @@
+"""A recording made of arrays instead of devices: the blocks in which they would have come, and a file that is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.trial import read_trials
+from recordings.manifest import Manifest, Outcome
+from recordings.samples import Item, Loss, Samples, Stream
+from recordings.writer import RecordingWriter
+from station.files.foreign_files import ImportRefused
+
+BLOCK_S = 0.5
+
+
+def blocks(
+    stream: str,
+    numbers: NDArray[np.int64],
+    device_ns: NDArray[np.int64],
+    host_ns: NDArray[np.int64],
+    values: NDArray[Any],
+) -> Iterator[Samples | Loss]:
+    """Samples (n,) in blocks of half a second that arrive with their last sample; at a gap, its loss first."""
+    cuts = np.flatnonzero(np.diff((host_ns - host_ns[0]) // round(1e9 * BLOCK_S)) | (np.diff(numbers) != 1)) + 1
+    for part in np.split(np.arange(len(numbers)), cuts):
+        begin, end = int(part[0]), int(part[-1]) + 1
+        lost = int(numbers[begin - 1]) + 1 if begin else int(numbers[begin])
+        if numbers[begin] > lost:
+            count, arrival = int(numbers[begin]) - lost, int(host_ns[begin])
+            yield Loss(stream, "skipped", lost, count, int(device_ns[begin - 1]), arrival)
+        counted = numbers[begin:end].astype(np.uint64)
+        yield Samples(stream, counted, device_ns[begin:end], int(host_ns[end - 1]), values[begin:end])
+
+
+def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.rint(1e9 * seconds).astype(np.int64)
+
+
+def write_recording(
+    path: Path, manifest: Manifest, streams: Sequence[Stream], items: Iterable[Item], outcome: Outcome, files: str
+) -> None:
+    """The recording takes its name when it is whole and the fit can read it; until then, and else, there is none.
+
+    files names in a sentence what it was made of. Raises ImportRefused or RecordingError.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f"{path.name}.part")
+    draft.unlink(missing_ok=True)
+    writer = RecordingWriter(draft, manifest, streams)
+    try:
+        for item in items:
+            writer.write(item)
+        writer.close(outcome)
+        rejected = read_trials([draft])[1]
+        if rejected:
+            raise ImportRefused(f"{files} cannot be used: {rejected[0].reason}")
+        if path.exists():
+            raise ImportRefused(f"{path} exists, and a recording is never overwritten; move it away")
+        draft.replace(path)
+    finally:
+        writer.discard()

@@ -1,0 +1,57 @@
+"""A model, its motion and the loads on it: each a file, or what comes with the solver in its place."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+from numpy import float64
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.loads import ExternalForce
+from solver.model import Model
+from solver.motion import Motion, read_motion
+from solver.osim.loads import data_file, read_external_loads
+from solver.osim.reader import read_osim
+from solver.raise_arm import raise_arm
+
+BUNDLED = "bundled"
+
+
+def model_of(name: str) -> Model:
+    """The model of an .osim file, or the "bundled" one."""
+    return bundled_model() if name == BUNDLED else read_osim(Path(name))
+
+
+def motion_of(path: Path | None, model: Model) -> Motion:
+    """That of a file, or the bundled raise of the arm."""
+    return raise_arm(model) if path is None else read_motion(path, model)
+
+
+def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:
+    """Those of OpenSim's file at times (frames,) [s], or none."""
+    return () if path is None else read_external_loads(path, model, time)
+
+
+def named_hashes(model: str, motion: Path | None, external_loads: Path | None) -> dict[str, str]:
+    """Role → "name SHA-256", or a name alone for what comes with the solver."""
+    named = {
+        "model": "bundled thoracoscapular model" if model == BUNDLED else named_hash(Path(model)),
+        "motion": "bundled raise of the arm" if motion is None else named_hash(motion),
+    }
+    if external_loads is not None:
+        named["external_loads"] = named_hash(external_loads)
+        named["external_loads_data"] = named_hash(data_file(external_loads))
+    return named
+
+
+def named_hash(path: Path) -> str:
+    """Its name and its SHA-256."""
+    return f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+
+
+def without_hash(named: str) -> str:
+    """The name alone."""
+    return re.sub(r" [0-9a-f]{64}$", "", named)

@@ -1,0 +1,183 @@
+"""One self-contained page of all that a folder holds: recordings, fitted cuffs, assessment, and the hashes of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from fitting.bushing import bushing_force
+from fitting.curves import TrialCurves
+from fitting.result import CuffFit, SessionFit, read_cuffs
+from fitting.spatial.tensor import Tensor
+from fitting.uncertainty import Estimate
+from station.fit import fit_session_folder, recordings_in
+from station.progress import Progress, silent
+from station.report.assessment_section import assessment_section
+from station.report.figures import dynamic_figure, static_figure, trial_figure
+from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
+from station.report.pictures import Picture, picture
+from station.whole_file import write_whole
+
+REPEAT = (
+    "Left: held loads, the line of the common stiffness, and how far they lie off it. Middle: the swing as measured "
+    "and as fitted. Right: what the spring does not explain, over velocity, and this trial's damper"
+)
+HELD = (
+    "Held loads and the line of the common stiffness, slip between lines; where there are loads enough, the tangent "
+    "stiffness of an exponential law over the force"
+)
+REPEATS = "Each repeat on its own and what they say together, with 95 % intervals"
+COMPLEX = "Complex stiffness K* = k + i 2πf c in bands of frequency: level lines are what a spring and a damper have"
+LEFT_OVER = (
+    "What the law leaves of the force of the swings: over time, against itself later, against a normal distribution"
+)
+TRUTH_FILE = "simulated_truth.json"
+"""Beside the recordings of simulated devices: what the simulated cuffs carried."""
+
+
+class ReportError(Exception):
+    """There is nothing to report; one sentence."""
+
+
+@dataclass(frozen=True)
+class CuffSection:
+    """One cuff on the page."""
+
+    fit: CuffFit
+    truth: Mapping[str, float]
+    pictures: tuple[Picture, ...]
+
+    @property
+    def tensors(self) -> list[tuple[str, str, Tensor]]:
+        """Those that are told, with their names and units."""
+        found = self.fit.tensors
+        both = (("Stiffness", "N/m", found and found.stiffness), ("Damping", "N s/m", found and found.damping))
+        return [(what, unit, tensor) for what, unit, tensor in both if tensor]
+
+    @property
+    def bushing(self) -> str:
+        """OpenSim's element, empty where a figure is missing."""
+        known = self.fit.stiffness and self.fit.damping and self.fit.migration
+        return bushing_force(self.fit) if known else ""
+
+
+def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progress = silent) -> Path:
+    """Writes report.html into the folder and returns its path.
+
+    fitted spares fitting the folder's recordings again. Raises ReportError for a folder that holds nothing of ours.
+    """
+    if fitted is None and folder.is_dir() and recordings_in(folder):
+        fitted = fit_session_folder(folder, None, progress)
+    cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
+    assessment = _json_of(folder / "assessment.json")
+    if not cuffs and not assessment:
+        raise ReportError(f"{folder} holds no recording, no cuffs.json and no assessment.json to report")
+    truth = _json_of(folder / TRUTH_FILE) or {}
+    page = (
+        _environment()
+        .get_template("page.html")
+        .render(
+            folder=folder.resolve().name,
+            cuffs=_cuff_sections(cuffs, fitted, truth, progress),
+            has_truth=bool(truth),
+            trials=[trial for fit in cuffs.values() for trial in fit.trials],
+            rejected=fitted.rejected if fitted else (),
+            assessment=assessment,
+            suit=assessment_section(assessment, folder) if assessment else None,
+            version=metadata.version("cuffstation"),
+        )
+    )
+    path = folder / "report.html"
+    write_whole(path, page)
+    return path
+
+
+def _cuffs_of(folder: Path) -> dict[str, CuffFit]:
+    path = folder / "cuffs.json"
+    return read_cuffs(path) if path.is_file() else {}
+
+
+def _json_of(path: Path) -> dict[str, Any] | None:
+    if not path.is_file():
+        return None
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ReportError(f"{path} is not valid JSON: {error}; make it again") from error
+    return content
+
+
+def _cuff_sections(
+    cuffs: Mapping[str, CuffFit], fitted: SessionFit | None, truth: Mapping[str, Any], progress: Progress
+) -> list[CuffSection]:
+    sections = []
+    for done, (name, fit) in enumerate(cuffs.items()):
+        progress("drawing cuffs", done, len(cuffs))
+        curves = [fitted.curves[file] for file in fit.sources if file in fitted.curves] if fitted else []
+        sections.append(CuffSection(fit, truth.get(name, {}), _pictures_of(fit, curves)))
+    progress("drawing cuffs", len(cuffs), len(cuffs))
+    return sections
+
+
+def _pictures_of(fit: CuffFit, curves: list[TrialCurves]) -> tuple[Picture, ...]:
+    static = [each for each in curves if each.trial.test == "static"]
+    dynamic = [each for each in curves if each.trial.test == "dynamic"]
+    pictures = []
+    if static or dynamic:
+        png = trial_figure(static[0] if static else None, dynamic[0] if dynamic else None)
+        caption = (
+            "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
+        )
+        pictures += [picture(png, caption, is_wide=True), picture(repeats_figure(fit), REPEATS, is_wide=True)]
+    pictures += _repeats(fit, static, dynamic)
+    if static:
+        pictures.append(picture(static_figure(fit, static), HELD, is_wide="exponential_law" in fit.held))
+    if any(each.dynamic for each in dynamic):
+        pictures.append(picture(dynamic_figure(fit, dynamic), "What the spring does not explain, over velocity"))
+        if fit.complex_stiffness:
+            pictures.append(picture(complex_stiffness_figure(fit), COMPLEX, is_wide=True))
+        pictures.append(picture(residual_figure(dynamic), LEFT_OVER, is_wide=True))
+    return tuple(pictures)
+
+
+def _repeats(fit: CuffFit, static: list[TrialCurves], dynamic: list[TrialCurves]) -> list[Picture]:
+    """A picture of every repeat of which anything was used."""
+    held = {each.trial.repeat: each for each in static}
+    swung = {each.trial.repeat: each for each in dynamic}
+    return [
+        picture(repeat_figure(fit, held.get(repeat), swung.get(repeat)), f"Repeat {repeat}. {REPEAT}", is_wide=True)
+        for repeat in sorted({*held, *swung})
+    ]
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
+    )
+    environment.filters["spoken"] = _spoken
+    environment.filters["figure"] = _figure
+    return environment
+
+
+def _spoken(estimate: Estimate | None, scale: float = 1.0, digits: int = 0) -> str:
+    """Value and 95 % interval in words."""
+    if estimate is None:
+        return "not identified"
+    low, high = estimate.ci95
+    return f"{estimate.value * scale:.{digits}f} ({low * scale:.{digits}f} to {high * scale:.{digits}f})"
+
+
+def _figure(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
+    if not number or number["value"] is None:
+        return "–"
+    words = f"{number['value'] * scale:.{digits}f}"
+    if number.get("ci95"):
+        low, high = number["ci95"]
+        words += f" ({low * scale:.{digits}f} to {high * scale:.{digits}f})"
+    return words

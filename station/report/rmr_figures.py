@@ -1,0 +1,158 @@
+"""What rmr found, drawn: activations of all muscles, reserves, and the joint reaction's path on the glenoid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Ellipse
+
+from solver.glenoid import glenoid_cone
+from solver.model import ModelError
+from solver.redundancy import FrameOutcome, effort_weights
+from station.muscles.rmr import SolvedMotion
+from station.muscles.rmr_table import reserve_unit
+from station.muscles.sources import without_hash
+from station.report.figures import LINE, MARK, SHADES, STYLE, as_png
+
+WARM = "#c2571a"
+HEAT = ("#ffffff", "#f8dcae", "#e8743b", "#8b1e4f", "#1b0c2a")
+UNKNOWN = "#dedede"  # a frame without a solution
+MM = 1e3
+Page = Figure | SubFigure
+
+
+def draw_solved(path: Path, solved: SolvedMotion) -> None:
+    """One page where the path is a .png's, else its parts, each in a .png of its own, in that folder."""
+    if path.suffix == ".png":
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(_page(solved))
+        return
+    path.mkdir(parents=True, exist_ok=True)
+    for name, (draw, size) in _PARTS.items():
+        with mpl.rc_context(STYLE):
+            figure = Figure(figsize=size, layout="constrained")
+            draw(figure, solved)
+        (path / f"{name}.png").write_bytes(as_png(figure))
+
+
+def _page(solved: SolvedMotion) -> bytes:
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(14, 9.2), layout="constrained")
+        sides: Any = figure.subfigures(1, 2, width_ratios=[1.25, 1], wspace=0.02)
+        halves: Any = sides[1].subfigures(2, 1, height_ratios=[1, 1.25])
+        _activations(sides[0], solved)
+        _glenoid(halves[0], solved)
+        _reserves(halves[1], solved)
+        figure.suptitle(
+            f"{without_hash(solved.notes['motion'])}, {solved.model.name}; filter: {solved.notes['filter']}",
+            x=0.01,
+            ha="left",
+            fontsize=10,
+        )
+    return as_png(figure)
+
+
+def _activations(page: Page, solved: SolvedMotion) -> None:
+    """A row per muscle, time to the right, the darker the more active."""
+    time, values = solved.solution.time, solved.solution.activations
+    axis = page.subplots()
+    colours = LinearSegmentedColormap.from_list("activation", HEAT).with_extremes(bad=UNKNOWN)
+    strongest = max(float(np.nanmax(values, initial=0.0)), 0.05)
+    image = axis.pcolormesh(
+        time, np.arange(values.shape[1]), values.T, cmap=colours, vmin=0.0, vmax=strongest, shading="nearest"
+    )
+    names = [name.replace("_", " ") for name in solved.model.muscle_names]
+    axis.set_yticks(range(len(names)), names, fontsize=7.5)
+    axis.invert_yaxis()
+    axis.grid(visible=False)
+    axis.tick_params(left=False)
+    axis.set_title("activation", loc="left")
+    axis.set_xlabel("time [s]")
+    page.colorbar(image, ax=axis, pad=0.01, fraction=0.03, aspect=45)
+
+
+def _reserves(page: Page, solved: SolvedMotion) -> None:
+    """What actuators give: those that stand in for muscles, and by their units those that cost nothing."""
+    groups = _reserve_groups(solved) or {("the model has no actuators", "N m"): []}
+    axes = np.atleast_1d(page.subplots(len(groups), 1, sharex=True))
+    for axis, ((title, unit), members) in zip(axes, groups.items(), strict=True):
+        for shade, index in zip((*SHADES, LINE, MARK, WARM, "#4aa3a2") * 9, members, strict=False):
+            coordinate = solved.model.coordinate_names[solved.model.actuators[index].coordinate]
+            values = solved.solution.reserves[:, index]
+            axis.plot(solved.solution.time, values, color=shade, linewidth=1.0, label=coordinate)
+        axis.set_title(title, loc="left")
+        axis.set_ylabel(f"[{unit}]")
+        if members:
+            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7.5)
+    axes[-1].set_xlabel("time [s]")
+
+
+def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:
+    """(title, unit) → indices of actuators."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    is_free = effort_weights(solved.model, solved.options)[len(solved.model.muscles) :] == 0
+    for index in np.argsort(is_free, kind="stable"):
+        title = "free reserves, without weight" if is_free[index] else "reserves, which stand in for muscles"
+        unit = reserve_unit(solved, solved.model.actuators[index].coordinate)
+        groups.setdefault((title, unit), []).append(int(index))
+    return groups
+
+
+def _glenoid(page: Page, solved: SolvedMotion) -> None:
+    """Where the line of the reaction goes through the glenoid, coloured by time; its rim, and frames beyond solving."""
+    found = solved.solution
+    axis = page.subplots()
+    axis.set_title("where the joint reaction meets the glenoid", loc="left")
+    try:
+        along, across = (
+            MM * half for half in glenoid_cone(solved.model, solved.options.glenoid_aspect, solved.options.joint).rim
+        )
+    except ModelError:
+        axis.text(0.5, 0.5, "the model has no markers of the glenoid", ha="center", transform=axis.transAxes)
+        axis.set_axis_off()
+        return
+    is_held = solved.options.has_glenoid_cone
+    rim = Ellipse(
+        (0, 0), 2 * along, 2 * across, facecolor="#f3efe6", edgecolor=LINE, linestyle="-" if is_held else "--"
+    )
+    axis.add_patch(rim)
+    axis.plot(0, 0, "+", color=MARK, markersize=9)
+    _draw_path(page, axis, solved)
+    lost = [outcome is FrameOutcome.INFEASIBLE for outcome in found.outcomes]
+    if any(lost):
+        axis.plot(*(MM * found.contact[lost].T), "x", color=WARM, markersize=4, label="infeasible: nearest point")
+        axis.legend(loc="upper right", fontsize=7.5)
+    reach = 1.15 * max(along, across)
+    far = MM * np.nanmax(np.abs(found.contact), initial=0.0)
+    reach = float(np.clip(1.05 * far, reach, 2.5 * reach))
+    axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axis.set_xlabel("from its centre towards the edge marker [mm]")
+    axis.set_ylabel("across [mm]")
+
+
+def _draw_path(page: Page, axis: Axes, solved: SolvedMotion) -> None:
+    time, points = solved.solution.time, MM * solved.solution.contact
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    line = LineCollection(list(pieces), cmap="viridis", linewidths=1.8, capstyle="round")
+    line.set_array(0.5 * (time[1:] + time[:-1]))
+    axis.add_collection(line)
+    known = np.flatnonzero(np.isfinite(points).all(axis=1))
+    for words, frame, shift in zip(("start", "end"), known[[0, -1]] if len(known) else (), (5, -11), strict=False):
+        axis.plot(*points[frame], "o", color=LINE, markersize=4)
+        axis.annotate(words, points[frame], xytext=(6, shift), textcoords="offset points", fontsize=8)
+    page.colorbar(line, ax=axis, pad=0.02, fraction=0.05, label="time [s]")
+
+
+_PARTS: dict[str, tuple[Callable[[Page, SolvedMotion], Any], tuple[float, float]]] = {
+    "activations": (_activations, (8.0, 8.0)),
+    "reserves": (_reserves, (8.0, 6.0)),
+    "glenoid": (_glenoid, (6.0, 5.0)),
+}

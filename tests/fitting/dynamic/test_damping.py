@@ -1,0 +1,140 @@
+"""Which stretch of a dynamic trial is fitted, and which trials cannot tell damping."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from fitting.dynamic.damping import fit_damping
+from fitting.oscillation import find_oscillation
+from fitting.quality import UnusableTrial
+from fitting.timing.clocks import LagUncertainty
+from fitting.trial import Trial
+from recordings.manifest import CuffSite
+
+K, C = 2140.0, 124.0
+
+
+def _trial(
+    frequency: float = 1.0,
+    amplitude: float = 12.0,
+    seconds: float = 20.0,
+    rate: float = 500.0,
+    lag: float = 0.5e-3,
+    colour: float = 0.0,
+) -> tuple[Trial, np.ndarray]:
+    """Three seconds at rest, then the weight swings, then three seconds at rest; and the displacement in metres."""
+    random = np.random.default_rng(6)
+    force_time, marker_time = np.arange(0, seconds, 1 / rate), np.arange(0, seconds, 0.01)
+    w = 2 * np.pi * frequency
+    way = amplitude / abs(K + 1j * w * C)
+
+    def motion(t: np.ndarray, order: int) -> np.ndarray:
+        swinging = (t > 3) & (t < seconds - 3)
+        return np.where(swinging, way * w**order * np.sin(w * (t - 3) + order * np.pi / 2), 0.0)
+
+    force = 25 + K * motion(force_time, 0) + C * motion(force_time, 1) + 0.2 * motion(force_time, 2)
+    trial = Trial(
+        cuff=CuffSite("waist", "waist", (), ()),
+        test="dynamic",
+        repeat=1,
+        run=1,
+        donning="1",
+        start_utc_ns=0,
+        file="a.mcap",
+        sha256="",
+        force_time=force_time,
+        force=force + 0.3 * random.standard_normal(len(force)),
+        force_step=0.0,
+        marker_time=marker_time,
+        labels=(),
+        markers=np.zeros((len(marker_time), 0, 3)),
+        lag=LagUncertainty(0.3e-3, lag, 0.0),
+    )
+    memory = math.exp(-0.01 / colour) if colour else 0.0
+    noise = lfilter([math.sqrt(1 - memory**2)], [1, -memory], random.standard_normal(len(marker_time)))
+    return trial, motion(marker_time, 0) + 0.2e-3 * noise
+
+
+def test_the_swinging_stretch_is_found_without_its_ends() -> None:
+    trial, _ = _trial(frequency=1.3)
+    found = find_oscillation(trial.force_time, trial.force)
+    assert 3.0 <= found.start <= 5.0
+    assert 15.0 <= found.end <= 17.0
+    assert found.frequency == pytest.approx(1.3, abs=0.03)
+    assert found.amplitude == pytest.approx(12.0, rel=0.05)
+
+
+def test_damping_comes_back_with_the_lag_in_its_error() -> None:
+    fit = fit_damping(*_trial(lag=2e-3))
+    assert fit.damping.value == pytest.approx(C, rel=0.05)
+    assert fit.damping.common == pytest.approx(K * 2e-3, rel=0.02)
+    assert fit.stiffness.value == pytest.approx(K, rel=0.02)
+    assert fit.damping.noise > fit.noise > 0
+
+
+@pytest.mark.parametrize(
+    ("trial", "sentence"),
+    [
+        (_trial(seconds=3.5), "too short"),
+        (_trial(frequency=0.3, seconds=14.0), r"swings 1\.\d times"),
+        (_trial(frequency=4.0, rate=20.0), "samples in a cycle"),
+        (_trial(amplitude=0.15), "cuff moves by|swing"),
+    ],
+)
+def test_a_trial_that_cannot_tell_damping_is_refused_in_a_sentence(
+    trial: tuple[Trial, np.ndarray], sentence: str
+) -> None:
+    with pytest.raises(UnusableTrial, match=sentence):
+        fit_damping(*trial)
+
+
+def test_a_small_motion_is_fitted_with_a_note_of_how_small_it_is() -> None:
+    fit = fit_damping(*_trial(amplitude=0.9))  # ± 0.40 mm of motion beside 0.2 mm of noise
+    assert [note for note in fit.notes if "2.0 times the marker noise" in note]
+    assert abs(fit.stiffness.value - K) < 4 * fit.stiffness.standard_error
+    assert not [note for note in fit_damping(*_trial()).notes if "times the marker noise" in note]
+
+
+def test_hidden_markers_through_most_of_the_pull_are_refused() -> None:
+    trial, x = _trial()
+    x[400:1400] = np.nan
+    with pytest.raises(UnusableTrial, match="hidden or missing in most"):
+        fit_damping(trial, x)
+
+
+def test_frames_that_end_before_the_pull_are_refused() -> None:
+    trial, x = _trial()
+    early = replace(trial, marker_time=trial.marker_time[:200], markers=trial.markers[:200])
+    with pytest.raises(UnusableTrial, match="hidden or missing in most"):
+        fit_damping(early, x[:200])
+
+
+def test_markers_with_a_memory_make_output_error_the_method() -> None:
+    fit = fit_damping(*_trial(colour=0.05))
+    assert fit.method == "output error"
+    assert any("correlated in time" in note for note in fit.notes)
+    assert abs(fit.damping.value - C) < 3.5 * fit.damping.estimate.standard_error
+    assert fit_damping(*_trial()).method == "errors in variables"
+
+
+def test_what_trials_share_is_told_by_cause() -> None:
+    trial, way = _trial(lag=2e-3)
+    fit = fit_damping(replace(trial, gain_sd=0.01, lag=LagUncertainty(0.0, 2e-3, 1e-4)), way)
+    assert math.hypot(*fit.damping.causes.values()) == pytest.approx(fit.damping.common)
+    assert fit.damping.causes["lag"] == pytest.approx(K * 2e-3, rel=0.02)
+    assert fit.damping.causes["drift"] == pytest.approx(K * 1e-4 * fit.oscillation.middle, rel=0.02)
+    assert fit.damping.causes["gain"] == pytest.approx(0.01 * C, rel=0.1)
+
+
+def test_the_energy_of_a_cycle_is_the_loops_area() -> None:
+    fit = fit_damping(*_trial())
+    way = 12.0 / abs(K + 2j * np.pi * C)
+    assert fit.energy.value == pytest.approx(np.pi * 2 * np.pi * C * way**2, rel=0.05)
+    assert fit.energy.standard_error / fit.energy.value == pytest.approx(
+        fit.damping.estimate.standard_error / fit.damping.value, rel=1e-6
+    )

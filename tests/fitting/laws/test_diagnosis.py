@@ -1,0 +1,132 @@
+"""The diagnosis on rigs and cuffs with a known defect: the cause is among the first two, and none where none is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fitting.laws.diagnosis import Diagnosis
+from fitting.laws.findings import Finding
+from fitting.result import CuffFit
+from fitting.session import fit_session
+from fitting.trial import build_trial
+from tests.fitting.defects import Law, OddSession, Rig
+from tests.fitting.experiment import Session, Truth, published
+
+DEFECTS = {
+    "tare with the weight on": (Law(), Rig(dynamic_zero=-23.0)),
+    "zero drift of the load cell": (Law(), Rig(dynamic_zero=-5.0)),
+    "zero of the displacement": (Law(), Rig(dynamic_shift=0.012)),
+    "stiffening": (Law(stiffness=4520.0, bend=99.7), Rig()),
+    "softening": (Law(stiffness=9640.0, bend=-26.0), Rig()),
+    "friction": (Law(friction=4.0), Rig()),
+    "standard linear solid": (Law(fast=(0.3, 0.3)), Rig()),
+    "creep": (Law(slow=(0.2, 15.0)), Rig()),
+    "slip": (Law(slip_from=20.0, hardening=2e3), Rig()),
+    "direction of the pull": (Law(), Rig(dynamic_angle=np.radians(40))),
+    "skin under an anchor marker": (Law(), Rig(skin=0.05e-3)),
+}
+
+
+def _fitted(session: Session, repeats: Sequence[int] = (1,)) -> CuffFit:
+    trials = []
+    for repeat in repeats:
+        trials.append(build_trial(*session.static(repeat), f"s{repeat}", "s"))
+        trials.append(build_trial(*session.dynamic(repeat), f"d{repeat}", "d"))
+    (fit,) = fit_session(trials).cuffs.values()
+    return fit
+
+
+@cache
+def _diagnosed(name: str, seed: int = 1) -> tuple[CuffFit, Diagnosis]:
+    law, rig = DEFECTS.get(name, (Law(), Rig()))
+    truth = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0)
+    fit = _fitted(OddSession(law, rig, seed, truth))
+    assert fit.diagnosis
+    return fit, fit.diagnosis
+
+
+def _finding(diagnosis: Diagnosis, name: str) -> Finding:
+    return next(finding for finding in diagnosis.findings if finding.name == name)
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_the_cause_is_among_the_first_two(name: str) -> None:
+    assert name in [cause.name for cause in _diagnosed(name)[1].causes[:2]]
+
+
+def test_the_law_is_called_by_the_way_it_bends() -> None:
+    for name in ("stiffening", "softening"):
+        fit, _ = _diagnosed(name)
+        assert fit.classes
+        assert fit.classes.name == name
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
+    assert _diagnosed("none", seed)[1].causes == ()
+
+
+def test_the_shift_of_a_record_is_told_in_millimetres_and_newtons() -> None:
+    place = _finding(_diagnosed("zero of the displacement")[1], "start from the static zero")
+    assert place.value == pytest.approx(0.012, abs=1e-4)
+    assert place.sentence.startswith("the dynamic record starts 12.0")
+    assert "mm from the static zero" in place.sentence
+    assert "-102" in place.sentence
+
+
+def test_migration_under_held_loads_is_told_from_another_zero() -> None:
+    fit = _fitted(Session(published("hand", hold=4.0, duration=12.0), 2))
+    assert fit.diagnosis
+    place = _finding(fit.diagnosis, "start from the static zero")
+    assert "migration under the held loads" in place.sentence
+    assert "zero of the displacement" not in [cause.name for cause in fit.diagnosis.causes]
+
+
+@pytest.mark.parametrize("name", ["tare with the weight on", "zero drift of the load cell", "zero of the displacement"])
+def test_an_offset_leaves_stiffness_and_damping_alone(name: str) -> None:
+    clean, odd = _diagnosed("none")[0], _diagnosed(name)[0]
+    for one, other in ((clean.stiffness, odd.stiffness), (clean.damping, odd.damping)):
+        assert one
+        assert other
+        assert abs(one.value - other.value) < 2 * np.hypot(one.standard_error, other.standard_error)
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])
+def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: float) -> None:
+    session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
+    trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
+    masses = (15 / 9.80665,) * 5
+    read = [replace(each, force=gain * each.force, force_step=gain * each.force_step) for each in trials]
+    (fit,) = fit_session([replace(each, step_masses=masses) for each in read]).cuffs.values()
+    assert fit.diagnosis
+    causes = {cause.name: cause.sentence for cause in fit.diagnosis.causes}
+    assert ("gain of the load cell" in causes) == (gain != 1)
+    if causes:
+        told, error = (float(number) for number in re.findall(r"\d\.\d{4}", causes["gain of the load cell"]))
+        assert abs(told - gain) < 4 * error < 0.02
+    (blind,) = fit_session(read).cuffs.values()
+    assert blind.diagnosis
+    assert blind.diagnosis.causes == ()
+
+
+def test_every_check_has_its_number() -> None:
+    codes = [finding.code for finding in _diagnosed("stiffening")[1].findings]
+    assert [code for code in dict.fromkeys(codes) if code != "D5"] == ["D1", "D2", "D3", "D4", "D6", "D7", "D8"]
+    stiffening, softening = (_finding(_diagnosed(name)[1], "curvature") for name in ("stiffening", "softening"))
+    assert stiffening.is_alarm
+    assert softening.is_alarm
+    assert stiffening.value > 0 > softening.value
+    assert _finding(_diagnosed("direction of the pull")[1], "angle of the pulls").is_alarm
+    assert _finding(_diagnosed("friction")[1], "dynamic over static stiffness").value > 1.1
+
+
+def test_coloured_marker_noise_raises_the_eighth_check() -> None:
+    clean = _finding(_diagnosed("none")[1], "memory of the markers' noise")
+    assert not clean.is_alarm
+    assert clean.value < 0.1

@@ -1,0 +1,221 @@
+"""Pulls in several directions: K and C in space with errors that hold, and nothing where directions are missing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fitting.session import fit_session
+from fitting.spatial.held_tensor import held_tensor
+from fitting.spatial.reduction import ReducedTrial, reduce_trials
+from fitting.spatial.swung_tensor import swung_tensor
+from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric
+from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
+
+RUNS = 12
+
+
+def _reduced(space: Space, pulls: NDArray[np.float64], random: np.random.Generator) -> list[ReducedTrial]:
+    trials = [pulled(space, u, test, i, random) for i, u in enumerate(pulls, 1) for test in ("static", "dynamic")]
+    return reduce_trials(trials)[0]
+
+
+def _of(trials: list[ReducedTrial], test: str) -> list[ReducedTrial]:
+    return [each for each in trials if each.trial.test == test]
+
+
+def _fitted(rope_error: float = 0.0, runs: int = RUNS) -> list[tuple[Space, Tensor, Tensor]]:
+    """K and C of cuffs turned at random, sway, lag and noise drawn anew in every run."""
+    found = []
+    for seed in range(runs):
+        random = np.random.default_rng(seed)
+        space = replace(elbow(random), rope_error=rope_error, lag=0.2e-3 * random.standard_normal(), lag_sd=0.2e-3)
+        trials = _reduced(space, directions(30), random)
+        found.append((space, held_tensor(_of(trials, "static"), 0.0), swung_tensor(_of(trials, "dynamic"), {}, 0.0)))
+    return found
+
+
+fitted = cache(_fitted)
+
+
+def _covered(found: list[tuple[Space, Tensor, Tensor]], part: float = 1.0) -> tuple[float, float]:
+    """Part of the entries of K and of C that lie in their intervals, those made narrower."""
+    stiffness = [_inside(tensor, space.stiffness, part) for space, tensor, _ in found]
+    damping = [_inside(tensor, space.damping, part) for space, _, tensor in found]
+    return float(np.mean(stiffness)), float(np.mean(damping))
+
+
+def _inside(tensor: Tensor, true: NDArray[np.float64], part: float) -> NDArray[np.bool_]:
+    return np.abs(entries_of(tensor.value - true)) < part * tensor.factor * entries_of(tensor.standard_error)
+
+
+def test_intervals_of_entries_hold_with_every_run_drawn_anew() -> None:
+    stiffness, damping = _covered(fitted())
+    assert stiffness >= 0.85
+    assert damping >= 0.85
+
+
+def test_halved_intervals_or_a_rope_shown_elsewhere_would_be_noticed() -> None:
+    assert max(_covered(fitted(), part=0.5)) < 0.85
+    assert max(_covered(_fitted(rope_error=0.03, runs=4))) < 0.85
+
+
+def test_entries_are_near_the_truth() -> None:
+    for space, stiffness, damping in fitted():
+        largest = np.abs(space.stiffness).max()
+        assert np.abs(np.diag(stiffness.value) / np.diag(space.stiffness) - 1).max() < 0.03
+        assert np.abs(stiffness.value - space.stiffness).max() < 0.05 * largest
+        assert np.abs(damping.value - space.damping).max() < 0.1 * np.abs(space.damping).max()
+
+
+def test_eigenvalues_and_axes_lie_in_their_intervals() -> None:
+    inside, cones = [], []
+    for space, stiffness, _ in fitted():
+        values, axes = np.linalg.eigh(space.stiffness)
+        inside += [
+            each.ci95[0] < value < each.ci95[1] for each, value in zip(stiffness.eigenvalues, values, strict=True)
+        ]
+        angles = np.arccos(np.minimum(1.0, np.abs(np.sum(stiffness.axes * axes.T, axis=1))))
+        cones += (angles < stiffness.axis_ci95).tolist()
+    assert np.mean(inside) >= 0.85
+    assert np.mean(cones) >= 0.85
+    assert all(max(stiffness.axis_ci95) < 0.02 for _, stiffness, _ in fitted())
+
+
+def test_an_axis_between_equal_eigenvalues_is_not_told() -> None:
+    tensor = Tensor(np.diag([1000.0, 1000.0 + 1e-6, 3000.0]), np.eye(6), 1.96, 5)
+    assert tensor.axis_ci95[0] == pytest.approx(np.pi / 2)
+    assert tensor.axis_ci95[2] < 0.01
+    assert tensor.eigenvalues[2].standard_error == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("pulls", "words"),
+    [
+        (directions(30, 1), "along one line (1 direction), which tells 3 of six entries; record two more directions"),
+        (directions(4), "along one line (1 direction)"),
+        (directions(30)[[0, 1, 3]], "in one plane (3 directions), which tells 5 of six entries; record one more"),
+    ],
+)
+def test_directions_that_do_not_span_space_are_refused_with_the_one_that_is_missing(
+    pulls: NDArray[np.float64], words: str
+) -> None:
+    with pytest.raises(NoTensor, match="three dimensions") as refused:
+        require_span(pulls, "stiffness", "static")
+    assert words in str(refused.value)
+
+
+def test_the_missing_direction_is_named() -> None:
+    with pytest.raises(NoTensor) as refused:
+        require_span(directions(30)[[0, 1, 3]], "stiffness", "static")
+    named = np.array([float(part) for part in str(refused.value).split("towards (")[1].rstrip(")").split(", ")])
+    assert abs(named @ (0.0, 0.0, 1.0)) == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_frame_of_the_room_turns_the_tensor_and_nothing_else() -> None:
+    random = np.random.default_rng(5)
+    space = elbow(random)
+    trials = [pulled(space, u, "static", i, random) for i, u in enumerate(directions(30), 1)]
+    turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    straight = held_tensor(reduce_trials(trials)[0], 0.0)
+    turned = held_tensor(reduce_trials([replace(each, markers=each.markers @ turn.T) for each in trials])[0], 0.0)
+    np.testing.assert_allclose(turned.value, turn @ straight.value @ turn.T, rtol=1e-6, atol=1e-3)
+
+
+def test_a_donning_pulled_in_five_directions_keeps_one_line_and_adds_space() -> None:
+    random = np.random.default_rng(1)
+    space = elbow(random)
+    pulls = directions(30)
+    trials = [pulled(space, u, test, i, random) for i, u in enumerate(pulls, 1) for test in ("static", "dynamic")]
+    session = fit_session(trials)
+    fit = session.cuffs["elbow"]
+    assert fit.stiffness
+    assert fit.tensors
+    assert fit.tensors.stiffness
+    assert fit.tensors.damping
+    along = 1 / (pulls[0] @ np.linalg.inv(space.stiffness) @ pulls[0])
+    assert fit.stiffness.value == pytest.approx(along, rel=0.01)
+    notes = {trial.file: " ".join(trial.notes) for trial in fit.trials}
+    assert "counts in three dimensions only" in notes["static-2"]
+    assert "counts in three dimensions only" not in notes["static-1"]
+    assert len(fit.sources) == 10
+    plain = json.loads(session.to_json())["cuffs"]["elbow"]
+    assert len(plain["stiffness_tensor_n_per_m"]["eigenvalues"]) == 3
+    assert plain["damping_tensor_n_s_per_m"]["directions"] == 5
+    for tensor, causes in ((fit.tensors.stiffness, ("gain",)), (fit.tensors.damping, ("lag", "gain"))):
+        assert tuple(tensor.parts) == ("noise", *causes, "posture")
+        np.testing.assert_allclose(sum(tensor.parts.values()), tensor.covariance)
+    (low, high), value = plain["stiffness_tensor_n_per_m"]["ci95"], plain["stiffness_tensor_n_per_m"]["value"]
+    assert np.all(np.array(low) < value)
+    assert np.all(np.array(high) > value)
+    of_lag = plain["damping_tensor_n_s_per_m"]["parts"]["lag"]
+    np.testing.assert_allclose(of_lag, space.lag_sd * np.abs(value), rtol=0.05, atol=0.05)
+
+
+def test_every_direction_has_repeats_of_its_own() -> None:
+    random = np.random.default_rng(6)
+    space = replace(elbow(random), loads=(15.0, 30.0, 45.0))
+    trials = []
+    for run, u in enumerate((*directions(40, 3), directions(40, 3)[2]), 1):  # the third pull is recorded twice
+        trial = pulled(space, u, "static", run, random)
+        trials.append(replace(trial, repeat=1, run=run, start_utc_ns=run))
+    fit = fit_session(trials).cuffs["elbow"]
+    assert [trial.state for trial in fit.trials] == ["used", "used", "superseded", "used"]
+    assert fit.trials[2].reason == "recorded again as static-4"
+    assert fit.tensors
+    assert fit.tensors.stiffness
+    assert fit.tensors.stiffness.directions == 3
+
+
+def test_without_rope_markers_trials_that_go_another_way_are_told() -> None:
+    random = np.random.default_rng(3)
+    space = elbow(random)
+    trials = []
+    for i, u in enumerate(directions(40, 2), 1):
+        trial = pulled(space, u, "static", i, random)
+        trials.append(replace(trial, cuff=replace(trial.cuff, rope_markers=())))
+    first, second = reduce_trials(trials)[0]
+    assert not any("turned pull" in note for note in first.notes)
+    assert any("turned pull" in note for note in second.notes)
+    assert not second.is_elsewhere
+
+
+def test_swings_that_all_go_another_way_are_a_fault_to_name_and_no_set_of_directions() -> None:
+    random = np.random.default_rng(4)
+    space = elbow(random)
+    ahead, aside = directions(40, 2)
+    trials = [pulled(space, ahead, "static", 1, random), pulled(space, aside, "dynamic", 1, random)]
+    assert not any(each.is_elsewhere for each in reduce_trials(trials)[0])
+
+
+def test_swings_count_along_the_rope_that_pulls_them() -> None:
+    random = np.random.default_rng(5)
+    space = Space(2530.0 * np.eye(3), 139.0 * np.eye(3))  # alike in all directions, so along every rope
+    ahead, aside = directions(40, 2)
+    fit = fit_session([pulled(space, ahead, "static", 1, random), pulled(space, aside, "dynamic", 1, random)])
+    elbow_fit = fit.cuffs["elbow"]
+    assert elbow_fit.diagnostics["dynamic_stiffness_n_per_m"] == pytest.approx(2530, rel=0.01)
+    assert elbow_fit.damping
+    assert abs(elbow_fit.damping.value - 139.0) < 3 * elbow_fit.damping.standard_error < 15.0
+
+
+def test_one_direction_gives_its_line_and_says_why_no_tensor() -> None:
+    random = np.random.default_rng(2)
+    space = elbow(random)
+    fit = fit_session([pulled(space, directions(30)[0], "static", 1, random)]).cuffs["elbow"]
+    assert fit.stiffness
+    assert fit.tensors
+    assert fit.tensors.stiffness is None
+    assert "span space" in fit.tensors.no_stiffness
+    assert "rope_markers" in fit.tensors.no_damping
+
+
+def test_a_symmetric_matrix_is_its_six_entries() -> None:
+    matrix = np.array([[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]])
+    np.testing.assert_array_equal(symmetric(entries_of(matrix)), matrix)

@@ -1,0 +1,107 @@
+"""What two edges are worth: recovered clocks, errors in newtons and metres, and a stop edge that contradicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.drift import residual
+from fitting.plain import plain_sync
+from fitting.session import fit_session
+from fitting.timing.sync_certificate import SyncCertificate
+from fitting.trial import Trial, build_trial
+from recordings.manifest import Manifest
+from recordings.reader import Track
+from tests.fitting.experiment import Session, published
+
+
+@cache
+def _dynamic() -> tuple[Manifest, dict[str, Track]]:
+    return Session(published("hand", clock_ppm=80e-6), 5).dynamic()
+
+
+def _trial(fall_later_by: float = 0.0) -> Trial:
+    """The stop edge moved by so many seconds."""
+    manifest, tracks = _dynamic()
+    sync = tracks["/sync"]
+    values = sync.values.copy()
+    fall = int(np.flatnonzero(values[:, 0] > 2.5)[-1]) + 1
+    moved = fall + round(1000 * fall_later_by)
+    values[min(fall, moved) : max(fall, moved)] = 5.0 if fall_later_by > 0 else 0.0
+    return build_trial(manifest, {**tracks, "/sync": replace(sync, values=values)}, "a.mcap", "hash")
+
+
+def _certificate(trial: Trial) -> SyncCertificate:
+    assert trial.sync is not None
+    return trial.sync
+
+
+def test_the_clock_ratio_is_found_within_its_uncertainty_and_told_with_it() -> None:
+    found = _certificate(_trial())
+    assert found.has_both_edges
+    assert found.drift == pytest.approx(80e-6, abs=3 * found.drift_sd)
+    assert 5e-6 < found.drift_sd < 25e-6
+    assert 2.0 < found.offset < 2.002
+    assert found.findings == ()
+    assert found.sentence.startswith("start and stop edge: offset 2.00")
+
+
+def test_the_error_is_that_of_time_times_the_trial_s_peak_rates() -> None:
+    found = _certificate(_trial())
+    assert 50 < found.force_rate < 200, "12 N at 1 Hz change by 75 N/s; the load is put on faster"
+    assert 0.005 < found.speed < 0.1
+    assert found.errors.time < 0.5e-3
+    assert found.errors.force == pytest.approx(found.errors.time * found.force_rate)
+    assert found.errors.displacement == pytest.approx(found.errors.time * found.speed)
+    assert plain_sync(found)["force_standard_error_n"] == found.errors.force  # type: ignore[index]
+
+
+def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_is_refused() -> None:
+    trial = _trial(-0.06)
+    found = _certificate(trial)
+    assert not found.has_both_edges
+    assert found.contradiction == pytest.approx(-0.06, abs=0.01)
+    assert trial.lag.edge == pytest.approx(abs(found.contradiction), rel=0.05)
+    assert any("stop edge and number of frames disagree" in note for note in trial.notes)
+    fit = fit_session([trial]).cuffs["hand"]
+    assert fit.damping is None
+    assert "damping is not identified: what is not known of the lag" in fit.verdict
+
+
+@pytest.mark.parametrize("late", [0.8, -0.8])
+def test_markers_that_start_with_another_edge_are_named_by_how_far_they_are_off(late: float) -> None:
+    manifest, tracks = _dynamic()
+    frames = tracks["/markers"]
+    moved = replace(frames, host_time_ns=frames.host_time_ns + round(1e9 * late))
+    found = _certificate(build_trial(manifest, {**tracks, "/markers": moved}, "a.mcap", "hash"))
+    assert f"frame numbers put the capture's start {late:+.2f} s from the sync edge" in found.findings[0]
+    assert found.errors.time == pytest.approx(0.05, rel=0.01)
+
+
+def test_whole_frames_missing_at_the_end_contradict_nothing() -> None:
+    trial = _trial(0.05)
+    found = _certificate(trial)
+    assert (found.has_both_edges, found.contradiction) == (False, 0.0)
+    assert any("frames are missing at the end" in note for note in trial.notes)
+    assert fit_session([trial]).cuffs["hand"].damping is not None
+
+
+def test_a_trial_without_its_stop_edge_is_certified_by_the_start_and_the_prior() -> None:
+    found = _certificate(_trial(9.0))
+    assert not found.has_both_edges
+    assert found.drift_sd == pytest.approx(50e-6)
+    assert found.errors.time > 1e-3
+    assert found.sentence.startswith("start edge alone")
+    assert "has not fallen" in found.findings[0]
+
+
+@pytest.mark.parametrize("ppm", [-200, -120, 0, 60, 200])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_clocks_up_to_200_ppm_apart_leave_less_than_a_millisecond_whatever_the_arrival(ppm: float, seed: int) -> None:
+    both, start = (residual(ppm, seed, duration=30.0, stops=stops) for stops in (True, False))
+    assert both.worst < 1e-3
+    assert both.stated < 1e-3
+    assert start.worst > 25e-6 * abs(ppm), "the stop edge is what holds the clocks together"

@@ -1,0 +1,87 @@
+"""The writer of .osim: read back it is the same model, and what it does not have is refused by name."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.functions.coordinate import Sine, polynomial
+from solver.functions.fibre import ThelenCurves
+from solver.model import BallMotion, CoordinateForce, CoordinateLock, Model, ModelError
+from solver.osim.reader import read_osim
+from solver.osim.writer import osim_document
+
+MODEL = bundled_model()
+SHOULDER = MODEL.joint("GlenoHumeral")
+
+
+def read_back(model: Model, folder: Path) -> Model:
+    path = folder / "written.osim"
+    Xml.ElementTree(osim_document(model)).write(path, encoding="utf-8")
+    return read_osim(path)
+
+
+def assert_same(ours: Any, theirs: Any, where: str = "model") -> None:
+    """Field by field; rotations pass through three angles, so numbers may differ in the last digit."""
+    assert type(ours) is type(theirs), where
+    if is_dataclass(ours):
+        for field in fields(ours):
+            assert_same(getattr(ours, field.name), getattr(theirs, field.name), f"{where}.{field.name}")
+    elif isinstance(ours, tuple):
+        assert len(ours) == len(theirs), where
+        for index, (each, other) in enumerate(zip(ours, theirs, strict=True)):
+            assert_same(each, other, f"{where}[{index}]")
+    elif isinstance(ours, np.ndarray):
+        np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-15, err_msg=where)
+    else:
+        assert ours == theirs, where
+
+
+def test_the_bundled_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    assert_same(MODEL, read_back(MODEL, tmp_path))
+
+
+def with_shoulder(motion: Any) -> Model:
+    joints = tuple(replace(each, motion=motion) if each.name == SHOULDER.name else each for each in MODEL.joints)
+    return replace(MODEL, joints=joints)
+
+
+def moved_by(function: Any) -> Any:
+    """The shoulder's motion with this function on its driven axes."""
+    motion: Any = SHOULDER.motion
+    pairs = zip(motion.coordinate, motion.functions, strict=True)
+    return replace(motion, functions=tuple(function if driver >= 0 else still for driver, still in pairs))
+
+
+def test_limits_and_higher_polynomials_come_back_too(tmp_path: Path) -> None:
+    limited = (replace(MODEL.actuators[0], min_control=-2.0, max_control=3.0), *MODEL.actuators[1:])
+    changed = replace(with_shoulder(moved_by(polynomial([0.1, 2.0, 3.0]))), actuators=limited)
+    back = read_back(changed, tmp_path)
+    assert_same((changed.joints, changed.actuators), (back.joints, back.actuators))
+
+
+@pytest.mark.parametrize(
+    ("model", "sentence"),
+    [
+        (with_shoulder(BallMotion((6, 7, 8), ())), "no ball and free joints, and thoracoscapular has"),
+        (with_shoulder(moved_by(Sine(1, 1, 0, 0))), "has only polynomials"),
+        (replace(MODEL, constraints=(CoordinateLock("still", 3, 0.0),)), "only point constraints, .* has still"),
+        (
+            replace(MODEL, muscles=(replace(MODEL.muscles[0], curves=ThelenCurves()),)),
+            "only Millard's muscles, and thoracoscapular has TrapeziusScapula_M",
+        ),
+        (
+            replace(MODEL, coordinate_forces=(CoordinateForce("stop", 3, polynomial([0.0]), polynomial([0.0])),)),
+            "no forces of coordinates, and thoracoscapular has stop",
+        ),
+    ],
+)
+def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, sentence: str) -> None:
+    with pytest.raises(ModelError, match=sentence):
+        osim_document(model)

@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+import pytest
+
+import station.bench.feed
+from drivers.errors import DeviceLost, DeviceUnavailable
+from recordings.samples import Event, Item, Stream
+from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+
+
+class Scripted:
+    """A device that returns what the script says, one entry a read; an exception is raised."""
+
+    name = "scripted"
+    streams: tuple[Stream, ...] = ()
+
+    def __init__(self, script: Sequence[Sequence[Item] | Exception], refuses: Exception | None = None) -> None:
+        self._script, self._refuses = list(script), refuses
+        self.closed = threading.Event()
+        self.asked: list[str] = []
+
+    def open(self) -> None:
+        if self._refuses:
+            raise self._refuses
+
+    def read(self, timeout_s: float) -> Sequence[Item]:
+        if not self._script:
+            self.closed.wait(0.01)
+            return []
+        step = self._script.pop(0)
+        if isinstance(step, Exception):
+            raise step
+        return step
+
+    def start_capture(self) -> None:
+        self.asked.append("start")
+
+    def stop_capture(self) -> None:
+        self.asked.append("stop")
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def test_what_a_device_delivers_arrives_in_order() -> None:
+    events = [Event(str(i), "", i, "x") for i in range(3)]
+    inbox = Inbox()
+    feed = DeviceFeed(Scripted([[events[0]], [], events[1:]]), inbox)
+    feed.start()
+    assert inbox.get(timeout=5) == Opened("scripted", ())
+    assert inbox.get(timeout=5) == Delivered("scripted", [events[0]])
+    assert inbox.get(timeout=5) == Delivered("scripted", events[1:])
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=5)
+
+
+def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None:
+    for device in (Scripted([], refuses=DeviceUnavailable("no")), Scripted([DeviceLost("gone")])):
+        inbox = Inbox()
+        feed = DeviceFeed(device, inbox)
+        feed.start()
+        message = inbox.get(timeout=5)
+        if isinstance(message, Opened):
+            message = inbox.get(timeout=5)
+        assert isinstance(message, Gone)
+        assert feed.has_ended(within_s=5)
+        assert device.closed.is_set()
+
+
+def test_a_fault_in_a_driver_becomes_a_sentence() -> None:
+    inbox = Inbox()
+    feed = DeviceFeed(Scripted([ZeroDivisionError("oops")]), inbox)
+    feed.start()
+    inbox.get(timeout=5)
+    message = inbox.get(timeout=5)
+    assert isinstance(message, Gone)
+    assert "ZeroDivisionError: oops" in str(message.error)
+    assert feed.has_ended(within_s=5)
+
+
+def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping() -> None:
+    inbox = Inbox()
+    device = Scripted([])
+    feed = DeviceFeed(device, inbox)
+    assert feed.can_control_capture
+    feed.start()
+    feed.request_capture(start=True)
+    feed.request_capture(start=False)
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=5)
+    assert device.asked == ["start", "stop"]
+
+
+def test_while_nobody_listens_the_device_is_not_read_and_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 3)
+    monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
+    events = [Event(str(i), "", i, "x") for i in range(20)]
+    device = Scripted([[event] for event in events])
+    inbox = Inbox()
+    feed = DeviceFeed(device, inbox)
+    feed.start()
+    while not inbox.full():
+        device.closed.wait(0.001)
+    assert len(device._script) >= 20 - 4
+    taken = [inbox.get(timeout=5) for _ in range(21)]
+    assert [message.items[0] for message in taken if isinstance(message, Delivered)] == events
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=5)
+
+
+def test_a_feed_ends_though_nobody_takes_what_it_delivered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 1)
+    monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
+    device = Scripted([[Event(str(i), "", i, "x")] for i in range(5)])
+    feed = DeviceFeed(device, Inbox())
+    feed.start()
+    feed.ask_to_stop()
+    assert feed.has_ended(within_s=5)
+    assert device.closed.is_set()

@@ -1,0 +1,57 @@
+"""Whatever goes wrong during a trial, its file accounts for every sample that a device numbered."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.simulators.bench import Bench
+from recordings.contents import contents_of
+from station.bench.daemon import Daemon
+from station.clock import RealClock
+from station.config import parse_config
+from station.files.info import show_contents
+from station.protocol import TrialSpec
+
+SPEED = 10.0
+ANCHOR = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
+FAULTS = [
+    {"device": "ni", "fault": "overrun", "at_s": 3.0},
+    {"device": "qtm", "fault": "skip_frames", "at_s": 4.0, "for_s": 0.3},
+    {"device": "qtm", "fault": "no_more_data", "at_s": 6.0, "for_s": 0.5},
+    {"device": "ni", "fault": "unplug", "at_s": 9.0, "for_s": 4.0},
+    {"device": "qtm", "fault": "restart", "at_s": 16.0, "for_s": 4.0},
+    {"device": "ni", "fault": "transfer_aborted", "at_s": 24.0, "for_s": 2.0},
+    {"device": "qtm", "fault": "half_packet", "at_s": 30.0},
+]
+
+
+def test_under_many_faults_no_sample_is_unaccounted(
+    simulated_bench: Callable[..., Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = simulated_bench(SPEED, faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
+    config = parse_config(
+        {
+            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
+            "mocap": {"port": bench.ports["qtm"]},
+            "cuffs": {"waist": {"anchor_markers": ANCHOR, "cuff_markers": ["cuff_1"]}},
+        },
+        "test",
+    )
+    result = Daemon(config, RealClock(SPEED)).record(tmp_path, TrialSpec("waist", "static", 1))
+    assert result.path is not None
+    contents = contents_of(result.path)
+    causes = {(gap.stream, gap.cause) for gap in contents.gaps}
+    assert causes >= {("/force", "overrun"), ("/force", "disconnected"), ("/markers", "skipped")}
+    assert not {cause for _, cause in causes} & {"unexplained", "numbers_went_back", "file_damage"}
+    for name, stream in contents.streams.items():
+        numbered = stream.last_sample_number - stream.first_sample_number + 1
+        assert stream.samples + contents.lost(name) == numbered
+    assert result.lost_samples == sum(contents.lost(name) for name in contents.streams)
+    capsys.readouterr()
+    assert show_contents(result.path, as_json=True) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert {"connection_lost", "connection_restored", "no_more_data"} <= {event["kind"] for event in told["events"]}

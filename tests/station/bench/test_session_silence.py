@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recordings.samples import Event, Loss
+from station.bench.session import State
+from tests.station.bench_by_hand import Bench
+
+
+@pytest.mark.parametrize(("which", "stream"), [("daq_sends", "/force"), ("mocap_sends", "/markers")])
+def test_a_stream_that_falls_silent_while_recording_ends_the_trial_with_a_loss(which: str, stream: str) -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    setattr(bench, which, False)
+    bench.run(4.0)
+    assert bench.session.state is State.FAILED
+    assert bench.session.has_edge and bench.session.lost_samples > 0
+    losses = [i for i in bench.recorder.items if isinstance(i, Loss)]
+    assert [(x.stream, x.cause) for x in losses] == [(stream, "silent")]
+
+
+@pytest.mark.parametrize("has_preview", [False, True])
+def test_a_capture_without_a_frame_is_not_accepted_however_short_it_is(has_preview: bool) -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    if has_preview:
+        bench.send_frames(10)
+        bench.run(0.5)
+    bench.mocap_sends = False
+    bench.start_capture()
+    bench.run(2.0)
+    bench.stop_capture()
+    bench.run(2.0)
+    assert bench.session.state is State.FAILED
+    assert bench.session.sentence.startswith("the mocap capture ended; QTM 127.0.0.1:22223 sent not one frame of it")
+    losses = [(i.stream, i.count) for i in bench.recorder.items if isinstance(i, Loss)]
+    assert losses == [("/markers", pytest.approx(200, abs=10))]
+
+
+def test_a_daq_that_froze_before_the_capture_ended_is_not_accepted_and_the_missing_end_is_counted() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.daq_sends = False
+    bench.run(1.0)
+    bench.stop_capture()
+    bench.run(2.0)
+    assert bench.session.state is State.FAILED
+    assert "in the last 1.0 s of the trial" in bench.session.sentence
+    losses = {i.stream: i.count for i in bench.recorder.items if isinstance(i, Loss)}
+    assert losses == {"/force": pytest.approx(1000, abs=1), "/sync": pytest.approx(1000, abs=1)}
+
+
+def test_a_daq_that_falls_silent_after_the_capture_s_end_takes_nothing_with_it() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.stop_capture()
+    bench.daq_sends = False
+    bench.run(2.0)
+    assert (bench.session.state, bench.session.lost_samples) == (State.CLOSED, 0)
+
+
+def test_closing_waits_for_a_backlog_of_the_daq() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    backlog = [np.full(100, 5.0)] * 20
+    bench.daq_sends = False
+    bench.run(2.0)
+    bench.stop_capture()
+    for volts in backlog:
+        assert bench.session.state is State.CLOSING
+        bench.run(0.1)
+        bench.send_daq(volts)
+    bench.daq_sends = True
+    bench.run(6.0)
+    assert (bench.session.state, bench.session.lost_samples) == (State.CLOSED, 0)
+
+
+def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
+    for closing, expected in ((False, State.FAILED), (True, State.CLOSED)):
+        bench = Bench().arm()
+        bench.run(1.0)
+        bench.start_capture()
+        bench.run(2.0)
+        if closing:
+            bench.stop_capture()
+        bench.session.fail("QTM is gone")
+        bench.run(2.0)
+        assert bench.session.state is expected
+
+
+def test_a_device_that_is_away_may_be_silent_until_it_is_back_and_no_other() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
+    bench.daq_sends = False
+    bench.run(8.0)
+    assert bench.session.state is State.RECORDING
+    bench.session.handle(Event("connection_restored", "back", bench.clock.utc_ns(), "NI Dev1"))
+    bench.run(2.0)
+    assert bench.session.state is State.RECORDING
+    bench.run(2.0)
+    assert bench.session.state is State.FAILED
+    assert "sent nothing on /force" in bench.session.sentence
+
+
+def test_while_one_device_is_away_another_that_falls_silent_ends_the_trial() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
+    bench.daq_sends = bench.mocap_sends = False
+    bench.run(4.0)
+    assert bench.session.state is State.FAILED
+    assert "/markers" in bench.session.sentence

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.simulators.faults import Faults
+from station.bench.typed_faults import obey, obey_in_a_thread, typed_fault
+
+
+def test_a_line_is_a_fault_of_the_plan_now() -> None:
+    fault = typed_fault('qtm drop_labels for_s=2 labels=["cuff_1"]\n')
+    assert (fault.device, fault.fault, fault.at_s, fault.for_s, fault.labels) == (
+        "qtm",
+        "drop_labels",
+        0.0,
+        2.0,
+        ("cuff_1",),
+    )
+    assert typed_fault("sync early_edge capture=2").capture == 2
+
+
+def test_each_line_happens_or_is_answered_in_a_sentence() -> None:
+    faults, said = Faults(lambda: 7.0), list[str]()
+    lines = ["ni freeze\n", "\n", "ni\n", "ni fire\n", "ni unplug for_s=soon\n", "sync glitch at_s=1\n"]
+    obey(lines, faults, said.append)
+    assert [(one.begin, one.end) for one in faults.of("ni", "freeze", "unplug")] == [(7.0, 8.0)]
+    assert faults.of("sync", "glitch")[0].begin == 8.0
+    assert said[0] == "freeze of ni in 0 s, for 1 s"
+    assert "expected a device and its fault" in said[1]
+    assert "ni has no fault 'fire'" in said[2]
+    assert "expected keys of a fault plan such as for_s=2" in said[3]
+
+
+def test_a_standard_input_that_cannot_be_read_is_nothing_to_speak_of() -> None:
+    def unreadable() -> Iterator[str]:
+        raise OSError(5, "Input/output error")
+        yield ""
+
+    said: list[str] = []
+    for lines in (None, unreadable()):
+        thread = obey_in_a_thread(lines, Faults(lambda: 0.0), said.append)
+        thread.join(10.0)
+        assert not thread.is_alive() and said == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes cannot be waited for there")
+def test_the_simulated_devices_take_lines_while_they_serve(tmp_path: Path) -> None:
+    (tmp_path / "station.toml").write_text('[daq]\ngrpc_target = "127.0.0.1:0"\n[mocap]\nport = 0\n')
+    serve = [sys.executable, "-c", "from station.cli import main; main()", "simulate"]
+    with subprocess.Popen(  # noqa: S603
+        [*serve, "--config", str(tmp_path / "station.toml")], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as serving:
+        assert serving.stdin is not None and serving.stderr is not None
+        serving.stdin.write(b"ni unplug for_s=2\n")
+        serving.stdin.flush()
+        said = b""
+        while b"unplug of ni" not in said and select.select([serving.stderr], [], [], 60.0)[0]:
+            said += os.read(serving.stderr.fileno(), 4096)
+        serving.send_signal(signal.SIGINT)
+    assert "unplug of ni in 0 s, for 2 s" in said.decode()

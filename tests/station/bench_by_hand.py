@@ -1,0 +1,88 @@
+"""A trial whose devices are played by hand, by a clock that only the test moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from recordings.samples import Event, Item, Samples, Stream
+from station.bench.session import TrialRules, TrialSession
+from station.clock import ManualClock
+
+STREAMS = [Stream(n, "V", (n[1:],), 1000.0, "NI Dev1") for n in ("/force", "/sync")] + [
+    Stream("/markers", "mm", ("anchor_1",), 100.0, "QTM 127.0.0.1:22223")
+]
+BLOCK_S = 0.1
+
+
+class Recorder:
+    def __init__(self) -> None:
+        self.items: list[Item] = []
+
+    def write(self, item: Item) -> None:
+        self.items.append(item)
+
+    def flush_if_due(self) -> None:
+        pass
+
+    def samples(self, stream: str) -> list[Samples]:
+        return [i for i in self.items if isinstance(i, Samples) and i.stream == stream]
+
+    def events(self) -> list[str]:
+        return [i.kind for i in self.items if isinstance(i, Event)]
+
+
+class Bench:
+    """Devices by hand: a DAQ that sends a block every 0.1 station seconds and a mocap that sends while capturing."""
+
+    def __init__(
+        self,
+        start: str = "sync_edge",
+        timeout_s: float = 10.0,
+        duration_s: float | None = None,
+        speed: float = 1.0,
+    ) -> None:
+        self.clock, self.recorder = ManualClock(speed), Recorder()
+        rules = TrialRules(start, 2.5, timeout_s, duration_s)  # type: ignore[arg-type]
+        self.session = TrialSession(rules, self.recorder, self.clock)
+        self.sample, self.frame, self.level, self.capturing = 0, 1, 0.0, False
+        self.daq_sends = self.mocap_sends = True
+
+    def arm(self) -> Bench:
+        self.session.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
+        return self
+
+    def run(self, station_s: float) -> None:
+        for _ in range(round(station_s / BLOCK_S)):
+            self.clock.advance(BLOCK_S / self.clock.speed)
+            if self.daq_sends:
+                self.send_daq(np.full(100, self.level))
+            if self.capturing and self.mocap_sends:
+                self.send_frames(10)
+            self.session.tick()
+
+    def send_daq(self, volts: np.ndarray) -> None:
+        numbers = np.arange(self.sample, self.sample + len(volts), dtype=np.uint64)
+        self.sample += len(volts)
+        for stream in ("/force", "/sync"):
+            values = volts[:, None] if stream == "/sync" else np.zeros((len(volts), 1))
+            times = numbers.astype(np.int64) * 1_000_000
+            self.session.handle(Samples(stream, numbers, times, self.clock.utc_ns(), values))
+
+    def send_frames(self, count: int) -> None:
+        numbers = np.arange(self.frame, self.frame + count, dtype=np.uint64)
+        self.frame += count
+        values = np.zeros((count, 1, 4), dtype=np.float32)
+        times = numbers.astype(np.int64) * 10_000_000
+        self.session.handle(Samples("/markers", numbers, times, self.clock.utc_ns(), values))
+
+    def event(self, kind: str) -> None:
+        self.session.handle(Event(kind, kind, self.clock.utc_ns(), "QTM"))
+
+    def start_capture(self) -> None:
+        self.level, self.capturing = 5.0, True
+        self.event("capture_started")
+
+    def stop_capture(self, with_event: bool = True) -> None:
+        self.level, self.capturing = 0.0, False
+        if with_event:
+            self.event("capture_stopped")

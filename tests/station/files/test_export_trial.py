@@ -1,0 +1,269 @@
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from fitting.trial import Trial, read_trial
+from recordings.contents import contents_of
+from recordings.errors import RecordingError
+from recordings.manifest import BounceRig
+from station.files.export_trial import export_recordings
+from station.files.foreign_files import ForceSource, MarkerSource
+from station.files.import_trial import import_trial
+from station.files.one_clock import ExportRefused
+from station.fit import fit_session_folder
+from station.protocol import TrialSpec
+from tests.station.command import assert_one_sentence
+from tests.station.foreign import Truth, config, static_and_dynamic
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the station recorded of an experiment whose cuff marker is hidden for half a second."""
+    folder = tmp_path_factory.mktemp("session")
+    for truth in static_and_dynamic():
+        values = truth.tracks["/markers"].values.copy()
+        values[700:750, -1] = np.nan
+        tracks = truth.tracks | {"/markers": replace(truth.tracks["/markers"], values=values)}
+        Truth(truth.manifest, tracks).record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def static(session: Path) -> Path:
+    return session / "cuff-hand_test-static_run-1.mcap"
+
+
+@pytest.fixture(scope="module")
+def trial(static: Path) -> Trial:
+    return read_trial(static)
+
+
+def export(static: Path, to: str, output: Path) -> dict[str, Path]:
+    """What was written, by the end of its name after the recording's."""
+    written, refused = export_recordings([static], to, output, "01")
+    assert not refused
+    assert not list(output.glob(".*")), "no draft is left"
+    return {path.name.removeprefix(static.stem): path for path in written}
+
+
+def again(force: Path, mocap: Path, session: Path, test: str = "static") -> Path:
+    spec = TrialSpec("hand", test, 1)  # type: ignore[arg-type]
+    return import_trial(session, spec, config(), ForceSource(force), MarkerSource(mocap)).path
+
+
+def assert_same_trial(found: Trial, expected: Trial, newtons: float, metres: float) -> None:
+    """But for the last frame, which may stand after the last sample of the force that went out."""
+    assert found.labels == expected.labels
+    assert found.force_time == pytest.approx(expected.force_time[: len(found.force_time)], abs=2e-9)
+    assert found.force == pytest.approx(expected.force[: len(found.force)], abs=newtons)
+    frames = len(found.marker_time)
+    assert frames >= len(expected.marker_time) - 1 and len(found.force) >= len(expected.force) - 1
+    assert found.marker_time == pytest.approx(expected.marker_time[:frames], abs=2e-9)
+    assert found.markers == pytest.approx(expected.markers[:frames], abs=metres, nan_ok=True)
+
+
+@pytest.mark.parametrize(("force", "markers"), [("csv", "tsv"), ("tsv", "tsv"), ("csv", "trc"), ("tsv", "c3d")])
+def test_what_goes_out_as_two_files_comes_back_as_the_same_trial(
+    static: Path, trial: Trial, tmp_path: Path, force: str, markers: str
+) -> None:
+    out = export(static, force, tmp_path / "out") | export(static, markers, tmp_path / "out")
+    mocap = out["_markers.tsv"] if markers == "tsv" else out[f".{markers}"]
+    found = read_trial(again(out[f"_force.{force}"], mocap, tmp_path / "s"))
+    assert_same_trial(found, trial, newtons=1e-9, metres=1e-7)
+    assert np.isnan(found.positions(("cuff_1",))).all(axis=(1, 2)).sum() == 50
+
+
+def test_a_session_that_went_out_as_c3d_and_came_back_fits_the_same(session: Path, tmp_path: Path) -> None:
+    for path in session.glob("*.mcap"):
+        file = export(path, "c3d", tmp_path)[".c3d"]
+        again(file, file, tmp_path / "s", "static" if "static" in path.name else "dynamic")
+    before, after = (fit_session_folder(folder, None).cuffs["hand"] for folder in (session, tmp_path / "s"))
+    assert before.stiffness and after.stiffness and before.damping and after.damping
+    assert after.stiffness.value == pytest.approx(before.stiffness.value, rel=1e-4)
+    assert abs(after.damping.value - before.damping.value) < 0.2 * before.damping.standard_error
+
+
+def test_c3d_carries_the_force_at_a_multiple_of_the_frames_within_a_sample_s_noise(
+    static: Path, trial: Trial, tmp_path: Path
+) -> None:
+    c3d = ezc3d.c3d(str(export(static, "c3d", tmp_path)[".c3d"]))
+    assert c3d["parameters"]["ANALOG"]["LABELS"]["value"] == ["force_n"]
+    assert c3d["parameters"]["ANALOG"]["UNITS"]["value"] == ["N"]
+    assert c3d["parameters"]["ANALOG"]["RATE"]["value"][0] == 1000.0
+    read = c3d["data"]["analogs"][0, 0]
+    assert len(read) == 10 * c3d["data"]["points"].shape[2]
+    time = trial.marker_time[0] + np.arange(len(read)) / 1000
+    assert read == pytest.approx(np.interp(time, trial.force_time, trial.force), abs=1e-3)
+    assert np.isnan(c3d["data"]["points"][0, -1]).sum() == 50
+    points = dict(zip(c3d["parameters"]["POINT"]["LABELS"]["value"], c3d["data"]["points"].swapaxes(0, 1), strict=True))
+    for label, axis, found in each_coordinate(trial):
+        assert points[label]["xyz".index(axis)] == pytest.approx(1e3 * found, abs=1e-4, nan_ok=True)
+
+
+def each_coordinate(trial: Trial) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Label, axis and metres of every frame, NaN where the marker is hidden."""
+    for number, label in enumerate(trial.labels):
+        for axis in range(3):
+            yield label, "xyz"[axis], trial.markers[:, number, axis]
+
+
+def test_tables_have_a_sidecar_that_tells_units_rates_calibration_and_clock(static: Path, tmp_path: Path) -> None:
+    out = export(static, "csv", tmp_path)
+    plain = json.loads(out[".csv.json"].read_text(encoding="utf-8"))
+    assert plain["files"] == [out["_force.csv"].name, out["_markers.csv"].name]
+    assert (plain["force"]["unit"], plain["markers"]["unit"]) == ("N", "m")
+    assert plain["force"]["calibration"]["newtons_per_unit"] == pytest.approx(98.0665)
+    assert plain["force"]["rate_hz"] == pytest.approx(1000, rel=1e-4)
+    assert plain["markers"]["missing_frames"]["cuff_1"] == 50
+    assert plain["clock"]["zero"] == "the sync edge"
+    assert plain["clock"]["zero_utc"].startswith("2023-11-14T22:13:2")
+    header, first = out["_markers.csv"].read_text(encoding="utf-8").splitlines()[:2]
+    assert header.startswith("time_s,anchor_1_x_m,anchor_1_y_m,anchor_1_z_m,")
+    assert len(first.split(",")) == len(header.split(",")) == 16
+
+
+def test_parquet_has_units_in_its_fields_and_null_where_a_marker_is_missing(
+    static: Path, trial: Trial, tmp_path: Path
+) -> None:
+    out = export(static, "parquet", tmp_path)
+    markers, force = (parquet.read_table(out[f"_{name}.parquet"]) for name in ("markers", "force"))
+    assert markers.schema.field("cuff_1_x_m").metadata == {b"unit": b"m"}
+    assert force.schema.field("force_n").metadata == {b"unit": b"N"}
+    assert markers["cuff_1_x_m"].null_count == 50
+    assert force["force_n"].to_numpy() == pytest.approx(trial.force)
+    assert force["time_s"].to_numpy() == pytest.approx(trial.force_time)
+    assert markers["time_s"].to_numpy() == pytest.approx(trial.marker_time)
+    for label, axis, found in each_coordinate(trial):
+        column = markers[f"{label}_{axis}_m"].to_numpy(zero_copy_only=False)
+        assert column == pytest.approx(found, nan_ok=True)
+    assert json.loads(force.schema.metadata[b"station"])["test"] == "static"
+
+
+@pytest.mark.parametrize("suffix", ["mot", "sto"])
+def test_the_force_is_a_pull_along_the_way_that_the_cuff_yields(
+    static: Path, trial: Trial, tmp_path: Path, suffix: str
+) -> None:
+    path = export(static, suffix, tmp_path)[f"_force.{suffix}"]
+    lines = path.read_text(encoding="utf-8").splitlines()
+    head = lines.index("endheader")
+    assert lines[0] == path.stem and f"nRows={len(trial.force)}" in lines and "inDegrees=no" in lines
+    assert lines[head + 1].split("\t")[:5] == [
+        "time",
+        "cuff_force_vx",
+        "cuff_force_vy",
+        "cuff_force_vz",
+        "cuff_force_px",
+    ]
+    rows = np.array([line.split("\t") for line in lines[head + 2 :]], dtype=float)
+    assert rows[:, 0] == pytest.approx(trial.force_time, rel=1e-9)
+    is_seen = np.isfinite(rows[:, 4])
+    assert np.abs(np.linalg.norm(rows[:, 1:4], axis=1) - np.abs(trial.force)).max() < 1e-6
+    loaded = rows[trial.force > 60, 1:4].mean(axis=0)
+    assert loaded / np.linalg.norm(loaded) == pytest.approx([0.36, 0.48, 0.80], abs=0.02), "as the experiment pulls"
+    assert 490 <= (~is_seen).sum() <= 530, "the point is unknown while the cuff's marker is hidden"
+    assert rows[is_seen, 4:7][0] == pytest.approx(trial.positions(("cuff_1",))[0, 0], abs=1e-3)
+    assert not rows[:, 7:].any()
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("suffix", ["mot", "sto"])
+def test_opensim_reads_the_force_as_a_table(static: Path, tmp_path: Path, trial: Trial, suffix: str) -> None:
+    opensim = pytest.importorskip("opensim")
+    table = opensim.TimeSeriesTable(str(export(static, suffix, tmp_path)[f"_force.{suffix}"]))
+    assert table.getNumRows() == len(trial.force)
+    assert table.getColumnLabels()[:3] == ("cuff_force_vx", "cuff_force_vy", "cuff_force_vz")
+
+
+def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path, trial: Trial, tmp_path: Path) -> None:
+    first, second = sorted(session.glob("*.mcap"))
+    for path in (first, second, second):
+        export_recordings([path], "bids", tmp_path, "S 07")
+    described = json.loads((tmp_path / "dataset_description.json").read_text())
+    assert described["BIDSVersion"] and described["DatasetType"] == "raw"
+    assert (tmp_path / "participants.tsv").read_text() == "participant_id\nsub-S07\n"
+    scans = (tmp_path / "sub-S07" / "sub-S07_scans.tsv").read_text().splitlines()
+    assert len(scans) == 3 and scans[0] == "filename\tacq_time"
+    name = "sub-S07_task-static_tracksys-omc_acq-hand_run-1"
+    assert scans[2].startswith(f"motion/{name}_motion.tsv\t2023-11-14T22:13:2")
+    folder = tmp_path / "sub-S07" / "motion"
+    channels = [line.split("\t") for line in (folder / f"{name}_channels.tsv").read_text().splitlines()]
+    assert channels[0] == ["name", "component", "type", "tracked_point", "units", "reference_frame"]
+    assert channels[1] == ["anchor_1_x", "x", "POS", "anchor_1", "m", "lab"]
+    rows = [line.split("\t") for line in (folder / f"{name}_motion.tsv").read_text().splitlines()]
+    assert {len(row) for row in rows} == {len(channels) - 1} == {15}
+    assert sum(row[-1] == "n/a" for row in rows) == 50
+    names = [channel[0] for channel in channels[1:]]
+    columns = {name: [float(row[at].replace("n/a", "nan")) for row in rows] for at, name in enumerate(names)}
+    for label, axis, found in each_coordinate(trial):
+        assert columns[f"{label}_{axis}"] == pytest.approx(found, abs=1e-7, nan_ok=True)
+    sidecar = json.loads((folder / f"{name}_motion.json").read_text())
+    assert (sidecar["SamplingFrequency"], sidecar["TaskName"], sidecar["POSChannelCount"]) == (100.0, "static", 15)
+    assert (folder / f"{name}_events.tsv").read_text() == "onset\tduration\ttrial_type\n0.0\t0\tsync_edge\n"
+    physio = json.loads((folder / f"{name}_recording-loadcell_physio.json").read_text())
+    force = gzip.decompress((folder / f"{name}_recording-loadcell_physio.tsv.gz").read_bytes()).decode().split()
+    assert len(force) == len(trial.force) and physio["Columns"] == ["force"] and physio["force"]["Units"] == "N"
+    assert physio["StartTime"] == pytest.approx(trial.force_time[0])
+    assert [float(word) for word in force] == pytest.approx(trial.force)
+
+
+def test_names_of_the_console_become_entities(static: Path, tmp_path: Path) -> None:
+    named = tmp_path / "sub-P3_ses-monday_task-static_acq-hand_run-1.mcap"
+    named.write_bytes(static.read_bytes())
+    written, _ = export_recordings([named], "bids", tmp_path / "out", "01")
+    folder = tmp_path / "out" / "sub-P3" / "ses-monday" / "motion"
+    assert folder / "sub-P3_ses-monday_task-static_tracksys-omc_acq-hand_run-1_motion.tsv" in written
+
+
+def test_the_same_recording_gives_the_same_bytes(static: Path, tmp_path: Path) -> None:
+    for to in ("csv", "bids"):
+        once, twice = (export_recordings([static], to, tmp_path / name, "01")[0] for name in ("a", "b"))
+        assert [path.read_bytes() for path in once] == [path.read_bytes() for path in twice]
+
+
+def test_a_whole_session_is_exported_and_what_cannot_be_is_told(station, session: Path, tmp_path: Path) -> None:
+    for path in session.glob("*.mcap"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    ran = station("export", "--session", tmp_path, "--to", "trc", "--output", tmp_path / "out")
+    assert ran.code == 0 and len(ran.out.split()) == 4 and all(Path(line).exists() for line in ran.out.split())
+    (tmp_path / "cuff-hand_test-static_run-2.mcap").write_bytes(b"\x89MCAP0\r\n" + b"x" * 50)
+    ran = station("export", "--session", tmp_path, "--to", "trc", "--output", tmp_path / "out")
+    assert ran.code == 3 and len(ran.out.split()) == 4 and "run-2.mcap" in ran.err
+
+
+def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
+    truth = static_and_dynamic()[1]
+    manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
+    path = Truth(manifest, truth.tracks).record(tmp_path / "test-bounce_run-1.mcap")
+    with pytest.raises(ExportRefused, match="is a bounce: it has no cuff"):
+        export_recordings([path], "mot", tmp_path, "01")
+    assert set(export(path, "csv", tmp_path / "out")) == {"_force.csv", "_markers.csv", ".csv.json"}
+    assert contents_of(path).complete
+
+
+def test_bad_asking_is_one_sentence(station, static: Path, tmp_path: Path) -> None:
+    assert_one_sentence(station("export", "--to", "csv"), 2, "needs either a FILE or --session, and --to")
+    assert_one_sentence(station("export", static), 2, "needs either a FILE or --session, and --to")
+    assert_one_sentence(
+        station("export", static, "--session", tmp_path, "--to", "csv"), 2, "either a FILE or --session"
+    )
+    assert_one_sentence(station("export", "--session", tmp_path, "--to", "csv"), 1, "holds no recording")
+    assert_one_sentence(station("export", tmp_path / "none.mcap", "--to", "csv"), 1, "none.mcap")
+    assert station("export", static, "--to", "xlsx").code == 2
+
+
+def test_a_recording_without_a_common_clock_is_refused_and_leaves_nothing(static: Path, tmp_path: Path) -> None:
+    truth = static_and_dynamic()[0]
+    low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
+    path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
+    with pytest.raises((ExportRefused, RecordingError), match="cannot be exported: the sync line never rises"):
+        export_recordings([path], "csv", tmp_path / "out", "01")
+    assert not (tmp_path / "out").exists()

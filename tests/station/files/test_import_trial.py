@@ -1,0 +1,376 @@
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.result import CuffFit
+from fitting.trial import read_trial, read_trials
+from recordings.contents import contents_of
+from recordings.exchange.qtm_tsv import write_qtm_tsv
+from recordings.exchange.signal_csv import write_columns
+from recordings.reader import open_recording, read_manifest
+from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource
+from station.files.import_trial import Imported, import_trial, with_lag
+from station.fit import fit_session_folder
+from station.protocol import TrialSpec
+from tests.fitting.bouncing import Bounce, recorded
+from tests.station.command import Ran, assert_one_sentence
+from tests.station.foreign import Truth, config, static_and_dynamic
+
+STATIC, DYNAMIC = TrialSpec("hand", "static", 1), TrialSpec("hand", "dynamic", 1)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Truth, Truth]:
+    return static_and_dynamic()
+
+
+@pytest.fixture(scope="module")
+def wire(pair: tuple[Truth, Truth], tmp_path_factory: pytest.TempPathFactory) -> CuffFit:
+    """The fit of what the station itself recorded."""
+    session = tmp_path_factory.mktemp("wire")
+    for truth in pair:
+        truth.record(session / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
+    return fit_session_folder(session, None).cuffs["hand"]
+
+
+@pytest.fixture(scope="module")
+def written(pair: tuple[Truth, Truth], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("written")
+    return pair[0].write_csv(folder / "daq.csv"), pair[0].write_markers(folder / "trial.tsv")
+
+
+@pytest.fixture
+def static(written: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
+    """Files of a static test with a sync line, to be spoilt."""
+    return Path(shutil.copy(written[0], tmp_path)), Path(shutil.copy(written[1], tmp_path))
+
+
+def run(session: Path, force: Path, mocap: Path, spec: TrialSpec = STATIC, **how: object) -> Imported:
+    return import_trial(session, spec, config(), ForceSource(force, **how), MarkerSource(mocap))  # type: ignore[arg-type]
+
+
+def fitted(session: Path) -> CuffFit:
+    return fit_session_folder(session, None).cuffs["hand"]
+
+
+def assert_same_fit(found: CuffFit, expected: CuffFit, rel: float) -> None:
+    assert found.stiffness and expected.stiffness and found.damping and expected.damping, found.verdict
+    assert found.stiffness.value == pytest.approx(expected.stiffness.value, rel=rel)
+    assert found.damping.value == pytest.approx(expected.damping.value, rel=rel)
+    assert found.migration and expected.migration
+    assert found.migration.value == pytest.approx(expected.migration.value, rel=rel)
+
+
+def test_the_fit_does_not_know_a_tsv_and_a_csv_with_a_sync_line_from_the_wire(
+    pair: tuple[Truth, Truth], wire: CuffFit, tmp_path: Path
+) -> None:
+    for truth, spec in zip(pair, (STATIC, DYNAMIC), strict=True):
+        force, mocap = truth.write_csv(tmp_path / "daq.csv"), truth.write_markers(tmp_path / "trial.tsv")
+        run(tmp_path / "s", force, mocap, spec)
+    assert_same_fit(fitted(tmp_path / "s"), wire, 1e-9)
+
+
+@pytest.mark.parametrize("suffix", ["tsv", "trc", "c3d"])
+def test_files_that_only_share_a_time_fit_within_what_the_edge_s_place_between_samples_costs(
+    pair: tuple[Truth, Truth], wire: CuffFit, tmp_path: Path, suffix: str
+) -> None:
+    for truth, spec in zip(pair, (STATIC, DYNAMIC), strict=True):
+        mocap = truth.write_markers(tmp_path / f"trial.{suffix}")
+        if suffix == "c3d":
+            run(tmp_path / "s", mocap, mocap, spec, column="ai0")
+        else:
+            run(tmp_path / "s", truth.write_csv(tmp_path / "daq.csv", has_sync=False), mocap, spec)
+    drift = read_trials((tmp_path / "s").glob("*.mcap"))[0][0].lag.drift
+    assert drift == (0.0 if suffix == "c3d" else 50e-6), "one file has one clock"
+    found = fitted(tmp_path / "s")
+    assert found.stiffness and wire.stiffness and found.damping and wire.damping
+    assert found.stiffness.value == pytest.approx(wire.stiffness.value, rel=2e-3)
+    assert abs(found.damping.value - wire.damping.value) < 8520 * 0.6e-3, "half a sample of lag, and a little"
+
+
+@pytest.mark.parametrize(("unit", "column", "per_volt"), [("N", "pull", 98.0665), ("lbs", "force_lbs", 22.0462)])
+def test_newtons_and_pounds_are_stored_as_they_stand_and_fit_as_volts_do(
+    pair: tuple[Truth, Truth], tmp_path: Path, unit: str, column: str, per_volt: float
+) -> None:
+    force = pair[0].write_csv(tmp_path / "daq.csv", newtons_per_unit=per_volt, column=column)
+    mocap = pair[0].write_markers(tmp_path / "trial.tsv")
+    named = {"column": column} if column == "pull" else {}
+    recording = open_recording(run(tmp_path / "s", force, mocap, unit=unit, **named).path)
+    volts = pair[0].tracks["/force"].values
+    assert recording.load("/force").stream.unit == {"N": "N", "lbs": "lbf"}[unit]
+    assert np.array_equal(recording.load("/force").values, per_volt * volts)
+    trial = read_trial(recording.path)
+    of_volts = read_trial(run(tmp_path / "v", pair[0].write_csv(tmp_path / "v.csv"), mocap).path)
+    assert trial.force == pytest.approx(of_volts.force, rel=1e-5)
+
+
+def test_the_recording_is_whole_and_says_where_it_came_from(static: tuple[Path, Path], tmp_path: Path) -> None:
+    captured = datetime(2025, 3, 4, 12, 0, 0, tzinfo=timezone(timedelta(hours=2)))
+    force, mocap = ForceSource(static[0]), MarkerSource(static[1])
+    contents = contents_of(import_trial(tmp_path / "s", STATIC, config(), force, mocap, captured).path)
+    assert contents.complete and not contents.gaps
+    assert contents.manifest and contents.manifest.start_utc_ns == 1741082400 * 10**9
+    events = [item for item in open_recording(contents.path).items() if getattr(item, "kind", "") == "imported"]
+    assert (
+        len(events) == 1 and "daq.csv (sha256 " in events[0].text and "the sync line rises at 2.000" in events[0].text
+    )
+
+
+def test_without_a_sync_line_the_manifest_says_so_and_the_declared_lag_reaches_the_fit(
+    pair: tuple[Truth, Truth], tmp_path: Path
+) -> None:
+    force = ForceSource(pair[0].write_csv(tmp_path / "daq.csv", has_sync=False))
+    mocap = MarkerSource(pair[0].write_markers(tmp_path / "trial.tsv"))
+    plain = read_trial(import_trial(tmp_path / "a", STATIC, config(), force, mocap).path)
+    lagged = import_trial(tmp_path / "b", STATIC, with_lag(config(), -0.012, 0.003), force, mocap).path
+    assert open_recording(lagged).manifest.start == "declared"
+    trial = read_trial(lagged)
+    assert plain.lag.declared == pytest.approx(np.hypot(0.0005, 0.0005 / np.sqrt(3))), "half a sample at 1 kHz"
+    assert trial.lag.declared == 0.003, "what is said is believed"
+    assert plain.lag.total(20.0) == pytest.approx(np.hypot(plain.lag.declared, 20 * 50e-6)), "two clocks drift apart"
+    assert plain.force_time[0] - trial.force_time[0] == pytest.approx(0.0, abs=1.1e-3), "both begin at time 0"
+    shift = np.interp(5.0, trial.force_time, trial.force) - np.interp(5.012, plain.force_time, plain.force)
+    assert shift == pytest.approx(0.0, abs=0.3)
+
+
+def test_without_a_sync_line_force_at_20_hz_tells_damping_no_better_than_half_a_sample_does(
+    pair: tuple[Truth, Truth], tmp_path: Path
+) -> None:
+    whole = pair[1].write_csv(tmp_path / "whole.csv", has_sync=False).read_text().splitlines()
+    force, mocap = tmp_path / "daq.csv", pair[1].write_markers(tmp_path / "trial.tsv")
+    force.write_text("\n".join([whole[0], *whole[1::50]]))
+    unsaid = run(tmp_path / "s", force, mocap, DYNAMIC)
+    assert read_trial(unsaid.path).lag.declared == pytest.approx(0.025 / np.sqrt(3), rel=1e-3)
+    assert "known to 14.4 ms, half a sample of force at 20 Hz; say it with --lag-sd-s" in unsaid.notes[-1]
+    (trial,) = fitted(tmp_path / "s").trials
+    assert trial.damping and trial.damping.parts["lag"] == pytest.approx(8520 * 0.0144, rel=0.02)
+
+    said = with_lag(config(), None, 0.0005)
+    imported = import_trial(tmp_path / "said", DYNAMIC, said, ForceSource(force), MarkerSource(mocap))
+    assert read_trial(imported.path).lag.declared == 0.0005 and not imported.notes
+
+
+def test_what_has_no_sync_line_cannot_be_played_back_and_says_so(
+    station, pair: tuple[Truth, Truth], tmp_path: Path
+) -> None:
+    force = pair[0].write_csv(tmp_path / "daq.csv", has_sync=False)
+    path = run(tmp_path / "s", force, pair[0].write_markers(tmp_path / "trial.trc")).path
+    assert_one_sentence(station("replay", path), 1, "was imported without a sync line")
+
+
+def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: tuple[Path, Path], tmp_path: Path) -> None:
+    plan = [TrialSpec("hand", test, repeat) for repeat in (1, 2, 3) for test in ("static", "dynamic")]  # type: ignore[arg-type]
+    for i in (3, 0, 5, 1, 4, 2):
+        run(tmp_path / "s", *static, plan[i])
+    run(tmp_path / "s", *static, plan[2])
+    found = sorted(
+        (read_manifest(path) for path in (tmp_path / "s").glob("*.mcap")), key=lambda each: each.start_utc_ns
+    )
+    assert [(each.repeat, each.test) for each in found] == [(spec.repeat, spec.test) for spec in [*plan[:3], *plan[2:]]]
+    assert found[2].run < found[3].run, "a repeat that is imported anew comes after the one it supersedes"
+
+
+def test_times_of_any_origin_are_only_differences(pair: tuple[Truth, Truth], tmp_path: Path) -> None:
+    trials = []
+    for origin in (0.0, 1.7e9):
+        force = pair[0].write_csv(tmp_path / "daq.csv", has_sync=False)
+        header, *rows = force.read_text().splitlines()
+        moved = [f"{float(row.split(',')[0]) + origin!r},{row.split(',')[1]}" for row in rows]
+        force.write_text("\n".join([header, *moved]), encoding="utf-8")
+        table = pair[0].markers
+        mocap = tmp_path / "trial.tsv"
+        mocap.write_text(write_qtm_tsv(replace(table, time_s=table.time_s + origin)), encoding="utf-8")
+        trials.append(read_trial(run(tmp_path / "s", force, mocap).path))
+    assert trials[1].force_time == pytest.approx(trials[0].force_time, abs=1e-6)
+    assert trials[1].marker_time == pytest.approx(trials[0].marker_time, abs=1e-6)
+
+
+def test_lost_rows_are_losses_of_the_recording(static: tuple[Path, Path], tmp_path: Path) -> None:
+    for path, first, header in zip(static, (5000, 300), (1, 6), strict=True):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        del lines[header + first : header + first + 50]
+        lines = [
+            re.sub(r"NO_OF_FRAMES\t(\d+)", lambda found: f"NO_OF_FRAMES\t{int(found[1]) - 50}", line) for line in lines
+        ]
+        path.write_text("\n".join(lines), encoding="utf-8")
+    done = run(tmp_path / "s", *static)
+    gaps = {gap.stream: (gap.cause, gap.first_missing, gap.count) for gap in contents_of(done.path).gaps}
+    assert gaps == {
+        "/force": ("skipped", 5000, 50),
+        "/sync": ("skipped", 5000, 50),
+        "/markers": ("skipped", 301, 50),
+    }
+    assert not read_trial(done.path).is_whole
+
+
+def test_nothing_is_overwritten_and_nothing_is_left_of_what_was_refused(
+    static: tuple[Path, Path], tmp_path: Path
+) -> None:
+    session = tmp_path / "s"
+    first = run(session, *static).path
+    content = first.read_bytes()
+    second = run(session, *static).path
+    assert (first.name, second.name) == ("cuff-hand_test-static_run-1.mcap", "cuff-hand_test-static_run-2.mcap")
+    static[0].write_text("time_s,force_v,sync_v\n" + "".join(f"{i / 1000},1.0,{5 * (i > 500)}\n" for i in range(30000)))
+    with pytest.raises(ImportRefused, match=r"daq.csv and trial.tsv cannot be used: force reads 1"):
+        run(session, *static)
+    assert sorted(path.name for path in session.iterdir()) == [first.name, second.name]
+    assert first.read_bytes() == content
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def ask(station, static: tuple[Path, Path], session: Path, *words: object) -> Ran:
+    """`station import` of these files as the hand cuff's first static test."""
+    toml = static[0].with_name("station.toml")
+    toml.write_text(
+        '[cuffs.hand]\nanchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]\ncuff_markers = ["cuff_1"]\n'
+    )
+    return station(
+        *("import", "--session", session, "--cuff", "hand", "--test", "static", "--repeat", 1, "--config", toml),
+        *("--force", static[0], "--mocap", static[1], *words),
+    )
+
+
+def test_the_verb_prints_the_path_and_says_nothing_else(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+    ran = ask(station, static, tmp_path / "s")
+    assert (ran.code, ran.out.strip(), ran.err) == (0, str(tmp_path / "s" / "cuff-hand_test-static_run-1.mcap"), "")
+
+
+def test_markers_are_renamed_as_they_are_said_to_be(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+    edit(static[1], "cuff_1", "LHand2")
+    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, "has no marker cuff_1", "--label THEIRS=OURS")
+    assert ask(station, static, tmp_path / "s", "--label", "LHand2=cuff_1").code == 0
+    assert_one_sentence(ask(station, static, tmp_path / "s", "--label", "LHand2"), 2, "names no two labels")
+    assert_one_sentence(ask(station, static, tmp_path / "s", "--label", "x=cuff_1"), 2, "has no marker x to rename")
+    assert_one_sentence(
+        ask(station, static, tmp_path / "s", "--label", "LHand2=anchor_1"), 1, "names the marker 'anchor_1' twice"
+    )
+
+
+@pytest.mark.parametrize(
+    ("which", "old", "new", "words"),
+    [
+        (0, "force_v", "kraft", "has no column force_v or force_n or force_lbs among time_s, kraft, sync_v"),
+        (0, "force_v", "force_v,force_n", "has columns force_v and force_n among"),
+        (0, "time_s", "t", "has no column time_s, only t, force_v, sync_v"),
+        (0, "\n0.007,", "\n,", "has no number in line 9"),
+        (0, "\n0.007,", "\n0.006,", "has 0.006 s again in line 9"),
+        (0, "\n0.007,", "\n0.001,", "has 0.001 s after 0.006 s in line 9"),
+        (0, "\n0.007,", "\n0.007,wet,", "has 'wet' in column 2, expected a number"),
+        (0, "\n0.007,", "\n0.007,,", "force holds 1 of"),
+        (1, "cuff_1\n", "hand_1\n", "has no marker cuff_1, only anchor_1, anchor_2, anchor_3, anchor_4, hand_1"),
+        (1, "MARKER_NAMES", "NAMES", "has no line MARKER_NAMES"),
+        (1, "FREQUENCY\t100", "FREQUENCY\t200", "announces 200 frames a second, and its times tell 100"),
+        (1, "\n8\t0.07\t", "\n8\t0.06\t", "has 0.06 s again in line 14"),
+    ],
+)
+def test_a_bad_line_is_one_sentence_and_leaves_nothing(
+    station, static: tuple[Path, Path], tmp_path: Path, which: int, old: str, new: str, words: str
+) -> None:
+    edit(static[which], old, new)
+    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, static[which].name, words)
+    assert not list(tmp_path.glob("s/*"))
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (["0.0,1,0", "0.001,2,5"], "share 0.00 s, expected at least half of"),
+        (
+            [f"{i},{i % 7},{5 * (i > 400)}" for i in range(30000)],
+            "tell 1 samples a second, expected 5 to 100000; are they in sec",
+        ),
+        ([f"{i / 1000},{9.95 + i % 3 / 100},{5 * (i > 400)}" for i in range(30000)], "force is saturated in 30000 of"),
+        ([f"{i / 1000},{i % 7},0.1" for i in range(30000)], "the sync line never rises above 2.5 V (highest 0.10 V)"),
+        ([f"{i / 1000},{i % 7},5.0" for i in range(30000)], "the sync line starts at 5.00 V"),
+        ([f"{i / 1000},{i % 7},{5 * (i > 9000)}" for i in range(20000)], "share 11.00 s, expected at least half of"),
+    ],
+)
+def test_a_force_that_is_no_measurement_of_this_trial_is_one_sentence(
+    station, static: tuple[Path, Path], tmp_path: Path, rows: list[str], words: str
+) -> None:
+    static[0].write_text("\n".join(["time_s,force_v,sync_v", *rows]))
+    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, words)
+    assert not list(tmp_path.glob("s/*"))
+
+
+def test_files_that_do_not_overlap_or_end_far_apart_are_told_of(
+    station, static: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def rows(first: float, seconds: float) -> str:
+        times = first + np.arange(round(1000 * seconds)) / 1000
+        return "\n".join(["time_s,force_v", *(f"{time:.3f},{1 + i % 4}" for i, time in enumerate(times))])
+
+    static[0].write_text(rows(100.0, 30.0))
+    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, "share 0.00 s", "force from 100.00 to 130.00 s")
+    static[0].write_text(rows(0.0, 12.0))
+    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, "share 12.00 s, expected at least half of 29.38 s")
+    static[0].write_text(rows(0.0, 28.0))
+    ran = ask(station, static, tmp_path / "s")
+    assert ran.code == 0 and "share 28.00 s, and nothing else of them is used" in ran.err
+
+
+def test_positions_in_another_unit_are_noticed(
+    station, pair: tuple[Truth, Truth], static: tuple[Path, Path], tmp_path: Path
+) -> None:
+    metres = replace(pair[0].markers, positions=pair[0].markers.positions / 1000)
+    static[1].write_text(write_qtm_tsv(metres))
+    assert_one_sentence(
+        ask(station, static, tmp_path / "s"), 1, "has its markers within 0.2", "give its unit with --mocap-unit"
+    )
+    ran = ask(station, static, tmp_path / "s", "--mocap-unit", "m")
+    assert ran.code == 0
+    reference = run(tmp_path / "r", static[0], pair[0].write_markers(tmp_path / "mm.tsv")).path
+    assert read_trial(Path(ran.out.strip())).markers == pytest.approx(
+        read_trial(reference).markers, abs=1e-6, nan_ok=True
+    )
+
+
+def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+    other = static[1].rename(static[1].with_suffix(".xlsx"))
+    session = tmp_path / "s"
+    assert_one_sentence(
+        ask(station, (static[0], other), session), 2, "ends in .xlsx, expected markers in .tsv, .trc or .c3d"
+    )
+    assert_one_sentence(
+        ask(station, (static[0].with_suffix(".tdms"), other.rename(static[1])), session),
+        2,
+        "ends in .tdms, expected force in",
+    )
+    assert_one_sentence(ask(station, static, session, "--test", "bounce"), 2, "a bounce no --cuff")
+    assert_one_sentence(ask(station, static, session, "--cuff", "knee"), 2, "[cuffs.knee]")
+    assert ask(station, static, session, "--lag-sd-s", "-1").code == 2
+    assert not session.exists()
+
+
+def test_an_imported_bounce_calibrates_the_lag_of_the_trials_beside_it(
+    station, static: tuple[Path, Path], tmp_path: Path
+) -> None:
+    bounce = Truth(*recorded(Bounce(lag=-0.012, duration=20.0), seed=1))
+    toml = tmp_path / "bounce.toml"
+    toml.write_text('[bounce]\nmass_kg = 2.5\nmarker = "weight"\n')
+    force, mocap = tmp_path / "bounce.csv", bounce.write_markers(tmp_path / "bounce.tsv")
+    volts = bounce.tracks["/force"].values[:, 0]
+    force.write_text(write_columns({"time_s": np.arange(len(volts)) / 1000, "force_v": volts}, ","), encoding="utf-8")
+    words = ("import", "--session", tmp_path / "s", "--test", "bounce", "--config", toml)
+    ran = station(*words, "--force", force, "--mocap", mocap)
+    assert ran.code == 0, ran.err
+    trial_path = run(tmp_path / "s", *static).path
+    (trial,), rejected = read_trials([Path(ran.out.strip()), trial_path])
+    assert not rejected
+    assert trial.lag.value == pytest.approx(-0.012, abs=4 * trial.lag.declared) and trial.lag.declared < 1e-3
+    assert_one_sentence(
+        station(*words, "--force", force, "--mocap", static[1]), 1, "has no marker weight, only anchor_1"
+    )

@@ -1,0 +1,110 @@
+"""The suited model as a file: from the bundled table or a user's .osim, and a sentence where it cannot be."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.osim.suited import add_suit
+from solver.osim.writer import osim_document
+from solver.wearing.suit import BUNDLED_SUIT, SuitError, read_suit
+from solver.wearing.worn import Wearing
+from station.muscles.assessment_inputs import InputError
+from station.muscles.export_model import SuitToExport, write_suited_model
+from tests.station.command import assert_one_sentence
+from tests.station.muscles.test_assessment import write_cuffs
+
+
+def written(worn: SuitToExport, folder: Path) -> Xml.Element:
+    write_suited_model(worn, folder / "out" / "suited.osim")
+    return Xml.parse(folder / "out" / "suited.osim").getroot()  # noqa: S314  (of our own making)
+
+
+def number(root: Xml.Element, path: str) -> float:
+    return float(str(root.findtext(f".//{path}")).split()[0])
+
+
+def test_without_cuffs_they_are_welded_on_with_their_masses(tmp_path: Path) -> None:
+    root = written(SuitToExport(rest_length=0.7), tmp_path)
+    assert [body.get("name") for body in root.iter("Body")][-3:] == ["waist_cuff", "shoulder_cuff", "arm_cuff"]
+    assert [number(root, f"Body[@name='{part}_cuff']/mass") for part in ("waist", "shoulder", "arm")] == [0.2] * 3
+    assert number(root, "PathSpring/resting_length") == 0.7
+    assert root.find(".//BushingForce") is None
+
+
+def test_a_yielding_cuff_is_on_a_bushing_and_its_migration_in_the_cord(tmp_path: Path) -> None:
+    root = written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
+    stiffness = [number(root, f"BushingForce[@name='{part}_cuff_bushing']/translational_stiffness") for part in PARTS]
+    assert stiffness == [2140.0, 2530.0]
+    assert number(root, "PathSpring/resting_length") == pytest.approx(0.74 + 0.012 + 0.022)
+
+
+PARTS = ("waist", "arm")
+
+
+def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
+    own = osim_document(bundled_model())
+    model = own[0]
+    model.insert(0, Xml.Comment("scaled by Anna"))
+    Xml.SubElement(model, "credits").text = "Anna"
+    Xml.ElementTree(own).write(tmp_path / "own.osim", encoding="utf-8")
+    root = written(SuitToExport(model=str(tmp_path / "own.osim")), tmp_path)
+    text = (tmp_path / "out" / "suited.osim").read_text(encoding="utf-8")
+    assert "<!--scaled by Anna-->" in text
+    assert root.findtext("Model/credits") == "Anna"
+    assert len(list(root.iter("Body"))) == len(list(own.iter("Body"))) + 3
+
+
+def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
+    root, rigid = osim_document(bundled_model()), Wearing("rigid", None, None, np.array([0.7]))
+    add_suit(root, bundled_model(), read_suit(), rigid)
+    with pytest.raises(SuitError, match="should not wear a suit yet and has arm_cuff, exotendon, shoulder_cuff"):
+        add_suit(root, bundled_model(), read_suit(), rigid)
+
+
+@pytest.mark.parametrize(
+    ("worn", "sentence"),
+    [
+        ({"condition": "both"}, "the condition both needs cuffs, and none are given"),
+        ({"cuffs": "cuffs.json"}, "wears one arm cuff and there are hand, elbow; choose one by --cuff"),
+        ({"cuffs": "cuffs.json", "cuff": "knee"}, "should hold knee and holds waist, hand, elbow"),
+    ],
+)
+def test_what_is_worn_has_to_be_clear(tmp_path: Path, worn: dict[str, str], sentence: str) -> None:
+    write_cuffs(tmp_path / "cuffs.json")
+    named = {key: tmp_path / value if key == "cuffs" else value for key, value in worn.items()}
+    with pytest.raises(InputError, match=sentence):
+        write_suited_model(SuitToExport(**named), tmp_path / "out.osim")  # type: ignore[arg-type]
+    assert not (tmp_path / "out.osim").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("damping_n_s_per_m = 0.0", "damping_n_s_per_m = 3.0", "no damping to become a PathSpring, .* has 3 N s/m"),
+        (
+            '[masses.arm]\nbody = "humerus"',
+            '[masses.arm]\nbody = "ulna"',
+            r"masses.arm should be on .* humerus, .* is on ulna",
+        ),
+    ],
+)
+def test_a_suit_that_opensim_cannot_have_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    text = BUNDLED_SUIT.read_text(encoding="utf-8")
+    assert old in text
+    (tmp_path / "suit.toml").write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(SuitError, match=sentence):
+        write_suited_model(SuitToExport(suit=tmp_path / "suit.toml"), tmp_path / "out.osim")
+
+
+def test_the_verb_prints_the_path_and_needs_one(station, tmp_path: Path) -> None:
+    output = tmp_path / "suited.osim"
+    ran = station("export", "--osim", "--output", output, "--rest-length-m", "0.7")
+    assert (ran.code, ran.out.strip()) == (0, str(output))
+    assert output.is_file()
+    assert_one_sentence(station("export", "--osim"), 2, "needs --output")
+    assert_one_sentence(station("export", "--osim", "--output", output, "--condition", "both"), 1, "needs cuffs")
