@@ -6,8 +6,8 @@ import numpy as np
 
 from solver.compiled import compiled
 from solver.geodesics.follow import bend, follow, normal_at
+from solver.vectors import Array, Vector, add, cross, read, subtract, turn, turn_back, write
 from solver.wrapping.course import Record
-from solver.wrapping.vectors import Array, Vector, add, cross, read, subtract, turn, turn_back, write
 
 # One end of a contact in ground: the place, the path's direction t, the outward normal n and b = n × t; and the bends
 # II(t, t), II(t, b), II(b, b) of the surface there [1/m].

@@ -12,8 +12,8 @@ from math import cos, sin
 
 from solver.compiled import compiled
 from solver.geodesics.series import along_ellipsoid
+from solver.vectors import Array, Vector, add, divide, dot, norm, scale, unit
 from solver.wrapping.course import ELLIPSOID, SPHERE
-from solver.wrapping.vectors import Array, Vector, add, divide, dot, norm, scale, unit
 
 Spread = tuple[float, float, float, float]
 

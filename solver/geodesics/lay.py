@@ -10,8 +10,8 @@ from solver.geodesics.planes import touch_in_plane
 from solver.geodesics.room import Room
 from solver.geodesics.taut import GUESS, pull_taut
 from solver.geodesics.touch import touch
+from solver.vectors import Vector, distance, dot, read, subtract
 from solver.wrapping.course import ELLIPSOID, Indices, Record, Records
-from solver.wrapping.vectors import Vector, distance, dot, read, subtract
 
 MOST_ROUNDS = 16
 IMPOSSIBLE = -1

@@ -10,8 +10,7 @@ from __future__ import annotations
 from math import atan2, cos, nan, pi, sin, sqrt
 
 from solver.compiled import compiled
-from solver.wrapping.segment import pierces, side
-from solver.wrapping.vectors import (
+from solver.vectors import (
     Array,
     Vector,
     add,
@@ -27,6 +26,7 @@ from solver.wrapping.vectors import (
     subtract,
     unit,
 )
+from solver.wrapping.segment import pierces, side
 
 PLANES = 12
 STEP = 2.0 * pi / PLANES

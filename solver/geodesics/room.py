@@ -9,8 +9,8 @@ import numpy as np
 from solver.geodesics.contact import CONTACT
 from solver.geodesics.planes import PLANES
 from solver.geodesics.series import ORDER, ROWS
+from solver.vectors import Array
 from solver.wrapping.course import NODE, Courses, Indices, Records
-from solver.wrapping.vectors import Array
 
 
 class Room(NamedTuple):

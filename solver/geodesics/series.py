@@ -13,7 +13,7 @@ from __future__ import annotations
 from math import exp, inf, log
 
 from solver.compiled import compiled
-from solver.wrapping.vectors import Array, Vector, divide, dot
+from solver.vectors import Array, Vector, divide, dot
 
 ORDER, ROUGH_ORDER, ORDER_OF_NEIGHBOURS = 18, 8, 10
 MOST_STEPS = 1000

@@ -19,8 +19,7 @@ from solver.geodesics.contact import set_geodesic
 from solver.geodesics.follow import normal_at, onto
 from solver.geodesics.room import Room
 from solver.geodesics.series import EXACT
-from solver.wrapping.course import ELLIPSOID, Indices, Record, Records
-from solver.wrapping.vectors import (
+from solver.vectors import (
     Array,
     Vector,
     add,
@@ -32,6 +31,7 @@ from solver.wrapping.vectors import (
     subtract,
     unit,
 )
+from solver.wrapping.course import ELLIPSOID, Indices, Record, Records
 
 GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
 MOST_STEPS = 30

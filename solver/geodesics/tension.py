@@ -10,10 +10,10 @@ from solver.compiled import compiled, compiled_for_python
 from solver.geodesics.lay import lay_between
 from solver.geodesics.room import Room
 from solver.model import NO_COORDINATE
+from solver.vectors import Array, read, scale, subtract, turn_back, unit, write
 from solver.wrapping.course import NO_SURFACE, Courses, Indices, Laid, Record, Records
 from solver.wrapping.sweep import lay_points, place_in_ground, points_and_wraps, to_ground
 from solver.wrapping.tension import path_speed, pull_on
-from solver.wrapping.vectors import Array, read, scale, subtract, turn_back, unit, write
 
 
 @compiled_for_python

@@ -9,9 +9,9 @@ from math import atan2, cos, isnan, nan, pi, sin, sqrt
 
 from solver.compiled import compiled
 from solver.geodesics.planes import shortest_ways, touch_in_plane
+from solver.vectors import ORIGIN, Array, Vector, add, any_across, cross, dot, norm, scale, subtract, unit
 from solver.wrapping.course import ELLIPSOID, SPHERE
 from solver.wrapping.segment import pierces, side
-from solver.wrapping.vectors import ORIGIN, Array, Vector, add, any_across, cross, dot, norm, scale, subtract, unit
 
 Touch = tuple[bool, Vector, Vector, float, float]
 """Whether the line touches, then the geodesic: where it leaves the line, in which direction, how long it is; and on an

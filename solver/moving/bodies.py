@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled, compiled_for_python
 from solver.moving.joints import MOVE, move_joint, product
 from solver.moving.tables import Functions, Record, Records
-from solver.wrapping.vectors import ORIGIN, Vector, add, along, cross, read, subtract, turn, write
+from solver.vectors import ORIGIN, Vector, add, along, cross, read, subtract, turn, write
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.moving.functions import derivatives
 from solver.moving.tables import AXES, BALL, Functions, Record
-from solver.wrapping.vectors import ORIGIN, Vector, add, along, cross, read, scale, subtract, turn, write
+from solver.vectors import ORIGIN, Vector, add, along, cross, read, scale, subtract, turn, write
 
 Array = NDArray[np.float64]
 

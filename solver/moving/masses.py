@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled, compiled_for_python
 from solver.moving.joints import product
 from solver.moving.tables import Indices, Record, Records
-from solver.wrapping.vectors import Vector, add, cross, dot, read, scale, subtract, turn, write
+from solver.vectors import Vector, add, cross, dot, read, scale, subtract, turn, write
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from solver.kinematics import Postures
 from solver.model import NO_COORDINATE, ConditionalPathPoint, MovingPathPoint, Path, PathPoint
 from solver.moving.functions import derivatives
 from solver.moving.tables import Functions, pack_functions
+from solver.vectors import ORIGIN, Array, add, read, turn, write
 from solver.wrapping.course import CHANGE, Records
-from solver.wrapping.vectors import ORIGIN, Array, add, read, turn, write
 
 WITHIN = 1e-5  # OpenSim keeps a conditional point so far beyond its range
 NO_FUNCTION = -1

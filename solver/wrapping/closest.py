@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import sqrt
 
 from solver.compiled import compiled
+from solver.vectors import Array, Vector, read, write
 from solver.wrapping.segment import ROUND_OFF
-from solver.wrapping.vectors import Array, Vector, read, write
 
 STOP = 1e-9
 MOST_ITERATIONS = 64

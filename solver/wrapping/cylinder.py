@@ -9,9 +9,7 @@ from __future__ import annotations
 from math import acos, atan2, cos, isnan, pi, radians, sin, sqrt
 
 from solver.compiled import compiled
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
-from solver.wrapping.sphere import nearest_pair
-from solver.wrapping.vectors import (
+from solver.vectors import (
     ORIGIN,
     SMALLEST_LENGTH,
     Vector,
@@ -24,6 +22,8 @@ from solver.wrapping.vectors import (
     subtract,
     unit,
 )
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
+from solver.wrapping.sphere import nearest_pair
 
 AXIS = (0.0, 0.0, 1.0)
 PIECE = 0.002

@@ -12,11 +12,7 @@ from math import acos, cos, pi, sin, sqrt
 import numpy as np
 
 from solver.compiled import compiled
-from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
-from solver.wrapping.course import AXIAL, MIDPOINT
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
-from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
-from solver.wrapping.vectors import (
+from solver.vectors import (
     ORIGIN,
     SMALLEST_LENGTH,
     Array,
@@ -32,6 +28,10 @@ from solver.wrapping.vectors import (
     subtract,
     unit,
 )
+from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
+from solver.wrapping.course import AXIAL, MIDPOINT
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
+from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 
 SAME_DIRECTION = 1e-4
 ALL_FAN = 0.7073

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.vectors import Array
 from solver.wrapping.course import NODE, Courses, Indices, Records
 from solver.wrapping.ellipsoid import fan_room
-from solver.wrapping.vectors import Array
 
 
 class Room(NamedTuple):

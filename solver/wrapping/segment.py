@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import nan, sqrt
 
 from solver.compiled import compiled
-from solver.wrapping.vectors import Vector, along, cross, dot, norm, subtract, unit
+from solver.vectors import Vector, along, cross, dot, norm, subtract, unit
 
 # What a surface answers. A mandatory wrap ends the search; of several possible ones the shortest detour is taken.
 INSIDE = -1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import acos, asin, cos, pi, sin
 
 from solver.compiled import compiled
+from solver.vectors import ORIGIN, Vector, add, along, cross, dot, norm, scale, subtract, unit
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, pierces, side
-from solver.wrapping.vectors import ORIGIN, Vector, add, along, cross, dot, norm, scale, subtract, unit
 
 THROUGH_THE_CENTRE = 1e-5
 

@@ -11,13 +11,7 @@ from math import inf
 
 from solver.compiled import compiled
 from solver.model import NO_COORDINATE
-from solver.wrapping.course import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Courses, Indices, Record, Records
-from solver.wrapping.cylinder import wrap_cylinder
-from solver.wrapping.ellipsoid import wrap_ellipsoid
-from solver.wrapping.room import Room
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
-from solver.wrapping.sphere import wrap_sphere
-from solver.wrapping.vectors import (
+from solver.vectors import (
     ORIGIN,
     Array,
     Vector,
@@ -29,6 +23,12 @@ from solver.wrapping.vectors import (
     turn_back,
     write,
 )
+from solver.wrapping.course import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Courses, Indices, Record, Records
+from solver.wrapping.cylinder import wrap_cylinder
+from solver.wrapping.ellipsoid import wrap_ellipsoid
+from solver.wrapping.room import Room
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
+from solver.wrapping.sphere import wrap_sphere
 
 MOST_SWEEPS = 8
 SETTLED = 0.0005

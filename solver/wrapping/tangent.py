@@ -12,7 +12,7 @@ a good one is doubled once too often and taken back.
 from __future__ import annotations
 
 from solver.compiled import compiled
-from solver.wrapping.vectors import Vector, along, divide, dot, subtract, unit
+from solver.vectors import Vector, along, divide, dot, subtract, unit
 
 ON_THE_SURFACE = 1e-4
 SMALL_ENOUGH = 1e-8

@@ -7,10 +7,7 @@ only. OpenSim's tangents are not exact, so the forces are not quite the derivati
 from __future__ import annotations
 
 from solver.compiled import compiled, compiled_for_python
-from solver.wrapping.course import Courses, Indices, Laid, Records
-from solver.wrapping.room import Room
-from solver.wrapping.sweep import lay_path, place_in_ground, points_and_wraps, to_ground
-from solver.wrapping.vectors import (
+from solver.vectors import (
     SMALLEST_LENGTH,
     Array,
     Vector,
@@ -23,6 +20,9 @@ from solver.wrapping.vectors import (
     subtract,
     turn,
 )
+from solver.wrapping.course import Courses, Indices, Laid, Records
+from solver.wrapping.room import Room
+from solver.wrapping.sweep import lay_path, place_in_ground, points_and_wraps, to_ground
 
 
 @compiled_for_python

@@ -10,8 +10,8 @@ import pytest
 from numba import njit
 from numpy.typing import NDArray
 
+from solver.vectors import Vector, read, write
 from solver.wrapping.closest import ANY_AXIS, closest_on_ellipse, closest_on_ellipsoid, closest_to_each
-from solver.wrapping.vectors import Vector, read, write
 
 Array = NDArray[np.float64]
 
