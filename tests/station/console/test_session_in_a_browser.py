@@ -22,12 +22,15 @@ from tests.station.console.served import ServedConsole, write_config
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_MS = 120_000
-IS_BUSY = os.getloadavg()[0] > 3 * (os.cpu_count() or 1)
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
     pytest.mark.timeout(600),
 ]
+
+
+def is_busy() -> bool:
+    return os.getloadavg()[0] > 3 * (os.cpu_count() or 1)
 
 
 @contextmanager
@@ -97,6 +100,11 @@ def seen(page: Page, words: str | re.Pattern[str]) -> None:
     expect(page.get_by_text(words).first).to_be_visible(timeout=PATIENCE_MS)
 
 
+def runs(page: Page) -> None:
+    """What is to be done now changes every few seconds, less than a busy machine needs to look; this lasts a trial."""
+    seen(page, re.compile(r"^recording \d"))
+
+
 def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, tmp_path: Path, pictures: Path) -> None:
     config = write_config(tmp_path, migration_m=0.03)
     with ServedConsole(config, "--simulated", "--speed", "3") as console:
@@ -114,7 +122,7 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         begin(page)
 
         page.keyboard.press("a")
-        seen(page, "add weight 1 of 3")
+        seen(page, re.compile(r"add weight \d of 3"))
         before = drawn(page)
         page.keyboard.press("m")
         seen(page, re.compile(r"take weight \d off"))
@@ -158,7 +166,7 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
     ]
 
 
-@pytest.mark.skipif(IS_BUSY, reason="others keep this machine busy: the simulated devices themselves fall silent")
+@pytest.mark.skipif(is_busy(), reason="others keep this machine busy: the simulated devices themselves fall silent")
 def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
     polite_browser: Browser, tmp_path: Path
 ) -> None:
@@ -170,7 +178,7 @@ def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recordin
         for other in others:
             seen(other, "next: hand")
         page.keyboard.press("a")
-        seen(others[0], "add weight 1 of 3")
+        runs(others[0])
         frozen = others[1].context.new_cdp_session(others[1])
         frozen.send("Debugger.enable")
         frozen.send("Debugger.pause")  # the page answers nothing any more
@@ -187,7 +195,7 @@ def test_a_browser_that_is_closed_in_mid_trial_finds_the_trial_again(browser: Br
         page = open_page(browser, console.address)
         begin(page)
         page.keyboard.press("a")
-        seen(page, "add weight 1 of 3")
+        runs(page)
         page.close()
         again = open_page(browser, console.address)
         expect(
@@ -206,7 +214,7 @@ def test_two_operators_see_the_same_and_only_one_trial_runs(browser: Browser, tm
         for button in arm:  # without waiting: the second click may come before the page has changed
             button.dispatch_event("click")
         for page in (one, other):
-            seen(page, "add weight 1 of 3")
+            runs(page)
         other.keyboard.press("m")
         for page in (one, other):
             seen(page, "Keep (k)")
@@ -225,7 +233,7 @@ def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser
             page = open_page(browser, console.address)
             begin(page)
             page.keyboard.press("a")
-            seen(page, "add weight 1 of 3")
+            runs(page)
             console.kill()
             page.close()
         with ServedConsole(config) as console:
@@ -267,7 +275,7 @@ def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark
         page.keyboard.press("s")  # the button still has the focus
         seen(page, "stopped by the operator")
         seen(page, "Keep (k)")
-        if not IS_BUSY:
+        if not is_busy():
             assert (len(updates) - 1) / (updates[-1] - updates[0]) >= 10, "updates a second"
         assert unreadable(page) == []
         page.get_by_label("Why (needed to redo)").fill("")
