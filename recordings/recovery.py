@@ -12,6 +12,7 @@ from typing import BinaryIO
 from mcap.writer import CompressionType, Writer
 
 from recordings import topics
+from recordings.chunk_index import keep_index_encoded
 from recordings.chunks import Damage, read_entries
 from recordings.contents import Contents, contents_of
 from recordings.durability import sync_folder
@@ -84,6 +85,7 @@ def recover(path: Path, output: Path | None = None, progress: Callable[[int], No
 def _copy(path: Path, file: BinaryIO, progress: Callable[[int], None]) -> tuple[Damage, ...]:
     """Returns what of the source could not be read. Raises RecordingError where nothing could."""
     writer = Writer(file, compression=CompressionType.ZSTD)
+    keep_index_encoded(writer)
     writer.start(profile=topics.PROFILE)
     channels = topics.register_topics(writer)
     damage: list[Damage] = []

@@ -15,6 +15,7 @@ from typing import BinaryIO
 from mcap.writer import CompressionType, Writer
 
 from recordings import topics
+from recordings.chunk_index import keep_index_encoded
 from recordings.durability import BackgroundSync, in_a_thread, sync_folder
 from recordings.errors import RecordingError, WriteFailed
 from recordings.manifest import Manifest, Outcome
@@ -85,6 +86,7 @@ class RecordingWriter:
             raise RecordingError(f"{path} cannot be made: {error.strerror or error}; check the folder") from error
         self._disk = BackgroundSync(lambda: sync(self._file.fileno()), background)
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
+        keep_index_encoded(self._mcap)
         try:
             with self._writing():
                 self._mcap.start(profile=topics.PROFILE)
