@@ -14,6 +14,7 @@ from fitting.spatial.directions import ELSEWHERE
 from fitting.uncertainty import NORMAL_95, Estimate
 from solver.assessment import Assessment, Figure
 from solver.optimise import Optimised
+from station.interval import between, digits_of, plus_minus, rounded
 
 Truth = Mapping[str, Mapping[str, float]]
 """Cuff → quantity → what the simulated cuff carries, keys as in cuffs.json."""
@@ -42,10 +43,7 @@ def _calibrated(fitted: SessionFit) -> str:
     if found is None:
         return "lag and gain of the load cell are as declared; calibrate them with `station record --test bounce`"
     lag, gain, zero = found.lag, found.gain, found.zero
-    words = (
-        f"{', '.join(found.sources)}: lag {_spoken(lag, 1e3, '.2f', None)} ms, gain {_spoken(gain, 1.0, '.4f', None)}, "
-        f"zero {_spoken(zero, 1.0, '.2f', None)} N"
-    )
+    words = f"{', '.join(found.sources)}: lag {_spoken(lag, 1e3)} ms, gain {_spoken(gain)}, zero {_spoken(zero)} N"
     return "; ".join((words, *found.notes))
 
 
@@ -60,9 +58,9 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Tabl
         true = (truth or {}).get(name, {})
         table.add_row(
             name,
-            _spoken(fit.stiffness, 1.0, ".0f", true.get("stiffness_n_per_m")),
-            _spoken(fit.damping, 1.0, ".0f", true.get("damping_n_s_per_m")),
-            _spoken(fit.migration, 1000.0, ".2f", true.get("migration_m")),
+            _spoken(fit.stiffness, true=true.get("stiffness_n_per_m")),
+            _spoken(fit.damping, true=true.get("damping_n_s_per_m")),
+            _spoken(fit.migration, 1000.0, true=true.get("migration_m")),
             fit.verdict,
         )
     return table
@@ -98,7 +96,7 @@ def assessment_table(assessment: Assessment) -> Table:
             _figure(curve.figures["at_reference"]),
             _figure(curve.figures["rest_length"]),
             _figure(curve.figures["lowest_cost"]),
-            _figure(curve.figures["permissible_error"], 100.0, ".2f"),
+            _figure(curve.figures["permissible_error"], 100.0, 2),
         )
     return table
 
@@ -111,7 +109,8 @@ def optimum_table(optimised: Optimised) -> Table:
         drawn = ["-", "-"]
         if tried.drawn.size:
             low, high = np.quantile(tried.drawn, [0.025, 0.975])
-            drawn = [f"{tried.drawn.mean():.4f}", f"{low:.4f} to {high:.4f}"]
+            digits = digits_of((low, high), otherwise=4)
+            drawn = [rounded(float(tried.drawn.mean()), digits), between((low, high), digits=4)]
         lengths = f"{tried.suit.reference_rest_length:.4f}", f"{tried.suit.stiffness:.0f}"
         table.add_row(name, *lengths, f"{tried.cost:.4f}", *drawn)
     return table
@@ -132,7 +131,7 @@ def _in_space(fit: CuffFit) -> Iterator[str]:
     for name, unit, tensor in (("stiffness", "N/m", found.stiffness), ("damping", "N s/m", found.damping)):
         if tensor is not None:
             each = (
-                f"{_spoken(value, 1.0, '.0f', None)} along ({', '.join(f'{part:.2f}' for part in axis)})"
+                f"{_spoken(value)} along ({', '.join(f'{part:.2f}' for part in axis)})"
                 for value, axis in zip(tensor.eigenvalues, tensor.axes, strict=True)
             )
             yield f"{name} in three dimensions [{unit}]: {'; '.join(each)}"
@@ -146,14 +145,14 @@ def _diagnosed(fit: CuffFit) -> Iterator[str]:
         yield from (f"likely: {cause.sentence}" for cause in fit.diagnosis.causes[:2])
 
 
-def _spoken(estimate: Estimate | None, scale: float, form: str, true: float | None) -> str:
+def _spoken(estimate: Estimate | None, scale: float = 1.0, true: float | None = None) -> str:
     if estimate is None:
         return "not identified"
-    half = (estimate.ci95[1] - estimate.ci95[0]) / 2
-    words = f"{estimate.value * scale:{form}} ± {half * scale:{form}}"
+    words = plus_minus(estimate.value, estimate.ci95, scale)
     if estimate.bound is not None:
-        words += f", at best ± {NORMAL_95 * estimate.bound * scale:{form}}"
-    return words if true is None else f"{words} (true {true * scale:{form}})"
+        reach = NORMAL_95 * estimate.bound
+        words += f", at best ± {rounded(scale * reach, digits_of((-reach, reach), scale))}"
+    return words if true is None else f"{words} (true {rounded(scale * true, digits_of(estimate.ci95, scale))})"
 
 
 def _beside(value: float | None, estimate: Estimate | None, scale: float, form: str) -> str:
@@ -161,9 +160,6 @@ def _beside(value: float | None, estimate: Estimate | None, scale: float, form: 
     return words if estimate is None else f"{words} ({estimate.value * scale:{form}})"
 
 
-def _figure(figure: Figure, scale: float = 1.0, form: str = ".4f") -> str:
+def _figure(figure: Figure, scale: float = 1.0, digits: int = 4) -> str:
     """Value ± half-width of the 95 % interval, where there is one."""
-    if figure.value is None:
-        return "-"
-    words = f"{figure.value * scale:{form}}"
-    return words if figure.ci95 is None else f"{words} ± {(figure.ci95[1] - figure.ci95[0]) / 2 * scale:{form}}"
+    return "-" if figure.value is None else plus_minus(figure.value, figure.ci95, scale, digits)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from station.fit import SessionError, fit_session_folder
+from station.interval import bracketed, digits_of, rounded
 from station.journal import Choice, JournalError, Recorded, read_journal
 
 SHOWN_POINTS = 400
@@ -56,9 +56,9 @@ class Judgement:
 
 
 QUANTITIES = {
-    "stiffness": ("k", 1.0, "N/m", ".0f"),
-    "damping": ("c", 1.0, "N s/m", ".1f"),
-    "migration": ("migration", 1e3, "mm", ".2f"),
+    "stiffness": ("k", 1.0, "N/m", 0),
+    "damping": ("c", 1.0, "N s/m", 1),
+    "migration": ("migration", 1e3, "mm", 2),
 }
 
 
@@ -115,11 +115,8 @@ def unjudged(file: str) -> Judgement:
 def _judge_bounce(path: Path, recorded: Recorded) -> Judgement:
     """Raises UnusableTrial where the bounce calibrates nothing."""
     fit = fit_bounce(read_bounce(path))
-    figures = {"lag [ms]": (fit.lag, 1e3, ".2f"), "gain": (fit.gain, 1.0, ".4f"), "zero [N]": (fit.zero, 1.0, ".2f")}
-    rows = tuple(
-        Row(name, f"{scale * found.value:{form}} ± {scale * math.hypot(found.noise, found.common):{form}}", "-", "-")
-        for name, (found, scale, form) in figures.items()
-    )
+    figures = {"lag [ms]": (fit.lag, 1e3), "gain": (fit.gain, 1.0), "zero [N]": (fit.zero, 1.0)}
+    rows = tuple(Row(name, _words(found.estimate, scale), "-", "-") for name, (found, scale) in figures.items())
     return Judgement(path.name, _title(recorded, path.name), "accept", (), rows, fit.notes, (), _marks_in(path))
 
 
@@ -146,15 +143,15 @@ def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialF
             f"the cuff slipped by {1e3 * trial.migration.value:.0f} mm in this trial, more than any cuff should "
             f"({1e3 * SLIPPED_M:.0f} mm); tighten its straps, don it anew and redo it"
         )
-    for name, (symbol, scale, unit, form) in QUANTITIES.items():
+    for name, (symbol, scale, unit, digits) in QUANTITIES.items():
         mine, theirs = getattr(trial, name), [getattr(each, name) for each in others if getattr(each, name) is not None]
         if name != "migration" and mine is not None and theirs:
             mean, error = _pooled(theirs)
             apart = abs(mine.value - mean) / max(np.hypot(mine.standard_error, error), 1e-12)
             if apart > DIFFERS_BY:
                 reasons.append(
-                    f"{symbol} is {scale * mine.value:{form}} {unit}, the earlier repeats say {scale * mean:{form}}: "
-                    f"{apart:.0f} standard errors apart"
+                    f"{symbol} is {rounded(scale * mine.value, digits)} {unit}, the earlier repeats say "
+                    f"{rounded(scale * mean, digits)}: {apart:.0f} standard errors apart"
                 )
     return tuple(reasons)
 
@@ -169,21 +166,18 @@ def _pooled(estimates: Sequence[Estimate]) -> tuple[float, float]:
 
 def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:
     rows = []
-    for name, (symbol, scale, unit, form) in QUANTITIES.items():
+    for name, (symbol, scale, unit, _) in QUANTITIES.items():
         earlier = [getattr(each, name) for each in others if getattr(each, name) is not None]
         words = [
-            _words(getattr(trial, name), scale, form),
-            ", ".join(f"{scale * each.value:{form}}" for each in earlier),
+            _words(getattr(trial, name), scale),
+            ", ".join(rounded(scale * each.value, digits_of(each.ci95, scale)) for each in earlier),
         ]
-        rows.append(Row(f"{symbol} [{unit}]", words[0], words[1] or "-", _words(getattr(cuff, name), scale, form)))
+        rows.append(Row(f"{symbol} [{unit}]", words[0], words[1] or "-", _words(getattr(cuff, name), scale)))
     return rows
 
 
-def _words(estimate: Estimate | None, scale: float, form: str) -> str:
-    if estimate is None:
-        return "-"
-    low, high = estimate.ci95
-    return f"{scale * estimate.value:{form}}  ({scale * low:{form}} to {scale * high:{form}})"
+def _words(estimate: Estimate | None, scale: float) -> str:
+    return "-" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
 
 
 def _title(recorded: Recorded | None, file: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from fitting.result import CuffsFileError, NotIdentified
 from fitting.uncertainty import Estimate
 from station.fit import SessionError, fit_session_folder
+from station.interval import bracketed
 
 DRAWS = 50
 
@@ -38,9 +39,9 @@ def summarise(folder: Path) -> Summary:
     rows = tuple(
         {
             "cuff": name,
-            "k [N/m]": _words(cuff.stiffness, 1.0, ".0f"),
-            "c [N s/m]": _words(cuff.damping, 1.0, ".0f"),
-            "migration [mm]": _words(cuff.migration, 1e3, ".2f"),
+            "k [N/m]": _words(cuff.stiffness),
+            "c [N s/m]": _words(cuff.damping),
+            "migration [mm]": _words(cuff.migration, 1e3),
             "verdict": cuff.verdict,
         }
         for name, cuff in fitted.cuffs.items()
@@ -54,8 +55,5 @@ def summarise(folder: Path) -> Summary:
     return Summary(rows, said)
 
 
-def _words(estimate: Estimate | None, scale: float, form: str) -> str:
-    if estimate is None:
-        return "not identified"
-    low, high = estimate.ci95
-    return f"{scale * estimate.value:{form}} ({scale * low:{form}} to {scale * high:{form}})"
+def _words(estimate: Estimate | None, scale: float = 1.0) -> str:
+    return "not identified" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)

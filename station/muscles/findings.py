@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.assessment import Assessment, Comparison, Sureness
 from solver.redundancy import FrameOutcome
+from station.interval import between, digits_of, rounded
 
 MOST_FOR_RESERVES = 0.1  # of the slack suit's cost; the published motions need less than 0.01
 CONSEQUENCE = {
@@ -60,11 +61,11 @@ def _compared(each: Comparison, rest_length: float) -> str:
     (a, b), value = each.cuffs, each.cost_difference.value
     if value is None:
         return f"{a} and {b} cannot be compared: frames stayed unsolved."
-    words = f"{a} costs {abs(value):.3f} {'more' if value > 0 else 'less'} than {b} at {rest_length:.2f} m"
+    digits = digits_of(each.cost_difference.ci95, otherwise=3)
+    words = f"{a} costs {rounded(abs(value), digits)} {'more' if value > 0 else 'less'} than {b} at {rest_length:.2f} m"
     if each.cost_difference.ci95 is None:
         return f"{words}; how sure that is was not determined."
-    low, high = (end if value > 0 else -end for end in each.cost_difference.ci95)
-    interval = f"95 % interval {min(low, high):.3f} to {max(low, high):.3f}"
+    interval = f"95 % interval {between(each.cost_difference.ci95, 1.0 if value > 0 else -1.0, digits)}"
     return f"{words} ({interval}): the two {'differ' if each.differ else 'cannot be told apart'}."
 
 

@@ -17,6 +17,7 @@ from fitting.result import CuffFit, SessionFit, read_cuffs
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from station.fit import fit_session_folder, recordings_in
+from station.interval import bracketed, digits_of, rounded
 from station.progress import Progress, silent
 from station.report.assessment_section import assessment_section
 from station.report.figures import dynamic_figure, static_figure, trial_figure
@@ -162,22 +163,26 @@ def _environment() -> Environment:
     )
     environment.filters["spoken"] = _spoken
     environment.filters["figure"] = _figure
+    environment.filters["beside"] = _beside
     return environment
 
 
-def _spoken(estimate: Estimate | None, scale: float = 1.0, digits: int = 0) -> str:
+def _spoken(estimate: Estimate | None, scale: float = 1.0) -> str:
     """Value and 95 % interval in words."""
-    if estimate is None:
-        return "not identified"
-    low, high = estimate.ci95
-    return f"{estimate.value * scale:.{digits}f} ({low * scale:.{digits}f} to {high * scale:.{digits}f})"
+    return "not identified" if estimate is None else _unbroken(bracketed(estimate.value, estimate.ci95, scale))
+
+
+def _beside(true: float, estimate: Estimate | None, scale: float = 1.0) -> str:
+    """What is known exactly, with as many digits as the estimate above it."""
+    return rounded(scale * true, digits_of(estimate.ci95 if estimate else None, scale))
 
 
 def _figure(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
     if not number or number["value"] is None:
         return "–"
-    words = f"{number['value'] * scale:.{digits}f}"
-    if number.get("ci95"):
-        low, high = number["ci95"]
-        words += f" ({low * scale:.{digits}f} to {high * scale:.{digits}f})"
-    return words
+    return _unbroken(bracketed(number["value"], number.get("ci95"), scale, digits))
+
+
+def _unbroken(words: str) -> str:
+    """A line may end before an interval, not within it."""
+    return words.replace(" to ", "\u00a0to\u00a0")

@@ -63,7 +63,7 @@ def test_a_good_trial_is_shown_with_its_figures_and_accepted(session: Path, fitt
     stiffness, _, migration = judgement.rows
     trial = of(fitted, STATIC)
     assert trial.stiffness is not None
-    assert stiffness.quantity == "k [N/m]" and stiffness.this.startswith(f"{trial.stiffness.value:.0f}  (")
+    assert stiffness.quantity == "k [N/m]" and stiffness.this.startswith(f"{trial.stiffness.value:.0f} (")
     assert migration.quantity == "migration [mm]" and migration.so_far != "-"
     assert 100 < len(judgement.path) <= 400
     assert max(force for _, force in judgement.path) > 20

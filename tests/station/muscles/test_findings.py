@@ -49,7 +49,7 @@ def test_the_cheapest_is_chosen_and_stands_alone_where_all_others_differ() -> No
     assert compared(0.01, (0.005, 0.015))[:2] == [
         "Choose tube: shifted and yielding it costs the muscles 0.840 of what the slack suit does, at 0.74 m, the "
         "least of hand, tube.",
-        "hand costs 0.010 more than tube at 0.74 m (95 % interval 0.005 to 0.015): the two differ.",
+        "hand costs 0.0100 more than tube at 0.74 m (95 % interval 0.0050 to 0.0150): the two differ.",
     ]
 
 
@@ -61,7 +61,7 @@ def test_a_rival_that_cannot_be_told_apart_is_named() -> None:
 
 def test_less_is_said_the_right_way_round() -> None:
     assert (
-        "hand costs 0.010 less than tube at 0.74 m (95 % interval 0.005 to 0.015)"
+        "hand costs 0.0100 less than tube at 0.74 m (95 % interval 0.0050 to 0.0150)"
         in compared(-0.01, (-0.015, -0.005))[1]
     )
 

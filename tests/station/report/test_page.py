@@ -75,7 +75,7 @@ def test_a_page_tells_the_principal_values_of_a_cuff_pulled_in_space(tmp_path: P
     page = write_report(tmp_path, replace(fitted, donnings={"waist": {"1": cuff}})).read_text(encoding="utf-8")
     assert "Stiffness in three dimensions" in page
     assert "Damping in three dimensions" not in page
-    assert "2000 (1990 to 2010)" in page
+    assert "2000.0 (1990.2\u00a0to\u00a02009.8)" in page
 
 
 def test_the_drawn_line_goes_through_the_held_loads_within_their_errors(drawn: list[Figure]) -> None:

@@ -1,0 +1,54 @@
+"""A number and its 95 % interval in words: the one place where their digits are chosen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+SIGNIFICANT = 2
+"""Digits of the half width that are told: with fewer nobody sees how wide an interval is, more are noise."""
+NO_WIDTH = 1e-12
+"""Half widths below this part of the number are rounding, not uncertainty."""
+
+Ends = Sequence[float] | None
+
+
+def bracketed(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> str:
+    """`12.34 (12.21 to 12.47)`; scale × the number, to `digits` decimals where it has no interval."""
+    digits = digits_of(ci95, scale, digits)
+    words = rounded(scale * value, digits)
+    return words if ci95 is None else f"{words} ({between(ci95, scale, digits)})"
+
+
+def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:
+    """`12.21 to 12.47`."""
+    digits = digits_of(ci95, scale, digits)
+    low, high = sorted(scale * end for end in ci95)
+    return f"{rounded(low, digits)} to {rounded(high, digits)}"
+
+
+def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> str:
+    """`12.34 ± 0.13`, which is half of the interval."""
+    digits = digits_of(ci95, scale, digits)
+    words = rounded(scale * value, digits)
+    return words if ci95 is None else f"{words} ± {rounded(_half(ci95, scale), digits)}"
+
+
+def digits_of(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:
+    """Decimals that show two figures of the interval's half width; `otherwise` where there is none."""
+    if ci95 is None:
+        return otherwise
+    half = _half(ci95, scale)
+    if not math.isfinite(half) or half <= NO_WIDTH * abs(scale * ci95[0]):
+        return otherwise
+    exponent = int(f"{half:.{SIGNIFICANT - 1}e}".partition("e")[2])  # of what is rounded: 0.0996 is 0.10
+    return max(0, SIGNIFICANT - 1 - exponent)
+
+
+def rounded(number: float, digits: int) -> str:
+    """Never "-0.00"."""
+    return f"{number:z.{digits}f}"
+
+
+def _half(ci95: Sequence[float], scale: float) -> float:
+    return abs(scale * (ci95[1] - ci95[0])) / 2

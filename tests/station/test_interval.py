@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from station.interval import between, bracketed, digits_of, plus_minus
+
+
+def test_an_interval_is_told_to_two_figures_of_its_half_width() -> None:
+    assert bracketed(0.89893, (0.89881, 0.89905)) == "0.89893 (0.89881 to 0.89905)"
+    assert plus_minus(2140.123, (2134.323, 2145.923)) == "2140.1 ± 5.8"
+    assert bracketed(8524.4, (8480.4, 8567.9)) == "8524 (8480 to 8568)"
+
+
+@pytest.mark.parametrize("half", [9.4e-7, 0.00012, 0.0996, 0.5, 1.04, 9.96, 43.0, 1234.0])
+def test_the_ends_of_an_interval_never_look_the_same(half: float) -> None:
+    low, high = between((0.9 - half, 0.9 + half)).split(" to ")
+    assert float(high) - float(low) == pytest.approx(2 * half, rel=0.06)
+
+
+def test_a_half_width_that_rounds_up_to_the_next_power_of_ten_has_no_third_figure() -> None:
+    assert plus_minus(1.0, (1.0 - 0.0996, 1.0 + 0.0996)) == "1.00 ± 0.10"
+
+
+def test_a_scale_counts_as_part_of_the_number_and_turns_the_ends_round_where_it_is_negative() -> None:
+    assert bracketed(0.012224, (0.012183, 0.012265), 1e3) == "12.224 (12.183 to 12.265)"
+    assert between((-0.3, -0.1), -1.0) == "0.10 to 0.30"
+
+
+def test_without_a_width_the_digits_are_those_that_were_asked_for() -> None:
+    assert bracketed(0.8703, None, digits=3) == "0.870"
+    assert bracketed(0.8703, (0.8703, math.nextafter(0.8703, 1.0)), digits=3) == "0.870 (0.870 to 0.870)"
+    assert digits_of((-math.inf, math.inf), otherwise=1) == 1
+
+
+def test_nothing_is_minus_zero() -> None:
+    assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
