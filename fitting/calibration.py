@@ -73,10 +73,14 @@ MISTAKES = {
 """Force read over force exerted → how that happens."""
 
 
+MISTAKE_REACH = 0.03
+"""How far (relative) a ratio may be from a mistake's: what weights and a sound cell may be off by together."""
+
+
 def blame(ratio: float) -> str:
     """What mistake reads `ratio` newtons for one, in words."""
     likely = min(MISTAKES, key=lambda known: abs(math.log(abs(ratio) / known)))
-    if abs(math.log(abs(ratio) / likely)) < 0.06:
+    if abs(math.log(abs(ratio) / likely)) < MISTAKE_REACH:
         return MISTAKES[likely]
     return "which no common mistake explains; check load_cell.capacity_kg, full_scale_v and the weights"
 

@@ -29,8 +29,6 @@ MIN_LOADS = 3
 TIE_ABOVE, TIE_BELOW = 0.15, 0.1
 """Relative standard error of c on its own from which the static stiffness is called to help, and what it must reach:
 beyond, c by its magnitude is far from normal, since that holds c only by its square."""
-OPEN = 0.5
-"""Part of its value that a standard error may reach before a quantity is called not identified."""
 
 
 def fit_donning(
@@ -75,7 +73,7 @@ def fit_donning(
         lag=_lag([each.trial for each in used.values()] or trials),
         trials=_list_trials(trials, every, {each.trial.file: each.pull for each in moved}, lines, swings, reasons),
         notes=_notes(stiffness, list(swings.values()))
-        + interval_notes(estimates[1])
+        + interval_notes(None if judged[1][1] else estimates[1])
         + held_load_notes(held, stiffness)
         + _migration_notes(all_static, before),
         held=plain_held_loads(held, stiffness),
@@ -181,22 +179,23 @@ def _judge_stiffness(
         return None, Verdict.FEW_LOADS
     if stiffness is None:
         return None, Verdict.ONLY_ROSE
-    if _is_open(stiffness) or stiffness.value < 0 or not math.isfinite(stiffness.ci95[1]):
+    if stiffness.is_open or stiffness.value < 0 or not math.isfinite(stiffness.ci95[1]):
         return None, Verdict.STIFFNESS_UNCERTAIN
     return stiffness, None
 
 
 def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict | None]:
+    """What noise and lag leave open is given too, with its verdict: chosen by its value, c would come out too large."""
     if not fits:
         return None, Verdict.NO_DYNAMIC
     damping = combine([fit.damping for fit in fits])
-    if not _is_open(damping):
-        return (damping, None) if damping.value > 0 else (None, Verdict.NEGATIVE)
+    if not damping.is_open:
+        return damping, None if damping.value > 0 else Verdict.NEGATIVE
     noise = float(np.linalg.norm([fit.noise for fit in fits])) / len(fits)
     with_lag = math.hypot(
         float(np.linalg.norm([fit.damping.noise for fit in fits])) / len(fits), max(fit.damping.common for fit in fits)
     )
-    return None, Verdict.LAG if with_lag > math.sqrt(2) * noise else Verdict.DAMPING_UNCERTAIN
+    return damping, Verdict.LAG if with_lag > math.sqrt(2) * noise else Verdict.DAMPING_UNCERTAIN
 
 
 def _judge_migration(
@@ -223,10 +222,6 @@ def _started_before(
         (each.file, each.capture.test, each.capture.start_utc_ns) for each in rejected if each.capture is not None
     ]
     return [file for file, test, start in begun if test == "static" and start < first]
-
-
-def _is_open(estimate: Estimate) -> bool:
-    return estimate.standard_error > OPEN * abs(estimate.value)
 
 
 def _list_trials(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
@@ -60,6 +60,14 @@ class Verdict(StrEnum):
         "damping is not identified: it comes out negative, and a cuff takes energy; force and markers are not at the "
         "times that are taken for theirs, record --test bounce"
     )
+    SCALE = (
+        "stiffness and damping are not identified: the load cell reads another force than the protocol's weights "
+        "exert; correct load_cell or protocol.step_masses_kg, and fit again"
+    )
+    SKIN = (
+        "stiffness and damping are not identified: the anchor's markers deform with the load, and the cuff's way is "
+        "measured against them; fix them to bone or to a plate, and record again"
+    )
     NOT_UNLOADED = (
         "migration is not identified: the first static trial does not start, or the last does not end, unloaded"
     )
@@ -67,6 +75,10 @@ class Verdict(StrEnum):
         "migration is not identified: an earlier static recording of this donning cannot be used, and the cuff may "
         "have migrated in it; don the cuff anew and record again"
     )
+
+
+_REFUTED = {Verdict.SCALE, Verdict.SKIN}
+"""What makes k and c wrong by more than their intervals hold."""
 
 
 class NotIdentified(Exception):
@@ -119,7 +131,9 @@ class TrialFit:
 
 @dataclass(frozen=True)
 class CuffFit:
-    """A cuff's k [N/m], c [N s/m] and migration [m] of one donning; None where not identified, and verdicts say why.
+    """A cuff's k [N/m], c [N s/m] and migration [m] of one donning; verdicts say what of it is not identified.
+
+    None where the trials give no figure. A figure with a wide interval is given with it, whatever the verdict.
 
     covariance  (3, 3) of (stiffness, damping, migration); zero where one is None or was given
     sources     file → SHA-256 of every recording that was used
@@ -159,13 +173,23 @@ class CuffFit:
         """All verdicts as one text."""
         return "; ".join(self.verdicts)
 
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The quantities that nobody should wear: not there, or not identified."""
+        is_wrong = not _REFUTED.isdisjoint(self.verdicts)
+        doubtful = {
+            "stiffness": is_wrong,
+            "damping": is_wrong or (self.damping is not None and (self.damping.is_open or self.damping.value <= 0)),
+        }
+        return tuple(name for name in QUANTITIES if getattr(self, name) is None or doubtful.get(name))
+
     def parameters(self) -> CuffParameters:
         """For the solver. Raises NotIdentified if a figure is missing."""
-        missing = [name for name in QUANTITIES if getattr(self, name) is None]
-        if self.stiffness is None or self.damping is None or self.migration is None:
+        missing = self.missing
+        if missing or self.stiffness is None or self.damping is None or self.migration is None:
             raise NotIdentified(
-                f"cuff {self.name} has no {' and no '.join(missing)} ({self.verdict}); measure it or write a value "
-                "into cuffs.json"
+                f"cuff {self.name} has no {' and no '.join(missing)} to be relied on ({self.verdict}); measure it or "
+                "write a value with its standard_error into cuffs.json"
             )
         return CuffParameters(
             name=self.name,
@@ -210,6 +234,14 @@ class SessionFit:
         rejected = [{"file": trial.file, "reason": trial.reason} for trial in self.rejected]
         plain = {"cuffs": cuffs, "rejected": rejected, "calibration": plain_calibration(self.calibration)}
         return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def refuted_by(fit: CuffFit, diagnosis: Diagnosis) -> CuffFit:
+    """The fit with its diagnosis; what that calls wrong, no verdict calls identified."""
+    verdicts = {"gain of the load cell": Verdict.SCALE, "skin under an anchor marker": Verdict.SKIN}
+    wrong = tuple(verdicts[cause.name] for cause in diagnosis.causes if cause.name in verdicts)
+    kept = tuple(verdict for verdict in fit.verdicts if not (wrong and verdict is Verdict.IDENTIFIED))
+    return replace(fit, verdicts=kept + wrong, classes=diagnosis.classes, diagnosis=diagnosis)
 
 
 def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:

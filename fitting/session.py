@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from fitting.curves import TrialCurves
 from fitting.donning import fit_donning
 from fitting.laws.diagnosis import diagnose
 from fitting.laws.history import history_of
 from fitting.laws.model_class import compare_classes
-from fitting.result import CuffFit, SessionFit
+from fitting.result import CuffFit, SessionFit, refuted_by
 from fitting.trial import RejectedTrial, Trial
 
 
@@ -42,4 +41,4 @@ def _diagnosed(fit: CuffFit, curves: Sequence[TrialCurves]) -> CuffFit:
     in_order = sorted(curves, key=lambda each: (each.trial.start_utc_ns, each.trial.file))
     classes = compare_classes([history_of(each) for each in in_order])
     diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes)
-    return replace(fit, classes=diagnosis.classes, diagnosis=diagnosis)
+    return refuted_by(fit, diagnosis)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 NORMAL_95 = 1.959963984540054
+OPEN = 0.5
+"""Part of its value that a standard error may reach before a quantity is called not identified."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,14 @@ class Estimate:
     ci95: tuple[float, float]
     parts: Mapping[str, float] = field(default_factory=dict)
     bound: float | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether what is not known of it is a large part of it: it is given all the same, and called not identified.
+
+        Were it left out, those would stay that noise made large.
+        """
+        return self.standard_error > OPEN * abs(self.value)
 
     def scaled(self, factor: float) -> Estimate:
         """The estimate of factor × the number."""

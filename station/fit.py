@@ -57,7 +57,7 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
 def _write_bushings(folder: Path, fitted: SessionFit) -> None:
     """Beside cuffs.json, each cuff that is identified as OpenSim's BushingForce."""
     for name, fit in fitted.cuffs.items():
-        if fit.stiffness and fit.damping and fit.migration:
+        if not fit.missing:
             write_whole(folder / f"bushing_{name}.xml", bushing_force(fit))
 
 

@@ -64,8 +64,7 @@ class CuffSection:
     @property
     def bushing(self) -> str:
         """OpenSim's element, empty where a figure is missing."""
-        known = self.fit.stiffness and self.fit.damping and self.fit.migration
-        return bushing_force(self.fit) if known else ""
+        return "" if self.fit.missing else bushing_force(self.fit)
 
 
 def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progress = silent) -> Path:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scipy import stats
 
-from fitting.donning import interval_notes
+from fitting.donning import fit_donning, interval_notes
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from fitting.uncertainty import Repeat, combine
 from tests.fitting.defects import Law, OddSession, Rig
-from tests.fitting.experiment import Truth
+from tests.fitting.experiment import Session, Truth, published
 
 
 @pytest.mark.parametrize(("apart", "is_said"), [(2.0, False), (60.0, True)])
@@ -23,6 +25,26 @@ def test_two_repeats_whose_interval_holds_zero_are_not_passed_over(apart: float,
 
 def test_a_damping_that_is_not_identified_has_no_interval_to_speak_of() -> None:
     assert interval_notes(None) == ()
+
+
+def test_a_damping_that_is_hardly_identified_is_given_without_choosing_by_its_value() -> None:
+    """20 Hz and a stiff cuff: where between two samples the edge is, is worth about a third of c in each session."""
+    off, errors, is_open = [], [], []
+    for seed in range(60):
+        session = Session(published("hand", friction=1e9, migration=0.0, force_rate=20.0, duration=10.0), 700 + seed)
+        fit, _ = fit_donning([build_trial(*session.dynamic(), "d", "d")])
+        assert fit.damping, "every session gives a figure"
+        off.append(fit.damping.value - 210.0)
+        errors.append(fit.damping.standard_error)
+        is_open.append("damping" in fit.missing)
+    z = np.array(off) / np.array(errors)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], len(z))
+    assert low < np.sum(z**2) < high
+    assert abs(z.mean()) < 3.3 / np.sqrt(len(z)), "what is given is not biased"
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+    chosen = z[~np.array(is_open)]
+    assert 10 < len(chosen) < 50
+    assert chosen.mean() > 3.3 / np.sqrt(len(z)), "had those alone been given that look identified, they were too high"
 
 
 def _said(law: Law, seed: int, unloads_at_once: bool = False) -> str:

@@ -63,6 +63,27 @@ def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path)
         read_cuffs(path)["hand"].parameters()
 
 
+def test_what_noise_leaves_open_is_written_with_its_interval_and_nobody_wears_it(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    wide = Estimate(210.0, 120.0, (-25.0, 445.0))
+    path.write_text(_session(_fit(damping=wide, verdict=Verdict.LAG)).to_json(), encoding="utf-8")
+    read = read_cuffs(path)["hand"]
+    assert read.damping == wide
+    assert read.missing == ("damping",)
+    with pytest.raises(NotIdentified, match=r"no damping to be relied on .*lag"):
+        read.parameters()
+
+
+@pytest.mark.parametrize("verdict", [Verdict.SCALE, Verdict.SKIN])
+def test_a_stiffness_that_the_diagnosis_calls_wrong_is_worn_by_nobody(tmp_path: Path, verdict: Verdict) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text(_session(_fit(verdict=verdict)).to_json(), encoding="utf-8")
+    read = read_cuffs(path)["hand"]
+    assert read.verdicts == (verdict,)
+    with pytest.raises(NotIdentified, match="no stiffness and no damping to be relied on"):
+        read.parameters()
+
+
 def test_the_latest_donning_stands_at_the_top_and_the_others_beside_it() -> None:
     cuff = json.loads(_session(_fit("1"), _fit("2")).to_json())["cuffs"]["hand"]
     assert cuff["donning"] == "2"

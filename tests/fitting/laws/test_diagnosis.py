@@ -12,7 +12,7 @@ import pytest
 
 from fitting.laws.diagnosis import Diagnosis
 from fitting.laws.findings import Finding
-from fitting.result import CuffFit
+from fitting.result import CuffFit, Verdict
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from tests.fitting.defects import Law, OddSession, Rig
@@ -107,12 +107,21 @@ def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: 
     assert fit.diagnosis
     causes = {cause.name: cause.sentence for cause in fit.diagnosis.causes}
     assert ("gain of the load cell" in causes) == (gain != 1)
+    assert fit.verdicts == ((Verdict.IDENTIFIED,) if gain == 1 else (Verdict.SCALE,))
     if causes:
         told, error = (float(number) for number in re.findall(r"\d\.\d{4}", causes["gain of the load cell"]))
         assert abs(told - gain) < 4 * error < 0.02
     (blind,) = fit_session(read).cuffs.values()
     assert blind.diagnosis
     assert blind.diagnosis.causes == ()
+    assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights nobody can know"
+
+
+def test_a_stiffness_that_skin_makes_wrong_is_not_called_identified() -> None:
+    assert Verdict.SKIN in _diagnosed("skin under an anchor marker")[0].verdicts
+    assert Verdict.IDENTIFIED not in _diagnosed("skin under an anchor marker")[0].verdicts
+    for name in ("none", "tare with the weight on", "zero of the displacement", "stiffening", "friction"):
+        assert _diagnosed(name)[0].verdicts == (Verdict.IDENTIFIED,)
 
 
 def test_every_check_has_its_number() -> None:

@@ -47,6 +47,7 @@ def test_weights_as_planned_are_no_news() -> None:
         (0.4536, "pounds were taken for kilograms"),
         (1.134, "25 lb"),
         (1.3, "no common mistake explains"),
+        (1.08, "times as much, which no common mistake explains"),
         (1.05, "times as much, which no common mistake explains"),
         (0.95, "times as much, which no common mistake explains"),
     ],

@@ -59,7 +59,7 @@ def test_the_error_is_that_of_time_times_the_trial_s_peak_rates() -> None:
     assert plain_sync(found)["force_standard_error_n"] == found.errors.force  # type: ignore[index]
 
 
-def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_is_refused() -> None:
+def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_is_open() -> None:
     trial = _trial(-0.06)
     found = _certificate(trial)
     assert not found.has_both_edges
@@ -67,7 +67,7 @@ def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_i
     assert trial.lag.edge == pytest.approx(abs(found.contradiction), rel=0.05)
     assert any("stop edge and number of frames disagree" in note for note in trial.notes)
     fit = fit_session([trial]).cuffs["hand"]
-    assert fit.damping is None
+    assert fit.damping and fit.damping.standard_error > 8000 * 0.06
     assert "damping is not identified: what is not known of the lag" in fit.verdict
 
 
