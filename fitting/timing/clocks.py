@@ -16,6 +16,9 @@ DRIFT_PRIOR_SD = 50e-6
 """A crystal's rate against another's, when nothing measures it."""
 PRIOR_REACH = 4.0
 """Standard deviations of that prior within which a fall is believed to be the capture's end."""
+FAR_APART = 500e-6
+"""Rate of one clock against the other beyond any crystal's that somebody may have all the same, as of a DAQ without
+one: it looks like a frame that is missing."""
 HOST_TOLERANCE = 0.5
 """Seconds by which host arrival may contradict frame numbers; a 30× simulation makes 10 ms of wall time 0.3 s."""
 HOST_ALIGNMENT_SD = 0.05
@@ -156,6 +159,15 @@ def stop_contradiction(edges: SyncEdges, capture: float, frame: float) -> float:
     if excess > 0:
         excess -= frame * round(excess / frame)
     return excess if abs(excess) > _explained(edges, capture) else 0.0
+
+
+def rate_instead(edges: SyncEdges, capture: float) -> float:
+    """Rate [s/s] of the DAQ's clock against the mocap's that would explain a stop edge which the prior does not.
+
+    0 where nothing is to be explained, or no clock is so far off.
+    """
+    excess = 0.0 if edges.falling is None else edges.falling - edges.rising - capture
+    return excess / capture if _explained(edges, capture) < abs(excess) <= FAR_APART * capture else 0.0
 
 
 def early_edge(edges: SyncEdges, capture: float, frame: float, late: float) -> float:

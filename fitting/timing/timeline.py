@@ -175,14 +175,17 @@ def tie_by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> OneTime:
     force_time, edge_sd, drift = _force_time(manifest, force, edge_clock, clock, float(middle))
     early = 0.0 if late_start else clocks.early_edge(edges, last_frame, 1 / frames.stream.rate_hz, late)
     contradiction = early or clocks.stop_contradiction(edges, last_frame, 1 / frames.stream.rate_hz)
-    stop = quality.early_notes(early) or quality.stop_notes(edges.falling, clock.has_both_edges, contradiction)
+    rate = clocks.rate_instead(edges, last_frame)
+    stop = quality.early_notes(early, rate) or quality.stop_notes(
+        edges.falling, clock.has_both_edges, contradiction, rate
+    )
     findings = edges.findings + late_start + stop
     return OneTime(
         force_time,
         frames,
         first_frame,
         clock,
-        float(np.linalg.norm((edge_sd, frames_sd, contradiction))),
+        float(np.linalg.norm((edge_sd, frames_sd, contradiction or rate * middle))),
         drift,
         None if edges.falling is None else (edges.falling - clock.start) / clock.ratio,
         findings,
