@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
-import re
-import threading
-from collections.abc import Callable, Coroutine, Sequence
-from concurrent.futures import Future
-from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Literal
 
+from drivers.capture_note import CaptureNote
 from drivers.device import HostClock
-from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
-from drivers.inbox import Inbox
-from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, decode_parameters, readable
-from recordings.samples import Event, Item, Stream
-
-PROTOCOL_VERSION = "1.25"
-CONNECT_TIMEOUT_S = 2.5
-COMMAND_TIMEOUT_S = 2.0
-CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
-LEAVE_TIMEOUT_S = 1.5
-QUIET_S = 0.5  # wall; a QTM that has said nothing for so long is asked something
-BLOCK_S = 0.05  # wall; frames that come within it are one block
-LONGEST_QUEUE = 60_000  # frames that nobody read: ten minutes at 100 Hz
-CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
+from drivers.errors import DeviceLost
+from drivers.qualisys_conversation import Conversation, Wishes
+from recordings.samples import Item, Stream
 
 
 class Qualisys:
     """Streams /markers in mm; sample numbers are QTM's frame numbers, device time is its time stamp.
 
     wanted_labels must be in QTM and come first; all others follow. control "start" takes control of QTM, so that a
-    capture can be started and stopped from here; QTM saves it in its project when the device closes. A capture that a
-    killed station left there is ended and saved at opening. Where QTM numbers its frames anew (a capture after a
-    preview), an event "numbering_restarted" says so.
+    capture can be started and stopped from here; QTM saves it in its project when the device closes. One that a killed
+    station left there, by its note, is ended and saved at opening; any other is left alone, and opening refused. Where
+    QTM numbers its frames anew (a capture after a preview), an event "numbering_restarted" says so.
     """
 
     def __init__(
@@ -46,10 +30,12 @@ class Qualisys:
         control: Literal["start"] | None = None,
         password: str = "",
         wanted_labels: Sequence[str] = (),
+        capture_note: CaptureNote | None = None,
     ) -> None:
         wanted = tuple(dict.fromkeys(wanted_labels))
-        self._wishes = _Wishes(f"QTM {host}:{port}", host, port, host_clock, control == "start", password, wanted)
-        self._conversation: _Conversation | None = None
+        note = capture_note or CaptureNote(None, host_clock)
+        self._wishes = Wishes(f"QTM {host}:{port}", host, port, host_clock, control == "start", password, wanted, note)
+        self._conversation: Conversation | None = None
 
     @property
     def name(self) -> str:
@@ -61,14 +47,14 @@ class Qualisys:
 
     def open(self) -> None:
         self.close()
-        conversation = _Conversation(self._wishes)
+        conversation = Conversation(self._wishes)
         conversation.begin()
         self._conversation = conversation
 
     def resume(self) -> None:
         past = self._opened("resume")
         past.end(is_lost=True)
-        conversation = _Conversation(self._wishes, past)
+        conversation = Conversation(self._wishes, past)
         conversation.begin()
         self._conversation = conversation
 
@@ -88,311 +74,8 @@ class Qualisys:
         """No capture runs after this; nothing happens where none did. Raises as start_capture()."""
         self._opened("stop a capture").stop_capture()
 
-    def _opened(self, what: str) -> _Conversation:
+    def _opened(self, what: str) -> Conversation:
         conversation = self._conversation  # close() may come from the daemon's watchdog meanwhile
         if conversation is None:
             raise DeviceLost(f"{self.name} was asked to {what} and is closed; open it first")
         return conversation
-
-
-@dataclass(frozen=True)
-class _Wishes:
-    """What the configuration asks for."""
-
-    name: str
-    host: str
-    port: int
-    host_clock: HostClock
-    has_control: bool
-    password: str
-    labels: tuple[str, ...]
-
-
-class _Conversation:
-    """One connection, in a thread with its own event loop. Methods from _run() on run in that thread.
-
-    With a past it goes on where that one was lost: same streams, and the capture may still run.
-    """
-
-    def __init__(self, wishes: _Wishes, past: _Conversation | None = None) -> None:
-        from qtm_rt.protocol import QRTCommandException, QTMProtocol
-        from qtm_rt.qrt import QRTConnection
-
-        self._refusal = QRTCommandException
-        self.streams: tuple[Stream, ...] = ()
-        self.inbox = Inbox(LONGEST_QUEUE)
-        self._resumed: tuple[Stream, ...] = past.streams if past else ()
-        self._wishes = wishes
-        self._name = wishes.name
-        self._opened: Future[None] = Future()
-        self._loop = asyncio.new_event_loop()
-        self._client = QTMProtocol(loop=self._loop, on_event=self._on_event, on_disconnect=self._on_disconnect)
-        self._connection = QRTConnection(self._client, timeout=COMMAND_TIMEOUT_S)
-        self._guard = PacketGuard(self._client, self._admit, self._on_unreadable, self._on_nonsense)
-        self._thread = threading.Thread(target=self._run, name=wishes.name, daemon=True)
-        self._is_capturing: bool = past is not None and past._is_capturing
-        self._has_captured: bool = past is not None and past._has_captured
-        self._is_asking_state = False
-        self._is_lost = False
-
-    def begin(self) -> None:
-        """Returns when frames may come. Raises DeviceError."""
-        self._thread.start()
-        try:
-            self._opened.result()
-        except DeviceError:
-            self._thread.join()
-            raise
-
-    def end(self, is_lost: bool = False) -> None:
-        """Politely, with the capture that we began stopped and saved; lost, the connection is dropped as it is."""
-        self._is_lost = is_lost
-        with suppress(RuntimeError):  # the loop is closed where the conversation ended by itself
-            self._loop.call_soon_threadsafe(self._ending.set)
-        self._thread.join(2 * LEAVE_TIMEOUT_S)
-
-    def start_capture(self) -> None:
-        self._command("start a capture", self._connection.start)
-        self._is_capturing = self._has_captured = True
-
-    def stop_capture(self) -> None:
-        if self._is_capturing:
-            self._command("stop the capture", self._connection.stop)
-
-    def _command(self, what: str, command: Callable[[], Coroutine[Any, Any, Any]]) -> None:
-        """Has QTM do something, on behalf of another thread."""
-        try:
-            asyncio.run_coroutine_threadsafe(command(), self._loop).result(2 * COMMAND_TIMEOUT_S)
-        except self._refusal as error:
-            advice = "check QTM's measurement" if self._wishes.has_control else 'set mocap.control = "start"'
-            raise DeviceMisconfigured(
-                f'{self._name} was asked to {what} and answered "{_words(error)}"; {advice}'
-            ) from error
-        except (TimeoutError, RuntimeError) as error:  # RuntimeError: the loop has ended
-            raise DeviceLost(f"{self._name} was asked to {what} and did not answer; check that QTM runs") from error
-
-    def _run(self) -> None:
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
-            runner.run(self._talk())
-
-    async def _talk(self) -> None:
-        self._ending = asyncio.Event()
-        self._cameras_are_connected = asyncio.Event()
-        self._relabelling: asyncio.Task[None] | None = None
-        # qtm_rt pairs replies with requests by their order, and that to streamframes comes with the first frame only.
-        self._turn = asyncio.Lock()
-        try:
-            await self._open()
-        except DeviceError as error:
-            self._opened.set_exception(error)
-        except Exception as error:  # the caller waits for an answer, whatever went wrong
-            self._opened.set_exception(DeviceUnavailable(f"{self._name}: {type(error).__name__}: {error}"))
-        else:
-            self._opened.set_result(None)
-            watching = self._loop.create_task(self._watch())
-            await self._ending.wait()
-            watching.cancel()
-            if not self._is_lost:
-                await self._leave()
-        self._guard.close()
-
-    async def _open(self) -> None:
-        step = "protocol version"
-        try:
-            async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                await self._connect()
-            if self._wishes.has_control:
-                step = "control"
-                await self._take_control()
-            step = "settings"
-            await self._describe()
-            step = "frames"
-            async with self._turn:
-                await self._connection.stream_frames("allframes", ["3dres"], self._on_packet)
-            if self._is_capturing:  # the answer is an event; qtm_rt's own get_state() has no time-out
-                self._is_asking_state = True
-                self._client.send_command("getstate", callback=False)
-        except TimeoutError as error:
-            raise DeviceUnavailable(
-                f"{self._name} was asked for its {step} and did not answer in time; check that this is QTM's "
-                "real-time port (mocap.port, by default 22223)"
-            ) from error
-        except OSError as error:
-            raise DeviceUnavailable(
-                f"{self._name}: no QTM answers there ({error.strerror or error}); start QTM, or correct mocap.host "
-                "and mocap.port"
-            ) from error
-        except self._refusal as error:
-            raise DeviceMisconfigured(
-                f'{self._name} was asked for its {step} and answered "{_words(error)}"; {_ADVICE[step]}'
-            ) from error
-
-    async def _connect(self) -> None:
-        """As qtm_rt.connect() does; that one ignores its time-out, returns None and leaves the socket open."""
-        await self._loop.create_connection(lambda: self._guard, self._wishes.host, self._wishes.port)
-        await self._client.set_version(PROTOCOL_VERSION)
-
-    async def _take_control(self) -> None:
-        await self._connection.take_control(self._wishes.password)
-        if self._resumed:
-            return
-        self._is_capturing = True  # a station that was killed may have left its capture, running or not saved
-        try:
-            await self._connection.stop()
-        except self._refusal:
-            self._is_capturing = False
-        await asyncio.wait_for(self._save_capture(), COMMAND_TIMEOUT_S)
-        if await self._connection.new() == b"Creating new connection":
-            with suppress(TimeoutError):  # then QTM refuses to start a capture, and says why
-                await asyncio.wait_for(self._cameras_are_connected.wait(), CAMERAS_TIMEOUT_S)
-
-    async def _describe(self) -> None:
-        labels, rate_hz = await self._ask_parameters()
-        must = self._resumed[0].labels if self._resumed else self._wishes.labels
-        missing = [label for label in must if label not in labels]
-        if missing and self._resumed:
-            self._say_labels_are_lost(missing)
-        elif missing:
-            raise DeviceMisconfigured(
-                f"{self._name} has no marker {', '.join(missing)}; it has {', '.join(labels)}; correct the labels in "
-                "QTM or the cuff's markers in the configuration"
-            )
-        kept = must if self._resumed else (*must, *(label for label in labels if label not in must))
-        self._blocks = MarkerBlocks(kept, rate_hz, self._name)
-        self._blocks.labels = labels
-        self.streams = self._resumed or (Stream("/markers", "mm", kept, rate_hz, self._name),)
-
-    async def _watch(self) -> None:
-        """Asks a quiet QTM for what it has answered before; one that does not answer is not there any more."""
-        while self._connection.has_transport():
-            await asyncio.sleep(QUIET_S / 2)
-            if self._loop.time() - self._guard.heard_s < QUIET_S:
-                continue
-            try:
-                await self._ask_parameters()
-            except TimeoutError:
-                self._deliver()
-                self.inbox.end(
-                    f"{self._name} is connected and silent: no frame, and no answer within {COMMAND_TIMEOUT_S:g} s; "
-                    "check that QTM is not stuck"
-                )
-                self._guard.close()
-            except (self._refusal, DeviceError):  # any answer will do; what is closed is told elsewhere
-                continue
-
-    async def _ask_parameters(self) -> tuple[tuple[str, ...], float]:
-        try:
-            async with self._turn:
-                return decode_parameters(await self._connection.get_parameters(["general", "3d"]))
-        except ValueError as error:
-            raise DeviceMisconfigured(f"{self._name} sent {error}; apply an AIM model to the markers in QTM") from error
-
-    async def _leave(self) -> None:
-        """Ends what we began; QTM keeps its capture."""
-        if not self._wishes.has_control or not self._connection.has_transport():
-            return
-        with suppress(TimeoutError, self._refusal):
-            async with asyncio.timeout(LEAVE_TIMEOUT_S):
-                if self._has_captured:
-                    await self._save_capture()
-                await self._connection.release_control()
-
-    async def _save_capture(self) -> None:
-        """Where QTM cannot, it says why on its own screen."""
-        with suppress(self._refusal):
-            if self._is_capturing:
-                with suppress(self._refusal):  # it has been stopped, and the event is on its way
-                    await self._connection.stop()
-            while self._is_capturing:
-                await asyncio.sleep(0.01)
-            await self._connection.save(CAPTURE_NAME)
-
-    def _on_packet(self, packet: Any) -> None:
-        frame = decode_frame(packet.data)
-        if not self._blocks.has_frames:
-            self._loop.call_later(BLOCK_S, self._deliver)
-        self._blocks.add(frame, self._wishes.host_clock())
-
-    def _deliver(self) -> None:
-        if self.streams:
-            self.inbox.put(self._blocks.take())
-
-    def _on_event(self, event: Any) -> None:
-        """QRTEvent.EventCaptureStarted becomes "capture_started"; all frames before it are delivered before it."""
-        kind = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", event.name.removeprefix("Event")).lower()
-        self._deliver()
-        if self._is_asking_state and kind != "camera_settings_changed":
-            self._is_asking_state = False
-            if kind == "capture_started":
-                return  # it still runs, as was said when it began
-            kind = "capture_stopped"
-        self._say(kind, f"{self._name} reports: {kind.replace('_', ' ')}")
-        if kind == "connected":
-            self._cameras_are_connected.set()
-        elif kind in ("capture_started", "capture_stopped"):
-            self._is_capturing = kind == "capture_started"
-            if kind == "capture_stopped" and self.streams:
-                self._blocks.capture_ended()
-        elif kind == "camera_settings_changed" and self.streams:
-            self._blocks.forget_labels()
-            if self._relabelling is not None:
-                self._relabelling.cancel()  # its answer would be of yesterday
-            self._relabelling = self._loop.create_task(self._relabel())
-
-    async def _relabel(self) -> None:
-        try:
-            labels, _ = await self._ask_parameters()
-        except Exception as error:
-            self.inbox.end(f"{self._name} changed its settings and did not tell its labels again ({error})")
-            self._guard.close()
-            return
-        if missing := [label for label in self.streams[0].labels if label not in labels]:
-            self._say_labels_are_lost(missing)
-        self._blocks.labels = labels
-        self._deliver()
-
-    def _say_labels_are_lost(self, missing: Sequence[str]) -> None:
-        self._say("labels_lost", f"{self._name} has no marker {', '.join(missing)} any more; recorded as missing")
-
-    def _admit(self, kind: int, body: bytes) -> bytes:
-        """What qtm_rt can read of a packet. Raises ValueError or struct.error where that is nothing."""
-        from qtm_rt.packet import QRTEvent, QRTPacketType, RTEvent
-
-        if QRTPacketType(kind) is QRTPacketType.PacketData:
-            return readable(body)
-        if kind == QRTPacketType.PacketEvent.value:
-            QRTEvent(ord(RTEvent.unpack(body)[0]))
-        elif kind == NO_MORE_DATA and self._is_capturing:
-            self._say("no_more_data", f"{self._name} says that no frames come for now")
-        return body
-
-    def _on_unreadable(self, what: str) -> None:
-        self._say("unreadable_packet", f"{self._name} sent {what}")
-
-    def _on_nonsense(self, what: str) -> None:
-        """Where one packet ends and the next begins is lost, and with it what the last one said."""
-        if self.streams:
-            self._blocks.forget_last()
-        self._deliver()
-        self.inbox.end(f"{self._name} sent {what}; the connection cannot be read any further")
-
-    def _say(self, kind: str, text: str) -> None:
-        self.inbox.put([Event(kind, text, self._wishes.host_clock(), self._name)])
-
-    def _on_disconnect(self, error: Exception | None) -> None:
-        self._deliver()
-        why = f" ({error})" if error else ""
-        self.inbox.end(f"{self._name} closed the connection{why}; check that QTM runs and its cable is plugged in")
-
-
-_ADVICE = {
-    "protocol version": f"it may have ten clients already, or not speak version {PROTOCOL_VERSION}",
-    "control": "correct mocap.password, release control elsewhere, or save and close QTM's measurement",
-    "settings": "open a measurement in QTM",
-    "frames": "open a measurement in QTM",
-}
-
-
-def _words(error: Any) -> str:
-    """What QTM said."""
-    return error.value.decode("utf-8", "replace") if isinstance(error.value, bytes) else str(error.value)

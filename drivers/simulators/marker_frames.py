@@ -63,6 +63,17 @@ class Camera:
             return None
         index = np.arange(self._exposed, due)
         self._exposed = due
+        return self._frames(index)
+
+    def latest(self) -> Frames | None:
+        """The last that was exposed, once more."""
+        return self._frames(np.array([self._exposed - 1])) if self._exposed else None
+
+    def renumbered(self) -> Camera:
+        """Goes on with the next exposure as frame 1."""
+        return Camera(self._world, self._first_exposure + self._exposed / self._rate)
+
+    def _frames(self, index: NDArray[np.int64]) -> Frames:
         times = self._first_exposure + index / self._rate
         markers = self._world.markers(times)
         points = np.zeros((*markers.shape[:2], 4), dtype="<f4")
@@ -73,10 +84,6 @@ class Camera:
         points.view("<u4")[is_missing, :3] = MISSING
         numbers, timestamps = index + 1, np.rint(index * (1e6 / self._rate))
         return Frames(times, numbers.astype(np.uint32), timestamps.astype(np.int64), points)
-
-    def renumbered(self) -> Camera:
-        """Goes on with the next exposure as frame 1."""
-        return Camera(self._world, self._first_exposure + self._exposed / self._rate)
 
 
 def packed(frames: Frames, component: str) -> bytes:

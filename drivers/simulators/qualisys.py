@@ -4,7 +4,7 @@ Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, a
 With a preview, frames flow between captures too; their numbers begin anew with every capture and every preview.
 
 Does not imitate: the ports of other versions and byte orders, discovery, UDP and OSC, components other than labelled 3D
-with and without residuals, polled frames, changing settings but by a fault, triggers, transfer of files, calibration,
+with and without residuals, changing settings but by a fault, triggers, transfer of files, calibration,
 real time from file, delays of QTM's own processing, labels that change without an event.
 """
 
@@ -297,6 +297,15 @@ class _Server:
         client.stream = self._stream(wanted.lower().split())
         if client.stream and self._camera is None:
             client.send(NO_MORE_DATA)
+
+    def _on_getcurrentframe(self, client: _Client, component: str) -> None:
+        frame = self._camera.latest() if self._camera else None
+        if component.lower() not in COMPONENTS:
+            raise _RefusedError("Parse error")
+        if frame is None:
+            client.send(NO_MORE_DATA)
+        else:
+            client.send_bytes(self._trouble.packets(frame, component.lower(), 1))
 
     def _on_takecontrol(self, client: _Client, password: str) -> str:
         if password != self._mocap.password:

@@ -107,7 +107,7 @@ def show_lines(lines: Sequence[Line], console: Console | None = None, *, as_json
 
 def look_at_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[Line]:
     """Opens the devices, listens for some seconds and says what is as it should be and what is not."""
-    answers, names = listen(config, RealClock(), make_devices)
+    answers, names = listen(config, folder, RealClock(), make_devices)
     return [
         *_device_lines(answers, names),
         *_force_line(answers, config),
@@ -132,11 +132,11 @@ def calibration_line(config: StationConfig, today: date) -> Line:
 
 
 def listen(
-    config: StationConfig, clock: Clock, make_devices: MakeDevices, listen_s: float = LISTEN_S
+    config: StationConfig, folder: Path, clock: Clock, make_devices: MakeDevices, listen_s: float = LISTEN_S
 ) -> tuple[Answers, list[str]]:
     """What the devices say in so many wall seconds after all of them have opened, and the devices' names."""
     inbox, answers = Inbox(), Answers(clock)
-    feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock)]
+    feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock, folder)]
     for feed in feeds:
         feed.start()
     settled: set[str] = set()

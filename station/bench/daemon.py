@@ -55,7 +55,7 @@ class TrialResult:
     sentence: str
 
 
-MakeDevices = Callable[[StationConfig, CuffSite | BounceRig | None, Clock], list[Device]]
+MakeDevices = Callable[[StationConfig, CuffSite | BounceRig | None, Clock, Path], list[Device]]
 
 
 class Daemon:
@@ -92,7 +92,8 @@ class Daemon:
         _ensure_folder(folder)
         with _one_trial_at_a_time(folder):
             inbox = Inbox()
-            feeds = [DeviceFeed(device, inbox) for device in self._make_devices(self._config, subject, self._clock)]
+            devices = self._make_devices(self._config, subject, self._clock, folder)
+            feeds = [DeviceFeed(device, inbox) for device in devices]
             try:
                 for feed in feeds:
                     feed.start()

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from drivers.capture_note import CaptureNote
 from drivers.catalogue import make_device
 from drivers.device import Device
 from recordings.manifest import BounceRig, CuffSite
 from station.clock import Clock
 from station.config import StationConfig
 
+CAPTURE_NOTE = ".capture"
+"""In the session's folder while QTM captures for it."""
 
-def devices_for(config: StationConfig, subject: CuffSite | BounceRig | None, clock: Clock) -> list[Device]:
-    """The devices of one trial, not yet opened; the markers of its subject must be among the labels."""
+
+def devices_for(
+    config: StationConfig, subject: CuffSite | BounceRig | None, clock: Clock, folder: Path
+) -> list[Device]:
+    """The devices of one trial, not yet opened; the markers of its subject must be among the labels.
+
+    The session's folder tells them what a recorder that was killed has left running.
+    """
     daq, cell, mocap = config.daq, config.load_cell, config.mocap
     wanted = subject.labels if subject else ()
     devices = [
@@ -33,6 +44,7 @@ def devices_for(config: StationConfig, subject: CuffSite | BounceRig | None, clo
             control=None if mocap.control == "none" else mocap.control,
             password=mocap.password,
             wanted_labels=wanted,
+            capture_note=CaptureNote(folder / CAPTURE_NOTE, lambda: round(clock.wall_utc_ns() * clock.speed)),
             host_clock=clock.utc_ns,
         ),
     ]

@@ -67,7 +67,7 @@ def check_known_mass(
     listen_s: float = LISTEN_S,
 ) -> int:
     """Reads the cell, keeps the reading in the folder, prints it; returns 0 if it is as it should be, else 1."""
-    answers, _ = listen(config, RealClock(), make_devices, listen_s)
+    answers, _ = listen(config, folder, RealClock(), make_devices, listen_s)
     cell = config.calibration()
     force, force_sd = _mean(cell.polarity * cell.newtons_per_unit * answers.force(), list(answers.errors.values()))
     zeros = [check for check in read_checks(folder) if check.mass == 0]

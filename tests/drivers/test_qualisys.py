@@ -7,12 +7,14 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers import qualisys
+from drivers import qualisys_conversation
+from drivers.capture_note import CaptureNote
 from drivers.device import CaptureControl, Device
 from drivers.errors import DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.qualisys import Qualisys
@@ -118,18 +120,62 @@ def test_it_gives_control_back_and_leaves_the_capture_saved() -> None:
             assert not qtm.is_controlled
 
 
-def test_a_capture_that_a_killed_station_left_running_is_saved_and_in_nobody_s_way() -> None:
-    with simulator() as qtm:
-        killed = driver(qtm.port, control="start")
-        killed.open()
-        killed.start_capture()
-        received(killed, 10)
-        hang_up_on_everyone(qtm)
-        with opened(driver(qtm.port, control="start")) as device:
+def noted(path: Path, qtm: QualisysSimulator) -> CaptureNote:
+    """A note by the simulator's own time, which runs faster than the wall."""
+    return CaptureNote(path / "capture", lambda: round(1e9 * qtm._server._world.now()))
+
+
+@contextmanager
+def left_running(qtm: QualisysSimulator, note: CaptureNote) -> Iterator[None]:
+    """A capture whose station was killed."""
+    killed = driver(qtm.port, control="start", capture_note=note)
+    killed.open()
+    killed.start_capture()
+    received(killed, 10)
+    hang_up_on_everyone(qtm)
+    yield
+    killed.close()
+
+
+def test_a_capture_that_a_killed_station_left_running_is_saved_and_in_nobody_s_way(tmp_path: Path) -> None:
+    with simulator() as qtm, left_running(qtm, noted(tmp_path, qtm)):
+        with opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
             device.start_capture()
             assert received(device, 10)
-        killed.close()
         assert not qtm.is_controlled
+        assert noted(tmp_path, qtm).age_s is None, "all is saved, and nothing of ours runs"
+
+
+@contextmanager
+def capturing_for_somebody(qtm: QualisysSimulator) -> Iterator[None]:
+    """A person at the mocap PC records; his capture must go on as it was."""
+    began = qtm._server._world.start_capture()
+    with opened(driver(qtm.port)) as onlooker:
+        received(onlooker, 300)
+        yield
+        assert qtm._server._world.capture == began
+
+
+@pytest.mark.parametrize("note_of", [None, "yesterday", "garbage"])
+def test_a_capture_that_a_person_began_is_left_alone_and_told(tmp_path: Path, note_of: str | None) -> None:
+    with simulator() as qtm, capturing_for_somebody(qtm):
+        note = noted(tmp_path, qtm)
+        if note_of:
+            yesterday_ns = round(1e9 * (qtm._server._world.now() - 86_400))
+            (tmp_path / "capture").write_text(str(yesterday_ns) if note_of == "yesterday" else "soon")
+        device = driver(qtm.port, control="start", capture_note=note)
+        with pytest.raises(DeviceUnavailable, match="is capturing, and nothing shows that this station") as caught:
+            device.open()
+        assert is_one_sentence(caught.value)
+
+
+def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
+    with simulator() as qtm, opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
+        qtm._server._world.start_capture()
+        with pytest.raises(DeviceMisconfigured, match="already running"):
+            device.start_capture()
+        received(device, 10)
+        assert noted(tmp_path, qtm).age_s is None
 
 
 def test_stopping_what_does_not_run_is_no_error() -> None:
@@ -212,7 +258,7 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
 
 
 def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys, "CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(qualisys_conversation, "CONNECT_TIMEOUT_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         with pytest.raises(DeviceUnavailable, match="did not answer in time") as caught:
             driver(mute.getsockname()[1]).open()
@@ -220,7 +266,7 @@ def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pyte
 
 
 def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys, "COMMAND_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", 0.2)
     with (
         OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
         pytest.raises(DeviceUnavailable, match="asked for its settings"),
@@ -341,7 +387,7 @@ def test_what_qtm_says_it_drops_is_told_whenever_it_gets_worse() -> None:
 
 
 def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys, "LONGEST_QUEUE", 100)
+    monkeypatch.setattr(qualisys_conversation, "LONGEST_QUEUE", 100)
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         for first in range(2, 302, 50):
             qtm.send(b"".join(two(number) for number in range(first, first + 50)))

@@ -43,7 +43,7 @@ class Rig:
         self._delay_s, self._prepare = delay_s, prepare
         self.made: list[Device] = []
 
-    def devices(self, config: StationConfig, cuff: CuffSite | None, clock: Clock) -> list[Device]:
+    def devices(self, config: StationConfig, cuff: CuffSite | None, clock: Clock, folder: Path) -> list[Device]:
         capture = FakeCapture(clock, self._delay_s, 6.0)
         daq = FakeDaq(clock, capture)
         self._prepare(daq)

@@ -51,7 +51,7 @@ class _Loaded(FakeDaq):
 
 
 def _check(folder: Path, mass: float, newtons: float) -> tuple[int, str]:
-    def devices(config: StationConfig, subject: object, clock: Clock) -> list[_Loaded]:
+    def devices(config: StationConfig, subject: object, clock: Clock, folder: Path) -> list[_Loaded]:
         daq = _Loaded(clock, FakeCapture(clock, 100.0, 1.0))
         daq.newtons = newtons
         return [daq]
@@ -175,7 +175,7 @@ def test_a_date_that_is_none_is_refused() -> None:
 
 
 def test_check_shows_the_force_at_rest_and_refuses_a_saturated_one(tmp_path: Path) -> None:
-    def devices(config: StationConfig, subject: object, clock: Clock) -> list[_Loaded]:
+    def devices(config: StationConfig, subject: object, clock: Clock, folder: Path) -> list[_Loaded]:
         daq = _Loaded(clock, FakeCapture(clock, 100.0, 1.0))
         daq.newtons = 10 * NEWTONS_PER_VOLT
         return [daq]

@@ -1,0 +1,37 @@
+"""What the next trial does with a capture that runs: it ends the one that a killed recorder left, and no other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from recordings.reader import open_recording
+from tests.station.console.benched import Recorder, has_recorded, simulated_bench
+
+
+@pytest.mark.parametrize("swing_s", [3.0, 60.0], ids=["which has ended meanwhile", "which still runs"])
+def test_the_trial_after_a_killed_recorder_saves_the_capture_that_it_left(tmp_path: Path, swing_s: float) -> None:
+    with simulated_bench(tmp_path / "bench", swing_s=swing_s) as (_, config):
+        with Recorder(config, tmp_path) as killed:
+            killed.until(has_recorded(2.0))
+            killed.child.kill()
+            killed.child.wait()
+        with Recorder(config, tmp_path) as recorder:
+            result = recorder.end()["result"]
+    assert result["accepted"], result["sentence"]
+    assert result["file"] == "cuff-hand_test-dynamic_run-2.mcap"
+    assert open_recording(tmp_path / result["file"]).load("/markers").sample_numbers[0] == 1
+    assert not (tmp_path / ".capture").exists(), "what it began itself it has ended"
+
+
+def test_a_capture_that_this_session_did_not_begin_is_told_and_left_alone(tmp_path: Path) -> None:
+    with simulated_bench(tmp_path / "bench", swing_s=200.0) as (_, config):
+        with Recorder(config, tmp_path / "theirs") as theirs:
+            theirs.until(has_recorded(2.0))
+            theirs.child.kill()
+            theirs.child.wait()
+        with Recorder(config, tmp_path / "ours") as recorder:
+            refused = recorder.end()["refused"]
+    assert "is capturing, and nothing shows that this station began it; end that in QTM" in refused
+    assert not list((tmp_path / "ours").glob("*.mcap"))
