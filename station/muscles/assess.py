@@ -14,6 +14,7 @@ from solver.redundancy import RedundancyOptions
 from station.muscles.assessment_inputs import AssessmentInputs, ensure_folder, read_cuffs_to_wear, worn_cuffs
 from station.muscles.assessment_json import (
     ACTIVATIONS_FILE,
+    ASSESSMENT_FILE,
     activations_table,
     plain_assessment,
     plain_cuffs,
@@ -101,5 +102,5 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     plain["emg"] = plain_emg(assessed.emg)
     plain["inputs"] = assessed.inputs
     plain["versions"] = solving_versions()
-    write_whole(folder / "assessment.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_whole(folder / ASSESSMENT_FILE, json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))

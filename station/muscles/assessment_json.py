@@ -15,7 +15,7 @@ from station.muscles.emg import MeasuredReduction
 
 Plain = dict[str, Any]
 
-ACTIVATIONS_FILE = "activations.csv"
+ASSESSMENT_FILE, ACTIVATIONS_FILE = "assessment.json", "activations.csv"
 
 CURVE_KEYS = {
     "to_slack": "optimum_to_slack_m",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from recordings.samples import Event, Item, Samples
 from station.bench.background_view import BackgroundView
 from station.bench.session import Snapshot
+from station.rerun.layout import layout
 from station.rerun.viewer import start_viewer
 
 REFRESH_S = 0.5
@@ -57,6 +58,8 @@ class RerunLog(BackgroundView):
         self._labels: tuple[str, ...] = ()
         self._pending: dict[str, Columns] = {}
         self._last_ns: dict[str, int] = {}
+        self.stream.send_blueprint(layout())
+        self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)  # as QTM has it, unless told otherwise
         self.stream.log("markers", rr.Points3D.from_fields(radii=0.006), static=True)
         self.stream.log("rope", rr.LineStrips3D.from_fields(radii=0.002), static=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,10 +22,18 @@ from solver.model import ConditionalPathPoint, Model, PathPoint
 from solver.motion import differentiate, thin
 from solver.raise_arm import raise_arm
 from solver.wearing.suit import SuitPoint, read_suit
-from station.muscles.assessment_json import ACTIVATIONS_FILE
+from station.muscles.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
+from station.muscles.sources import BUNDLED, named_hashes
+from station.rerun.layout import layout
 
 Array = NDArray[np.float64]
 POINTS_A_SECOND = 25
+Look = tuple[tuple[int, int, int], float]
+MEASURED: Look = ((130, 170, 225), 2.5)
+FITTED: Look = ((245, 150, 40), 1.2)
+"""Colour and width of a curve: what is fitted stays to be seen upon what is measured."""
+GAP_S = 1e-3
+"""After a held level the line ends."""
 SHOWN_CONDITION = "both"
 """Cuffs that yield and have shifted: what a wearer feels in the end."""
 IDLE, BUSY = np.array([60, 90, 160]), np.array([215, 40, 30])
@@ -38,9 +47,10 @@ def log_scene(stream: rr.RecordingStream, recording: Path) -> None:
     curves = fit_session([trial]).curves.get(trial.file)
     if curves is not None:
         _log_fit(stream, curves, edge_ns)
-    activations = recording.parent / ACTIVATIONS_FILE
-    if activations.is_file():
-        _log_body(stream, activations, edge_ns)
+    activity = _read_activity(recording.parent, bundled_model())
+    if activity is not None:
+        _log_body(stream, activity, edge_ns)
+    stream.send_blueprint(layout(has_fit=curves is not None, has_body=activity is not None))
 
 
 def _edge_host_ns(recording: Path) -> int:
@@ -51,31 +61,30 @@ def _edge_host_ns(recording: Path) -> int:
 
 
 def _log_fit(stream: rr.RecordingStream, curves: TrialCurves, edge_ns: int) -> None:
-    displacement = np.isfinite(curves.displacement)
-    _curve(
-        stream,
-        "fit/displacement_mm",
-        edge_ns,
-        curves.marker_time[displacement],
-        1e3 * curves.displacement[displacement],
-    )
-    _curve(stream, "fit/force_n", edge_ns, curves.force_time, curves.force)
+    is_seen = np.isfinite(curves.displacement)
+    moved = 1e3 * curves.displacement[is_seen]
+    _curve(stream, "fit/displacement_mm", "cuff", MEASURED, edge_ns, curves.marker_time[is_seen], moved)
+    _curve(stream, "fit/force_n", "measured", MEASURED, edge_ns, curves.force_time, curves.force)
     if curves.static is not None:
-        held = [(plateau.start, plateau.end, plateau.force) for plateau in curves.static.plateaus]
-        for start, end, force in held:
-            _curve(stream, "fit/plateaus_n", edge_ns, np.array([start, end]), np.array([force, force]))
+        plateaus = curves.static.plateaus
+        ends = np.array([(held.start, held.end, held.end + GAP_S) for held in plateaus]).ravel()
+        levels = np.array([(held.force, held.force, np.nan) for held in plateaus]).ravel()
+        _curve(stream, "fit/plateaus_n", "held", FITTED, edge_ns, ends, levels)
     if curves.dynamic is not None:
         dynamic = curves.dynamic
         fitted = (
             dynamic.stiffness.value * dynamic.displacement + dynamic.damping.value * dynamic.velocity + dynamic.offset
         )
-        _curve(stream, "fit/fitted_force_n", edge_ns, dynamic.time, fitted)
+        _curve(stream, "fit/predicted_n", "k x + c dx/dt", FITTED, edge_ns, dynamic.time, fitted)
 
 
-def _curve(stream: rr.RecordingStream, path: str, edge_ns: int, time: Array, values: Array) -> None:
-    """One scalar curve, as dense as an eye wants it."""
+def _curve(
+    stream: rr.RecordingStream, path: str, name: str, look: Look, edge_ns: int, time: Array, values: Array
+) -> None:
+    """One scalar curve, as dense as an eye wants it; NaN parts it."""
     step = max(1, len(time) // max(2, int(4 * POINTS_A_SECOND * (time[-1] - time[0]))))
     at = (edge_ns + (time[::step] * 1e9).astype(np.int64)).astype("datetime64[ns]")
+    stream.log(path, rr.SeriesLines(names=name, colors=look[0], widths=look[1]), static=True)
     stream.send_columns(
         path, indexes=[rr.TimeColumn("host", timestamp=at)], columns=rr.Scalars.columns(scalars=values[::step])
     )
@@ -89,22 +98,24 @@ class _Activity:
     activations: Array
 
 
-def _read_activity(path: Path, model: Model) -> _Activity | None:
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["condition"] == SHOWN_CONDITION]
-    if not rows or set(model.muscle_names) - set(rows[0]):
+def _read_activity(folder: Path, model: Model) -> _Activity | None:
+    """Of the folder's assessment, if that can be read and is of what is drawn: the body and motion of the solver."""
+    try:
+        inputs = json.loads((folder / ASSESSMENT_FILE).read_text(encoding="utf-8"))["inputs"]
+        with (folder / ACTIVATIONS_FILE).open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if row["condition"] == SHOWN_CONDITION]
+        first = [row for row in rows if row["cuff"] == rows[0]["cuff"]]
+        time = np.array([float(row["time_s"]) for row in first])
+        activations = np.array([[float(row[name]) for name in model.muscle_names] for row in first])
+    except (OSError, ValueError, LookupError):
         return None
-    first = [row for row in rows if row["cuff"] == rows[0]["cuff"]]
-    time = np.array([float(row["time_s"]) for row in first])
-    return _Activity(time, np.array([[float(row[name]) for name in model.muscle_names] for row in first]))
+    is_drawn = all(inputs.get(role) == named for role, named in named_hashes(BUNDLED, None, None).items())
+    return _Activity(time, activations) if is_drawn and first else None
 
 
-def _log_body(stream: rr.RecordingStream, activations: Path, edge_ns: int) -> None:
+def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> None:
     """The bundled body raising its arm, its muscles straight through the points they are fixed to (no wrapping)."""
     model, suit = bundled_model(), read_suit()
-    activity = _read_activity(activations, model)
-    if activity is None:
-        return
     motion = differentiate(raise_arm(model))
     motion = thin(motion, max(1, round(len(motion.time) / (POINTS_A_SECOND * float(np.ptp(motion.time))))))
     state = postures(model, motion.positions, motion.speeds)
@@ -120,9 +131,9 @@ def _log_body(stream: rr.RecordingStream, activations: Path, edge_ns: int) -> No
         stream.log(
             "body/bones", rr.LineStrips3D([origins[[a, b]] for a, b in bones], colors=[200, 200, 190], radii=0.006)
         )
-        stream.log("suit/cord", rr.LineStrips3D([cord[frame]], colors=[30, 140, 60], radii=0.004))
+        stream.log("body/cord", rr.LineStrips3D([cord[frame]], colors=[30, 140, 60], radii=0.004))
         stream.log(
-            "suit/cuffs", rr.Points3D(cord[frame, [0, 2]], colors=[30, 140, 60], radii=0.02, labels=["waist", "arm"])
+            "body/cuffs", rr.Points3D(cord[frame, [0, 2]], colors=[30, 140, 60], radii=0.02, labels=["waist", "arm"])
         )
 
 
