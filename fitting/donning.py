@@ -31,6 +31,12 @@ TIE_ABOVE, TIE_BELOW = 0.15, 0.1
 beyond, c by its magnitude is far from normal, since that holds c only by its square."""
 
 
+ONE_WAY_BACK = (
+    "all weights come off at once, which shows one way back: the loads alone cannot tell whether the cuff slipped or "
+    "rubs; take them off one by one",
+)
+
+
 def fit_donning(
     trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ()
 ) -> tuple[CuffFit, dict[str, TrialCurves]]:
@@ -71,7 +77,9 @@ def fit_donning(
         sources={each.trial.file: each.trial.sha256 for each in (*every.values(), *all_static[:1])}
         | _calibrated_by(trials),
         lag=_lag([each.trial for each in used.values()] or trials),
-        trials=_list_trials(trials, every, {each.trial.file: each.pull for each in moved}, lines, swings, reasons),
+        trials=_list_trials(
+            trials, every, {each.trial.file: each.pull for each in moved}, lines, stiffness.if_rubs, swings, reasons
+        ),
         notes=_notes(stiffness, list(swings.values()))
         + interval_notes(None if judged[1][1] else estimates[1])
         + held_load_notes(held, stiffness)
@@ -229,6 +237,7 @@ def _list_trials(
     reduced: Mapping[str, ReducedTrial],
     pulls: Mapping[str, int],
     static: Mapping[str, StaticFit],
+    if_rubs: Estimate | None,
     damping: Mapping[str, DampingFit],
     reasons: Mapping[str, str],
 ) -> tuple[TrialFit, ...]:
@@ -249,8 +258,9 @@ def _list_trials(
                 state="used" if is_used else "unusable" if file in reasons else "superseded",
                 reason=reasons.get(file, "" if is_used else f"recorded again as {again}"),
                 notes=(reduced[file].notes if is_used else trial.notes)
-                + (damping[file].notes if file in damping else ()),
-                stiffness=trial_stiffness(static[file]) if file in static else None,
+                + (damping[file].notes if file in damping else ())
+                + (ONE_WAY_BACK if if_rubs and file in static else ()),
+                stiffness=trial_stiffness(static[file], if_rubs) if file in static else None,
                 damping=damping[file].damping.estimate if file in damping else None,
                 swing=damping.get(file),
                 sync=trial.sync,
@@ -289,6 +299,12 @@ def _slip_notes(stiffness: StiffnessFit) -> Iterator[str]:
             "weights that come off lead the cuff back another way than they led it out, but the same load holds it "
             "where it did before: it rubs, or was put back between the trials; stiffness is from taking weights off "
             "only, which friction makes too high: take them off one by one"
+        )
+    if stiffness.if_rubs and stiffness.stiffness:
+        yield (
+            "weights that all come off at once show one way back, on which a cuff that slipped and one that rubs look "
+            f"alike: stiffness is {stiffness.stiffness.value:.0f} N/m if it slipped, and down to "
+            f"{stiffness.if_rubs.value:.0f} if it rubs, which is in its interval; take them off one by one"
         )
     if stiffness.friction:
         yield (

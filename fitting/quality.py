@@ -154,13 +154,14 @@ def stop_notes(falling: float | None, is_used: bool, contradiction: float, rate:
         when = "before the last frame" if contradiction < 0 else "between two frames"
         return (
             f"stop edge and number of frames disagree: the sync line fell {1e3 * abs(contradiction):.1f} ms {when}, "
-            f"beyond what crystals explain{_or_clocks(rate)}; the lag is that uncertain, check QTM's frame rate and its sync output",
+            f"beyond what crystals explain{_or_clocks(rate)}; the lag is that uncertain, check QTM's frame rate and "
+            "its sync output",
         )
     if rate:
         return (
-            f"the sync line fell after the last frame: one is missing at the end{_or_clocks(rate)}; one edge tells the time, and "
-            "the lag is uncertain by what the clocks would make of it; see that the export holds all frames, and check "
-            "the DAQ's clock",
+            f"the sync line fell after the last frame: one is missing at the end{_or_clocks(rate)}; one edge tells the "
+            "time, and the lag is uncertain by what the clocks would make of it; see that the export holds all frames, "
+            "and check the DAQ's clock",
         )
     if falling is not None and not is_used:
         return ("the sync line fell after the last frame: frames are missing at the end, and one edge tells the time",)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy import stats
 from fitting.quality import UnusableTrial
 from fitting.static.plateaus import Plateau
 from fitting.static.tangent import HeldPoints, TangentLaw, fit_law, within
-from fitting.uncertainty import Estimate, Repeat, as_inverse, combine
+from fitting.uncertainty import NORMAL_95, Estimate, Repeat, as_inverse, combine, normal_estimate
 
 SAME_LOAD = 0.3
 """Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
@@ -30,6 +30,8 @@ BELIEVED = 0.999
 """Probability of χ² up to which a line or a curve is believed."""
 INCONSISTENT = 3.0
 """Combined standard errors between unloading and reloading beyond which reloading slips, too."""
+MOST_FRICTION = 0.1
+"""Part of the load by which a cuff may rub unnoticed: more would hold it against half of what a usual swing pulls."""
 LEAST_SD = 1e-7
 """Metres: no marker is placed better, whatever a stream that stands still claims."""
 
@@ -63,6 +65,7 @@ class StiffnessFit:
     friction    N by which it rubs: so much more holds it while the load rises, so much less while it falls; 0 if not
     only_rose   is True if no load was taken off or put on again
     law         tangent stiffness over the load, None if the loads are too few to bend it
+    if_rubs     k [N/m] if the cuff rubs and has not slipped, where nothing tells which; it is in the interval then
     """
 
     stiffness: Estimate | None
@@ -73,6 +76,7 @@ class StiffnessFit:
     friction: float
     only_rose: bool
     law: TangentLaw | None
+    if_rubs: Estimate | None = None
 
 
 def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
@@ -103,22 +107,29 @@ def fit_stiffness(
     slips_again, friction = _contradict(fits, every_rise), 0.0
     fits = every_rise if slips_again else fits
     only_rose = not any(fit.repeat for fit in fits)
+    one_way_back = None
     if creeps or _retraces(unslipped) or _holds(unslipped, fit_law(_points(unslipped)), only_rose):
         fits, slips_again = unslipped, False
     elif _is_straight(turned) and (friction := _friction(turned)) > 0:
         fits, slips_again = turned, False
+    else:
+        one_way_back = _if_it_rubs(fits, turned)
     repeats = [fit.repeat for fit in fits if fit.repeat is not None]
     stiffness = as_inverse(combine(repeats)) if repeats else None
     slip = sum(_slip(fit, stiffness.value) for fit in fits) if stiffness and not friction else 0.0
     law = fit_law(_points(fits), gain_sd) if repeats else None
     further = _further(trials, stiffness.value) if slips_again and stiffness else 0.0
-    return StiffnessFit(stiffness, tuple(fits), slip, slips_again, further, friction, only_rose, law)
+    if stiffness and one_way_back:
+        stiffness = _reaching(stiffness, one_way_back)
+    return StiffnessFit(stiffness, tuple(fits), slip, slips_again, further, friction, only_rose, law, one_way_back)
 
 
-def trial_stiffness(fit: StaticFit) -> Estimate | None:
-    """k [N/m] from this trial alone, None if its interval has no end."""
+def trial_stiffness(fit: StaticFit, if_rubs: Estimate | None = None) -> Estimate | None:
+    """k [N/m] from this trial alone, None if its interval has no end; if_rubs as in the donning's StiffnessFit."""
     stiffness = as_inverse(fit.repeat.estimate) if fit.repeat else None
-    return stiffness if stiffness and math.isfinite(stiffness.ci95[1]) else None
+    if stiffness is None or not math.isfinite(stiffness.ci95[1]):
+        return None
+    return _reaching(stiffness, if_rubs) if if_rubs else stiffness
 
 
 def _fit_trials(
@@ -180,6 +191,41 @@ def _friction(turned: Sequence[StaticFit]) -> float:
             return 0.0
         found.append(float(rising.mean() - falling.mean()) / 2)
     return float(np.mean(found)) if found and min(found) > 0 else 0.0
+
+
+def _if_it_rubs(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -> Estimate | None:
+    """k [N/m] along the rising loads, where friction explains the one way back as well as slip; None where it cannot.
+
+    Loads that come off at once lead back once: along k if the cuff slipped before, and with twice its friction to
+    overcome if it rubs. Loads carried before, on one line with the way back, or a bend on the way out speak for slip.
+    """
+    found, risen = [fit.repeat for fit in fits if fit.repeat], [fit.repeat for fit in turned if fit.repeat]
+    if not found or not risen or any(_falls(fit.plateaus) > 1 for fit in fits):
+        return None
+    dof, chi_square = sum(each.dof for each in risen), sum(each.chi_square for each in risen)
+    if _is_straight(fits) or (dof > 0 and chi_square > stats.chi2.ppf(BELIEVED, dof)):
+        return None
+    stiffness, rubbing = as_inverse(combine(found)), as_inverse(combine(risen))
+    if stiffness.value <= rubbing.value:
+        return None
+    least = stiffness.value * (1 - 2 * MOST_FRICTION)
+    return rubbing if rubbing.value > least else normal_estimate(least, 0.0)
+
+
+def _falls(plateaus: Sequence[Plateau]) -> int:
+    return sum(b.force < a.force - SAME_LOAD for a, b in pairwise(plateaus))
+
+
+def _reaching(stiffness: Estimate, other: Estimate) -> Estimate:
+    """The stiffness with an interval that reaches the other, too; either may be true, and all between."""
+    low = min(stiffness.ci95[0], other.value - NORMAL_95 * other.standard_error)
+    part = max(0.0, stiffness.value - other.value) / math.sqrt(3)
+    return replace(
+        stiffness,
+        standard_error=math.hypot(stiffness.standard_error, part),
+        ci95=(low, stiffness.ci95[1]),
+        parts={**stiffness.parts, "friction": part},
+    )
 
 
 def _further(trials: Sequence[Sequence[Plateau]], stiffness: float) -> float:

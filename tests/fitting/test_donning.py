@@ -57,6 +57,29 @@ def _said(law: Law, seed: int, unloads_at_once: bool = False) -> str:
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("repeats", [1, 2])
+@pytest.mark.parametrize(
+    ("law", "is_open"),
+    [(Law(friction=2.0), True), (Law(friction=4.0), True), (Law(slip_from=45.0), False), (Law(), False)],
+)
+def test_weights_that_come_off_at_once_leave_friction_and_slip_open(
+    law: Law, is_open: bool, repeats: int, seed: int
+) -> None:
+    """4 N of friction make the way back 10 % steeper; a cuff that slips from 45 N bends on the way out."""
+    truth = Truth(friction=1e9, migration=0.0, hold=6.0, unloads_at_once=True)
+    session = OddSession(law, Rig(), seed, truth)
+    trials = [build_trial(*session.static(i), f"s{i}", "s") for i in range(1, repeats + 1)]
+    fit, _ = fit_donning(trials)
+    assert fit.stiffness
+    assert fit.stiffness.ci95[0] < 8520 < fit.stiffness.ci95[1]
+    assert any("look alike" in note for note in fit.notes) == is_open
+    assert ("friction" in fit.stiffness.parts) == is_open
+    for each in fit.trials:
+        assert any("one way back" in note for note in each.notes) == is_open
+        assert not is_open or (each.stiffness and each.stiffness.ci95[0] < 8520)
+
+
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("unloads_at_once", [False, True])
 def test_each_law_of_held_loads_is_called_by_its_own_name_only(seed: int, unloads_at_once: bool) -> None:
     assert _said(Law(), seed, unloads_at_once) == ""
