@@ -1,18 +1,20 @@
 """The verbs, in the order of the data. Each is a short function in station/verbs, by where on the way it works.
 
-Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing.
-stdout carries data, stderr talk.
+Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing; 130 Ctrl-C.
+stdout carries data, stderr talk, both in UTF-8.
 """
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import sys
 from typing import NoReturn
 
 import typer
 
-from station.exit_code import DONE, FAILED
+from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.verbs import bench, cuffs, files, muscles, whole
 from station.verbs.options import say
 
@@ -45,8 +47,13 @@ def main() -> NoReturn:
     """Runs the verb. An exception born in our house is a sentence for the user; any other is a bug and shows itself."""
     # The last digits of a product hang on how many threads share it; the same input shall give the same bytes anywhere.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _ready_streams()
     try:
         app()
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED:
+            say("station: ended by Ctrl-C; what was finished is kept")
+        raise
     except Exception as error:
         if type(error).__module__.split(".")[0] not in ROOMS and not isinstance(error, OSError):
             raise
@@ -55,5 +62,18 @@ def main() -> NoReturn:
     sys.exit(DONE)
 
 
+def _ready_streams() -> None:
+    """Both speak UTF-8, a name that is not UTF-8 keeps its bytes, and one that is closed swallows what it is told."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115  (until we end)
+        stream = getattr(sys, name)
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(encoding="utf-8", errors="surrogateescape")
+
+
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and type(error).__module__ == "builtins" and error.strerror:
+        name = error.filename2 or error.filename
+        return f"{os.fsdecode(name)} cannot be used: {error.strerror}" if name else error.strerror
+    return re.sub(r"\[Errno -?\d+\] ", "", " ".join(str(error).split())) or type(error).__name__

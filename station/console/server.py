@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hmac
+import os
 import secrets
 import signal
+import socket
 import sys
 import webbrowser
 from collections.abc import Awaitable, Callable
@@ -28,6 +30,10 @@ HEARTBEAT_S = 1.0
 
 Scope = dict[str, Any]
 AsgiApp = Callable[[Scope, Any, Any], Awaitable[None]]
+
+
+class ServeError(Exception):
+    """The console cannot listen where it should; one sentence."""
 
 
 class Doorkeeper:
@@ -84,9 +90,13 @@ def serve(
     simulated_speed: float | None = None,
     seed: int = 1,
 ) -> None:
-    """Serves until Ctrl-C or a kill. simulated_speed: on simulated devices of its own, so much faster than the wall."""
+    """Serves until Ctrl-C or a kill. simulated_speed: on simulated devices of its own, so much faster than the wall.
+
+    Raises ServeError, before any device is opened, where it cannot listen.
+    """
+    _ensure_free(host, port)
     token = None if host in LOOPBACK else secrets.token_urlsafe(16)
-    address = f"http://{host}:{port}/" + (f"?token={token}" if token else "")
+    address = f"http://{f'[{host}]' if ':' in host else host}:{port}/" + (f"?token={token}" if token else "")
     signal.signal(signal.SIGTERM, _end)  # the web server ends politely, and then has the signal take its own course
     with ExitStack() as stack:
         bench = None
@@ -112,6 +122,18 @@ def serve(
             reload=False,
             show_welcome_message=False,
         )
+
+
+def _ensure_free(host: str, port: int) -> None:
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        socket.create_server(address, family=family).close()
+    except OSError as error:
+        why = error.strerror if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        raise ServeError(
+            f"the console cannot listen at {host}, port {port}: {why}; end what listens there, or give "
+            "another --host or --port"
+        ) from error
 
 
 def _end(*_: object) -> NoReturn:

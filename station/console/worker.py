@@ -22,12 +22,19 @@ class Worker:
 
     async def run(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """Raises what the function raises, and BrokenProcessPool where a second process dies of it, too."""
-        loop = asyncio.get_running_loop()
         try:
-            return await loop.run_in_executor(self._pool, work, *arguments)
+            return await self._started(work, *arguments)
         except BrokenProcessPool:  # a system short of memory kills the largest
             self._pool = _one_process()
-            return await loop.run_in_executor(self._pool, work, *arguments)
+            return await self._started(work, *arguments)
+
+    def _started(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
+        """The process starts at its first work, deaf to Ctrl-C from its first line on: it takes seconds to import."""
+        heard = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            return asyncio.get_running_loop().run_in_executor(self._pool, work, *arguments)
+        finally:
+            signal.signal(signal.SIGINT, heard)
 
     def close(self) -> None:
         self._pool.shutdown(wait=False, cancel_futures=True)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from solver.motion import write_table
 from station.exit_code import WRONG_USAGE
 from station.muscles.rmr import STATUS, SolvedMotion
+from station.whole_file import drafted
 
 Array = NDArray[np.float64]
 
@@ -46,13 +47,13 @@ def ensure_writable(path: Path) -> None:
 def write_solved(path: Path, solved: SolvedMotion) -> None:
     """Write all columns with the notes beside them, in the format that the suffix names."""
     ensure_writable(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     columns = tuple(solved_columns(solved))
-    if path.suffix == ".parquet":
-        _write_parquet(path, solved, columns)
-        return
-    values = np.column_stack([column.values for column in columns])
-    write_table(path, [column.name for column in columns], solved.solution.time, values, solved.notes)
+    with drafted(path) as draft:
+        if draft.suffix == ".parquet":
+            _write_parquet(draft, solved, columns)
+        else:
+            values = np.column_stack([column.values for column in columns])
+            write_table(draft, [column.name for column in columns], solved.solution.time, values, solved.notes)
 
 
 def solved_columns(solved: SolvedMotion) -> Iterator[Column]:

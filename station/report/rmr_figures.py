@@ -21,6 +21,7 @@ from station.muscles.rmr import SolvedMotion
 from station.muscles.rmr_table import reserve_unit
 from station.muscles.sources import without_hash
 from station.report.figures import LINE, MARK, SHADES, STYLE, as_png
+from station.whole_file import write_whole
 
 WARM = "#c2571a"
 HEAT = ("#ffffff", "#f8dcae", "#e8743b", "#8b1e4f", "#1b0c2a")
@@ -32,15 +33,13 @@ Page = Figure | SubFigure
 def draw_solved(path: Path, solved: SolvedMotion) -> None:
     """One page where the path is a .png's, else its parts, each in a .png of its own, in that folder."""
     if path.suffix == ".png":
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(_page(solved))
+        write_whole(path, _page(solved))
         return
-    path.mkdir(parents=True, exist_ok=True)
     for name, (draw, size) in _PARTS.items():
         with mpl.rc_context(STYLE):
             figure = Figure(figsize=size, layout="constrained")
             draw(figure, solved)
-        (path / f"{name}.png").write_bytes(as_png(figure))
+        write_whole(path / f"{name}.png", as_png(figure))
 
 
 def _page(solved: SolvedMotion) -> bytes:

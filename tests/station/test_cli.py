@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -210,3 +213,42 @@ def test_a_session_of_which_no_trial_can_be_used_has_failed(station, tmp_path: P
     ran = station("fit", tmp_path)
     assert ran.code == 1
     assert "no recording" in ran.err or "not one trial" in ran.err
+
+
+def test_a_file_that_cannot_be_written_is_named_and_its_draft_is_not(station, tmp_path: Path) -> None:
+    path, in_the_way = trial_file(tmp_path), tmp_path / "taken"
+    in_the_way.touch()
+    ran = station("export", path, "--to", "csv", "--output", in_the_way)
+    assert_one_sentence(ran, 1, str(in_the_way), "File exists")
+    assert "Errno" not in ran.err
+    (tmp_path / "folder.osim").mkdir()
+    ran = station("export", "--osim", "--output", tmp_path / "folder.osim")
+    assert_one_sentence(ran, 1, "folder.osim cannot be used: Is a directory")
+    assert ".draft" not in ran.err
+    assert not list(tmp_path.glob(".draft*"))
+
+
+def _in_its_own_process(*words: object, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-c", "from station.cli import main; main()", *map(str, words)]
+    return subprocess.run(command, env={**os.environ, **environment}, capture_output=True, check=False)  # noqa: S603
+
+
+def test_a_name_that_is_not_utf_8_keeps_its_bytes_on_the_way_out(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"se\xffsion")
+    try:
+        folder.mkdir()
+    except (OSError, UnicodeEncodeError):
+        pytest.skip("this file system has no such names")
+    path = trial_file(folder)
+    ran = _in_its_own_process("export", path, "--to", "trc")
+    assert ran.returncode == 0, ran.stderr
+    assert os.fsencode(path.with_suffix(".trc")) in ran.stdout
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_what_is_printed_is_utf_8_whatever_the_terminal_was_thought_to_speak(tmp_path: Path, encoding: str) -> None:
+    folder = tmp_path / "ẋ mäßig"
+    folder.mkdir()
+    ran = _in_its_own_process("export", trial_file(folder), "--to", "trc", PYTHONIOENCODING=encoding)
+    assert ran.returncode == 0, ran.stderr
+    assert str(folder) in ran.stdout.decode("utf-8")

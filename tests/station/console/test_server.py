@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from typing import Any
 
 import pytest
 
-from station.console.server import COOKIE, Doorkeeper
+from station.config import parse_config
+from station.console.server import COOKIE, Doorkeeper, ServeError, serve
 
 TOKEN = "right-token"  # noqa: S105  (nobody's)
 
@@ -97,3 +99,13 @@ def test_a_websocket_gets_in_by_the_cookie_alone() -> None:
 
 def test_the_server_s_own_start_passes() -> None:
     assert _asked(TOKEN, "lifespan")[0]
+
+
+def test_a_port_in_use_is_one_sentence_before_anything_is_opened() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(ServeError, match=r"in use; end what listens"):
+        serve(parse_config({}, "this test"), port=taken.getsockname()[1])
+
+
+def test_a_host_that_nobody_knows_is_one_sentence() -> None:
+    with pytest.raises(ServeError, match=r"cannot listen at no\.such\.host\.invalid, port 8421"):
+        serve(parse_config({}, "this test"), host="no.such.host.invalid")

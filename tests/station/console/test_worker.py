@@ -23,3 +23,20 @@ def test_a_worker_that_is_killed_is_replaced() -> None:
 
     first, second = asyncio.run(whole())
     assert len({first, second, os.getpid()}) == 3
+
+
+def _ignores_ctrl_c() -> bool:
+    """Whether it did so from its first line on: what a process is started with is in no signal() call of its own."""
+    return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_ctrl_c_is_for_the_console_alone_and_is_heard_there_again() -> None:
+    async def whole() -> bool:
+        worker = Worker()
+        is_deaf = await worker.run(_ignores_ctrl_c)
+        worker.close()
+        return bool(is_deaf)
+
+    heard = signal.getsignal(signal.SIGINT)
+    assert asyncio.run(whole())
+    assert signal.getsignal(signal.SIGINT) is heard
