@@ -1,13 +1,11 @@
-"""What a fit says about a cuff: estimates, verdicts in sentences, provenance; to and from cuffs.json."""
+"""What a fit says about a cuff: estimates, verdicts in sentences, provenance; and the text of cuffs.json."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +29,7 @@ from fitting.plain import (
 from fitting.spatial.tensor import Tensors, plain_tensor
 from fitting.timing.sync_certificate import SyncCertificate
 from fitting.trial import RejectedTrial
-from fitting.uncertainty import NORMAL_95, Estimate
+from fitting.uncertainty import Estimate
 from solver.cuff import CuffParameters
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
@@ -85,10 +83,6 @@ class NotIdentified(Exception):
     """A cuff lacks a figure that was asked for; one sentence says which and why."""
 
 
-class CuffsFileError(Exception):
-    """A cuffs.json that cannot be used; one sentence says where and what was expected."""
-
-
 @dataclass(frozen=True)
 class Lag:
     """Of force against markers [s], as it was taken off the force's times, and its standard uncertainties.
@@ -133,7 +127,7 @@ class TrialFit:
 class CuffFit:
     """A cuff's k [N/m], c [N s/m] and migration [m] of one donning; verdicts say what of it is not identified.
 
-    None where the trials give no figure. A figure with a wide interval is given with it, whatever the verdict.
+    None where the trials give no figure. One that is not identified is given with its interval, and is `missing`.
 
     covariance  (3, 3) of (stiffness, damping, migration); zero where one is None or was given
     sources     file → SHA-256 of every recording that was used
@@ -249,22 +243,14 @@ def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
     return np.diag([estimate.standard_error**2 if estimate else 0.0 for estimate in estimates])
 
 
-def read_cuffs(path: Path) -> dict[str, CuffFit]:
-    """Reads cuffs.json, also one written by hand that holds only values. Raises CuffsFileError."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        cuffs = data["cuffs"].items()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CuffsFileError(
-            f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}: {error or type(error).__name__}; '
-            "make one with `station fit`"
-        ) from error
-    return {name: _cuff_from(name, cuff, path) for name, cuff in cuffs}
-
-
 def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
+    """What nobody should wear is null where a wearer looks, and told apart from it where the trials gave a figure."""
+    figures = _plain_estimates(fit)
+    doubtful = [QUANTITIES[name] for name in fit.missing]
     return {
-        **_plain_estimates(fit),
+        **figures,
+        **dict.fromkeys(doubtful, plain_estimate(None)),
+        "not_identified": {key: figures[key] for key in doubtful},
         "verdict": fit.verdict,
         "site": fit.site,
         "donning": fit.donning,
@@ -322,67 +308,5 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
 
 
 def _plain_estimates(fit: CuffFit | TrialFit) -> dict[str, Any]:
-    """Three objects of value, standard_error and ci95, each null where the quantity is not identified."""
+    """Three objects of value, standard_error and ci95, each null where the trials give no figure."""
     return {key: plain_estimate(getattr(fit, name)) for name, key in QUANTITIES.items()}
-
-
-def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
-    if not isinstance(cuff, dict):
-        raise CuffsFileError(
-            f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}"
-        )
-    estimates = [_estimate_from(cuff.get(key), f"{path}: {name}.{key}") for key in QUANTITIES.values()]
-    site = cuff.get("site", "waist" if name == "waist" else "arm")
-    if site not in ("arm", "waist"):
-        raise CuffsFileError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
-    said = str(cuff.get("verdict", ""))
-    return CuffFit(
-        name=name,
-        site=site,
-        donning=str(cuff.get("donning", "")),
-        stiffness=estimates[0],
-        damping=estimates[1],
-        migration=estimates[2],
-        verdicts=tuple(verdict for verdict in Verdict if verdict in said) or (Verdict.GIVEN,),
-        covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
-        sources=cuff.get("sources", {}),
-        notes=tuple(cuff.get("notes", ())),
-        diagnostics=cuff.get("diagnostics", {}),
-        energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
-    )
-
-
-def _covariance_from(entry: Any, independent: NDArray[np.float64], where: str) -> NDArray[np.float64]:
-    """Where there is none, that of independent estimates."""
-    if entry is None:
-        return independent
-    try:
-        covariance = np.asarray(entry, dtype=np.float64)
-    except (TypeError, ValueError):
-        covariance = np.zeros(0)
-    if covariance.shape != (3, 3) or not np.isfinite(covariance).all() or np.diag(covariance).min() < 0:
-        raise CuffsFileError(f"{where} is {entry!r}, expected 3 rows of 3 finite numbers, none below 0 in the diagonal")
-    return covariance
-
-
-def _estimate_from(entry: Any, where: str) -> Estimate | None:
-    """An estimate from an object of which only "value" must be there, or from a bare number."""
-    plain = entry if isinstance(entry, dict) else {"value": entry}
-    if plain.get("value") is None:
-        return None
-    value, error = plain["value"], plain.get("standard_error") or 0.0
-    if not all(map(_is_finite, (value, error))) or error < 0:
-        raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value, and no standard_error below 0")
-    ends = plain.get("ci95") or [value - NORMAL_95 * error, value + NORMAL_95 * error]
-    if not (isinstance(ends, list) and len(ends) == 2 and all(map(_is_finite, ends)) and ends[0] <= ends[1]):
-        raise CuffsFileError(f"{where} is {entry!r}, expected two finite numbers, the lower first, as ci95")
-    low, high = ends
-    parts = {str(cause): float(part) for cause, part in (plain.get("parts") or {}).items()}
-    bound = plain.get("cramer_rao_bound")
-    return Estimate(
-        float(value), float(error), (float(low), float(high)), parts, None if bound is None else float(bound)
-    )
-
-
-def _is_finite(number: Any) -> bool:
-    return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitting.result import CuffsFileError, NotIdentified
+from fitting.cuffs_file import CuffsFileError
+from fitting.result import NotIdentified
 from fitting.uncertainty import Estimate
 from station.fit import SessionError, fit_session_folder
 from station.interval import bracketed

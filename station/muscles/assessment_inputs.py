@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from fitting.cuffs_file import read_cuffs
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
-from fitting.result import CuffFit, read_cuffs
+from fitting.result import CuffFit
 from fitting.uncertainty import NORMAL_95
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 from solver.loads import ExternalForce

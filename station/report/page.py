@@ -12,8 +12,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from fitting.bushing import bushing_force
+from fitting.cuffs_file import read_cuffs
 from fitting.curves import TrialCurves
-from fitting.result import CuffFit, SessionFit, read_cuffs
+from fitting.result import CuffFit, SessionFit
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from station.fit import fit_session_folder, recordings_in

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.result import CuffFit, CuffsFileError, NotIdentified, SessionFit, Verdict, covariance_of, read_cuffs
+from fitting.cuffs_file import CuffsFileError, read_cuffs
+from fitting.result import CuffFit, NotIdentified, SessionFit, Verdict, covariance_of
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import Estimate
 
@@ -63,10 +64,13 @@ def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path)
         read_cuffs(path)["hand"].parameters()
 
 
-def test_what_noise_leaves_open_is_written_with_its_interval_and_nobody_wears_it(tmp_path: Path) -> None:
+def test_what_noise_leaves_open_is_null_beside_its_figure_and_nobody_wears_it(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     wide = Estimate(210.0, 120.0, (-25.0, 445.0))
     path.write_text(_session(_fit(damping=wide, verdict=Verdict.LAG)).to_json(), encoding="utf-8")
+    written = json.loads(path.read_text(encoding="utf-8"))["cuffs"]["hand"]
+    assert written["damping_n_s_per_m"] == {"value": None, "standard_error": None, "ci95": None}
+    assert written["not_identified"]["damping_n_s_per_m"]["ci95"] == [-25.0, 445.0]
     read = read_cuffs(path)["hand"]
     assert read.damping == wide
     assert read.missing == ("damping",)

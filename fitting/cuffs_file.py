@@ -1,0 +1,101 @@
+"""Reads cuffs.json, as a fit wrote it or as somebody who knows better."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.result import QUANTITIES, CuffFit, Verdict, covariance_of
+from fitting.uncertainty import NORMAL_95, Estimate
+
+
+class CuffsFileError(Exception):
+    """A cuffs.json that cannot be used; one sentence says where and what was expected."""
+
+
+def read_cuffs(path: Path) -> dict[str, CuffFit]:
+    """Reads cuffs.json, also one written by hand that holds only values. Raises CuffsFileError."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        cuffs = data["cuffs"].items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CuffsFileError(
+            f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}: {error or type(error).__name__}; '
+            "make one with `station fit`"
+        ) from error
+    return {name: _cuff_from(name, cuff, path) for name, cuff in cuffs}
+
+
+def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
+    if not isinstance(cuff, dict):
+        raise CuffsFileError(
+            f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}"
+        )
+    estimates = [_quantity_from(cuff, key, f"{path}: {name}") for key in QUANTITIES.values()]
+    site = cuff.get("site", "waist" if name == "waist" else "arm")
+    if site not in ("arm", "waist"):
+        raise CuffsFileError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
+    said = str(cuff.get("verdict", ""))
+    return CuffFit(
+        name=name,
+        site=site,
+        donning=str(cuff.get("donning", "")),
+        stiffness=estimates[0],
+        damping=estimates[1],
+        migration=estimates[2],
+        verdicts=tuple(verdict for verdict in Verdict if verdict in said) or (Verdict.GIVEN,),
+        covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
+        sources=cuff.get("sources", {}),
+        notes=tuple(cuff.get("notes", ())),
+        diagnostics=cuff.get("diagnostics", {}),
+        energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
+    )
+
+
+def _quantity_from(cuff: Mapping[str, Any], key: str, where: str) -> Estimate | None:
+    """As identified, or as what the trials gave all the same."""
+    found = _estimate_from(cuff.get(key), f"{where}.{key}")
+    doubtful = cuff.get("not_identified") or {}
+    return found or _estimate_from(doubtful.get(key), f"{where}.not_identified.{key}")
+
+
+def _covariance_from(entry: Any, independent: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+    """Where there is none, that of independent estimates."""
+    if entry is None:
+        return independent
+    try:
+        covariance = np.asarray(entry, dtype=np.float64)
+    except (TypeError, ValueError):
+        covariance = np.zeros(0)
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all() or np.diag(covariance).min() < 0:
+        raise CuffsFileError(f"{where} is {entry!r}, expected 3 rows of 3 finite numbers, none below 0 in the diagonal")
+    return covariance
+
+
+def _estimate_from(entry: Any, where: str) -> Estimate | None:
+    """An estimate from an object of which only "value" must be there, or from a bare number."""
+    plain = entry if isinstance(entry, dict) else {"value": entry}
+    if plain.get("value") is None:
+        return None
+    value, error = plain["value"], plain.get("standard_error") or 0.0
+    if not all(map(_is_finite, (value, error))) or error < 0:
+        raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value, and no standard_error below 0")
+    ends = plain.get("ci95") or [value - NORMAL_95 * error, value + NORMAL_95 * error]
+    if not (isinstance(ends, list) and len(ends) == 2 and all(map(_is_finite, ends)) and ends[0] <= ends[1]):
+        raise CuffsFileError(f"{where} is {entry!r}, expected two finite numbers, the lower first, as ci95")
+    low, high = ends
+    parts = {str(cause): float(part) for cause, part in (plain.get("parts") or {}).items()}
+    bound = plain.get("cramer_rao_bound")
+    return Estimate(
+        float(value), float(error), (float(low), float(high)), parts, None if bound is None else float(bound)
+    )
+
+
+def _is_finite(number: Any) -> bool:
+    return isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number)
