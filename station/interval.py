@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from fitting.result import CuffFit
+
 SIGNIFICANT = 2
 """Digits of the half width that are told: with fewer nobody sees how wide an interval is, more are noise."""
 NO_WIDTH = 1e-12
@@ -32,6 +34,12 @@ def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) ->
     digits = digits_of(ci95, scale, digits)
     words = rounded(scale * value, digits)
     return words if ci95 is None else f"{words} ± {rounded(_half(ci95, scale), digits)}"
+
+
+def of_cuff(fit: CuffFit, quantity: str, words: str) -> str:
+    """The words for a cuff's stiffness, damping or migration; a figure that nobody should wear is told as such."""
+    is_doubtful = quantity in fit.missing and getattr(fit, quantity) is not None
+    return f"not identified: {words}" if is_doubtful else words
 
 
 def digits_of(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:

@@ -14,7 +14,7 @@ from fitting.spatial.directions import ELSEWHERE
 from fitting.uncertainty import NORMAL_95, Estimate
 from solver.assessment import Assessment, Figure
 from solver.optimise import Optimised
-from station.interval import between, digits_of, plus_minus, rounded
+from station.interval import between, digits_of, of_cuff, plus_minus, rounded
 
 Truth = Mapping[str, Mapping[str, float]]
 """Cuff → quantity → what the simulated cuff carries, keys as in cuffs.json."""
@@ -58,8 +58,8 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Tabl
         true = (truth or {}).get(name, {})
         table.add_row(
             name,
-            _spoken(fit.stiffness, true=true.get("stiffness_n_per_m")),
-            _spoken(fit.damping, true=true.get("damping_n_s_per_m")),
+            of_cuff(fit, "stiffness", _spoken(fit.stiffness, true=true.get("stiffness_n_per_m"))),
+            of_cuff(fit, "damping", _spoken(fit.damping, true=true.get("damping_n_s_per_m"))),
             _spoken(fit.migration, 1000.0, true=true.get("migration_m")),
             fit.verdict,
         )

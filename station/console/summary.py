@@ -9,7 +9,7 @@ from fitting.cuffs_file import CuffsFileError
 from fitting.result import NotIdentified
 from fitting.uncertainty import Estimate
 from station.fit import SessionError, fit_session_folder
-from station.interval import bracketed
+from station.interval import bracketed, of_cuff
 
 DRAWS = 50
 
@@ -40,8 +40,8 @@ def summarise(folder: Path) -> Summary:
     rows = tuple(
         {
             "cuff": name,
-            "k [N/m]": _words(cuff.stiffness),
-            "c [N s/m]": _words(cuff.damping),
+            "k [N/m]": of_cuff(cuff, "stiffness", _words(cuff.stiffness)),
+            "c [N s/m]": of_cuff(cuff, "damping", _words(cuff.damping)),
             "migration [mm]": _words(cuff.migration, 1e3),
             "verdict": cuff.verdict,
         }

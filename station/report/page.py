@@ -18,7 +18,7 @@ from fitting.result import CuffFit, SessionFit
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from station.fit import fit_session_folder, recordings_in
-from station.interval import bracketed, digits_of, rounded
+from station.interval import bracketed, digits_of, of_cuff, rounded
 from station.progress import Progress, silent
 from station.report.assessment_section import assessment_section
 from station.report.figures import dynamic_figure, static_figure, trial_figure
@@ -162,6 +162,7 @@ def _environment() -> Environment:
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
     environment.filters["spoken"] = _spoken
+    environment.filters["of_cuff"] = lambda words, fit, quantity: of_cuff(fit, quantity, words)
     environment.filters["figure"] = _figure
     environment.filters["beside"] = _beside
     return environment

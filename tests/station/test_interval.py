@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
-from station.interval import between, bracketed, digits_of, plus_minus
+from fitting.result import CuffFit, Verdict
+from fitting.uncertainty import Estimate
+from station.interval import between, bracketed, digits_of, of_cuff, plus_minus
 
 
 def test_an_interval_is_told_to_two_figures_of_its_half_width() -> None:
@@ -36,3 +39,11 @@ def test_without_a_width_the_digits_are_those_that_were_asked_for() -> None:
 
 def test_nothing_is_minus_zero() -> None:
     assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
+
+
+def test_a_figure_that_nobody_should_wear_is_told_as_such() -> None:
+    wide, known = Estimate(210.0, 120.0, (-25.0, 445.0)), Estimate(8520.0, 10.0, (8500.0, 8540.0))
+    fit = CuffFit("hand", "arm", "1", known, wide, None, (Verdict.LAG,), np.zeros((3, 3)), {})
+    assert of_cuff(fit, "damping", "210 ± 240") == "not identified: 210 ± 240"
+    assert of_cuff(fit, "stiffness", "8520 ± 20") == "8520 ± 20"
+    assert of_cuff(fit, "migration", "not identified") == "not identified"
