@@ -181,6 +181,7 @@ class MarkerQuality:
     anchor_rms   m, of the anchor markers about the rigid fit
     anchor_follows_force  correlation of that rms with the force
     lean         m by which the body followed the force, from no load to the highest; already taken out
+    loose        anchor marker that moves among the others, and by how many m rms; None if none does
     """
 
     hidden: float
@@ -188,6 +189,7 @@ class MarkerQuality:
     anchor_rms: float
     anchor_follows_force: float
     lean: float
+    loose: tuple[str, float] | None = None
 
 
 def marker_quality(
@@ -222,6 +224,12 @@ def marker_notes(found: MarkerQuality) -> tuple[str, ...]:
     if found.ghosts:
         listed = ", ".join(f"{label} in {count} frames" for label, count in found.ghosts.items())
         notes.append(f"markers that jumped away or changed places were left out: {listed}")
+    if found.loose:
+        label, way = found.loose
+        notes.append(
+            f"{label} moves by {1e3 * way:.1f} mm rms among the other anchor markers: it is loose, or skin moves under "
+            "it; fix it, or leave it out of anchor_markers"
+        )
     if found.anchor_follows_force > SKIN_CORRELATION:
         notes.append(
             f"the anchor markers deform with the load (rms {1e3 * found.anchor_rms:.2f} mm, correlation "

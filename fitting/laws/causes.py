@@ -16,6 +16,7 @@ from fitting.curves import TrialCurves
 from fitting.laws.findings import ANGLE_LIMIT, SHIFT_LIMIT, SIGNIFICANT, ZERO_LIMIT, Finding
 from fitting.laws.levels import swing_force
 from fitting.laws.model_class import GAIN, ModelComparison
+from fitting.markers.loose import LOOSE
 from fitting.quality import SKIN_CORRELATION
 from fitting.static.steps import MAX_FRICTION, MAX_SCALE_ERROR, load_scale
 from fitting.uncertainty import Repeat, combine
@@ -53,7 +54,7 @@ def causes_of(
     """The causes that the findings on these trials and the comparison of classes point at, most severe first."""
     static = [each for each in curves if each.static and each.static.plateaus]
     dynamic = [each for each in curves if each.dynamic is not None]
-    found = [*_rig_causes(findings, dynamic), *_skin(curves), *_weights(static), *_law_causes(classes)]
+    found = [*_rig_causes(findings, dynamic), *_anchor(curves), *_weights(static), *_law_causes(classes)]
     return tuple(sorted(found, key=lambda cause: -cause.severity))
 
 
@@ -97,7 +98,15 @@ def _is_tared(curves: TrialCurves) -> bool:
     return curves.dynamic is not None and swing_force(curves) < TARED_BELOW * curves.dynamic.oscillation.amplitude
 
 
-def _skin(curves: Sequence[TrialCurves]) -> Iterator[Cause]:
+def _anchor(curves: Sequence[TrialCurves]) -> Iterator[Cause]:
+    loose = [each.markers.loose for each in curves if each.markers is not None and each.markers.loose]
+    if loose:
+        label, way = max(loose, key=lambda each: each[1])
+        words = (
+            f"{label} moves by {1e3 * way:.1f} mm rms among the other anchor markers: the cuff's way is that much less "
+            "sure; fix it, or leave it out of anchor_markers"
+        )
+        yield Cause("loose anchor marker", way / LOOSE, words)
     follows = [each.markers.anchor_follows_force for each in curves if each.markers is not None]
     if follows and float(np.mean(follows)) > SKIN_CORRELATION:
         words = (

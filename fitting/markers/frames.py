@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fitting import quality
 from fitting.markers.ghosts import path_without_ghosts, rigid_without_ghosts
+from fitting.markers.loose import loose_marker
 from fitting.markers.rigid import fit_pose, is_seen
 from fitting.quality import UnusableTrial
 from fitting.trial import Trial
@@ -36,6 +37,7 @@ class CuffMotion:
     turn          (frames,) m, rms of the visible cuff markers' ways about their mean; 0 where one is seen
     rope          (frames, 3) unit vector of the rope, None without rope markers
     ghosts        marker → frames in which it was no marker of ours and was left out, or another's and was exchanged
+    loose         anchor marker that moves among the others, and by how many m rms; None if none does
     """
 
     displacement: NDArray[np.float64]
@@ -44,6 +46,7 @@ class CuffMotion:
     turn: NDArray[np.float64]
     rope: NDArray[np.float64] | None
     ghosts: Mapping[str, int]
+    loose: tuple[str, float] | None = None
 
 
 def reference_posture(trial: Trial) -> Reference:
@@ -87,7 +90,8 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     counts = zip(site.anchor_markers + site.cuff_markers, (*of_anchor.tolist(), *of_cuff.tolist()), strict=True)
     ghosts = {label: count for label, count in counts if count}
     body = pose.to_laboratory(np.nanmean(reference.anchor, axis=0))
-    return CuffMotion(displacement, pose.residual, body, turn, rope, ghosts)
+    loose = loose_marker(site.anchor_markers, reference.anchor, anchor)
+    return CuffMotion(displacement, pose.residual, body, turn, rope, ghosts, loose)
 
 
 def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ def rigid_without_ghosts(
     usual = max(FACTOR * float(np.nanmedian(residual)), FLOOR)
     suspect = np.flatnonzero(residual > usual)
     cleaned = points.copy()
-    for cures in (_each_left_out, _each_pair_exchanged):
+    for cures in (each_left_out, _each_pair_exchanged):
         if len(suspect):
             candidates = cures(points[suspect])
             remaining = np.array([fit_pose(reference, candidate).residual for candidate in candidates])
@@ -48,6 +48,14 @@ def rigid_without_ghosts(
     return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0)
 
 
+def each_left_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(markers, frames, markers, 3): points (frames, markers, 3) as they are without each of the markers."""
+    without = np.repeat(points[None], points.shape[1], axis=0)
+    for marker in range(points.shape[1]):
+        without[marker, :, marker] = np.nan
+    return without
+
+
 def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Points (frames, markers, 3), each marker on its own: NaN where one is far off its neighbours in time (Hampel)."""
     cleaned = points.copy()
@@ -59,14 +67,6 @@ def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64
             limit = max(HAMPEL_FACTOR * 1.4826 * float(np.median(off)), HAMPEL_FLOOR)
             cleaned[seen[off > limit], marker] = np.nan
     return cleaned, np.count_nonzero(np.isfinite(points[..., 0]) & ~np.isfinite(cleaned[..., 0]), axis=0)
-
-
-def _each_left_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(markers, frames, markers, 3)"""
-    without = np.repeat(points[None], points.shape[1], axis=0)
-    for marker in range(points.shape[1]):
-        without[marker, :, marker] = np.nan
-    return without
 
 
 def _each_pair_exchanged(points: NDArray[np.float64]) -> NDArray[np.float64]:

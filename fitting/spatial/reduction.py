@@ -89,6 +89,7 @@ def reduce_trials(trials: Sequence[Trial]) -> tuple[list[ReducedTrial], dict[str
 def _markers(trial: Trial, motion: CuffMotion) -> tuple[MarkerQuality, tuple[str, ...]]:
     force = np.interp(trial.marker_time, trial.force_time, trial.force)
     found = quality.marker_quality(motion.displacement, motion.residual, motion.body, force, motion.ghosts)
+    found = replace(found, loose=motion.loose)
     return found, quality.marker_notes(found) + turn_notes(motion.turn, force)
 
 
