@@ -69,7 +69,7 @@ def recover(path: Path, output: Path | None = None, progress: Callable[[int], No
     output cannot be made.
     """
     output = output or recovered_path(path)
-    part = output.with_name(f"{output.name}.part")
+    part = output.with_name(f"{output.name}.{os.getpid()}.part")  # another may recover the same at the same time
     try:
         with part.open("wb") as file:
             damage = _copy(path, file, progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import time
@@ -84,7 +85,7 @@ class RecordingWriter:
             raise RecordingError(f"{path} exists, and a recording is never overwritten; take another run") from error
         except OSError as error:
             raise RecordingError(f"{path} cannot be made: {error.strerror or error}; check the folder") from error
-        self._disk = BackgroundSync(lambda: sync(self._file.fileno()), background)
+        self._disk = BackgroundSync(lambda: self._sync_to_disk(sync), background)
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
         keep_index_encoded(self._mcap)
         try:
@@ -154,6 +155,11 @@ class RecordingWriter:
             with self._writing():
                 self._mcap.finish()  # type: ignore[no-untyped-call]
             self._flush_and_sync()
+            if not self._path.exists():
+                raise WriteFailed(
+                    f"{self._path} was moved away while it was written; all that was recorded is whole in the file where "
+                    "it is now"
+                )
         finally:
             self._release()
 
@@ -212,12 +218,17 @@ class RecordingWriter:
         self._syncing, self._sync_due_s = self._stored, math.inf
         self._look_at_disk()
 
+    def _sync_to_disk(self, sync: Callable[[int], None]) -> None:
+        sync(self._file.fileno())
+        if os.fstat(self._file.fileno()).st_nlink == 0:  # every write to it goes well, and into nothing
+            raise FileNotFoundError(errno.ENOENT, "it was deleted while it was written")
+
     def _look_at_disk(self) -> None:
         """What it could not keep was never stored, and nobody knows what it has of all since the last good fsync."""
         if self._disk.is_busy:
             return
         if self._disk.failure is not None:
-            self._stored = self._synced
+            self._stored = {} if isinstance(self._disk.failure, FileNotFoundError) else self._synced
             with self._writing():
                 raise self._disk.failure
         self._synced = self._syncing

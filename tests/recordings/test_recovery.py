@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +119,21 @@ def test_recovering_again_changes_nothing(whole: Path, tmp_path: Path) -> None:
     assert first.output.read_bytes() == data
     assert recover(first.output, tmp_path / "twice.mcap").output.read_bytes() == data
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap", "twice.mcap"]
+
+
+def test_two_that_recover_one_file_at_once_do_not_spoil_it(whole: Path, tmp_path: Path) -> None:
+    cut = _cut(whole, tmp_path, chunk_ends(whole)[-1] + 10)
+    code = f"from pathlib import Path; from recordings.recovery import recover; recover(Path({str(cut)!r}))"
+    others: list[int] = []
+
+    def meanwhile(_done: int) -> None:
+        if not others:
+            others.append(subprocess.run([sys.executable, "-c", code], check=True).returncode)  # noqa: S603
+
+    report = recover(cut, progress=meanwhile)
+    assert others == [0]
+    assert report.lossless and report.output.read_bytes() == whole.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
 
 
 def test_a_recovered_file_goes_on_saying_that_it_was_cut(whole: Path, tmp_path: Path) -> None:

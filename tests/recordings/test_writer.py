@@ -185,6 +185,40 @@ def test_a_failed_fsync_is_a_failed_write(tmp_path: Path) -> None:
     writer.discard()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes and moves no open file")
+def test_a_recording_that_is_deleted_while_it_is_written_is_told_within_a_second(tmp_path: Path) -> None:
+    path, wall = tmp_path / "a.mcap", WallClock()
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, background=lambda work: work())
+    writer.write(scalars("/force", 0, 100))
+    path.unlink()
+    told_s = None
+    for i in range(1, 20):
+        wall.now = 0.1 * i
+        try:
+            writer.write(scalars("/force", 100 * i, 100))
+        except WriteFailed as error:
+            told_s = told_s or wall.now
+            assert "it was deleted while it was written): the last stored samples are none" in str(error)
+    assert told_s is not None and told_s <= 1.0
+    assert not writer.stored
+    with pytest.raises(WriteFailed):
+        writer.close(ACCEPTED)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes and moves no open file")
+def test_a_recording_that_is_moved_while_it_is_written_goes_on_and_is_told_at_its_end(tmp_path: Path) -> None:
+    session = tmp_path / "monday"
+    session.mkdir()
+    writer = RecordingWriter(session / "a.mcap", MANIFEST, STREAMS)
+    writer.write(scalars("/force", 0, 100))
+    session.rename(tmp_path / "tuesday")
+    writer.write(scalars("/force", 100, 100))
+    with pytest.raises(WriteFailed, match=r"was moved away while it was written; .* whole in the file where it is now"):
+        writer.close(ACCEPTED)
+    moved = open_recording(tmp_path / "tuesday" / "a.mcap")
+    assert moved.complete and len(moved.load("/force").values) == 200
+
+
 def test_a_disk_that_takes_its_time_holds_up_no_flush(tmp_path: Path) -> None:
     path, wall, release = tmp_path / "a.mcap", WallClock(), threading.Event()
     writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, sync=lambda _: None if wall.now < 1 else stuck())

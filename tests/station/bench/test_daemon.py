@@ -244,3 +244,24 @@ def test_a_mark_asked_for_in_mid_trial_is_in_the_file(tmp_path: Path) -> None:
         item.text for item in open_recording(result.path).items() if isinstance(item, Event) and item.kind == "mark"
     ]
     assert events[0] == "mark 1"
+
+
+class _Removes:
+    """A view that removes the session's folder once the trial is recorded."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def offer(self, item: object) -> None: ...
+
+    def show(self, snapshot: Snapshot) -> None:
+        if snapshot.recorded_s > 1.0 and self._folder.exists():
+            shutil.rmtree(self._folder)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes no open file")
+def test_a_session_folder_that_is_removed_in_mid_trial_is_told_and_nothing_is_accepted(tmp_path: Path) -> None:
+    folder = tmp_path / "monday"
+    result = Rig().daemon(_Removes(folder)).record(folder, SPEC)
+    assert not result.accepted
+    assert "it was deleted while it was written): the last stored samples are none" in result.sentence
