@@ -19,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from recordings.errors import RecordingError
@@ -157,9 +157,31 @@ def _parse(opcode: int, body: bytes) -> list[McapRecord]:
             raise ValueError("a chunk announces two different sizes")
         if chunk.compression not in {"zstd", ""}:
             raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd")
-        return breakup_chunk(chunk, validate_crc=True)
+        return list(_records_of(chunk))
     except Exception as error:  # whatever a parser trips over, the bytes are not the record they should be
         raise _BrokenError(f"the record here is damaged ({error})") from error
+
+
+def _records_of(chunk: Chunk) -> Iterator[McapRecord]:
+    """Its schemas, channels and messages; the package's own way takes three times as long, and most of a reading."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    data, place = stream.read(size), 0
+    while place < size:
+        opcode, length = _PREFIX.unpack_from(data, place)
+        place += _PREFIX.size
+        if place + length > size:
+            raise ValueError(f"a record of {length} bytes where its chunk has {size - place}")
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, place)
+            body = data[place + _MESSAGE.size : place + length]
+            yield Message(channel, log_time=log_time, data=body, publish_time=publish_time, sequence=sequence)
+        elif opcode in _DECLARATIONS:
+            yield _DECLARATIONS[opcode].read(ReadDataStream(BytesIO(data[place : place + length])))
+        place += length
+
+
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the rest is the message's own
+_DECLARATIONS: dict[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 
 def _find_chunk(file: BinaryIO, start: int, size: int) -> int:

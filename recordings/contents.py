@@ -159,7 +159,7 @@ class _Tally:
         numbers, times = block.sample_numbers, block.device_time_ns
         if self.last:
             self._compare(*self.last, int(numbers[0]), cause_between_blocks, block.host_time_ns)
-        for i in np.flatnonzero(np.diff(numbers) != 1):
+        for i in np.flatnonzero(numbers[1:] - numbers[:-1] != 1):
             before = int(numbers[i]), int(times[i])
             self._compare(*before, int(numbers[i + 1]), "unexplained", block.host_time_ns)
 
