@@ -10,16 +10,16 @@ from fitting.result import CuffFit
 SIGNIFICANT = 2
 """Digits of the half width that are told: with fewer nobody sees how wide an interval is, more are noise."""
 NO_WIDTH = 1e-12
-"""Half widths below this part of the number are rounding, not uncertainty."""
+"""Widths below this part of the number are rounding, not uncertainty."""
 
 Ends = Sequence[float] | None
 
 
 def bracketed(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> str:
-    """`12.34 (12.21 to 12.47)`; scale × the number, to `digits` decimals where it has no interval."""
-    digits = digits_of(ci95, scale, digits)
-    words = rounded(scale * value, digits)
-    return words if ci95 is None else f"{words} ({between(ci95, scale, digits)})"
+    """`12.34 (12.21 to 12.47)`; scale × the number, alone and to `digits` decimals where there is no interval."""
+    if ci95 is None or not has_width(ci95):
+        return rounded(scale * value, digits)
+    return f"{rounded(scale * value, digits_of(ci95, scale, digits))} ({between(ci95, scale, digits)})"
 
 
 def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:
@@ -31,9 +31,10 @@ def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:
 
 def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> str:
     """`12.34 ± 0.13`, which is half of the interval."""
+    if ci95 is None or not has_width(ci95):
+        return rounded(scale * value, digits)
     digits = digits_of(ci95, scale, digits)
-    words = rounded(scale * value, digits)
-    return words if ci95 is None else f"{words} ± {rounded(_half(ci95, scale), digits)}"
+    return f"{rounded(scale * value, digits)} ± {rounded(_half(ci95, scale), digits)}"
 
 
 def of_cuff(fit: CuffFit, quantity: str, words: str) -> str:
@@ -44,13 +45,18 @@ def of_cuff(fit: CuffFit, quantity: str, words: str) -> str:
 
 def digits_of(ci95: Ends, scale: float = 1.0, otherwise: int = 0) -> int:
     """Decimals that show two figures of the interval's half width; `otherwise` where there is none."""
-    if ci95 is None:
+    if ci95 is None or not has_width(ci95):
         return otherwise
     half = _half(ci95, scale)
-    if not math.isfinite(half) or half <= NO_WIDTH * abs(scale * ci95[0]):
+    if not math.isfinite(half):
         return otherwise
     exponent = int(f"{half:.{SIGNIFICANT - 1}e}".partition("e")[2])  # of what is rounded: 0.0996 is 0.10
     return max(0, SIGNIFICANT - 1 - exponent)
+
+
+def has_width(ci95: Sequence[float]) -> bool:
+    """Whether there is any uncertainty in it; where there is none, none is told."""
+    return abs(ci95[1] - ci95[0]) > NO_WIDTH * abs(ci95[0])
 
 
 def rounded(number: float, digits: int) -> str:

@@ -26,6 +26,8 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 8,
     "legend.edgecolor": "none",
 }
+WIDE = 10.4
+"""Inches of a figure that takes the page's whole width: wider, and its words are small on the page."""
 MOST_POINTS = 4000
 """Of a curve that is drawn; more only makes the page heavy."""
 

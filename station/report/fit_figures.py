@@ -17,7 +17,7 @@ from fitting.dynamic.damping import DampingFit
 from fitting.result import CuffFit, TrialFit
 from fitting.static.stiffness import StaticFit
 from fitting.uncertainty import NORMAL_95, Estimate
-from station.report.figures import FORCE, LINE, MARK, MOTION, SHADES, STYLE, as_png, new_page, thinned
+from station.report.figures import FORCE, LINE, MARK, MOTION, SHADES, STYLE, WIDE, as_png, new_page, thinned
 
 SHOWN = 8.0
 """Seconds of a swing that are drawn: more, and measurement and fit cannot be told apart."""
@@ -29,8 +29,7 @@ MOST_LAG = 1.0
 @mpl.rc_context(STYLE)
 def repeat_figure(fit: CuffFit, static: TrialCurves | None, dynamic: TrialCurves | None) -> bytes:
     """One repeat: held loads, line and residuals; force and displacement of the swing; damper force over velocity."""
-    figure = Figure(figsize=(12.0, 4.2))
-    figure.subplots_adjust(left=0.06, right=0.995, top=0.93, bottom=0.115, wspace=0.22, hspace=0.32)
+    figure = Figure(figsize=(WIDE, 4.4), layout="constrained")
     axes = figure.subplot_mosaic(REPEAT_PLAN, height_ratios=[2, 1, 1])
     if static is not None and static.static is not None:
         _draw_held(axes["held"], axes["left"], fit, static, static.static)
@@ -49,7 +48,7 @@ def repeat_figure(fit: CuffFit, static: TrialCurves | None, dynamic: TrialCurves
 @mpl.rc_context(STYLE)
 def complex_stiffness_figure(fit: CuffFit) -> bytes:
     """Stiffness and damping in bands of frequency with 95 % intervals, and those of the fit."""
-    figure, (left, right) = new_page(2, height=3.0, width=4.4)
+    figure, (left, right) = new_page(2, height=3.0)
     bands = fit.complex_stiffness
     frequency = np.array([band.frequency for band in bands])
     swung = [trial.swing.stiffness.value for trial in fit.trials if trial.swing]
@@ -74,7 +73,7 @@ def complex_stiffness_figure(fit: CuffFit) -> bytes:
 @mpl.rc_context(STYLE)
 def residual_figure(dynamic: Sequence[TrialCurves]) -> bytes:
     """What the law leaves of the swings' force: over time, against itself later, and against a normal distribution."""
-    figure, (over_time, later, normal) = new_page(3, height=3.0, width=4.4)
+    figure, (over_time, later, normal) = new_page(3, height=3.0, width=WIDE / 3)
     swings = [(each.trial.repeat, each.dynamic) for each in dynamic if each.dynamic is not None]
     for (repeat, swing), shade in zip(swings, SHADES * 8, strict=False):
         left = _left_over(swing)
@@ -96,14 +95,16 @@ def residual_figure(dynamic: Sequence[TrialCurves]) -> bytes:
     ):
         axis.set_xlabel(across)
         axis.set_ylabel(up)
-        axis.legend(loc="upper left" if axis is normal else "upper right", markerscale=4)
+        low, high = axis.get_ylim()
+        axis.set_ylim(low, high + 0.3 * (high - low))  # the legend stands above what it explains
+        axis.legend(loc="upper left", ncols=3, markerscale=4, columnspacing=1.0, handletextpad=0.4)
     return as_png(figure)
 
 
 @mpl.rc_context(STYLE)
 def repeats_figure(fit: CuffFit) -> bytes:
     """k, c and migration of every repeat with 95 % intervals, and the donning's as a band."""
-    figure, axes = new_page(3, height=2.8, width=4.0)
+    figure, axes = new_page(3, height=2.8, width=WIDE / 3)
     used = [trial for trial in fit.trials if trial.state == "used"]
     for axis, pooled, name, scale, words in (
         (axes[0], fit.stiffness, "stiffness", 1.0, "k [N/m]"),
@@ -119,7 +120,7 @@ def repeats_figure(fit: CuffFit) -> bytes:
         axis.set_xlabel("repeat")
         axis.set_ylabel(words)
         axis.margins(x=0.25)
-        axis.legend(loc="best")
+        axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, columnspacing=1.0, borderpad=0.0)
     return as_png(figure)
 
 
@@ -136,7 +137,6 @@ def _draw_held(axis: Axes, below: Axes, fit: CuffFit, curves: TrialCurves, held:
     axis.tick_params(labelbottom=False)
     below.set_xlabel("displacement along the rope [mm]")
     below.set_ylabel("off [mm]")
-    below.yaxis.set_label_coords(-0.11, 0.5)
     below.axhline(0.0, color=LINE, linewidth=0.9)
     if fit.stiffness is None:
         return

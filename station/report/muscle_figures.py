@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from station.report.figures import LINE, MARK, SHADES, as_png, new_page
+from station.report.figures import LINE, MARK, SHADES, WIDE, as_png, new_page
 
+LEAST_SHOWN = 0.01
+"""Of an activation, up to where each of its axes goes at least."""
 COSTLIEST = 1.3
 """Where cost curves leave the figure: far too short a cord costs double, and would hide what matters."""
 
@@ -41,15 +43,17 @@ def cuffs_figure(assessment: Mapping[str, Any]) -> bytes:
 def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
     """Activations over time, one panel per named muscle, in every condition with one arm cuff."""
     muscles = [name for name in NAMED_MUSCLES if name in activations] or list(activations.columns[3:11])
-    figure, axes = new_page(4, rows=-(-len(muscles) // 4), height=2.2, width=3.2)
+    figure, axes = new_page(4, rows=-(-len(muscles) // 4), height=1.9, width=WIDE / 4)
     for axis, muscle in zip(axes, muscles, strict=False):
         for condition, part, shade in _conditions(activations, cuff):
             axis.plot(part["time_s"], part[muscle], color=shade, linewidth=0.9, label=condition.replace("_", "-"))
         axis.set_title(muscle, fontsize=8, loc="left")
+        axis.set_ylim(0.0, max(1.05 * axis.dataLim.y1, LEAST_SHOWN))  # a muscle at rest is a line at 0, not noise
     for axis in axes[len(muscles) :]:
         axis.set_visible(False)
-    axes[0].set_ylabel("activation")
-    axes[len(muscles) - 1].set_xlabel("time [s]")
+    for i, axis in enumerate(axes[: len(muscles)]):
+        axis.set_ylabel("activation" if i % 4 == 0 else "")
+        axis.set_xlabel("time [s]" if i + 4 >= len(muscles) else "")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, fontsize=8, frameon=False)
     return as_png(figure)
 
@@ -100,7 +104,7 @@ def _cost_curves(assessment: Mapping[str, Any], places: Mapping[str, tuple[str, 
     axis.set_ylim(lowest - 0.03, COSTLIEST)
     axis.set_xlabel("rest length of the exotendon [m]; a dot: the best one")
     axis.set_ylabel("muscle cost / slack cord")
-    axis.legend(loc="best", ncols=2, frameon=False)
+    figure.legend(loc="outside upper left", ncols=3, frameon=False)
     return as_png(figure)
 
 

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -18,6 +19,7 @@ from fitting.spatial.tensor import Tensor, Tensors
 from fitting.trial import build_trial
 from station.report.figures import static_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
+from station.report.muscle_figures import activation_figure
 from station.report.page import write_report
 from tests.fitting.experiment import Session, published
 
@@ -44,7 +46,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
         figures.append(figure)
         return b""
 
-    for module in ("figures", "fit_figures"):
+    for module in ("figures", "fit_figures", "muscle_figures"):
         monkeypatch.setattr(f"station.report.{module}.as_png", keep)
     yield figures
 
@@ -128,3 +130,38 @@ def test_bands_and_repeats_are_drawn_beside_what_the_fit_says(drawn: list[Figure
         levels = [line.get_ydata() for line in axis.lines if len(np.unique(line.get_ydata())) == 1]
         assert any(np.allclose(level, fit.damping.value) for level in levels)
     assert len(of_repeats.lines[0].get_xdata()) == 2
+
+
+def test_no_axis_s_name_lies_on_its_numbers(drawn: list[Figure]) -> None:
+    fitted = _fitted()
+    fit, static, dynamic = fitted.cuffs["waist"], fitted.curves["static-2"], fitted.curves["dynamic-1"]
+    repeat_figure(fit, static, dynamic)
+    repeats_figure(fit)
+    residual_figure([dynamic])
+    complex_stiffness_figure(fit)
+    for axis in (axis for figure in drawn for axis in figure.axes):
+        axis.figure.draw_without_rendering()
+        numbers = [label.get_window_extent() for label in axis.get_yticklabels() if label.get_text()]
+        name = axis.yaxis.label.get_window_extent()
+        assert not any(name.overlaps(number) for number in numbers), axis.get_ylabel()
+
+
+def test_no_legend_hides_an_interval(drawn: list[Figure]) -> None:
+    repeats_figure(_fitted().cuffs["waist"])
+    drawn[0].draw_without_rendering()
+    for axis in drawn[0].axes:
+        assert not axis.get_legend().get_window_extent().overlaps(axis.get_window_extent())
+
+
+def test_a_muscle_at_rest_is_a_line_at_zero(drawn: list[Figure]) -> None:
+    at_rest = pd.DataFrame(
+        {"time_s": [0.0, 1.0], "condition": "slack", "cuff": "", "DeltoideusScapula_P": 0.0, "TrapeziusScapula_S": 0.5}
+    )
+    activation_figure(at_rest, "hand")
+    assert [axis.get_ylim() for axis in drawn[0].axes[:2]] == [(0.0, 0.01), (0.0, pytest.approx(0.525))]
+
+
+def test_a_page_is_read_on_a_dark_screen_and_on_paper(written: Path) -> None:
+    page = written.read_text(encoding="utf-8")
+    assert "@media (prefers-color-scheme: dark)" in page
+    assert "@media print" in page and "break-inside: avoid" in page
