@@ -15,7 +15,7 @@ from fitting.dynamic.magnitude import TurnedBack, lag_of_magnitude
 from fitting.dynamic.output_error import output_error
 from fitting.dynamic.slip import Slip, find_slip
 from fitting.oscillation import Oscillation, find_oscillation
-from fitting.quality import UnusableTrial
+from fitting.quality import REST, UnusableTrial
 from fitting.trial import Trial
 from fitting.uncertainty import Estimate, Repeat, normal_estimate
 
@@ -91,13 +91,13 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
     solution = estimate(record)
     _require_amplitude(solution)
     slip = _slip_of(record, solution, oscillation)
-    notes: tuple[str, ...] = ()
+    notes = _sign_notes(trial, oscillation)
     if slip.cycles:
         oscillation = replace(oscillation, start=oscillation.start + slip.cycles / oscillation.frequency)
         record = _cut(trial, displacement, oscillation)
         solution = estimate(record)
         cycles = "the first cycle, which is" if slip.cycles == 1 else f"the first {slip.cycles} cycles, which are"
-        notes = (f"the cuff slipped or crept by {1e3 * slip.distance:.2f} mm in {cycles} left out",)
+        notes += (f"the cuff slipped or crept by {1e3 * slip.distance:.2f} mm in {cycles} left out",)
     turned = None
     if tie is not None:
         known = replace(tie, standard_error=math.hypot(tie.standard_error, STEADY_STIFFNESS * tie.value))
@@ -120,6 +120,20 @@ def _require_cycles(trial: Trial, oscillation: Oscillation) -> None:
             f"force has {per_cycle:.1f} samples in a cycle of {oscillation.frequency:.2f} Hz, expected at least "
             f"{MIN_SAMPLES_PER_CYCLE:g}; pull slower or raise daq.sample_rate_hz"
         )
+
+
+def _sign_notes(trial: Trial, oscillation: Oscillation) -> tuple[str, ...]:
+    """A note where the swing pulls less than nothing did before it: a rope only pulls."""
+    at_rest = trial.force[trial.force_time < trial.force_time[0] + REST]
+    inside = (trial.force_time >= oscillation.start) & (trial.force_time <= oscillation.end)
+    swung = trial.force[inside]
+    falls = float(np.mean(at_rest)) - float(np.mean(swung))
+    if falls < oscillation.amplitude or float(np.ptp(at_rest)) > oscillation.amplitude:
+        return ()
+    return (
+        f"the force falls by {falls:.1f} N from rest to the swing, and a rope only pulls: the load cell's sign is "
+        "wrong, set load_cell.polarity to the other one; k and c of a swing do not feel it",
+    )
 
 
 def _require_amplitude(solution: Solution) -> tuple[str, ...]:

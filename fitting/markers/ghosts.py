@@ -12,6 +12,8 @@ from fitting.markers.rigid import fit_pose
 
 FACTOR, FLOOR = 5.0, 1e-3
 """A frame whose rigid fit leaves more than 5 times the usual residual, and 1 mm, holds a ghost."""
+EXCHANGED, EVERY = 3e-3, 10
+"""Metres of residual in most frames that no skin explains; then one frame of ten tells whether labels are exchanged."""
 HAMPEL_FRAMES = 11
 HAMPEL_FACTOR, HAMPEL_FLOOR = 6.0, 1e-3
 """A position this far from the median of its neighbours, and six times the usual, is a ghost."""
@@ -28,7 +30,7 @@ def rigid_without_ghosts(
     residual = fit_pose(reference, points).residual
     if not np.isfinite(residual).any():
         return points, np.zeros(points.shape[1], np.int64)
-    usual = max(FACTOR * float(np.nanmedian(residual)), FLOOR)
+    usual = max(FACTOR * _usual(reference, points, residual), FLOOR)
     suspect = np.flatnonzero(residual > usual)
     cleaned = points.copy()
     for cures in (each_left_out, _each_pair_exchanged):
@@ -46,6 +48,15 @@ def rigid_without_ghosts(
         seen & kept & np.any(np.where(seen[..., None], points, 0) != np.where(kept[..., None], cleaned, 0), 2)
     )
     return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0)
+
+
+def _usual(reference: NDArray[np.float64], points: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
+    """The median residual [m], as it would be had no two markers changed places for most of the trial."""
+    usual = float(np.nanmedian(residual))
+    if usual < EXCHANGED:
+        return usual
+    some = points[np.isfinite(residual)][::EVERY]
+    return min(usual, *(float(np.median(fit_pose(reference, pair).residual)) for pair in _each_pair_exchanged(some)))
 
 
 def each_left_out(points: NDArray[np.float64]) -> NDArray[np.float64]:

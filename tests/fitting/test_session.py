@@ -157,6 +157,17 @@ def test_a_load_cell_of_the_wrong_sign_is_listed_with_its_reason() -> None:
     assert "polarity" in fit.trials[0].reason
 
 
+def test_a_swing_that_pushes_the_rope_names_the_load_cell_s_sign() -> None:
+    dynamic = _donning("hand")[0][1]
+    (upside_down,) = _fit([replace(dynamic, force=-dynamic.force)]).trials
+    assert any("polarity" in note for note in upside_down.notes)
+    assert upside_down.damping and upside_down.damping.value == pytest.approx(210.0, rel=0.2)
+    tared = replace(dynamic, force=dynamic.force - 25.0)
+    for sound in (dynamic, tared):
+        (trial,) = _fit([sound]).trials
+        assert not any("polarity" in note for note in trial.notes)
+
+
 def test_an_unusable_trial_is_listed_and_the_others_are_fitted() -> None:
     first, dynamic, second, _ = _donning("hand", repeats=2)[0]
     markers = second.markers.copy()

@@ -144,6 +144,19 @@ def test_two_markers_that_change_places_are_exchanged_and_told() -> None:
     assert motion.ghosts == {"anchor_1": 300, "anchor_3": 300}
 
 
+@pytest.mark.parametrize("places", [(0, 1), (1, 3)])
+def test_two_labels_exchanged_in_a_whole_trial_are_put_back_as_the_donning_s_first_trial_had_them(
+    places: tuple[int, int],
+) -> None:
+    first = _trial(noise=0.1e-3)
+    markers = first.markers.copy()
+    markers[:, list(places)] = markers[:, list(places[::-1])]
+    motion = cuff_motion(replace(first, markers=markers), reference_posture(first))
+    x = along(motion, pull_direction([first], [motion]))
+    np.testing.assert_allclose(x, WAY, atol=1e-3)
+    assert motion.ghosts == {f"anchor_{place + 1}": len(TIME) for place in places}
+
+
 def test_every_ghost_is_counted_by_its_marker() -> None:
     trial = _trial(noise=0.1e-3)
     markers = trial.markers.copy()
