@@ -157,8 +157,7 @@ class RecordingWriter:
             self._flush_and_sync()
             if not self._path.exists():
                 raise WriteFailed(
-                    f"{self._path} was moved away while it was written; all that was recorded is whole in the file where "
-                    "it is now"
+                    f"{self._path} was moved away while it was written; all of it is whole in the file where it is now"
                 )
         finally:
             self._release()

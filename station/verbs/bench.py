@@ -103,8 +103,9 @@ def _stop_on_signals(daemon: Any) -> None:
     def stop(_signal: int, _frame: Any) -> None:
         daemon.stop()
 
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the last: its terminal was closed; Windows has none
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), stop)
 
 
 def _leave(code: int, left_behind: list[str]) -> NoReturn:
