@@ -54,23 +54,26 @@ def causes_of(
     """The causes that the findings on these trials and the comparison of classes point at, most severe first."""
     static = [each for each in curves if each.static and each.static.plateaus]
     dynamic = [each for each in curves if each.dynamic is not None]
-    found = [*_rig_causes(findings, dynamic), *_anchor(curves), *_weights(static), *_law_causes(classes)]
+    found = [*_rig_causes(findings, static, dynamic), *_anchor(curves), *_weights(static), *_law_causes(classes)]
     return tuple(sorted(found, key=lambda cause: -cause.severity))
 
 
-def _rig_causes(findings: Sequence[Finding], dynamic: Sequence[TrialCurves]) -> Iterator[Cause]:
+def _rig_causes(
+    findings: Sequence[Finding], static: Sequence[TrialCurves], dynamic: Sequence[TrialCurves]
+) -> Iterator[Cause]:
     by_name = {finding.name: finding for finding in findings}
+    bare = [each.static.plateaus[0].force for each in static if each.static]
+    tared = any(_is_tared(each, bare) for each in dynamic)
     angle = by_name.get("angle of the pulls")
     if angle and angle.is_alarm:
         words = f"{angle.sentence}: k and c are those of two directions; pull both along one, with markers on the rope"
         yield Cause("direction of the pull", 10 * angle.value / ANGLE_LIMIT, words)
     force, place = by_name.get("unloaded force between records"), by_name.get("unloaded place between records")
     if force is None or place is None:
-        yield from _unseen(by_name.get("start from the static zero"), dynamic)
+        yield from _unseen(by_name.get("start from the static zero"), tared)
         return
     if force.is_alarm:
         severity = abs(force.value) / ZERO_LIMIT
-        tared = any(_is_tared(each) for each in dynamic)
         names = ("tare with the weight on", "zero drift of the load cell")
         for name, share in zip(names if tared else names[::-1], (1.0, 0.1), strict=True):
             yield Cause(name, share * severity, f"{name}: {force.sentence}; {ADVICE[name]}")
@@ -80,22 +83,25 @@ def _rig_causes(findings: Sequence[Finding], dynamic: Sequence[TrialCurves]) -> 
         yield Cause(name, abs(place.value) / SHIFT_LIMIT, words)
 
 
-def _unseen(place: Finding | None, dynamic: Sequence[TrialCurves]) -> Iterator[Cause]:
+def _unseen(place: Finding | None, tared: bool) -> Iterator[Cause]:
     """Without an unloaded stretch an offset may be one of force or of place."""
     if place is None or not place.is_alarm:
         return
     severity = abs(place.value) / SHIFT_LIMIT
     names = ["zero of the displacement", "zero drift of the load cell"]
-    if any(_is_tared(each) for each in dynamic):
+    if tared:
         names.insert(0, "tare with the weight on")
     for rank, name in enumerate(names):
         words = f"{name}: {place.sentence}, or the force has another zero; {ADVICE[name]}"
         yield Cause(name, severity * 0.9**rank, words)
 
 
-def _is_tared(curves: TrialCurves) -> bool:
-    """Whether the swing's mean force is near zero, as after a tare with the weight on."""
-    return curves.dynamic is not None and swing_force(curves) < TARED_BELOW * curves.dynamic.oscillation.amplitude
+def _is_tared(curves: TrialCurves, bare: Sequence[float]) -> bool:
+    """Whether the swing's mean force is near zero, or near what the bare hook read [N], as after a tare with weight."""
+    if curves.dynamic is None:
+        return False
+    force, near = swing_force(curves), TARED_BELOW * curves.dynamic.oscillation.amplitude
+    return force < near or any(abs(force - zero) < near for zero in bare)
 
 
 def _anchor(curves: Sequence[TrialCurves]) -> Iterator[Cause]:

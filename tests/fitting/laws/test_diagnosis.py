@@ -117,6 +117,13 @@ def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: 
     assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights nobody can know"
 
 
+def test_a_tare_with_the_weight_on_is_told_though_the_cell_s_zero_is_not_zero() -> None:
+    truth = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0, volt_zero=0.08)
+    fit = _fitted(OddSession(Law(), Rig(dynamic_zero=-23.0), 2, truth))
+    assert fit.diagnosis
+    assert fit.diagnosis.causes[0].name == "tare with the weight on"
+
+
 def test_a_stiffness_that_skin_makes_wrong_is_not_called_identified() -> None:
     assert Verdict.SKIN in _diagnosed("skin under an anchor marker")[0].verdicts
     assert Verdict.IDENTIFIED not in _diagnosed("skin under an anchor marker")[0].verdicts
