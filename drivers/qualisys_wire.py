@@ -20,6 +20,7 @@ MARKERS = struct.Struct("<IHH")  # count, drop rate, out-of-sync rate
 LABELLED_3D_WITH_RESIDUALS = 9
 NO_MORE_DATA = 4  # a type of packet
 LARGEST_PACKET_BYTES = 4_000_000
+FURTHEST_US = 2**53  # 285 years; beyond it nanoseconds leave the recording's 64 bits
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ def decode_frame(body: bytes) -> Frame:
     """A data packet without its header. Raises ValueError where it holds no whole set of markers with residuals."""
     try:
         timestamp_us, number, components = FRAME.unpack_from(body)
+        if abs(timestamp_us) > FURTHEST_US:
+            raise ValueError(f"frame {number} with a time stamp of {timestamp_us} µs")
         place = FRAME.size
         for _ in range(components):
             size, kind = COMPONENT.unpack_from(body, place)

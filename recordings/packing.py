@@ -19,7 +19,7 @@ MOST_SAMPLES_IN_A_BLOCK = 1_000_000
 
 
 def pack(message: Message) -> tuple[str, bytes]:
-    """The topic of a message, and its bytes. Raises RecordingError for a block that cannot be kept as it is."""
+    """The topic of a message, and its bytes. Raises RecordingError for one that cannot be kept as it is."""
     match message:
         case Samples():
             topic, fields = message.stream, _fields_of_block(message)
@@ -33,7 +33,10 @@ def pack(message: Message) -> tuple[str, bytes]:
             fields = {"format_version": topics.FORMAT_VERSION, "json": manifest_to_json(message)}
         case Outcome():
             topic, fields = topics.OUTCOME, _fields_of_outcome(message)
-    data: bytes = _CLASSES[topics.SCHEMA_OF_TOPIC[topic]](**fields).SerializeToString()
+    try:
+        data: bytes = _CLASSES[topics.SCHEMA_OF_TOPIC[topic]](**fields).SerializeToString()
+    except ValueError as error:  # a number out of its range, or a text that is none
+        raise RecordingError(f"a message on {topic} cannot be kept as it is: {error}") from error
     return topic, data
 
 

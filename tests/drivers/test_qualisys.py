@@ -283,6 +283,18 @@ def test_settings_without_labels_are_refused() -> None:
         driver(qtm.port).open()
 
 
+@pytest.mark.parametrize("timestamp_us", [2**62, -(2**62)])
+def test_a_time_stamp_that_no_recording_can_hold_is_told_and_its_frame_counted_as_lost(timestamp_us: int) -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        qtm.send(two(2) + two(3)[:8] + struct.pack("<q", timestamp_us) + two(3)[16:] + two(4))
+        items = received(device, 3)
+    assert numbers(items) == [1, 2, 4]
+    (loss,) = (item for item in items if isinstance(item, Loss))
+    assert (loss.first_missing, loss.count, loss.last_device_time_ns) == (3, 1, 20_000_000)
+    (told,) = (item.text for item in items if isinstance(item, Event) and item.kind == "unreadable_packet")
+    assert told.endswith(f"frame 3 with a time stamp of {timestamp_us} µs")
+
+
 def test_skipped_frames_are_a_loss_between_the_blocks_they_parted() -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(two(2) + two(6) + two(7))

@@ -143,3 +143,17 @@ def test_a_newer_format_is_refused_with_the_way_out() -> None:
 def test_two_streams_of_one_kind_share_a_schema_and_not_a_topic() -> None:
     assert pack(scalars("/force", 0, 5))[0] == FORCE.name
     assert pack(scalars("/sync", 0, 5))[0] == "/sync"
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Event("note", "a folder's name \udcff", START_NS, "station"),
+        Loss("/markers", "skipped", 3, 1, 2**70, START_NS),
+        Loss("/markers", "skipped", 3, -1, 0, START_NS),
+    ],
+    ids=["text that is none", "time out of range", "negative count"],
+)
+def test_what_cannot_be_kept_as_it_is_is_refused_in_a_sentence(message: Event | Loss) -> None:
+    with pytest.raises(RecordingError, match="cannot be kept as it is"):
+        pack(message)
