@@ -23,7 +23,7 @@ from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
 from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
-from tests.drivers.other_qtm import DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
+from tests.drivers.other_qtm import COMMAND, DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
 
 SWAPPED = PARAMETERS.replace(b">a<", b">x<").replace(b">b<", b">a<").replace(b">x<", b">b<")
 SETTINGS_CHANGED = b"\x0b"
@@ -167,6 +167,22 @@ def test_a_capture_that_a_person_began_is_left_alone_and_told(tmp_path: Path, no
         with pytest.raises(DeviceUnavailable, match="is capturing, and nothing shows that this station") as caught:
             device.open()
         assert is_one_sentence(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("state", "words"), [(b"\x0a", "waits for the trigger of a capture"), (b"\x06", "is being calibrated")]
+)
+def test_a_qtm_that_somebody_else_has_busy_is_left_alone(state: bytes, words: str) -> None:
+    asked: list[bytes] = []
+
+    def busy(command: bytes) -> bytes:
+        asked.append(command.split()[0].rstrip(b"\0"))
+        answers = {b"takecontrol": packet(COMMAND, b"You are now master\0"), b"getstate": packet(EVENT, state)}
+        return answers.get(asked[-1]) or proper(command)
+
+    with OtherQtm(busy) as qtm, pytest.raises(DeviceUnavailable, match=words):
+        driver(qtm.port, control="start").open()
+    assert asked == [b"version", b"takecontrol", b"getstate"], "nothing was stopped, saved or made new"
 
 
 def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
