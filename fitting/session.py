@@ -40,5 +40,6 @@ def _diagnosed(fit: CuffFit, curves: Sequence[TrialCurves]) -> CuffFit:
     """The fit with its comparison of laws and its diagnosis."""
     in_order = sorted(curves, key=lambda each: (each.trial.start_utc_ns, each.trial.file))
     classes = compare_classes([history_of(each) for each in in_order])
-    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes)
+    creeps = fit.held.get("creep", {"is_seen": True})["is_seen"]
+    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes, creeps=creeps)
     return refuted_by(fit, diagnosis)

@@ -49,12 +49,24 @@ class Cause:
 
 
 def causes_of(
-    findings: Sequence[Finding], curves: Sequence[TrialCurves], classes: ModelComparison | None
+    findings: Sequence[Finding],
+    curves: Sequence[TrialCurves],
+    classes: ModelComparison | None,
+    *,
+    creeps: bool = True,
 ) -> tuple[Cause, ...]:
-    """The causes that the findings on these trials and the comparison of classes point at, most severe first."""
+    """The causes that the findings on these trials and the comparison of classes point at, most severe first.
+
+    creeps is False where held loads were looked at, and do not go on yielding.
+    """
     static = [each for each in curves if each.static and each.static.plateaus]
     dynamic = [each for each in curves if each.dynamic is not None]
-    found = [*_rig_causes(findings, static, dynamic), *_anchor(curves), *_weights(static), *_law_causes(classes)]
+    found = [
+        *_rig_causes(findings, static, dynamic),
+        *_anchor(curves),
+        *_weights(static),
+        *_law_causes(classes, creeps),
+    ]
     return tuple(sorted(found, key=lambda cause: -cause.severity))
 
 
@@ -143,8 +155,11 @@ def _weights(static: Sequence[TrialCurves]) -> Iterator[Cause]:
         yield Cause("friction of the pulley", abs(mu.value) / MAX_FRICTION, words)
 
 
-def _law_causes(classes: ModelComparison | None) -> Iterator[Cause]:
-    """The extensions that pass the rule, and the runner-up where it explains nearly as much."""
+def _law_causes(classes: ModelComparison | None, creeps: bool) -> Iterator[Cause]:
+    """The extensions that pass the rule, and the runner-up where it explains nearly as much.
+
+    Friction leaves a little that creep takes up: where no hold shows any, friction goes before.
+    """
     if classes is None or not classes.chosen:
         return
     gains = {score.name: score.gain for score in classes.ranking}
@@ -152,7 +167,8 @@ def _law_causes(classes: ModelComparison | None) -> Iterator[Cause]:
     for name in dict.fromkeys((*classes.chosen, *gains)):
         if name not in classes.chosen and (name not in ADVICE or gains[name] < 0.8 * best):
             continue
-        share = 1.0 if name in classes.chosen else 0.5
+        is_rubbing = name == "creep" and not creeps and "friction" in classes.chosen
+        share = 1.0 if name in classes.chosen and not is_rubbing else 0.5
         gain = max(gains[name], GAIN)
         words = f"{name} explains {100 * gain:.0f} % of what a spring and a damper leave over; {ADVICE[name]}"
         yield Cause(name, share * gain / (1 - min(gain, 0.99)) / (GAIN / (1 - GAIN)), words)

@@ -30,10 +30,15 @@ def diagnose(
     stiffness: Estimate | None,
     bands: Sequence[ComplexStiffness],
     classes: ModelComparison | None,
+    *,
+    creeps: bool = True,
 ) -> Diagnosis:
-    """The used trials of one donning in time order, its k, its complex stiffness and the comparison of classes."""
+    """The used trials of one donning in time order, its k, its complex stiffness and the comparison of classes.
+
+    creeps is False where held loads do not go on yielding.
+    """
     findings = tuple(find_all(curves, stiffness, bands))
     bends_down = any(finding.code == "D3" and finding.value < 0 for finding in findings)
     if classes is not None and bends_down:
         classes = classes.as_softening()
-    return Diagnosis(findings, causes_of(findings, curves, classes), classes)
+    return Diagnosis(findings, causes_of(findings, curves, classes, creeps=creeps), classes)

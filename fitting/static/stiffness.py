@@ -20,7 +20,7 @@ from scipy import stats
 from fitting.quality import UnusableTrial
 from fitting.static.plateaus import Plateau
 from fitting.static.tangent import HeldPoints, TangentLaw, fit_law, within
-from fitting.uncertainty import NORMAL_95, Estimate, Repeat, as_inverse, combine, normal_estimate
+from fitting.uncertainty import NORMAL_95, Estimate, Repeat, as_inverse, combine
 
 SAME_LOAD = 0.3
 """Newtons by which a load may exceed the highest before and still count as the same weights hung on again."""
@@ -31,7 +31,8 @@ BELIEVED = 0.999
 INCONSISTENT = 3.0
 """Combined standard errors between unloading and reloading beyond which reloading slips, too."""
 MOST_FRICTION = 0.1
-"""Part of the load by which a cuff may rub unnoticed: more would hold it against half of what a usual swing pulls."""
+"""Part of the load by which a cuff may rub unnoticed: more would hold it against half of what a usual swing pulls. What
+is left behind beyond what that explains, the cuff slipped."""
 LEAST_SD = 1e-7
 """Metres: no marker is placed better, whatever a stream that stands still claims."""
 
@@ -197,7 +198,8 @@ def _if_it_rubs(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -> Estim
     """k [N/m] along the rising loads, where friction explains the one way back as well as slip; None where it cannot.
 
     Loads that come off at once lead back once: along k if the cuff slipped before, and with twice its friction to
-    overcome if it rubs. Loads carried before, on one line with the way back, or a bend on the way out speak for slip.
+    overcome if it rubs. Loads carried before, on one line with the way back, a bend on the way out, or a way out that
+    is far less steep speak for slip.
     """
     found, risen = [fit.repeat for fit in fits if fit.repeat], [fit.repeat for fit in turned if fit.repeat]
     if not found or not risen or any(_falls(fit.plateaus) > 1 for fit in fits):
@@ -206,10 +208,7 @@ def _if_it_rubs(fits: Sequence[StaticFit], turned: Sequence[StaticFit]) -> Estim
     if _is_straight(fits) or (dof > 0 and chi_square > stats.chi2.ppf(BELIEVED, dof)):
         return None
     stiffness, rubbing = as_inverse(combine(found)), as_inverse(combine(risen))
-    if stiffness.value <= rubbing.value:
-        return None
-    least = stiffness.value * (1 - 2 * MOST_FRICTION)
-    return rubbing if rubbing.value > least else normal_estimate(least, 0.0)
+    return rubbing if stiffness.value * (1 - 2 * MOST_FRICTION) < rubbing.value < stiffness.value else None
 
 
 def _falls(plateaus: Sequence[Plateau]) -> int:

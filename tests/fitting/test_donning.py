@@ -79,6 +79,16 @@ def test_weights_that_come_off_at_once_leave_friction_and_slip_open(
         assert not is_open or (each.stiffness and each.stiffness.ci95[0] < 8520)
 
 
+@pytest.mark.parametrize("cuff", ["hand", "waist", "tube", "elbow"])
+def test_a_cuff_that_stays_out_farther_than_friction_holds_it_has_slipped(cuff: str) -> None:
+    session = Session(published(cuff, unloads_at_once=True), 1)
+    fit, _ = fit_donning([build_trial(*session.static(1), "s", "s")])
+    assert fit.stiffness
+    assert "friction" not in fit.stiffness.parts
+    assert fit.stiffness.standard_error < 0.01 * fit.stiffness.value
+    assert not any("look alike" in note for note in fit.notes)
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("unloads_at_once", [False, True])
 def test_each_law_of_held_loads_is_called_by_its_own_name_only(seed: int, unloads_at_once: bool) -> None:

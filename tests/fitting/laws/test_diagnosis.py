@@ -10,8 +10,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fitting.laws.causes import causes_of
 from fitting.laws.diagnosis import Diagnosis
 from fitting.laws.findings import Finding
+from fitting.laws.model_class import ClassScore, ModelComparison
 from fitting.result import CuffFit, Verdict
 from fitting.session import fit_session
 from fitting.trial import build_trial
@@ -122,6 +124,15 @@ def test_a_tare_with_the_weight_on_is_told_though_the_cell_s_zero_is_not_zero() 
     fit = _fitted(OddSession(Law(), Rig(dynamic_zero=-23.0), 2, truth))
     assert fit.diagnosis
     assert fit.diagnosis.causes[0].name == "tare with the weight on"
+
+
+@pytest.mark.parametrize(("chosen", "creeps"), [("friction", False), ("creep", True)])
+def test_creep_that_no_hold_shows_is_not_named_before_friction(chosen: str, creeps: bool) -> None:
+    scores = tuple(ClassScore(name, 1.0, gain) for name, gain in (("creep", 0.62), ("friction", 0.61)))
+    both = ModelComparison(scores, ("creep", "friction"))
+    assert causes_of([], [], both, creeps=creeps)[0].name == chosen
+    alone = ModelComparison(scores, ("creep",))
+    assert causes_of([], [], alone, creeps=False)[0].name == "creep", "weak creep may not show in the holds"
 
 
 def test_a_stiffness_that_skin_makes_wrong_is_not_called_identified() -> None:
