@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+
+LONGEST_FINISH_S = 60.0
+"""Wall seconds that the end of a recording waits for its disk: far longer than a slow one takes, and not for ever."""
 
 
 def in_a_thread(work: Callable[[], None]) -> None:
@@ -37,9 +41,12 @@ class BackgroundSync:
         self._start(self._run)
 
     def finish(self) -> None:
-        """Does one and returns when it is done; first waits for the one under way."""
-        self._idle.wait()
-        self._run()
+        """Does one and returns when it is done; first waits for the one under way. A disk that hangs has failed."""
+        if self._idle.wait(LONGEST_FINISH_S):
+            self.begin()
+        if not self._idle.wait(LONGEST_FINISH_S):
+            self.failure = TimeoutError(errno.ETIMEDOUT, "the disk does not answer")
+            self._idle.set()  # nobody waits for it any more
 
     def _run(self) -> None:
         try:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from recordings import durability
 from recordings.durability import BackgroundSync, sync_folder
 
 
@@ -51,3 +52,14 @@ def test_a_folder_that_cannot_be_synced_is_no_error(tmp_path: Path, monkeypatch:
     (opened,) = asked
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(opened)
+
+
+@pytest.mark.parametrize("begun", [True, False], ids=["hangs before the end", "hangs at the end"])
+def test_a_disk_that_hangs_does_not_hold_up_the_end_for_ever(monkeypatch: pytest.MonkeyPatch, begun: bool) -> None:
+    monkeypatch.setattr(durability, "LONGEST_FINISH_S", 0.01)
+    disk = BackgroundSync(lambda: None, start=lambda _: None)
+    if begun:
+        disk.begin()
+    disk.finish()
+    assert not disk.is_busy
+    assert isinstance(disk.failure, TimeoutError) and disk.failure.strerror == "the disk does not answer"
