@@ -26,6 +26,12 @@ def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
     }
 
 
+def axis_below(name: str, **more: Any) -> dict[str, Any]:
+    """The axis along the bottom: its numbers clear of the lowest one beside it, its name under them."""
+    letters = {"fontSize": 18, "color": INK}
+    return axis(name, nameLocation="middle", nameGap=36, axisLabel={**letters, "margin": 14}, **more)
+
+
 def line(colour: str = FORCE, **more: Any) -> dict[str, Any]:
     style = {"width": LINE_WIDTH, "color": colour}
     return {"type": "line", "showSymbol": False, "color": colour, "lineStyle": style, "data": [], **more}
@@ -36,7 +42,7 @@ def force_over_displacement(path: list[list[float]]) -> dict[str, Any]:
     return {
         "animation": False,
         "grid": {"left": 60, "right": 20, "top": 40, "bottom": 60},
-        "xAxis": axis(DISPLACEMENT_AXIS, nameLocation="middle", nameGap=32, splitNumber=4),
+        "xAxis": axis_below(DISPLACEMENT_AXIS, splitNumber=4),
         "yAxis": axis(FORCE_AXIS),
         "series": [line(data=path)],
     }

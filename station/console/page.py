@@ -28,6 +28,7 @@ STYLE = """
 .body--dark .text-primary { --q-primary: #9cc2ff; }
 .body--dark .text-negative { --q-negative: #ff9d94; }
 .body--dark .text-positive { --q-positive: #6fd98a; }
+.body--dark .q-field, .body--dark .q-toggle { --q-primary: #9cc2ff; }
 .body--dark .nicegui-link { color: #9cc2ff; }
 .body--dark canvas { filter: invert(1) hue-rotate(180deg); }
 """

@@ -13,7 +13,9 @@ from station.console.charts import (
     DISPLACEMENT_AXIS,
     FORCE,
     FORCE_AXIS,
+    TIME_AXIS,
     axis,
+    axis_below,
     force_over_displacement,
     line,
 )
@@ -180,8 +182,8 @@ def _against(live: Live) -> list[list[float]]:
 def _over_time() -> dict[str, Any]:
     return {
         "animation": False,
-        "grid": {"left": 60, "right": 60, "top": 40, "bottom": 30},
-        "xAxis": axis(),
+        "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
+        "xAxis": axis_below(TIME_AXIS),
         "yAxis": [
             axis(FORCE_AXIS, FORCE),
             axis(DISPLACEMENT_AXIS, DISPLACEMENT, splitLine={"show": False}),

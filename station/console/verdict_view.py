@@ -60,7 +60,9 @@ def _figures(judged: Judgement) -> None:
         for row in judged.rows
     ]
     if rows:
-        ui.table(columns=columns, rows=rows, row_key="quantity").props("flat").classes("text-xl").mark("figures")
+        ui.table(columns=columns, rows=rows, row_key="quantity").props("flat wrap-cells").classes("text-xl").mark(
+            "figures"
+        )
     for note in judged.notes:
         ui.label(note).classes("text-xl opacity-80")
 

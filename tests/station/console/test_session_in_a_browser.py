@@ -255,6 +255,7 @@ def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark
         updates = chart_updates(page)
         expect(page.get_by_label("Subject code")).to_be_focused()
         page.keyboard.type("P02")
+        assert unreadable(page) == [], "a field that is being filled in"
         press_tab_until(page, "Check the bench")
         page.keyboard.press("Enter")
         seen(page, "disk:")

@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from station.console.charts import force_over_displacement
+from station.console.trial_view import _over_time
+
+
+@pytest.mark.parametrize("chart", [force_over_displacement([]), _over_time()], ids=["path", "over time"])
+def test_every_axis_of_a_chart_has_a_name_with_its_unit(chart: dict[str, Any]) -> None:
+    beside = chart["yAxis"] if isinstance(chart["yAxis"], list) else [chart["yAxis"]]
+    for axis in (chart["xAxis"], *beside):
+        assert axis["name"].endswith(("[s]", "[N]", "[mm]"))
