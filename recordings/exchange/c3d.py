@@ -5,6 +5,8 @@ The format wants the analog rate to be a whole multiple of the frame rate.
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ from numpy.typing import NDArray
 from recordings.errors import ForeignFile
 from recordings.exchange.lengths import millimetres
 from recordings.exchange.tables import MarkerTable, SignalTable, require_labels
+
+BYTES_PER_VALUE = 4
 
 
 def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
@@ -62,6 +66,7 @@ def write_c3d(
     """Markers in mm and signals (frames × whole number,) that begin with the first frame, each as an analog channel.
 
     A missing marker has residual −1, as the format has it. C3D counts frames from 1: times begin anew with the file.
+    Raises OSError where the disk does not hold it all: the package writes what it can and says nothing.
     """
     frames = len(markers.time_s)
     c3d: Any = ezc3d.c3d()  # type: ignore[no-untyped-call]
@@ -85,6 +90,8 @@ def write_c3d(
     parameters["ANALOG"]["OFFSET"]["value"] = [0] * len(signals)
     c3d["data"]["analogs"] = np.reshape(list(signals.values()), (1, len(signals), samples))
     c3d.write(str(path))
+    if path.stat().st_size < BYTES_PER_VALUE * (points.size + c3d["data"]["analogs"].size):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 def _open(path: Path) -> Any:

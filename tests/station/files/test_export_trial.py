@@ -92,6 +92,19 @@ def test_a_session_that_went_out_as_c3d_and_came_back_fits_the_same(session: Pat
     assert abs(after.damping.value - before.damping.value) < 0.2 * before.damping.standard_error
 
 
+@pytest.mark.parametrize("to", ["c3d", "csv", "mot", "parquet", "trc"])
+def test_a_disk_that_is_full_leaves_no_file_and_says_so(static: Path, tmp_path: Path, to: str) -> None:
+    resource = pytest.importorskip("resource", reason="Windows has no limit of a file's size")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
+    try:
+        with pytest.raises(OSError, match=r"too large|No space"):
+            export_recordings([static], to, tmp_path, "01")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
 def test_c3d_carries_the_force_at_a_multiple_of_the_frames_within_a_sample_s_noise(
     static: Path, trial: Trial, tmp_path: Path
 ) -> None:
