@@ -12,6 +12,8 @@ SIGNIFICANT = 2
 NO_WIDTH = 1e-12
 """Widths below this part of the number are rounding, not uncertainty."""
 
+UNBROKEN = "\u00a0"  # a line may end before an interval, not within it
+
 Ends = Sequence[float] | None
 
 
@@ -19,7 +21,8 @@ def bracketed(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) -> 
     """`12.34 (12.21 to 12.47)`; scale × the number, alone and to `digits` decimals where there is no interval."""
     if ci95 is None or not has_width(ci95):
         return rounded(scale * value, digits)
-    return f"{rounded(scale * value, digits_of(ci95, scale, digits))} ({between(ci95, scale, digits)})"
+    ends = between(ci95, scale, digits).replace(" ", UNBROKEN)
+    return f"{rounded(scale * value, digits_of(ci95, scale, digits))} ({ends})"
 
 
 def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:

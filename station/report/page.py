@@ -170,7 +170,7 @@ def _environment() -> Environment:
 
 def _spoken(estimate: Estimate | None, scale: float = 1.0) -> str:
     """Value and 95 % interval in words."""
-    return "not identified" if estimate is None else _unbroken(bracketed(estimate.value, estimate.ci95, scale))
+    return "not identified" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
 
 
 def _beside(true: float, estimate: Estimate | None, scale: float = 1.0) -> str:
@@ -181,9 +181,4 @@ def _beside(true: float, estimate: Estimate | None, scale: float = 1.0) -> str:
 def _figure(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
     if not number or number["value"] is None:
         return "–"
-    return _unbroken(bracketed(number["value"], number.get("ci95"), scale, digits))
-
-
-def _unbroken(words: str) -> str:
-    """A line may end before an interval, not within it."""
-    return words.replace(" to ", "\u00a0to\u00a0")
+    return bracketed(number["value"], number.get("ci95"), scale, digits)

@@ -11,9 +11,9 @@ from station.interval import between, bracketed, digits_of, of_cuff, plus_minus
 
 
 def test_an_interval_is_told_to_two_figures_of_its_half_width() -> None:
-    assert bracketed(0.89893, (0.89881, 0.89905)) == "0.89893 (0.89881 to 0.89905)"
+    assert bracketed(0.89893, (0.89881, 0.89905)) == "0.89893 (0.89881\u00a0to\u00a00.89905)"
     assert plus_minus(2140.123, (2134.323, 2145.923)) == "2140.1 ± 5.8"
-    assert bracketed(8524.4, (8480.4, 8567.9)) == "8524 (8480 to 8568)"
+    assert bracketed(8524.4, (8480.4, 8567.9)) == "8524 (8480\u00a0to\u00a08568)"
 
 
 @pytest.mark.parametrize("half", [9.4e-7, 0.00012, 0.0996, 0.5, 1.04, 9.96, 43.0, 1234.0])
@@ -27,7 +27,7 @@ def test_a_half_width_that_rounds_up_to_the_next_power_of_ten_has_no_third_figur
 
 
 def test_a_scale_counts_as_part_of_the_number_and_turns_the_ends_round_where_it_is_negative() -> None:
-    assert bracketed(0.012224, (0.012183, 0.012265), 1e3) == "12.224 (12.183 to 12.265)"
+    assert bracketed(0.012224, (0.012183, 0.012265), 1e3) == "12.224 (12.183\u00a0to\u00a012.265)"
     assert between((-0.3, -0.1), -1.0) == "0.10 to 0.30"
 
 
