@@ -9,6 +9,8 @@ from station.clock import Clock
 
 SILENCE_S = 3.0
 """Wall seconds after which a stream that should flow counts as lost."""
+DEAF_S = 1.0
+"""Wall seconds between two looks, which are 20 ms apart, after which it was the station that stood still."""
 
 
 class Hearing:
@@ -22,6 +24,15 @@ class Hearing:
         self._clock, self._streams, self._device_of = clock, tuple(streams), device_of
         self._away: set[str] = set()
         self._last_s: dict[str, float] = {}
+        self._listens_since_s = self._looked_s = clock.wall_s()
+
+    def look(self) -> float | None:
+        """To be called all the time. For how long nobody did, where that is to be told: no device was silent then."""
+        paused_s, self._looked_s = self._clock.wall_s() - self._looked_s, self._clock.wall_s()
+        if paused_s < DEAF_S:
+            return None
+        self._listens_since_s = self._looked_s
+        return paused_s
 
     def hear(self, stream: str) -> None:
         self._last_s[stream] = self._clock.wall_s()
@@ -43,7 +54,7 @@ class Hearing:
         """The first of the expected streams that was silent for too long since then, and for how long."""
         now = self._clock.wall_s()
         for stream in self._streams:
-            quiet_s = now - max(self._last_s.get(stream.name, since_s), since_s)
+            quiet_s = now - max(self._last_s.get(stream.name, since_s), since_s, self._listens_since_s)
             is_away = self._device_of.get(stream.name) in self._away
             if stream.name in expected and quiet_s > SILENCE_S and not is_away:
                 return stream, quiet_s

@@ -124,3 +124,19 @@ def test_while_one_device_is_away_another_that_falls_silent_ends_the_trial() -> 
     bench.run(4.0)
     assert bench.session.state is State.FAILED
     assert "/markers" in bench.session.sentence
+
+
+def test_a_station_that_stood_still_itself_calls_no_device_silent_and_takes_what_they_kept() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.clock.advance(60.0)
+    bench.session.tick()
+    bench.run(2.0)
+    assert bench.session.state is State.RECORDING and bench.session.lost_samples == 0
+    told = [i.text for i in bench.recorder.items if isinstance(i, Event) and i.kind == "station_paused"]
+    assert told == ["the station itself stood still for 60.0 s; see that the computer neither sleeps nor swaps"]
+    bench.mocap_sends = False
+    bench.run(4.0)
+    assert bench.session.state is State.FAILED, "who falls silent thereafter is still told"
