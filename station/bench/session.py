@@ -161,7 +161,7 @@ class TrialSession:
         """Time has passed: time-outs, silent streams, the end of closing, flushing. To be called all the time."""
         paused_s = self._hearing.look()
         if paused_s is not None and self.state in (State.ARMED, State.RECORDING, State.CLOSING):
-            words = f"the station itself stood still for {paused_s:.1f} s; see that the computer neither sleeps nor swaps"
+            words = f"the station itself stood still for {paused_s:.1f} s; see that its computer does not sleep or swap"
             self._record(self._event("station_paused", words))
         if self.state is State.ARMED:
             self._check_armed()

@@ -136,7 +136,7 @@ def test_a_station_that_stood_still_itself_calls_no_device_silent_and_takes_what
     bench.run(2.0)
     assert bench.session.state is State.RECORDING and bench.session.lost_samples == 0
     told = [i.text for i in bench.recorder.items if isinstance(i, Event) and i.kind == "station_paused"]
-    assert told == ["the station itself stood still for 60.0 s; see that the computer neither sleeps nor swaps"]
+    assert told == ["the station itself stood still for 60.0 s; see that its computer does not sleep or swap"]
     bench.mocap_sends = False
     bench.run(4.0)
     assert bench.session.state is State.FAILED, "who falls silent thereafter is still told"
