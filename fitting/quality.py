@@ -157,14 +157,11 @@ def stop_notes(falling: float | None, is_used: bool, contradiction: float, rate:
             f"beyond what crystals explain{_or_clocks(rate)}; the lag is that uncertain, check QTM's frame rate and "
             "its sync output",
         )
-    if rate:
-        return (
-            f"the sync line fell after the last frame: one is missing at the end{_or_clocks(rate)}; one edge tells the "
-            "time, and the lag is uncertain by what the clocks would make of it; see that the export holds all frames, "
-            "and check the DAQ's clock",
-        )
     if falling is not None and not is_used:
-        return ("the sync line fell after the last frame: frames are missing at the end, and one edge tells the time",)
+        return (
+            "the sync line fell whole frames from the last one's end: frames are missing at the end, or the line falls "
+            f"with the last exposure{_or_clocks(rate)}; one edge tells the time",
+        )
     return ()
 
 

@@ -18,7 +18,7 @@ PRIOR_REACH = 4.0
 """Standard deviations of that prior within which a fall is believed to be the capture's end."""
 FAR_APART = 500e-6
 """Rate of one clock against the other beyond any crystal's that somebody may have all the same, as of a DAQ without
-one: it looks like a frame that is missing."""
+one: it looks like a frame that is missing, which is far more likely."""
 HOST_TOLERANCE = 0.5
 """Seconds by which host arrival may contradict frame numbers; a 30× simulation makes 10 ms of wall time 0.3 s."""
 HOST_ALIGNMENT_SD = 0.05
@@ -151,13 +151,14 @@ def stop_contradiction(edges: SyncEdges, capture: float, frame: float) -> float:
 
     All of it where edges between samples and drifting clocks cannot explain it: then neither can be believed.
     Negative where the line fell before the last frame was taken. A line that falls later leaves room for whole frames
-    that were not received; what is left of the nearest number of them contradicts.
+    that were not received, and one that falls a frame earlier ends with the last exposure and not with its frame; what
+    is left of the nearest number of frames contradicts.
     """
     if edges.falling is None:
         return 0.0
     excess = edges.falling - edges.rising - capture
-    if excess > 0:
-        excess -= frame * round(excess / frame)
+    if (whole := round(excess / frame)) >= -1:
+        excess -= frame * whole
     return excess if abs(excess) > _explained(edges, capture) else 0.0
 
 

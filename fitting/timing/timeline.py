@@ -185,7 +185,7 @@ def tie_by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> OneTime:
         frames,
         first_frame,
         clock,
-        float(np.linalg.norm((edge_sd, frames_sd, contradiction or rate * middle))),
+        float(np.linalg.norm((edge_sd, frames_sd, contradiction))),
         drift,
         None if edges.falling is None else (edges.falling - clock.start) / clock.ratio,
         findings,

@@ -90,24 +90,23 @@ def test_whole_frames_missing_at_the_end_contradict_nothing() -> None:
     assert fit_session([trial]).cuffs["hand"].damping is not None
 
 
+def test_a_line_that_falls_with_the_last_exposure_and_not_with_its_frame_leaves_the_lag_as_known_as_one_edge_does() -> (
+    None
+):
+    trial = _trial(-0.01)
+    found = _certificate(trial)
+    assert (found.has_both_edges, found.contradiction) == (False, 0.0)
+    assert trial.lag.edge == pytest.approx(_trial(9.0).lag.edge)
+    assert any("the line falls with the last exposure" in note for note in trial.notes)
+
+
 @pytest.mark.parametrize("ppm", [-300, 300, 400])
-def test_a_clock_that_is_far_off_is_named_beside_the_missing_frame_and_is_in_the_interval(ppm: float) -> None:
-    """300 ppm of 30 s are 9 ms, as good as a frame: nobody knows which, and c is off by k times half of it."""
+def test_a_clock_that_is_far_off_is_named_beside_the_frame_that_explains_it(ppm: float) -> None:
+    """300 ppm of 30 s are 9 ms, as good as a frame."""
     session = Session(published("hand", friction=1e9, migration=0.0, clock_ppm=1e-6 * ppm), 3)
-    manifest, tracks = session.dynamic()
-    ahead = {"/force": 0, "/sync": 0, "/markers": 1_990_000_000}  # nothing takes time on the way, so no arrival helps
-    arrived = {
-        name: replace(each, host_time_ns=each.device_time_ns + manifest.start_utc_ns + ahead[name])
-        for name, each in tracks.items()
-    }
-    trial = build_trial(manifest, arrived, "a.mcap", "hash")
+    trial = build_trial(*session.dynamic(), "a.mcap", "hash")
     (told,) = re.findall(r"or the clocks run ([+-]\d+) ppm apart", " ".join(trial.notes))
     assert float(told) == pytest.approx(ppm, abs=35), "to the sample of a kilohertz"
-    assert 0.8 < trial.lag.edge / (15.0 * abs(ppm) * 1e-6) < 2.3
-    damping = fit_session([trial]).cuffs["hand"].damping
-    assert damping
-    assert abs(damping.value - 210.0) > 3 * damping.parts["lag"], "it is off by what nobody declared"
-    assert damping.ci95[0] < 210.0 < damping.ci95[1]
 
 
 def test_a_trial_without_its_stop_edge_is_certified_by_the_start_and_the_prior() -> None:
