@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import tomllib
 from datetime import date, timedelta
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -272,7 +273,24 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
     try:
         return StationConfig.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(" ".join(f"{origin}: {fault_in_words(error)}".split())) from error
+        first = error.errors()[0]
+        advice = _advice(str(first["loc"][-1])) if first["type"] == "extra_forbidden" else ""
+        raise ConfigError(" ".join(f"{origin}: {fault_in_words(error)}{advice}".split())) from error
+
+
+def _advice(unknown: str) -> str:
+    near = difflib.get_close_matches(unknown, keys_of(StationConfig), 1)
+    return f"; did you mean {near[0]}?" if near else "; the example station.toml names every key"
+
+
+def keys_of(section: type[BaseModel]) -> list[str]:
+    """The names of all keys, those of sections within it too."""
+    names = list(section.model_fields)
+    for field in section.model_fields.values():
+        for part in (field.annotation, *get_args(field.annotation)):
+            if isinstance(part, type) and issubclass(part, BaseModel):
+                names += keys_of(part)
+    return names
 
 
 def fault_in_words(error: ValidationError) -> str:

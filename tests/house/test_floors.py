@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from station.config import load_config
+from station.config import StationConfig, keys_of, load_config, parse_config
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
@@ -45,6 +45,16 @@ def test_every_section_of_the_example_is_understood_and_the_four_cuffs_are_there
     config = load_config(ROOT / "station.toml")
     assert {config.cuff_site(name).site for name in ("hand", "tube", "elbow")} == {"arm"}
     assert config.cuff_site("waist").site == "waist"
+
+
+def test_the_example_names_every_key_and_shows_its_defaults_as_they_are() -> None:
+    text = (ROOT / "station.toml").read_text(encoding="utf-8")
+    unnamed = {key for key in keys_of(StationConfig) if not re.search(rf"\b{key}\b", text)}
+    assert unnamed == {"simulation"}, "the simulators' own section is theirs to explain"
+    hidden = "".join(re.findall(r"^# \[(?:safety|session)\].*\n(?:# \w+ = .*\n)+", text, re.M))
+    shown = parse_config(tomllib.loads(re.sub("^# ", "", hidden, flags=re.M)), "the example's comments")
+    assert (shown.safety, shown.session) == (StationConfig().safety, StationConfig().session)
+    assert {"safety", "session"} <= shown.model_fields_set
 
 
 def test_the_readme_sets_up_and_tests_in_its_first_two_blocks_of_one_line_each() -> None:

@@ -34,7 +34,9 @@ def test_what_a_trial_is_of_is_a_cuff_or_the_bouncing_weight() -> None:
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        ({"daq": {"sample_rate": 1000}}, "unknown key daq.sample_rate"),
+        ({"daq": {"sample_rate": 1000}}, "unknown key daq.sample_rate; did you mean sample_rate_hz?"),
+        ({"dqa": {}}, "unknown key dqa; did you mean daq?"),
+        ({"zzz": 1}, "unknown key zzz; the example station.toml names every key"),
         ({"daq": {"sample_rate_hz": 6000}}, "at most 5000"),
         ({"bounce": {"marker": "weight"}}, "bounce.mass_kg is missing"),
         ({"bounce": {"mass_kg": -1, "marker": "weight"}}, "bounce.mass_kg is -1"),
