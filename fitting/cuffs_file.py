@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.result import QUANTITIES, CuffFit, Verdict, covariance_of
+from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
 from fitting.uncertainty import NORMAL_95, Estimate
 
 
@@ -41,7 +41,6 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
     site = cuff.get("site", "waist" if name == "waist" else "arm")
     if site not in ("arm", "waist"):
         raise CuffsFileError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
-    said = str(cuff.get("verdict", ""))
     return CuffFit(
         name=name,
         site=site,
@@ -49,13 +48,21 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
         stiffness=estimates[0],
         damping=estimates[1],
         migration=estimates[2],
-        verdicts=tuple(verdict for verdict in Verdict if verdict in said) or (Verdict.GIVEN,),
+        verdicts=_verdicts_of(cuff),
         covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
         sources=cuff.get("sources", {}),
         notes=tuple(cuff.get("notes", ())),
         diagnostics=cuff.get("diagnostics", {}),
         energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
     )
+
+
+def _verdicts_of(cuff: Mapping[str, Any]) -> tuple[Verdict, ...]:
+    """As it says; but what somebody wrote where a wearer looks is meant to be worn, and no verdict takes it away."""
+    said = str(cuff.get("verdict", ""))
+    written = {name for name, key in QUANTITIES.items() if _estimate_from(cuff.get(key), key) is not None}
+    kept = (each for each in Verdict if each in said and not (DOUBTED.get(each) and written.issuperset(DOUBTED[each])))
+    return tuple(kept) or (Verdict.GIVEN,)
 
 
 def _quantity_from(cuff: Mapping[str, Any], key: str, where: str) -> Estimate | None:

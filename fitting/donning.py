@@ -31,6 +31,9 @@ TIE_ABOVE, TIE_BELOW = 0.15, 0.1
 beyond, c by its magnitude is far from normal, since that holds c only by its square."""
 
 
+WIDE_ANGLE, CLEAR = math.radians(2.5), 0.15
+"""Of the loss angle at the swing's frequency, ωc/k, that noise and lag may leave open: the published cuffs have 2.5 to
+20 degrees. And the part of c below which they may leave more. Noise in c alone then decides nothing about it."""
 ONE_WAY_BACK = (
     "all weights come off at once, which shows one way back: the loads alone cannot tell whether the cuff slipped or "
     "rubs; take them off one by one",
@@ -197,12 +200,15 @@ def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict
     if not fits:
         return None, Verdict.NO_DYNAMIC
     damping = combine([fit.damping for fit in fits])
-    if not damping.is_open:
-        return damping, None if damping.value > 0 else Verdict.NEGATIVE
     noise = float(np.linalg.norm([fit.noise for fit in fits])) / len(fits)
     with_lag = math.hypot(
         float(np.linalg.norm([fit.damping.noise for fit in fits])) / len(fits), max(fit.damping.common for fit in fits)
     )
+    omega = 2 * math.pi * float(np.mean([fit.oscillation.frequency for fit in fits]))
+    angle = omega * with_lag / float(np.mean([fit.stiffness.value for fit in fits]))
+    is_wide = angle > WIDE_ANGLE and with_lag > CLEAR * abs(damping.value)
+    if not damping.is_open and not is_wide:
+        return damping, None if damping.value > 0 else Verdict.NEGATIVE
     return damping, Verdict.LAG if with_lag > math.sqrt(2) * noise else Verdict.DAMPING_UNCERTAIN
 
 

@@ -51,9 +51,9 @@ class Verdict(StrEnum):
     NO_DYNAMIC = "damping is not identified: there is no usable dynamic trial; record --test dynamic"
     LAG = (
         "damping is not identified: what is not known of the lag between force and markers, times the stiffness, "
-        "is more than half of it; record --test bounce, raise daq.sample_rate_hz or start by PFI0"
+        "leaves too much of it open; record --test bounce, raise daq.sample_rate_hz or start by PFI0"
     )
-    DAMPING_UNCERTAIN = "damping is not identified: noise leaves more than half of it open; pull faster and farther"
+    DAMPING_UNCERTAIN = "damping is not identified: noise leaves too much of it open; pull faster and farther"
     NEGATIVE = (
         "damping is not identified: it comes out negative, and a cuff takes energy; force and markers are not at the "
         "times that are taken for theirs, record --test bounce"
@@ -75,8 +75,10 @@ class Verdict(StrEnum):
     )
 
 
-_REFUTED = {Verdict.SCALE, Verdict.SKIN}
-"""What makes k and c wrong by more than their intervals hold."""
+DOUBTED = dict.fromkeys((Verdict.LAG, Verdict.DAMPING_UNCERTAIN, Verdict.NEGATIVE), ("damping",)) | dict.fromkeys(
+    (Verdict.SCALE, Verdict.SKIN), ("stiffness", "damping")
+)
+"""Verdict → the quantities that it calls not identified, though there is a figure."""
 
 
 class NotIdentified(Exception):
@@ -170,12 +172,8 @@ class CuffFit:
     @property
     def missing(self) -> tuple[str, ...]:
         """The quantities that nobody should wear: not there, or not identified."""
-        is_wrong = not _REFUTED.isdisjoint(self.verdicts)
-        doubtful = {
-            "stiffness": is_wrong,
-            "damping": is_wrong or (self.damping is not None and (self.damping.is_open or self.damping.value <= 0)),
-        }
-        return tuple(name for name in QUANTITIES if getattr(self, name) is None or doubtful.get(name))
+        doubted = {name for verdict in self.verdicts for name in DOUBTED.get(verdict, ())}
+        return tuple(name for name in QUANTITIES if getattr(self, name) is None or name in doubted)
 
     def parameters(self) -> CuffParameters:
         """For the solver. Raises NotIdentified if a figure is missing."""
