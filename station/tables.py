@@ -88,7 +88,10 @@ def published_table(fits: Mapping[str, PublishedFit], fitted: SessionFit) -> Tab
 def assessment_table(assessment: Assessment) -> Table:
     """Normalised muscle cost of every condition at the reference rest length and at its own best one."""
     reference = f"cost at {assessment.reference_rest_length:.2f} m"
-    table = Table("condition", "arm cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]")
+    table = Table()
+    table.add_column("condition", no_wrap=True)
+    for heading in ("arm cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]"):
+        table.add_column(heading)
     for curve in assessment.curves:
         table.add_row(
             curve.condition.replace("_", "-"),

@@ -51,7 +51,7 @@ def judge(
     """Let a recording count, or set it aside with the reason; the session's journal keeps both."""
     from station.journal import write_verdict
 
-    if not file.is_file():
+    if not file.is_file() or file.suffix != ".mcap":
         raise typer.BadParameter(f"there is no recording {file}")
     write_verdict(file.parent, file.name, "redo" if redo else "accept", redo)
     say(f"{file.name} {'is set aside' if redo else 'counts'}; `station fit` goes by it")

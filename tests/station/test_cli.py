@@ -202,10 +202,13 @@ def test_a_recording_that_is_set_aside_is_listed_by_the_fit_with_the_reason(stat
     assert "set aside" not in station("fit", tmp_path).err
 
 
-def test_only_a_recording_that_is_there_is_judged(station, tmp_path: Path) -> None:
-    ran = station("judge", tmp_path / "none.mcap")
+@pytest.mark.parametrize("name", ["none.mcap", "report.html"])
+def test_only_a_recording_that_is_there_is_judged(station, tmp_path: Path, name: str) -> None:
+    (tmp_path / "report.html").touch()
+    ran = station("judge", tmp_path / name)
     assert ran.code == 2
     assert "there is no recording" in ran.err
+    assert not (tmp_path / "session.jsonl").exists()
 
 
 def test_a_session_of_which_no_trial_can_be_used_has_failed(station, tmp_path: Path) -> None:
