@@ -90,7 +90,13 @@ class NiDaqSimulator:
 
     def start(self) -> None:
         """Binds and serves. Raises RuntimeError if the port is taken."""
-        self.port = self._server.add_insecure_port(self.target)
+        try:
+            self.port = self._server.add_insecure_port(self.target)
+        except RuntimeError as error:
+            raise RuntimeError(
+                f"the NI gRPC device server cannot listen at {self.target}; end what listens there, or take another "
+                "port (daq.grpc_target)"
+            ) from error
         self._server.start()
 
     def stop(self) -> None:
