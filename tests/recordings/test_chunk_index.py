@@ -11,16 +11,26 @@ from mcap.records import ChunkIndex
 from recordings import recovery, writer
 from recordings.recovery import recover
 from recordings.writer import RecordingWriter
-from tests.recordings.trials import ACCEPTED, MANIFEST, STREAMS, WallClock, record, scalars, trial
+from tests.recordings.trials import ACCEPTED, MANIFEST, STREAMS, WallClock, scalars, trial
+
+
+def written(path: Path) -> Path:
+    """Always in the same chunks: no thread decides when the next sync is due."""
+    wall = WallClock()
+    one = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, sync=lambda _: None, background=lambda work: work())
+    for item in trial(20.0):
+        wall.now += 0.05
+        one.write(item)
+    one.close(ACCEPTED)
+    return path
 
 
 def test_the_file_is_what_the_package_would_have_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    items = list(trial(20.0))
-    ours = record(tmp_path / "ours.mcap", items)
+    ours = written(tmp_path / "ours.mcap")
     ours_recovered = recover(ours, tmp_path / "ours_recovered.mcap").output
     for module in (writer, recovery):
         monkeypatch.setattr(module, "keep_index_encoded", lambda _: None)
-    theirs = record(tmp_path / "theirs.mcap", items)
+    theirs = written(tmp_path / "theirs.mcap")
     theirs_recovered = recover(theirs, tmp_path / "theirs_recovered.mcap").output
     assert ours.read_bytes() == theirs.read_bytes()
     assert ours_recovered.read_bytes() == theirs_recovered.read_bytes()
