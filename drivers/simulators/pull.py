@@ -54,7 +54,7 @@ class Pull:
         """Computes the motion up to the world time until [s]."""
         target = math.ceil(until / STEP_S) + 1
         if math.isinf(self._script_start) and (target - self._trajectory.end) * STEP_S > _SETTLING_S:
-            self._trajectory.skip_to(target - int(_SETTLING_S / STEP_S))
+            self._trajectory.hold_until(target - int(_SETTLING_S / STEP_S))
             self._rest(self._state.slip)
         while self._trajectory.end < target:
             self._integrate(min(target - self._trajectory.end, _CHUNK_STEPS))

@@ -22,9 +22,12 @@ class Trajectory:
         """The step after the last one known."""
         return self._end
 
-    def skip_to(self, step: int) -> None:
-        """Nobody asks for what lies before `step` any more; the next row appended belongs to it."""
-        self._first = self._end = step
+    def hold_until(self, step: int) -> None:
+        """It stays as it is; the next row appended belongs to `step`. What was before is still known."""
+        held = min(step - self._end, len(self._ring))
+        last = self._ring[(self._end - 1) % len(self._ring)].copy()
+        self._end = step - held
+        self.append(np.broadcast_to(last, (held, 3)))
 
     def append(self, rows: Floats) -> None:
         """Continues by rows (n, 3)."""

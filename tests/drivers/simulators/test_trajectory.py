@@ -24,9 +24,12 @@ def test_it_forgets_the_oldest_and_answers_with_the_oldest_it_keeps() -> None:
     assert trajectory.at(np.array([0.0, 950.5, 999.0]) * STEP_S)[:, 2] == pytest.approx([900.0, 950.5, 999.0])
 
 
-def test_after_a_skip_it_begins_anew() -> None:
-    trajectory = Trajectory(kept_s=1.0)
+@pytest.mark.parametrize("kept_s", [0.1, 10.0])
+def test_while_nobody_looks_it_stays_as_it_is_and_what_was_before_is_still_known(kept_s: float) -> None:
+    trajectory = Trajectory(kept_s)
     trajectory.append(rows(0, 10))
-    trajectory.skip_to(5000)
+    trajectory.hold_until(5000)
     trajectory.append(rows(5000, 10))
-    assert trajectory.at(np.array([7.0, 5003.0]) * STEP_S)[:, 0] == pytest.approx([5000.0, 5003.0])
+    asked = [4999.0, 5003.0] if kept_s < 1 else [7.0, 2000.0, 4999.0, 5003.0]
+    expected = [9.0, 5003.0] if kept_s < 1 else [7.0, 9.0, 9.0, 5003.0]
+    assert trajectory.at(np.array(asked) * STEP_S)[:, 0] == pytest.approx(expected)

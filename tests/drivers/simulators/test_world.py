@@ -191,6 +191,19 @@ def test_how_often_devices_look_does_not_change_what_happens() -> None:
     assert forces[0] == pytest.approx(forces[1], abs=1e-9)
 
 
+def test_a_device_that_lags_behind_still_sees_the_end_of_the_capture() -> None:
+    """On a busy machine one device asks for seconds after the capture before the other asked for its end."""
+
+    def seen(is_late: bool) -> NDArray[np.float64]:
+        bench, wall = world()
+        capture, t = play(bench, wall)
+        if is_late:
+            bench.cell_force(np.array([capture.end + 4.0]))
+        return bench.markers(t[-200:])
+
+    np.testing.assert_array_equal(seen(is_late=True), seen(is_late=False))
+
+
 def test_what_cannot_be_done_is_refused_in_a_sentence() -> None:
     bench, wall = world()
     with pytest.raises(ValueError, match="no capture is running"):
