@@ -250,7 +250,8 @@ def _figure(value: float, versions: Array | None) -> Figure:
     if versions is None or np.isnan(versions).any():
         return Figure(float(value))
     low, high = np.quantile(versions[1:] - versions[0], [0.025, 0.975])
-    return Figure(float(value), (float(value + low), float(value + high)))
+    # Where every other cuff makes it larger, as a lowest cost, the draws alone would leave the value itself out.
+    return Figure(float(value), (float(value + min(low, 0.0)), float(value + max(high, 0.0))))
 
 
 def _comparisons(
