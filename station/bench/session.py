@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 from fitting.timing.sync_line import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.first_frame import FirstFrame
-from station.bench.hearing import Hearing
+from station.bench.hearing import SILENCE_S, Hearing
 from station.bench.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
 from station.bench.reach import Reach
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine, wrong_polarity
@@ -23,8 +23,9 @@ from station.clock import Clock
 
 POST_ROLL_S = 0.5
 """Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
-GRACE_S = 1.0
-"""Wall seconds without samples after which closing waits no longer for those that are still on their way."""
+QUIET_S = 1.0
+"""Wall seconds without frames after which, with the sync line low, the capture is over; and without samples after
+which closing waits no longer for the post-roll. For the capture's own it waits as long as for any that fall silent."""
 LONGEST_CLOSING_S = 15.0
 """Wall seconds after which closing waits no longer at all, though a backlog still comes in."""
 SHORT_S = 0.1
@@ -336,7 +337,7 @@ class TrialSession:
     def _check_quiet_capture_end(self) -> None:
         """A mocap system that sends no events ends its capture by a low sync line and no more frames."""
         last = self._hearing.last_s("/markers")
-        quiet = last is not None and self._clock.wall_s() - last > GRACE_S
+        quiet = last is not None and self._clock.wall_s() - last > QUIET_S
         if self.state is State.RECORDING and quiet and self._rules.start == "sync_edge" and not self._sync.is_high:
             self._close("capture_ended", "the sync line is low and the frames ended", accepted=True)
 
@@ -353,16 +354,15 @@ class TrialSession:
         behind = [stream for stream in self._streams if self._behind_s(stream) > -self._rules.post_roll_s]
         now = self._clock.wall_s()
         heard = max([self._closing_wall_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
-        if behind and now - heard < GRACE_S and now - self._closing_wall_s < LONGEST_CLOSING_S:
+        short = [stream for stream in behind if self._behind_s(stream) > SHORT_S * self._clock.speed]
+        patience_s = SILENCE_S if short else QUIET_S
+        if behind and now - heard < patience_s and now - self._closing_wall_s < LONGEST_CLOSING_S:
             return
-        for stream in behind:
+        for stream in short:
             short_s = self._behind_s(stream)
-            if short_s > SHORT_S * self._clock.speed:
-                self._note_silence(stream, short_s)
-                self._closing_ok = False
-                self.sentence = (
-                    f"{stream.source} sent nothing on {stream.name} in the last {short_s:.1f} s of the trial"
-                )
+            self._note_silence(stream, short_s)
+            self._closing_ok = False
+            self.sentence = f"{stream.source} sent nothing on {stream.name} in the last {short_s:.1f} s of the trial"
         self._finish()
 
     def _behind_s(self, stream: Stream) -> float:

@@ -96,7 +96,7 @@ def test_a_cuff_that_stays_out_farther_than_friction_holds_it_has_slipped(cuff: 
     assert not any("look alike" in note for note in fit.notes)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("unloads_at_once", [False, True])
 def test_each_law_of_held_loads_is_called_by_its_own_name_only(seed: int, unloads_at_once: bool) -> None:
     assert _said(Law(), seed, unloads_at_once) == ""

@@ -10,6 +10,9 @@ from recordings.reader import open_recording
 from tests.station.console.benched import Recorder, has_recorded, simulated_bench
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.mark.parametrize("swing_s", [3.0, 60.0], ids=["which has ended meanwhile", "which still runs"])
 def test_the_trial_after_a_killed_recorder_saves_the_capture_that_it_left(tmp_path: Path, swing_s: float) -> None:
     with simulated_bench(tmp_path / "bench", swing_s=swing_s) as (_, config):

@@ -58,6 +58,7 @@ def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(config: Station
     assert [event.text for event in events if event.kind == "mark"] == ["mark 1"]
 
 
+@pytest.mark.slow
 def test_a_console_that_stops_reading_costs_nothing(config: StationConfig, tmp_path: Path) -> None:
     with Recorder(config, tmp_path) as recorder:
         assert recorder.child.stdout is not None

@@ -83,6 +83,7 @@ def test_a_sweep_survives_a_killed_worker(client: Client, plan: SweepPlan, ran_t
     assert victim not in client.run(os.getpid).values()
 
 
+@pytest.mark.slow
 def test_a_sweep_that_was_killed_goes_on_and_equals_one_that_ran_through(
     client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path
 ) -> None:
