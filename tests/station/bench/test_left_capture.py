@@ -9,7 +9,6 @@ import pytest
 from recordings.reader import open_recording
 from tests.station.console.benched import Recorder, has_recorded, simulated_bench
 
-
 pytestmark = pytest.mark.slow
 
 
