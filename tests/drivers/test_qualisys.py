@@ -4,44 +4,32 @@ from __future__ import annotations
 
 import socket
 import struct
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers import qualisys_conversation
-from drivers.capture_note import CaptureNote
-from drivers.device import CaptureControl, Device
+from drivers.device import CaptureControl
 from drivers.errors import DeviceLost, DeviceMisconfigured, DeviceUnavailable
-from drivers.qualisys import Qualisys
-from drivers.simulators.qualisys import QualisysSimulator
-from drivers.simulators.settings import settings_from_dict
-from drivers.simulators.world import World
-from recordings.samples import Event, Item, Loss, Samples
+from recordings.samples import Event, Loss, Samples
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
-from tests.drivers.other_qtm import COMMAND, DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
+from tests.drivers.other_qtm import DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
+from tests.drivers.simulated_qtm import (
+    driver,
+    hang_up_on_everyone,
+    is_event,
+    numbers,
+    opened,
+    received,
+    simulator,
+    values,
+    without_events,
+)
 
 SWAPPED = PARAMETERS.replace(b">a<", b">x<").replace(b">b<", b">a<").replace(b">x<", b">b<")
 SETTINGS_CHANGED = b"\x0b"
-
-
-def driver(port: int, **options: Any) -> Qualisys:
-    return Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, **options)
-
-
-@contextmanager
-def simulator(**mocap: Any) -> Iterator[QualisysSimulator]:
-    settings = settings_from_dict({"operator": {"capture": "remote"}, "mocap": mocap})
-    qtm = QualisysSimulator(World(settings, speed=30.0))
-    qtm.start()
-    try:
-        yield qtm
-    finally:
-        qtm.stop()
 
 
 class TestTheContract(DeviceContract):
@@ -55,36 +43,6 @@ class TestTheContract(DeviceContract):
                 unreachable_device=lambda: driver(unused.getsockname()[1]),
                 lose=lambda: hang_up_on_everyone(streaming),
             )
-
-
-def hang_up_on_everyone(qtm: QualisysSimulator) -> None:
-    for client in qtm._server.clients:
-        qtm._server.loop.call_soon_threadsafe(client.close)
-
-
-def without_events(items: list[Item]) -> list[Item]:
-    return [item for item in items if not isinstance(item, Event)]
-
-
-def values(items: list[Item]) -> np.ndarray:
-    return np.concatenate([block.values for block in blocks(items, "/markers")])
-
-
-def numbers(items: list[Item]) -> list[int]:
-    return [int(n) for block in blocks(items, "/markers") for n in block.sample_numbers]
-
-
-def received(device: Device, frames: int) -> list[Item]:
-    return read_until(device, lambda items: len(numbers(items)) >= frames)
-
-
-@contextmanager
-def opened(device: Qualisys) -> Iterator[Qualisys]:
-    device.open()
-    try:
-        yield device
-    finally:
-        device.close()
 
 
 # Against the simulator
@@ -107,10 +65,6 @@ def test_a_capture_it_starts_is_recorded_from_its_first_frame_to_its_last() -> N
     assert blocks(items, "/markers")[0].device_time_ns[:3].tolist() == [0, 10_000_000, 20_000_000]
 
 
-def is_event(item: Item, kind: str) -> bool:
-    return isinstance(item, Event) and item.kind == kind
-
-
 def test_it_gives_control_back_and_leaves_the_capture_saved() -> None:
     with simulator() as qtm:
         for _ in range(2):  # the second finds nothing in its way
@@ -118,80 +72,6 @@ def test_it_gives_control_back_and_leaves_the_capture_saved() -> None:
                 device.start_capture()
                 received(device, 10)
             assert not qtm.is_controlled
-
-
-def noted(path: Path, qtm: QualisysSimulator) -> CaptureNote:
-    """A note by the simulator's own time, which runs faster than the wall."""
-    return CaptureNote(path / "capture", lambda: round(1e9 * qtm._server._world.now()))
-
-
-@contextmanager
-def left_running(qtm: QualisysSimulator, note: CaptureNote) -> Iterator[None]:
-    """A capture whose station was killed."""
-    killed = driver(qtm.port, control="start", capture_note=note)
-    killed.open()
-    killed.start_capture()
-    received(killed, 10)
-    hang_up_on_everyone(qtm)
-    yield
-    killed.close()
-
-
-def test_a_capture_that_a_killed_station_left_running_is_saved_and_in_nobody_s_way(tmp_path: Path) -> None:
-    with simulator() as qtm, left_running(qtm, noted(tmp_path, qtm)):
-        with opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
-            device.start_capture()
-            assert received(device, 10)
-        assert not qtm.is_controlled
-        assert noted(tmp_path, qtm).age_s is None, "all is saved, and nothing of ours runs"
-
-
-@contextmanager
-def capturing_for_somebody(qtm: QualisysSimulator) -> Iterator[None]:
-    """A person at the mocap PC records; his capture must go on as it was."""
-    began = qtm._server._world.start_capture()
-    with opened(driver(qtm.port)) as onlooker:
-        received(onlooker, 300)
-        yield
-        assert qtm._server._world.capture == began
-
-
-@pytest.mark.parametrize("note_of", [None, "yesterday", "garbage"])
-def test_a_capture_that_a_person_began_is_left_alone_and_told(tmp_path: Path, note_of: str | None) -> None:
-    with simulator() as qtm, capturing_for_somebody(qtm):
-        note = noted(tmp_path, qtm)
-        if note_of:
-            yesterday_ns = round(1e9 * (qtm._server._world.now() - 86_400))
-            (tmp_path / "capture").write_text(str(yesterday_ns) if note_of == "yesterday" else "soon")
-        device = driver(qtm.port, control="start", capture_note=note)
-        with pytest.raises(DeviceUnavailable, match="is capturing, and nothing shows that this station") as caught:
-            device.open()
-        assert is_one_sentence(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("state", "words"), [(b"\x0a", "waits for the trigger of a capture"), (b"\x06", "is being calibrated")]
-)
-def test_a_qtm_that_somebody_else_has_busy_is_left_alone(state: bytes, words: str) -> None:
-    asked: list[bytes] = []
-
-    def busy(command: bytes) -> bytes:
-        asked.append(command.split()[0].rstrip(b"\0"))
-        answers = {b"takecontrol": packet(COMMAND, b"You are now master\0"), b"getstate": packet(EVENT, state)}
-        return answers.get(asked[-1]) or proper(command)
-
-    with OtherQtm(busy) as qtm, pytest.raises(DeviceUnavailable, match=words):
-        driver(qtm.port, control="start").open()
-    assert asked == [b"version", b"takecontrol", b"getstate"], "nothing was stopped, saved or made new"
-
-
-def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
-    with simulator() as qtm, opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
-        qtm._server._world.start_capture()
-        with pytest.raises(DeviceMisconfigured, match="already running"):
-            device.start_capture()
-        received(device, 10)
-        assert noted(tmp_path, qtm).age_s is None
 
 
 def test_stopping_what_does_not_run_is_no_error() -> None:

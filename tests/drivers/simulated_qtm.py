@@ -1,0 +1,67 @@
+"""The driver at the simulated QTM, and what it delivered."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from drivers.device import Device
+from drivers.qualisys import Qualisys
+from drivers.simulators.qualisys import QualisysSimulator
+from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.world import World
+from recordings.samples import Event, Item
+from tests.drivers.contract import blocks, read_until
+
+
+def driver(port: int, **options: Any) -> Qualisys:
+    return Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, **options)
+
+
+@contextmanager
+def simulator(**mocap: Any) -> Iterator[QualisysSimulator]:
+    settings = settings_from_dict({"operator": {"capture": "remote"}, "mocap": mocap})
+    qtm = QualisysSimulator(World(settings, speed=30.0))
+    qtm.start()
+    try:
+        yield qtm
+    finally:
+        qtm.stop()
+
+
+def hang_up_on_everyone(qtm: QualisysSimulator) -> None:
+    for client in qtm._server.clients:
+        qtm._server.loop.call_soon_threadsafe(client.close)
+
+
+def without_events(items: list[Item]) -> list[Item]:
+    return [item for item in items if not isinstance(item, Event)]
+
+
+def values(items: list[Item]) -> np.ndarray:
+    return np.concatenate([block.values for block in blocks(items, "/markers")])
+
+
+def numbers(items: list[Item]) -> list[int]:
+    return [int(n) for block in blocks(items, "/markers") for n in block.sample_numbers]
+
+
+def received(device: Device, frames: int) -> list[Item]:
+    return read_until(device, lambda items: len(numbers(items)) >= frames)
+
+
+@contextmanager
+def opened(device: Qualisys) -> Iterator[Qualisys]:
+    device.open()
+    try:
+        yield device
+    finally:
+        device.close()
+
+
+def is_event(item: Item, kind: str) -> bool:
+    return isinstance(item, Event) and item.kind == kind
