@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from recordings.samples import Item, Stream
@@ -35,6 +36,7 @@ class Device(Protocol):
     def read(self, timeout_s: float) -> Sequence[Item]:
         """Everything that came, in order; waits at most timeout_s (wall seconds) for the first of it, then returns [].
 
+        With a timeout of 0 also what a driver would keep for a moment, to hand it over in larger blocks.
         Raises DeviceLost when the device is gone; what came before was returned by earlier calls.
         """
         ...
@@ -51,6 +53,24 @@ class CaptureControl(Protocol):
     def start_capture(self) -> None: ...
 
     def stop_capture(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Received:
+    """What has come over a connection since it began: its local TCP port, and the bytes that the driver has decoded."""
+
+    port: int
+    size: int
+
+
+@runtime_checkable
+class Unasked(Protocol):
+    """A device that sends without being asked, so that only the driver can tell how far it has got."""
+
+    @property
+    def received(self) -> Received | None:
+        """None while there is no connection, or where it is no TCP connection."""
+        ...
 
 
 @runtime_checkable

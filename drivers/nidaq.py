@@ -59,6 +59,7 @@ class NiDaq:
         force_range_v: float = 10.0,
         sync_range_v: float = 10.0,
         start: Literal["sync_edge", "pfi0"] = "sync_edge",
+        timeout_scale: float = 1.0,
     ) -> None:
         self._device = device
         self._grpc_target = grpc_target
@@ -66,6 +67,7 @@ class NiDaq:
         self._inputs = [*force, ("/sync", sync_channel, sync_range_v)]
         self._rate_hz = float(sample_rate_hz)
         self._start = start
+        self._timeout_scale = timeout_scale
         self._host_clock = host_clock
         self._vendor_errors: tuple[type[Exception], ...] = ()
         self._channel: Any = None
@@ -155,15 +157,24 @@ class NiDaq:
         import grpc
         import nidaqmx
 
-        self._channel = _channel_with_deadline(self._grpc_target)
+        self._channel = _channel_with_deadline(self._grpc_target, self._deadline_s)
         try:
-            grpc.channel_ready_future(self._channel).result(timeout=CONNECT_TIMEOUT_S)
+            grpc.channel_ready_future(self._channel).result(timeout=self._connect_timeout_s)
         except grpc.FutureTimeoutError as error:
             raise DeviceUnavailable(
                 f"{self.name} expected an NI gRPC device server at {self._grpc_target}, and none answered within "
-                f"{CONNECT_TIMEOUT_S:g} s; start it, or correct daq.grpc_target"
+                f"{self._connect_timeout_s:g} s; start it, or correct daq.grpc_target"
             ) from error
         return nidaqmx.GrpcSessionOptions(self._channel, "")
+
+    @property
+    def _connect_timeout_s(self) -> float:
+        return CONNECT_TIMEOUT_S * self._timeout_scale
+
+    @property
+    def _deadline_s(self) -> float:
+        """Of every call [wall s]."""
+        return RPC_DEADLINE_S * self._timeout_scale
 
     def _configure(self, options: Any) -> None:
         from nidaqmx.constants import AcquisitionType, Edge, TerminalConfiguration
@@ -335,13 +346,13 @@ def _words(error: Exception) -> str:
     return " ".join(text.split()).rstrip(".")[:300] or type(error).__name__
 
 
-def _channel_with_deadline(target: str) -> Any:
-    """A gRPC channel on which every call ends within RPC_DEADLINE_S."""
+def _channel_with_deadline(target: str, deadline_s: float) -> Any:
+    """A gRPC channel on which every call ends within deadline_s."""
     import grpc
 
     class Deadline(grpc.UnaryUnaryClientInterceptor):
         def intercept_unary_unary(self, continuation: Any, client_call_details: Any, request: Any) -> Any:
-            return continuation(client_call_details._replace(timeout=RPC_DEADLINE_S), request)
+            return continuation(client_call_details._replace(timeout=deadline_s), request)
 
     # A proxy named in the environment would be asked for the loopback address, too.
     channel = grpc.insecure_channel(target, options=[("grpc.enable_http_proxy", 0)])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from drivers.capture_note import CaptureNote
-from drivers.device import HostClock
+from drivers.device import HostClock, Received
 from drivers.errors import DeviceLost
 from drivers.qualisys_conversation import Conversation, Wishes
 from recordings.samples import Item, Stream
@@ -31,15 +31,22 @@ class Qualisys:
         password: str = "",
         wanted_labels: Sequence[str] = (),
         capture_note: CaptureNote | None = None,
+        timeout_scale: float = 1.0,
     ) -> None:
         wanted = tuple(dict.fromkeys(wanted_labels))
         note = capture_note or CaptureNote(None, host_clock)
-        self._wishes = Wishes(f"QTM {host}:{port}", host, port, host_clock, control == "start", password, wanted, note)
+        self._wishes = Wishes(
+            f"QTM {host}:{port}", host, port, host_clock, control == "start", password, wanted, note, timeout_scale
+        )
         self._conversation: Conversation | None = None
 
     @property
     def name(self) -> str:
         return self._wishes.name
+
+    @property
+    def received(self) -> Received | None:
+        return self._conversation.received if self._conversation else None
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -59,7 +66,7 @@ class Qualisys:
         self._conversation = conversation
 
     def read(self, timeout_s: float) -> Sequence[Item]:
-        return self._opened("read").inbox.take(timeout_s)
+        return self._opened("read").take(timeout_s)
 
     def close(self) -> None:
         conversation, self._conversation = self._conversation, None

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.capture_note import CaptureNote
-from drivers.device import HostClock
+from drivers.device import HostClock, Received
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.inbox import Inbox
 from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, decode_parameters, readable
-from recordings.samples import Event, Stream
+from recordings.samples import Event, Item, Stream
 
 PROTOCOL_VERSION = "1.25"
 CONNECT_TIMEOUT_S = 2.5
@@ -41,6 +41,11 @@ class Wishes:
     password: str
     labels: tuple[str, ...]
     note: CaptureNote
+    timeout_scale: float = 1.0
+
+    def timeout_s(self, seconds: float) -> float:
+        """Wall seconds for an answer that should come within so many."""
+        return seconds * self.timeout_scale
 
 
 class Conversation:
@@ -62,7 +67,7 @@ class Conversation:
         self._opened: Future[None] = Future()
         self._loop = asyncio.new_event_loop()
         self._client = QTMProtocol(loop=self._loop, on_event=self._on_event, on_disconnect=self._on_disconnect)
-        self._connection = QRTConnection(self._client, timeout=COMMAND_TIMEOUT_S)
+        self._connection = QRTConnection(self._client, timeout=wishes.timeout_s(COMMAND_TIMEOUT_S))
         self._guard = PacketGuard(self._client, self._admit, self._on_unreadable, self._on_nonsense)
         self._thread = threading.Thread(target=self._run, name=wishes.name, daemon=True)
         self._is_capturing: bool = past is not None and past._is_capturing
@@ -85,7 +90,21 @@ class Conversation:
         self._is_lost = is_lost
         with suppress(RuntimeError):  # the loop is closed where the conversation ended by itself
             self._loop.call_soon_threadsafe(self._ending.set)
-        self._thread.join(2 * LEAVE_TIMEOUT_S)
+        self._thread.join(2 * self._wishes.timeout_s(LEAVE_TIMEOUT_S))
+
+    @property
+    def received(self) -> Received | None:
+        return self._guard.received
+
+    def take(self, timeout_s: float) -> list[Item]:
+        """What waits in the inbox; with a timeout of 0 also the frames of a block that is not full."""
+        if timeout_s <= 0:
+            delivered: Future[None] = Future()
+            with suppress(RuntimeError, TimeoutError):  # the loop has ended, and delivered what it had
+                self._loop.call_soon_threadsafe(self._deliver)
+                self._loop.call_soon_threadsafe(delivered.set_result, None)
+                delivered.result(self._wishes.timeout_s(COMMAND_TIMEOUT_S))
+        return self.inbox.take(timeout_s)
 
     def start_capture(self) -> None:
         self._has_captured = True  # its beginning is noted when QTM tells it, which may be at once
@@ -104,7 +123,8 @@ class Conversation:
     def _command(self, what: str, command: Callable[[], Coroutine[Any, Any, Any]]) -> None:
         """Has QTM do something, on behalf of another thread."""
         try:
-            asyncio.run_coroutine_threadsafe(command(), self._loop).result(2 * COMMAND_TIMEOUT_S)
+            timeout_s = 2 * self._wishes.timeout_s(COMMAND_TIMEOUT_S)
+            asyncio.run_coroutine_threadsafe(command(), self._loop).result(timeout_s)
         except self._refusal as error:
             advice = "check QTM's measurement" if self._wishes.has_control else 'set mocap.control = "start"'
             raise DeviceMisconfigured(
@@ -141,7 +161,7 @@ class Conversation:
     async def _open(self) -> None:
         step = "protocol version"
         try:
-            async with asyncio.timeout(CONNECT_TIMEOUT_S):
+            async with asyncio.timeout(self._wishes.timeout_s(CONNECT_TIMEOUT_S)):
                 await self._connect()
             if self._wishes.has_control:
                 step = "control"
@@ -183,15 +203,15 @@ class Conversation:
             await self._ensure_ours(state)
             self._is_capturing = True
         if self._wishes.note.age_s is not None:
-            await asyncio.wait_for(self._save_capture(), COMMAND_TIMEOUT_S)
+            await asyncio.wait_for(self._save_capture(), self._wishes.timeout_s(COMMAND_TIMEOUT_S))
         if await self._connection.new() == b"Creating new connection":
             with suppress(TimeoutError):  # then QTM refuses to start a capture, and says why
-                await asyncio.wait_for(self._cameras_are_connected.wait(), CAMERAS_TIMEOUT_S)
+                await asyncio.wait_for(self._cameras_are_connected.wait(), self._wishes.timeout_s(CAMERAS_TIMEOUT_S))
 
     async def _ask_state(self) -> str:
         self._state = self._loop.create_future()
         self._client.send_command("getstate", callback=False)  # the answer is an event
-        return await asyncio.wait_for(self._state, COMMAND_TIMEOUT_S)
+        return await asyncio.wait_for(self._state, self._wishes.timeout_s(COMMAND_TIMEOUT_S))
 
     async def _ensure_ours(self, state: str) -> None:
         """Raises DeviceUnavailable where somebody else has QTM busy: what he records is not ours to end."""
@@ -234,7 +254,8 @@ class Conversation:
             except TimeoutError:
                 self._deliver()
                 self.inbox.end(
-                    f"{self._name} is connected and silent: no frame, and no answer within {COMMAND_TIMEOUT_S:g} s; "
+                    f"{self._name} is connected and silent: no frame, and no answer within "
+                    f"{self._wishes.timeout_s(COMMAND_TIMEOUT_S):g} s; "
                     "check that QTM is not stuck"
                 )
                 self._guard.close()
@@ -253,7 +274,7 @@ class Conversation:
         if not self._wishes.has_control or not self._connection.has_transport():
             return
         with suppress(TimeoutError, self._refusal):
-            async with asyncio.timeout(LEAVE_TIMEOUT_S):
+            async with asyncio.timeout(self._wishes.timeout_s(LEAVE_TIMEOUT_S)):
                 if self._has_captured:
                     await self._save_capture()
                 await self._connection.release_control()

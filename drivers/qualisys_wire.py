@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from drivers.device import Received
 from recordings.samples import Event, Item, Loss, Samples
 
 HEADER = struct.Struct("<II")  # size with header, type
@@ -112,9 +113,18 @@ class PacketGuard(asyncio.Protocol):
         self._unread = bytearray()
         self._was_readable = True
         self._transport: asyncio.BaseTransport | None = None
+        self._port = 0
+        self._received = 0
+
+    @property
+    def received(self) -> Received | None:
+        """Bytes whose packets the receiver has handled; None before and after the connection."""
+        port, size = self._port, self._received
+        return Received(port, size) if port else None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = transport
+        self._port = int(transport.get_extra_info("sockname")[1])
         self._receiver.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
@@ -133,9 +143,11 @@ class PacketGuard(asyncio.Protocol):
             self._hand_over(bytes(self._unread[place : place + size]), kind)
             place += size
         del self._unread[:place]
+        self._received += len(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._receiver.connection_lost(exc)
+        self._port = 0
 
     def close(self) -> None:
         """Closes the connection at once."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.device import CaptureControl, Device, HostClock, Resumable
+from drivers.device import CaptureControl, Device, HostClock, Received, Resumable, Unasked
 from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
@@ -56,6 +56,10 @@ class Reconnecting:
     @property
     def streams(self) -> tuple[Stream, ...]:
         return self.device.streams
+
+    @property
+    def received(self) -> Received | None:
+        return self.device.received if isinstance(self.device, Unasked) and self._outage is None else None
 
     def open(self) -> None:
         self._outage = None

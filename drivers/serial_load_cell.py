@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import socket
 import time
 from collections.abc import Callable, Sequence
 from itertools import groupby
@@ -14,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from drivers.device import HostClock
+from drivers.device import HostClock, Received
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
@@ -64,11 +65,17 @@ class SerialLoadCell:
         self._host_clock = host_clock
         self._vendor_errors: tuple[type[Exception], ...] = ()
         self._port: Any = None
+        self._tcp_port, self._received = 0, 0
         self._streams: tuple[Stream, ...] = ()
 
     @property
     def name(self) -> str:
         return f"load cell on {self._port_name}"
+
+    @property
+    def received(self) -> Received | None:
+        """None on a serial line; the simulated indicator is at the end of a TCP connection."""
+        return Received(self._tcp_port, self._received) if self._port is not None and self._tcp_port else None
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -95,9 +102,11 @@ class SerialLoadCell:
         deadline_s = time.monotonic() + timeout_s
         while True:
             try:
-                self._pending += port.read(max(1, port.in_waiting))
+                came = port.read(max(1, port.in_waiting))
             except self._vendor_errors as error:
                 raise DeviceLost(f"{self.name} was streaming and is gone: {_words(error)}; check its cable") from error
+            self._pending += came
+            self._received += len(came)
             if items := self._items(self._whole_lines()) or self._silence():
                 return items
             if time.monotonic() >= deadline_s:
@@ -128,6 +137,8 @@ class SerialLoadCell:
                 f"{self.name} cannot be opened at {self._baud_rate} baud: {_words(error)}; "
                 "plug the indicator in, or correct load_cell.port"
             ) from error
+        self._tcp_port = _tcp_port(self._port)
+        self._received = 0
         self._pending = b""
         self._is_aligned = False
         self._heard_s, self._is_quiet = time.monotonic(), False
@@ -170,6 +181,17 @@ class SerialLoadCell:
             items.append(Samples("/force", numbers, device_time_ns, host_time_ns, values))
             self._last_time_ns = host_time_ns
         return items
+
+
+def _tcp_port(port: Any) -> int:
+    """The local port behind socket://; 0 for a serial line."""
+    if not port.portstr.startswith("socket://"):
+        return 0
+    connection = socket.socket(fileno=port.fileno())
+    try:
+        return int(connection.getsockname()[1])
+    finally:
+        connection.detach()  # it is pyserial's to close
 
 
 def _words(error: Exception) -> str:

@@ -1,15 +1,19 @@
-"""The station's two clocks: station time, which simulations may run faster, and wall time for watchdogs."""
+"""The station's clocks: station time, which a simulated bench or a replay may move, and the wall's for watchdogs."""
 
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Protocol, runtime_checkable
 
 
 class Clock(Protocol):
-    """Station seconds scale with the speed of the world; wall seconds are those on the operator's wrist."""
+    """Station seconds are those of the bench: the wall's on a real one, the world's on a simulated one.
 
-    speed: float
+    timeout_scale multiplies the wall-clock time-outs of drivers: above 1 where a busy machine simulates the devices.
+    """
+
+    timeout_scale: float
 
     def utc_ns(self) -> int:
         """UTC of the station [ns]: what recordings carry as arrival time."""
@@ -20,7 +24,7 @@ class Clock(Protocol):
         ...
 
     def station_s(self) -> float:
-        """Station seconds since some fixed moment: durations of the configuration and the protocol."""
+        """Station seconds since some fixed moment: durations and time-outs of the configuration and the protocol."""
         ...
 
     def wall_s(self) -> float:
@@ -28,51 +32,73 @@ class Clock(Protocol):
         ...
 
 
+@runtime_checkable
+class SteppedClock(Clock, Protocol):
+    """A clock that stands still until the station has handled everything, and moves in steps."""
+
+    def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
+        """Moves on by one step, once the bench knows the connections from these local ports.
+
+        Returns how many bytes the bench has sent on each connection, by its local port; None where it closed one.
+        Raises DeviceLost where the bench is gone.
+        """
+        ...
+
+    def is_owing(self) -> bool:
+        """Whether a device owes an answer that comes only as time goes on. Raises DeviceLost as step()."""
+        ...
+
+
 class RealClock:
-    """UTC read once, carried on by the monotonic clock: a step of the system's clock cannot tear a recording.
+    """UTC read once, carried on by the monotonic clock: a step of the system's clock cannot tear a recording."""
 
-    speed > 1 lets station time run faster than the wall, for simulated worlds of the same speed.
-    """
+    timeout_scale = 1.0
 
-    def __init__(self, speed: float = 1.0) -> None:
-        if not speed > 0:
-            raise ValueError(f"the clock's speed is {speed:g}, expected a number above 0")
-        self.speed = speed
+    def __init__(self) -> None:
         self._start_utc_ns = time.time_ns()
         self._start_ns = time.monotonic_ns()
 
     def utc_ns(self) -> int:
-        return self._start_utc_ns + int((time.monotonic_ns() - self._start_ns) * self.speed)
-
-    def wall_utc_ns(self) -> int:
         return self._start_utc_ns + time.monotonic_ns() - self._start_ns
 
+    def wall_utc_ns(self) -> int:
+        return self.utc_ns()
+
     def station_s(self) -> float:
-        return self.wall_s() * self.speed
+        return self.wall_s()
 
     def wall_s(self) -> float:
         return (time.monotonic_ns() - self._start_ns) * 1e-9
 
 
 class ManualClock:
-    """A clock that stands until it is told to advance, for tests."""
+    """A clock that stands until it is told to advance, for tests and replays; step() advances it by step_s."""
 
-    def __init__(self, speed: float = 1.0, utc_ns: int = 1_750_000_000_000_000_000) -> None:
-        self.speed = speed
-        self._wall_s = 0.0
+    timeout_scale = 1.0
+
+    def __init__(self, utc_ns: int = 1_750_000_000_000_000_000, step_s: float = 0.05) -> None:
+        self._station_s = 0.0
+        self._step_s = step_s
         self._start_utc_ns = utc_ns
 
-    def advance(self, wall_s: float) -> None:
-        self._wall_s += wall_s
+    def advance(self, seconds: float) -> None:
+        self._station_s += seconds
+
+    def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:  # noqa: ARG002  (nobody has sent anything)
+        self.advance(self._step_s)
+        return {}
+
+    def is_owing(self) -> bool:
+        return False
 
     def utc_ns(self) -> int:
-        return self._start_utc_ns + round(self.station_s() * 1e9)
+        return self._start_utc_ns + round(self._station_s * 1e9)
 
     def wall_utc_ns(self) -> int:
-        return self._start_utc_ns + round(self._wall_s * 1e9)
+        return self.utc_ns()
 
     def station_s(self) -> float:
-        return self._wall_s * self.speed
+        return self._station_s
 
     def wall_s(self) -> float:
-        return self._wall_s
+        return self._station_s

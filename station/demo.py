@@ -8,9 +8,9 @@ from pathlib import Path
 from rich.console import Console
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
+from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
 from station.bench.simulation import SimulatedBench, simulator_settings
-from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
@@ -47,7 +47,7 @@ def demo_config() -> StationConfig:
     return parse_config(data, "the demo")
 
 
-def run_demo(folder: Path | None, speed: float, seed: int) -> int:
+def run_demo(folder: Path | None, speed: float | None, seed: int) -> int:
     """Returns the exit code; the report's path goes to stdout last."""
     folder = folder or _free_folder()
     if any(folder.glob("*.mcap")):
@@ -69,7 +69,7 @@ def run_demo(folder: Path | None, speed: float, seed: int) -> int:
 
 
 def record_session(
-    folder: Path, config: StationConfig, speed: float, seed: int, progress: Progress
+    folder: Path, config: StationConfig, speed: float | None, seed: int, progress: Progress
 ) -> tuple[list[TrialResult], dict[str, dict[str, float]]]:
     """Walks the published plan on a simulated bench; returns what became of each trial, and the cuffs' truth.
 
@@ -83,7 +83,8 @@ def record_session(
         for done, spec in enumerate(plan):
             progress("recording trials", done, len(plan))
             _prepare(bench, plan[done - 1] if done else None, spec, config.protocol.pause_s)
-            result = Daemon(pointed, RealClock(speed)).record(folder, spec)
+            with BenchClock(bench.clock_port) as clock:
+                result = Daemon(pointed, clock).record(folder, spec)
             if result.path is None:
                 raise DemoError(f"{spec.file_name(spec.repeat)} was not recorded: {result.sentence}")
             results.append(result)

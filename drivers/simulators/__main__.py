@@ -1,15 +1,9 @@
 """The simulated bench in a process of its own, spoken to in lines of JSON.
 
 The first line on standard input is the settings (settings.py), with "speed", "seed" and "faults" (a list, faults.py)
-beside them; the answer tells "ports", "labels", "trial" and "truth". Each further line is one request, answered by one:
-
-    {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
-    {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
-    {"don": "hand"}                                 dons the cuff anew
-    {"pause_s": 60}                                 answers when so many seconds of the world have passed
-    {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
-    {"truth": true}                                 parameters by cuff, and what each has slipped since it was donned
-    {"quit": true}                                  ends; so does the end of standard input
+beside them; the answer tells "ports", "labels", "trial" and "truth". speed null lets the world go on as far as attached
+stations have handled it (control.py), and it is the default. Each further line is a request (requests.py) or
+{"quit": true}, and is answered by one line. It ends with its standard input, too.
 
 An answer {"error": "…"} is a sentence; the bench goes on, unless the settings could not be used (exit code 2).
 """
@@ -20,13 +14,16 @@ import json
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import asdict
 from queue import SimpleQueue
 from typing import Any
 
 from drivers.simulators.bench import Bench
 from drivers.simulators.faults import fault_from_dict
+from drivers.simulators.requests import answer, speed_from
 from drivers.simulators.settings import settings_from_dict
+from drivers.simulators.world_clock import ClockStopped
 
 
 def main() -> int:
@@ -35,12 +32,13 @@ def main() -> int:
     requests = _Requests()
     try:
         options = requests.next() or {}
-        speed, seed = float(options.pop("speed", 1.0)), int(options.pop("seed", 0))
+        speed, seed = speed_from(options.pop("speed", None)), int(options.pop("seed", 0))
         plan = [fault_from_dict(entry) for entry in options.pop("faults", [])]
         bench = Bench(settings_from_dict(options), speed, seed, plan)
         with bench:
             world = bench.world
             _answer(ports=bench.ports, labels=world.labels, trial=asdict(world.trial), truth=world.truth())
+            requests.when_ended(bench.clock.stop)
             _serve(bench, requests)
     except (ValueError, TypeError, OSError, RuntimeError) as error:
         _answer(error=str(error))
@@ -52,9 +50,18 @@ class _Requests:
     """The lines of standard input, read by a thread of their own so that its end is noticed at once."""
 
     def __init__(self) -> None:
-        self.ended = threading.Event()
+        self._ended = threading.Event()
         self._lines: SimpleQueue[str] = SimpleQueue()
         threading.Thread(target=self._read, name="requests", daemon=True).start()
+
+    def when_ended(self, act: Callable[[], None]) -> None:
+        """Acts when the input ends, in a thread of its own."""
+
+        def wait() -> None:
+            self._ended.wait()
+            act()
+
+        threading.Thread(target=wait, name="end of requests", daemon=True).start()
 
     def next(self) -> dict[str, Any] | None:
         """The next request, None at the end of input. Raises ValueError where a line is no JSON object."""
@@ -72,7 +79,7 @@ class _Requests:
     def _read(self) -> None:
         for line in sys.stdin:
             self._lines.put(line)
-        self.ended.set()
+        self._ended.set()
         self._lines.put("")
 
 
@@ -82,31 +89,11 @@ def _serve(bench: Bench, requests: _Requests) -> None:
             request = requests.next()
             if request is None:
                 return
-            _answer(**_obeyed(bench, request, requests.ended))
+            _answer(**answer(bench, request))
             if "quit" in request:
                 return
-        except ValueError as error:
+        except (ValueError, ClockStopped) as error:
             _answer(error=str(error))
-
-
-def _obeyed(bench: Bench, request: dict[str, Any], ended: threading.Event) -> dict[str, Any]:
-    """The answer to one request. Raises ValueError where it is not understood."""
-    match request:
-        case {"trial": {"cuff": str() | None as cuff, "test": "static" | "dynamic" | "bounce" as test}}:
-            return {"trial": asdict(bench.world.select_trial(cuff, test))}
-        case {"don": str(cuff)}:
-            return {"trial": asdict(bench.world.don(cuff))}
-        case {"pause_s": int() | float() as seconds}:
-            ended.wait(seconds / bench.world.speed)
-            return {"pause_s": seconds}
-        case {"fault": dict(fault)}:
-            return {"fault": bench.world.faults.inject(fault_from_dict(fault))}
-        case {"truth": True}:
-            return {"truth": bench.world.truth()}
-        case {"quit": True}:
-            return {"quit": True}
-        case _:
-            raise ValueError(f"no request is {json.dumps(request)}; known are trial, don, fault, pause_s, truth, quit")
 
 
 def _answer(**content: Any) -> None:

@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Protocol
 
+from drivers.simulators.control import ControlServer
 from drivers.simulators.faults import Fault
 from drivers.simulators.operator import Operator
 from drivers.simulators.qualisys import QualisysSimulator
 from drivers.simulators.settings import Settings
 from drivers.simulators.world import World
+from drivers.simulators.world_clock import Follower
 
 
 class Bench:
-    """A context manager: within it the devices answer on 127.0.0.1, at `ports` by name ("ni", "qtm", "serial").
+    """A context manager: within it the devices answer on 127.0.0.1, at `ports` by name ("ni", "qtm", "serial"), and
+    the world's clock at ports["clock"] (control.py).
 
     A port of None in settings.ports leaves its device out. Raises OSError or RuntimeError where a port is taken.
-    What goes wrong follows the plan, and world.faults.inject().
+    With a speed the world keeps that pace at most; with None it moves where an attached station or clock.advance()
+    moves it. What goes wrong follows the plan, and world.faults.inject().
     """
 
-    def __init__(self, settings: Settings, speed: float = 1.0, seed: int = 0, fault_plan: Iterable[Fault] = ()) -> None:
+    def __init__(
+        self, settings: Settings, speed: float | None = 1.0, seed: int = 0, fault_plan: Iterable[Fault] = ()
+    ) -> None:
         self.world = World(settings, speed, seed, fault_plan=fault_plan)
+        self.clock = self.world.clock
         self.ports: dict[str, int] = {}
+        self.start_utc_ns = time.time_ns()  # UTC at world time 0, for whoever follows the world's clock
+        self._devices: dict[str, _Simulator] = {}
         self._settings = settings
         self._seed = seed
         self._running = ExitStack()
@@ -42,8 +52,9 @@ class Bench:
         self._running.close()
 
     def _start(self) -> None:
+        self._running.callback(self.clock.stop)
         wanted, settings = self._settings.ports, self._settings
-        watched = []
+        watched: list[Callable[[], bool]] = []
         qtm: QualisysSimulator | None = None
         if wanted.ni is not None:
             from drivers.simulators.nidaq import NiDaqSimulator  # gRPC and nidaqmx take their time to import
@@ -59,20 +70,43 @@ class Bench:
         if wanted.serial is not None:
             from drivers.simulators.serial_load_cell import SerialLoadCellSimulator
 
-            self._run("serial", SerialLoadCellSimulator(self.world, port=wanted.serial, line=settings.serial))
+            serial = SerialLoadCellSimulator(self.world, port=wanted.serial, line=settings.serial)
+            self._run("serial", serial)
         if qtm is not None and settings.operator.capture == "auto":
-            operator = Operator(self.world, settings.operator.delay_s, watched, lambda: qtm.is_controlled)
-            operator.start()
-            self._running.callback(operator.stop)
+            self._follow(Operator(self.world, settings.operator.delay_s, watched, lambda: qtm.is_controlled))
+        if wanted.clock is not None:
+            control = ControlServer(self, wanted.clock)
+            control.start()
+            self._running.callback(control.stop)
+            self.ports["clock"] = control.port
+
+    def sent(self) -> dict[str, dict[int, int | None]]:
+        """Bytes that each device has sent unasked, by the client's port; None where the connection was closed."""
+        return {name: device.sent() for name, device in self._devices.items()}
+
+    def owing(self) -> list[str]:
+        """Devices that owe a client an answer, which comes only as the world goes on."""
+        return [name for name, device in self._devices.items() if device.owes_an_answer]
 
     def _run(self, name: str, device: _Simulator) -> None:
         device.start()
         self._running.callback(device.stop)
+        self._follow(device)
+        self._devices[name] = device
         self.ports[name] = device.port
 
+    def _follow(self, follower: Follower) -> None:
+        self.clock.follow(follower)
+        self._running.callback(self.clock.unfollow, follower)
 
-class _Simulator(Protocol):
+
+class _Simulator(Follower, Protocol):
     port: int
+
+    @property
+    def owes_an_answer(self) -> bool: ...
+
+    def sent(self) -> dict[int, int | None]: ...
 
     def start(self) -> None: ...
 

@@ -99,6 +99,28 @@ class NiDaqSimulator:
             ) from error
         self._server.start()
 
+    def step(self, now: float) -> None:
+        """Nothing to do: a client asks for the samples up to now."""
+
+    def sent(self) -> dict[int, int | None]:
+        """Nothing: a client has the samples once its call returns."""
+        return {}
+
+    @property
+    def owes_an_answer(self) -> bool:
+        return self._device.world.faults.active("ni", "freeze") is not None
+
+    def find_laggard(self) -> str | None:
+        task = self._device.running
+        if task is None or task.may_overrun or not task.is_nearly_full:
+            return None
+        return f"the DAQ task {task.name}"
+
+    def drop_laggard(self) -> None:
+        """Its unread samples are overwritten from now on, as on the real device."""
+        if task := self._device.running:
+            task.may_overrun = True
+
     def stop(self) -> None:
         self._service.clear()
         self._server.stop(grace=None).wait()

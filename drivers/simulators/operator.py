@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from drivers.simulators.world import World
-
-_GLANCE_S = 0.005  # wall
 
 
 class Operator:
@@ -21,27 +18,22 @@ class Operator:
         self._delay_s = delay_s
         self._streams = streams
         self._is_controlled = is_controlled
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="mocap operator", daemon=True)
+        self._since: float | None = None  # when everything began to stream, world time
+        self._is_done = False
 
-    def start(self) -> None:
-        self._thread.start()
+    def step(self, now: float) -> None:
+        if not all(is_streaming() for is_streaming in self._streams):
+            self._since, self._is_done = None, False
+        elif self._is_controlled():
+            self._is_done = True
+        elif self._since is None:
+            self._since = now
+        elif not self._is_done and now >= self._since + self._delay_s:
+            with suppress(ValueError):  # an earlier capture still runs: its end is waited for
+                self._world.start_capture()
+                self._is_done = True
 
-    def stop(self) -> None:
-        self._ending.set()
-        self._thread.join()
+    def find_laggard(self) -> str | None:
+        return None
 
-    def _watch(self) -> None:
-        since: float | None = None  # when everything began to stream, world time
-        is_done = False
-        while not self._ending.wait(_GLANCE_S):
-            if not all(is_streaming() for is_streaming in self._streams):
-                since, is_done = None, False
-            elif self._is_controlled():
-                is_done = True
-            elif since is None:
-                since = self._world.now()
-            elif not is_done and self._world.now() >= since + self._delay_s:
-                with suppress(ValueError):  # an earlier capture still runs: its end is waited for
-                    self._world.start_capture()
-                    is_done = True
+    def drop_laggard(self) -> None: ...

@@ -41,11 +41,11 @@ class QtmFaults:
         return self._faults.active("qtm", kind) is not None
 
     def turns(self, after: float, until: float) -> list[Turn]:
-        """When the settings change or the frames are numbered anew, in (after, until], in order."""
+        """When the settings change or the frames are numbered anew, in [after, until), in order."""
         changes = self._faults.of("qtm", *RELABELLING)
         turns: list[Turn] = [(moment, "settings") for one in changes for moment in (one.begin, one.end)]
         turns += [(one.begin, "numbers") for one in self._faults.of("qtm", "renumber")]
-        return sorted(turn for turn in turns if after < turn[0] <= until)
+        return sorted(turn for turn in turns if after <= turn[0] < until)
 
     def labels(self, at: float) -> list[tuple[str, int]]:
         """The labels in QTM's order, each with its column in the World's markers."""
@@ -76,8 +76,8 @@ class QtmFaults:
         return b"".join(self._spoilt(packets, sent.times))
 
     def strays(self, after: float, until: float) -> bytes:
-        """Packets out of the blue, due in (after, until]."""
-        due = [one for one in self._faults.of("qtm", *STRAYS) if after < one.begin <= until]
+        """Packets out of the blue, due in [after, until)."""
+        due = [one for one in self._faults.of("qtm", *STRAYS) if after <= one.begin < until]
         return b"".join(STRAYS[one.fault.fault] for one in due)
 
     def _spoilt(self, packets: list[bytes], times: NDArray[np.float64]) -> list[bytes]:

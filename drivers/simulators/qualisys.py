@@ -14,6 +14,7 @@ import asyncio
 import re
 import struct
 import threading
+from collections import deque
 from concurrent.futures import Future
 from dataclasses import dataclass
 from xml.sax.saxutils import escape
@@ -27,9 +28,9 @@ CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, SETTINGS_CHANGED, CAPTURE_S
 PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that are no state
 VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
 MOST_CLIENTS = 10
-MOST_UNSENT_BYTES = 8_000_000  # a client further behind loses frames, as in QTM
+MOST_UNSENT_BYTES = 1_000_000  # a client further behind holds the world back
 LONGEST_COMMAND_BYTES = 65_536
-TICK_S = 0.008  # wall
+GLANCE_S = 0.008  # wall
 MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
 
 
@@ -56,6 +57,27 @@ class QualisysSimulator:
         """Binds and serves. Raises OSError if the port is taken."""
         self._thread.start()
         self.port = self._bound.result()
+
+    def step(self, now: float) -> None:
+        """Sends every client the frames and events of up to now [world s]."""
+        asyncio.run_coroutine_threadsafe(self._server.step(now), self._server.loop).result()
+
+    def sent(self) -> dict[int, int | None]:
+        """Bytes sent so far on each connection, by the client's port; None where the connection was closed."""
+        return asyncio.run_coroutine_threadsafe(self._server.sent(), self._server.loop).result()
+
+    @property
+    def owes_an_answer(self) -> bool:
+        """To a command while QTM is silent, or to a client that asked for frames and got none yet."""
+        return self._server.is_silent or any(client.awaits_frame for client in tuple(self._server.clients))
+
+    def find_laggard(self) -> str | None:
+        laggard = self._server.laggard()
+        return f"the client of QTM at port {laggard.port}" if laggard else None
+
+    def drop_laggard(self) -> None:
+        if laggard := self._server.laggard():
+            self._server.loop.call_soon_threadsafe(laggard.close)
 
     def stop(self) -> None:
         """Closes every connection."""
@@ -84,19 +106,28 @@ class _Client:
 
     def __init__(self, writer: asyncio.StreamWriter) -> None:
         self.stream: Stream | None = None
+        self.port = int(writer.get_extra_info("peername")[1])
+        self.sent = 0  # bytes
+        self.is_closed = False
+        self.awaits_frame = False
         self._writer = writer
 
+    @property
+    def is_behind(self) -> bool:
+        return self._writer.transport.get_write_buffer_size() > MOST_UNSENT_BYTES
+
     def send(self, kind: int, body: bytes = b"") -> None:
-        self._writer.write(struct.pack("<II", 8 + len(body), kind) + body)
+        self.send_bytes(struct.pack("<II", 8 + len(body), kind) + body)
 
     def send_text(self, kind: int, text: str) -> None:
         self.send(kind, text.encode() + b"\0")
 
     def send_bytes(self, packets: bytes) -> None:
-        if self._writer.transport.get_write_buffer_size() < MOST_UNSENT_BYTES:
-            self._writer.write(packets)
+        self.sent += len(packets)
+        self._writer.write(packets)
 
     def close(self) -> None:
+        self.is_closed = True
         self._writer.transport.abort()
 
 
@@ -118,6 +149,7 @@ class _Server:
         self._camera: Camera | None = None
         self._trouble = QtmFaults(world.faults, world.labels, self._mocap.rate_hz)
         self._told_until = 0.0  # world seconds
+        self._closed: deque[int] = deque(maxlen=MOST_CLIENTS)  # ports of clients that are gone
         self._port = 0
         self._listener: asyncio.Server | None = None
         self._start_preview(0.0)
@@ -130,15 +162,10 @@ class _Server:
             return
         self._port = self._listener.sockets[0].getsockname()[1]
         bound.set_result(self._port)
-        pacing = asyncio.create_task(self._pace())
-        ending = asyncio.create_task(self.ending.wait())
-        await asyncio.wait((pacing, ending), return_when=asyncio.FIRST_COMPLETED)
-        pacing.cancel()
+        await self.ending.wait()
         self._hang_up()
         while self.clients:  # each leaves by itself
-            await asyncio.sleep(TICK_S)
-        if not ending.done():
-            pacing.result()  # it never ends but by a fault, which belongs on the screen
+            await asyncio.sleep(GLANCE_S)
 
     def _hang_up(self) -> None:
         if self._listener is not None:
@@ -149,29 +176,39 @@ class _Server:
 
     # Frames
 
-    async def _pace(self) -> None:
-        while True:
-            now = self._world.faults.now()
-            if self._trouble.is_now("restart"):
-                self._hang_up()
-            elif self._listener is None:
-                self._listener = await asyncio.start_server(self._talk, "127.0.0.1", self._port)
-            before = self._told_until
-            capture = self._world.capture
-            if capture is not None and capture.number > self._captures:
-                if self._capture is not None:  # it ended, and the next began, since we looked
-                    self._tell_until(min(self._capture.end, capture.start))
-                    self._end(self._capture)
-                self._tell_until(capture.start)
-                self._begin(capture)
-            if self._capture is None:
-                self._tell_until(now)
-            elif capture is not None:
-                self._tell_until(min(now, capture.end))
-                if now >= capture.end:
-                    self._end(capture)
-            self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._told_until)))
-            await asyncio.sleep(TICK_S)
+    async def step(self, now: float) -> None:
+        if self.ending.is_set():
+            return
+        if self._trouble.is_now("restart"):
+            self._hang_up()
+        elif self._listener is None:
+            self._listener = await asyncio.start_server(self._talk, "127.0.0.1", self._port)
+        before = self._told_until
+        capture = self._world.capture
+        if capture is not None and capture.number > self._captures:
+            if self._capture is not None:  # it ended, and the next began, since we looked
+                self._tell_until(min(self._capture.end, capture.start))
+                self._end(self._capture)
+            self._tell_until(capture.start)
+            self._begin(capture)
+        if self._capture is None:
+            self._tell_until(now)
+        elif capture is not None:
+            self._tell_until(min(now, capture.end))
+            if now >= capture.end:
+                self._end(capture)
+        self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._told_until)))
+
+    async def sent(self) -> dict[int, int | None]:
+        live = {client.port: None if client.is_closed else client.sent for client in self.clients}
+        return dict.fromkeys(self._closed) | live
+
+    @property
+    def is_silent(self) -> bool:
+        return self._trouble.is_now("silent")
+
+    def laggard(self) -> _Client | None:
+        return next((client for client in tuple(self.clients) if client.is_behind), None)
 
     def _tell_until(self, until: float) -> None:
         """Sends the frames exposed before until, and announces what changes between them."""
@@ -197,6 +234,7 @@ class _Server:
     def _send(self, packets: dict[Stream, bytes]) -> None:
         for client in self.clients:
             if client.stream and packets[client.stream]:
+                client.awaits_frame = False
                 client.send_bytes(packets[client.stream])
 
     def _begin(self, capture: Capture) -> None:
@@ -247,12 +285,13 @@ class _Server:
                     break
                 body = await reader.readexactly(size - 8)
                 while self._trouble.is_now("silent") and not self.ending.is_set():
-                    await asyncio.sleep(TICK_S)
+                    await asyncio.sleep(GLANCE_S)
                 self._obey(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
         finally:
             self.clients.remove(client)
+            self._closed.append(client.port)
             if self.master is client:
                 self.master = None
             client.close()
@@ -295,6 +334,7 @@ class _Server:
     def _on_streamframes(self, client: _Client, wanted: str) -> None:
         """The answer is the first frame, or no-more-data while nothing flows."""
         client.stream = self._stream(wanted.lower().split())
+        client.awaits_frame = client.stream is not None and self._camera is not None
         if client.stream and self._camera is None:
             client.send(NO_MORE_DATA)
 

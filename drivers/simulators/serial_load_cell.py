@@ -5,9 +5,11 @@ Does not imitate: a character device with its baud rate and parity, the indicato
 
 from __future__ import annotations
 
+import socket
 import socketserver
 import sys
 import threading
+from collections import deque
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +20,7 @@ from drivers.simulators.settings import STANDARD_GRAVITY, SerialLine
 
 NEWTONS_PER_POUND = 4.4482216152605
 SEND_TIMEOUT_S = 1.0  # wall; a client that takes nothing for so long is left
+MOST_CLIENTS = 100  # that are remembered
 RUBBISH = b"\x00\xff\x80?;+0.\r\n"
 
 
@@ -26,8 +29,6 @@ class ForceWorld(Protocol):
 
     faults: Faults
 
-    @property
-    def speed(self) -> float: ...
     def now(self) -> float: ...
     def cell_force(self, t: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
@@ -51,6 +52,7 @@ class SerialLoadCellSimulator:
     def __init__(self, world: ForceWorld, *, port: int = 0, line: SerialLine | None = None) -> None:
         self._world = world
         self._line = line or SerialLine()
+        self._clients: deque[_Client] = deque(maxlen=MOST_CLIENTS)
         self._is_stopping = threading.Event()
         self._server: _Server | None = None
         self._thread: threading.Thread | None = None
@@ -72,31 +74,82 @@ class SerialLoadCellSimulator:
     def stop(self) -> None:
         """Hangs up on every client."""
         self._is_stopping.set()
+        for client in tuple(self._clients):
+            client.close()
         if self._server is not None and self._thread is not None:
             self._server.shutdown()
             self._thread.join()
             self._server.server_close()
             self._server = self._thread = None
 
-    def _talk(self, client: Any) -> None:
-        client.settimeout(SEND_TIMEOUT_S)
-        due = self._world.now()
-        while not self._is_stopping.wait(max(0.0, (due - self._world.now()) / self._world.speed)):
-            if self._world.faults.active("serial", "unplug", due):
-                return
-            try:
-                client.sendall(self._said(due))
-            except OSError:
-                return
-            due += 1 / self._line.rate_hz
+    def step(self, now: float) -> None:
+        """Sends every client the lines that were due up to now [world s]."""
+        for client in tuple(self._clients):
+            if not client.is_closed and not self._send_lines(client, now):
+                client.close()
 
-    def _said(self, due: float) -> bytes:
+    def sent(self) -> dict[int, int | None]:
+        """Bytes sent so far on each connection, by the client's port; None where the connection was closed."""
+        return {client.port: None if client.is_closed else client.sent for client in tuple(self._clients)}
+
+    @property
+    def owes_an_answer(self) -> bool:
+        return False
+
+    def find_laggard(self) -> str | None:
+        return None  # step() drops it
+
+    def drop_laggard(self) -> None: ...
+
+    def _talk(self, connection: socket.socket) -> None:
+        """Keeps the connection until it is closed from here; the clock's thread sends on it."""
+        connection.settimeout(SEND_TIMEOUT_S)
+        client = _Client(connection, self._world.now())
+        self._clients.append(client)
+        if self._is_stopping.is_set():
+            client.close()
+        client.ended.wait()
+
+    def _send_lines(self, client: _Client, now: float) -> bool:
+        """Whether the client took them."""
+        while client.due <= now:
+            if self._world.faults.active("serial", "unplug", client.due):
+                return False
+            line = self._line_at(client.due)
+            client.due += 1 / self._line.rate_hz
+            try:
+                client.connection.sendall(line)
+            except OSError:
+                return False
+            client.sent += len(line)
+        return True
+
+    def _line_at(self, due: float) -> bytes:
         """The line of that moment, world seconds."""
         if self._world.faults.active("serial", "silence", due):
             return b""
         if self._world.faults.active("serial", "garbage", due):
             return RUBBISH
         return ENCODERS[self._line.line_format](float(self._world.cell_force(np.array([due]))[0]))
+
+
+class _Client:
+    """One connection, and the world time at which its next line is due."""
+
+    def __init__(self, connection: socket.socket, due: float) -> None:
+        self.connection = connection
+        self.port = int(connection.getpeername()[1])
+        self.due = due
+        self.sent = 0  # bytes
+        self.ended = threading.Event()
+
+    @property
+    def is_closed(self) -> bool:
+        return self.ended.is_set()
+
+    def close(self) -> None:
+        """Hangs up: the server closes the connection of a handler that returns."""
+        self.ended.set()
 
 
 class _Server(socketserver.ThreadingTCPServer):

@@ -6,6 +6,7 @@ input impedance, settling and crosstalk between channels, delays of the USB bus.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -30,6 +31,7 @@ CONVERSION_S = 1 / HIGHEST_RATE_HZ  # one converter behind a multiplexer: the ne
 TRIGGER_V = 2.5
 TRIGGER_GRID_S = 1e-4  # how finely the trigger line is watched
 LONGEST_SLEEP_S = 0.02  # wall, while waiting for samples
+NEARLY_FULL = 0.8  # of the buffer
 ABANDONED_AFTER_S = 2.0  # wall, without a word from the client
 
 # The faults of the "ni" device, as NI words them.
@@ -57,7 +59,7 @@ class ElectricalWorld(Protocol):
     faults: Faults
 
     @property
-    def speed(self) -> float: ...
+    def speed(self) -> float | None: ...
     def now(self) -> float: ...
     def amplifier_voltage(self, t: Array) -> Array: ...
     def sync_voltage(self, t: Array) -> Array: ...
@@ -116,6 +118,11 @@ class Usb6008:
         self._seeds = np.random.SeedSequence(seed)
         self._lock = threading.RLock()  # taken before a task's own, never after
         self._running: AcquisitionTask | None = None
+
+    @property
+    def running(self) -> AcquisitionTask | None:
+        """The task that runs or waits for its trigger."""
+        return self._running
 
     @property
     def is_plugged_in(self) -> bool:
@@ -192,6 +199,13 @@ class AcquisitionTask:
         self._started_at: float | None = None  # world seconds of sample 0; None while the trigger is awaited
         self._position = 0
         self._heard_at = time.monotonic()
+        self.may_overrun = False
+
+    @property
+    def is_nearly_full(self) -> bool:
+        """Whether the unread samples will soon be overwritten."""
+        with self._changed:
+            return self.acquired() - self._position > NEARLY_FULL * self.buffer_size
 
     @property
     def is_abandoned(self) -> bool:
@@ -268,8 +282,8 @@ class AcquisitionTask:
                 if left_s <= 0 or self._watched_until is None:
                     return False
                 self.hear()  # who waits is alive
-                due_s = missing / self.rate_hz / self._device.world.speed
-                self._changed.wait(min(left_s, max(due_s, 1e-4), LONGEST_SLEEP_S))
+                due_s = missing / self.rate_hz / (self._device.world.speed or math.inf)
+                self._changed.wait(min(left_s, max(due_s, 1e-3), LONGEST_SLEEP_S))
             return True
 
     def read(self, count: int, timeout_s: float) -> Array:

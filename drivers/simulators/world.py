@@ -1,7 +1,7 @@
 """One physical truth for all simulated devices: a wearer, a cuff, a rope, hands, and the mocap system's capture.
 
-Time is world time: seconds since the world began, running `speed` times as fast as the wall clock. The mocap
-system's crystal is the world's clock; a DAQ has its own (settings.daq_clock).
+Time is world time, which world_clock.py moves: seconds since the world began. The mocap system's crystal runs with
+it; a DAQ has its own (settings.daq_clock).
 
 Does not imitate: creep, stiffening and anisotropy of the tissue, skin that moves under the anchor's markers, ghost
 markers, friction of the pulley, drift of the amplifier, the person between two trials.
@@ -12,8 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -25,6 +24,7 @@ from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.pull import Pull
 from drivers.simulators.settings import STANDARD_GRAVITY, Settings
+from drivers.simulators.world_clock import WorldClock
 
 Floats = NDArray[np.float64]
 TestKind = Literal["static", "dynamic", "bounce"]
@@ -59,14 +59,12 @@ class World:
     def __init__(
         self,
         settings: Settings,
-        speed: float = 1.0,
+        speed: float | None = 1.0,
         seed: int = 0,
-        wall: Callable[[], float] = time.monotonic,
         fault_plan: Iterable[Fault] = (),
     ) -> None:
         self.settings = settings
-        self.speed = speed
-        self._wall = wall
+        self.clock = WorldClock(speed)
         self._lock = threading.RLock()
         body_and_hands = np.random.default_rng((seed, 0))
         self._noise = np.random.default_rng((seed, 3))  # of its own: how often a device looks must not move a hand
@@ -84,7 +82,6 @@ class World:
         self._is_capturing = False
         self.faults = Faults(self.now, fault_plan)
         self._seen = 0.0  # the latest world time any device was told about
-        self._wall_start = wall()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -93,7 +90,12 @@ class World:
 
     def now(self) -> float:
         """World time [s]."""
-        return (self._wall() - self._wall_start) * self.speed
+        return self.clock.now()
+
+    @property
+    def speed(self) -> float | None:
+        """World seconds per wall second at the most; None: as fast as it is handled."""
+        return self.clock.speed
 
     # What the devices sense
 

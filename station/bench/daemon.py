@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Protocol
 
 from drivers.device import Device
-from drivers.errors import DeviceUnavailable
+from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.errors import RecordingError
 from recordings.manifest import BounceRig, CuffSite, Manifest, Outcome
 from recordings.samples import Item
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
 from station.bench.disk import DiskWatch, bytes_free, bytes_needed
-from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+from station.bench.feed import Delivered, Feeds, Gone, Opened
 from station.bench.session import POST_ROLL_S, Snapshot, State, TrialRules, TrialSession
-from station.clock import Clock
+from station.bench.stepped_feed import SteppedFeeds
+from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.file_lock import locked
 from station.protocol import TrialSpec
@@ -91,39 +93,36 @@ class Daemon:
         subject = self._config.subject(spec.cuff)
         _ensure_folder(folder)
         with _one_trial_at_a_time(folder):
-            inbox = Inbox()
             devices = self._make_devices(self._config, subject, self._clock, folder)
-            feeds = [DeviceFeed(device, inbox) for device in devices]
+            feeds: Feeds | SteppedFeeds = (
+                SteppedFeeds(devices, self._clock) if isinstance(self._clock, SteppedClock) else Feeds(devices)
+            )
             try:
-                for feed in feeds:
-                    feed.start()
-                opened = self._open(feeds, inbox)
-                return self._record(folder, spec, subject, duration_s, feeds, inbox, opened)
+                feeds.start()
+                return self._record(folder, spec, subject, duration_s, feeds, self._open(feeds))
             finally:
-                self._release(feeds)
+                self.left_behind += feeds.release(CLOSE_TIMEOUT_S * self._clock.timeout_scale)
 
-    def _open(self, feeds: Sequence[DeviceFeed], inbox: Inbox) -> list[Opened]:
+    def _open(self, feeds: Feeds | SteppedFeeds) -> list[Opened]:
         """Waits until every device is open. Raises the first error that a device reports."""
-        waiting = {feed.device.name for feed in feeds}
+        waiting = {feed.device.name for feed in feeds.feeds}
         opened: list[Opened] = []
-        deadline = self._clock.wall_s() + OPEN_TIMEOUT_S
+        timeout_s = OPEN_TIMEOUT_S * self._clock.timeout_scale
+        deadline = time.monotonic() + timeout_s
         while waiting:
             if self._stops_asked:
                 raise TrialRefused("cancelled by the operator while the devices were opening; nothing was recorded")
-            if self._clock.wall_s() > deadline:
+            if time.monotonic() > deadline:
                 raise DeviceUnavailable(
-                    f"{', '.join(sorted(waiting))} did not open within {OPEN_TIMEOUT_S:g} s; check power and cables"
+                    f"{', '.join(sorted(waiting))} did not open within {timeout_s:g} s; check power and cables"
                 )
-            try:
-                message = inbox.get(timeout=0.05)
-            except Empty:
-                continue
-            if isinstance(message, Gone):
-                raise message.error
-            if isinstance(message, Opened):
-                waiting.discard(message.device)
-                opened.append(message)
-        return opened
+            for message in feeds.poll():
+                if isinstance(message, Gone):
+                    raise message.error
+                if isinstance(message, Opened):
+                    waiting.discard(message.device)
+                    opened.append(message)
+        return sorted(opened, key=lambda one: [feed.device.name for feed in feeds.feeds].index(one.device))
 
     def _record(
         self,
@@ -131,8 +130,7 @@ class Daemon:
         spec: TrialSpec,
         subject: CuffSite | BounceRig,
         duration_s: float | None,
-        feeds: Sequence[DeviceFeed],
-        inbox: Inbox,
+        feeds: Feeds | SteppedFeeds,
         opened: Sequence[Opened],
     ) -> TrialResult:
         streams = [stream for one in opened for stream in one.streams]
@@ -151,7 +149,7 @@ class Daemon:
         session = TrialSession(rules, writer, self._clock)
         try:
             session.arm(streams, device_of)
-            self._run(session, feeds, inbox, DiskWatch(folder, self._clock))
+            self._run(session, feeds, DiskWatch(folder, self._clock))
         except RecordingError as error:
             session.abandon(str(error))
         self._show(session)
@@ -165,11 +163,12 @@ class Daemon:
             return TrialResult(path, False, session.lost_samples, str(error))
         return TrialResult(path, accepted, session.lost_samples, session.sentence)
 
-    def _run(self, session: TrialSession, feeds: Sequence[DeviceFeed], inbox: Inbox, disk: DiskWatch) -> None:
-        controllers = [feed for feed in feeds if feed.can_control_capture and self._config.mocap.control == "start"]
+    def _run(self, session: TrialSession, feeds: Feeds | SteppedFeeds, disk: DiskWatch) -> None:
+        is_in_control = self._config.mocap.control == "start"
+        controllers = [feed for feed in feeds.feeds if feed.can_control_capture and is_in_control]
         capture_asked = False
         while not session.is_over:
-            self._take(session, inbox)
+            self._take(session, feeds)
             session.tick()
             if warning := disk.warning():
                 session.cut_short("disk_nearly_full", warning)
@@ -186,16 +185,15 @@ class Daemon:
         if capture_asked:
             for feed in controllers:
                 feed.request_capture(start=False)
+            feeds.settle()
 
-    def _take(self, session: TrialSession, inbox: Inbox) -> None:
-        """Everything that has come, waiting a moment for the first of it."""
-        timeout = 0.02
-        while True:
-            try:
-                message = inbox.get(timeout=timeout) if timeout else inbox.get_nowait()
-            except Empty:
-                return
-            timeout = 0.0
+    def _take(self, session: TrialSession, feeds: Feeds | SteppedFeeds) -> None:
+        """Hands everything that has come to the trial and the views."""
+        try:
+            messages = feeds.take()
+        except DeviceLost as error:
+            return session.fail(str(error))
+        for message in messages:
             if isinstance(message, Gone):
                 session.fail(str(message.error))
             elif isinstance(message, Delivered):
@@ -203,18 +201,11 @@ class Daemon:
                     session.handle(item)
                     for view in self._views:
                         view.offer(item)
+        return None
 
     def _show(self, session: TrialSession) -> None:
         for view in self._views:
             view.show(session.snapshot())
-
-    def _release(self, feeds: Sequence[DeviceFeed]) -> None:
-        for feed in feeds:
-            feed.ask_to_stop()
-        deadline = self._clock.wall_s() + CLOSE_TIMEOUT_S
-        for feed in feeds:
-            if not feed.has_ended(max(0.0, deadline - self._clock.wall_s())):
-                self.left_behind.append(feed.device.name)
 
     def _manifest(self, spec: TrialSpec, run: int, subject: CuffSite | BounceRig) -> Manifest:
         return Manifest(

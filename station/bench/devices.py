@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from drivers.capture_note import CaptureNote
 from drivers.catalogue import make_device
@@ -24,6 +25,7 @@ def devices_for(
     """
     daq, cell, mocap = config.daq, config.load_cell, config.mocap
     wanted = subject.labels if subject else ()
+    times: dict[str, Any] = {"host_clock": clock.utc_ns, "wall": clock.station_s}
     devices = [
         make_device(
             "nidaq",
@@ -35,7 +37,8 @@ def devices_for(
             sync_range_v=daq.sync_range_v,
             sample_rate_hz=daq.sample_rate_hz,
             start=daq.start,
-            host_clock=clock.utc_ns,
+            **times,
+            timeout_scale=clock.timeout_scale,
         ),
         make_device(
             "qualisys",
@@ -44,8 +47,9 @@ def devices_for(
             control=None if mocap.control == "none" else mocap.control,
             password=mocap.password,
             wanted_labels=wanted,
-            capture_note=CaptureNote(folder / CAPTURE_NOTE, lambda: round(clock.wall_utc_ns() * clock.speed)),
-            host_clock=clock.utc_ns,
+            capture_note=CaptureNote(folder / CAPTURE_NOTE, clock.utc_ns),
+            **times,
+            timeout_scale=clock.timeout_scale,
         ),
     ]
     if cell.source == "serial":
@@ -55,7 +59,7 @@ def devices_for(
                 port=cell.port,
                 baud_rate=cell.baud_rate,
                 line_format=cell.line_format,
-                host_clock=clock.utc_ns,
+                **times,
             )
         )
     return devices

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from queue import Empty, Full, Queue, SimpleQueue
@@ -12,6 +13,7 @@ from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import Item, Stream
 
 READ_TIMEOUT_S = 0.1
+POLL_S = 0.02
 MOST_WAITING = 2000
 """Messages that may wait for the daemon: at twenty a second from each of three devices half a minute."""
 
@@ -84,21 +86,25 @@ class DeviceFeed:
     def _run(self) -> None:
         try:
             self.device.open()
-            self._tell(Opened(self.device.name, self.device.streams))
-            while not self._stop.is_set():
-                self._obey()
-                items = self.device.read(READ_TIMEOUT_S)
-                if items:
-                    self._tell(Delivered(self.device.name, items))
-            self._obey()
+            self._deliver(Opened(self.device.name, self.device.streams))
+            self._serve()
+            self._carry_out_requests()
         except DeviceError as error:
-            self._tell(Gone(self.device.name, error))
+            self._deliver(Gone(self.device.name, error))
         except Exception as error:  # a fault of the driver itself must end the trial in a sentence, not hang it
-            self._tell(Gone(self.device.name, DeviceLost(f"{self.device.name}: {type(error).__name__}: {error}")))
+            self._deliver(Gone(self.device.name, DeviceLost(f"{self.device.name}: {type(error).__name__}: {error}")))
         finally:
             self._close()
 
-    def _tell(self, message: Message) -> None:
+    def _serve(self) -> None:
+        """Reads until it is asked to stop."""
+        while not self._stop.is_set():
+            self._carry_out_requests()
+            items = self.device.read(READ_TIMEOUT_S)
+            if items:
+                self._deliver(Delivered(self.device.name, items))
+
+    def _deliver(self, message: Message) -> None:
         """Waits for room; where nobody listens any more, nobody is told."""
         while True:
             try:
@@ -107,7 +113,7 @@ class DeviceFeed:
                 if self._stop.is_set():
                     return None
 
-    def _obey(self) -> None:
+    def _carry_out_requests(self) -> None:
         while True:
             try:
                 request = self._requests.get_nowait()
@@ -119,4 +125,47 @@ class DeviceFeed:
         try:
             self.device.close()
         except DeviceError as error:
-            self._tell(Gone(self.device.name, error))
+            self._deliver(Gone(self.device.name, error))
+
+
+class Feeds:
+    """The devices of one trial, each read as fast as it delivers."""
+
+    def __init__(self, devices: Sequence[Device]) -> None:
+        self._inbox = Inbox()
+        self.feeds = [DeviceFeed(device, self._inbox) for device in devices]
+
+    def start(self) -> None:
+        for feed in self.feeds:
+            feed.start()
+
+    def poll(self) -> list[Message]:
+        """What came while the devices open."""
+        return self.take()
+
+    def take(self) -> list[Message]:
+        """Everything that has come; waits a moment for the first of it."""
+        messages = []
+        try:
+            messages.append(self._inbox.get(timeout=POLL_S))
+            while True:
+                messages.append(self._inbox.get_nowait())
+        except Empty:
+            return messages
+
+    def settle(self) -> None:
+        """Nothing to do: the devices carry out what they were asked while they are closed."""
+
+    def release(self, within_s: float) -> list[str]:
+        """Closes the devices; returns the names of those that did not close within so many wall seconds."""
+        return end_feeds(self.feeds, within_s)
+
+
+def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[[], None] = lambda: None) -> list[str]:
+    """Asks all to stop and waits so many wall seconds; the names of devices whose thread never came back."""
+    for feed in feeds:
+        feed.ask_to_stop()
+    deadline = time.monotonic() + within_s
+    while not all(feed.has_ended(POLL_S) for feed in feeds) and time.monotonic() < deadline:
+        meanwhile()
+    return [feed.device.name for feed in feeds if not feed.has_ended(0.0)]

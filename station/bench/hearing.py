@@ -8,13 +8,14 @@ from recordings.samples import Event, Stream
 from station.clock import Clock
 
 SILENCE_S = 3.0
-"""Wall seconds after which a stream that should flow counts as lost."""
+"""Station seconds after which a stream that should flow counts as lost."""
 DEAF_S = 1.0
-"""Wall seconds between two looks, which are 20 ms apart, after which it was the station that stood still."""
+"""Station seconds between two looks, which are 20 ms or a step of the simulated bench apart, after which it was the
+station that stood still."""
 
 
 class Hearing:
-    """Follows the streams of a trial; times are wall seconds.
+    """Follows the streams of a trial; times are station seconds.
 
     device_of names the device of each stream: while it says that it is away, its silence is no news. Its driver brings
     it back, or gives up in an error of its own.
@@ -24,18 +25,18 @@ class Hearing:
         self._clock, self._streams, self._device_of = clock, tuple(streams), device_of
         self._away: set[str] = set()
         self._last_s: dict[str, float] = {}
-        self._listens_since_s = self._looked_s = clock.wall_s()
+        self._listens_since_s = self._looked_s = clock.station_s()
 
     def look(self) -> float | None:
         """To be called all the time. For how long nobody did, where that is to be told: no device was silent then."""
-        paused_s, self._looked_s = self._clock.wall_s() - self._looked_s, self._clock.wall_s()
+        paused_s, self._looked_s = self._clock.station_s() - self._looked_s, self._clock.station_s()
         if paused_s < DEAF_S:
             return None
         self._listens_since_s = self._looked_s
         return paused_s
 
     def hear(self, stream: str) -> None:
-        self._last_s[stream] = self._clock.wall_s()
+        self._last_s[stream] = self._clock.station_s()
 
     def last_s(self, stream: str) -> float | None:
         """When it was last heard of; None before the first time."""
@@ -52,7 +53,7 @@ class Hearing:
 
     def silent(self, expected: Sequence[str], since_s: float) -> tuple[Stream, float] | None:
         """The first of the expected streams that was silent for too long since then, and for how long."""
-        now = self._clock.wall_s()
+        now = self._clock.station_s()
         for stream in self._streams:
             quiet_s = now - max(self._last_s.get(stream.name, since_s), since_s, self._listens_since_s)
             is_away = self._device_of.get(stream.name) in self._away

@@ -9,20 +9,19 @@ from recordings.samples import Item, Samples
 PRE_ROLL_S = 2.0
 """Station seconds kept from before the edge."""
 LATENESS_S = 1.0
-"""Wall seconds by which one device's samples may arrive after another's; the pre-roll waits that much longer."""
+"""Station seconds by which one device's samples may arrive after another's; the pre-roll waits that much longer."""
 
 
 class PreRoll:
-    """The items of the last few seconds, in the order of arrival; speed is that of station time."""
+    """The items of the last few seconds, in the order of arrival."""
 
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
+    def __init__(self) -> None:
         self._items: deque[Item] = deque()
 
     def keep(self, item: Item) -> None:
         """Takes one more, and forgets what is too old to matter."""
         self._items.append(item)
-        oldest_ns = item.host_time_ns - int((PRE_ROLL_S + LATENESS_S * self._speed) * 1e9)
+        oldest_ns = item.host_time_ns - int((PRE_ROLL_S + LATENESS_S) * 1e9)
         while self._items and self._items[0].host_time_ns < oldest_ns:
             self._items.popleft()
 

@@ -24,12 +24,12 @@ from station.clock import Clock
 POST_ROLL_S = 0.5
 """Station seconds recorded after the capture's end, so that the sync line's falling edge is in the file."""
 QUIET_S = 1.0
-"""Wall seconds without frames after which, with the sync line low, the capture is over; and without samples after
+"""Station seconds without frames after which, with the sync line low, the capture is over; and without samples after
 which closing waits no longer for the post-roll. For the capture's own it waits as long as for any that fall silent."""
 LONGEST_CLOSING_S = 15.0
-"""Wall seconds after which closing waits no longer at all, though a backlog still comes in."""
+"""Station seconds after which closing waits no longer at all, though a backlog still comes in."""
 SHORT_S = 0.1
-"""Wall seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
+"""Station seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
 
 
 class State(Enum):
@@ -92,27 +92,27 @@ class TrialSession:
         self._recorder = recorder
         self._clock = clock
         self._sync = SyncLine(rules.threshold_v)
-        self._pre_roll = PreRoll(clock.speed)
+        self._pre_roll = PreRoll()
         self._streams: tuple[Stream, ...] = ()
         self._hearing = Hearing(clock, (), {})
         self._reach = {"/force": Reach(), "/sync": Reach()}
         self._first_frame = FirstFrame(())
-        self._armed_station_s = self._armed_wall_s = 0.0
+        self._armed_s = 0.0
         self._edge_device_ns = self._latest_device_ns = 0
-        self._edge_wall_s = 0.0
-        self._fell: tuple[float, Edge] | None = None  # the latest while armed: wall time and edge
+        self._edge_s = 0.0
+        self._fell: tuple[float, Edge] | None = None  # the latest while armed: station time and edge
         self._dip: Edge | None = None  # the latest fall while recording
         self._doubt = ""  # why the trial will not be accepted, though it goes on
-        self._capture_started_wall_s: float | None = None
+        self._capture_started_s: float | None = None
         self._has_capture_ended = False
-        self._closing_host_ns, self._closing_wall_s, self._closing_ok = 0, 0.0, True
+        self._closing_host_ns, self._closing_s, self._closing_ok = 0, 0.0, True
 
     @property
     def is_over(self) -> bool:
         return self.state in (State.CLOSED, State.FAILED)
 
     def snapshot(self) -> Snapshot:
-        waited = self._clock.station_s() - self._armed_station_s if self.state is State.ARMED else 0.0
+        waited = self._clock.station_s() - self._armed_s if self.state is State.ARMED else 0.0
         recorded = max(0, self._latest_device_ns - self._edge_device_ns) * 1e-9 if self.has_edge else 0.0
         return Snapshot(
             self.state,
@@ -133,7 +133,7 @@ class TrialSession:
         """
         self._streams = tuple(streams)
         self._hearing = Hearing(self._clock, streams, device_of or {})
-        self._armed_station_s, self._armed_wall_s = self._clock.station_s(), self._clock.wall_s()
+        self._armed_s = self._clock.station_s()
         self._first_frame = FirstFrame(streams)
         self._enter(State.ARMED, "armed, waiting for the sync edge")
         self._record(self._event("armed", "all devices are open; waiting for the sync edge"))
@@ -167,7 +167,7 @@ class TrialSession:
         if self.state is State.ARMED:
             self._check_armed()
         elif self.state is State.RECORDING:
-            self._check_silence(("/force", "/sync", "/markers"), self._edge_wall_s)
+            self._check_silence(("/force", "/sync", "/markers"), self._edge_s)
             self._check_quiet_capture_end()
         elif self.state is State.CLOSING:
             self._check_closing()
@@ -210,9 +210,9 @@ class TrialSession:
     # -- armed ---------------------------------------------------------------------------------------------------
 
     def _check_armed(self) -> None:
-        waited = self._clock.station_s() - self._armed_station_s
+        waited = self._clock.station_s() - self._armed_s
         if self._rules.start == "sync_edge":
-            self._check_silence(("/sync",), self._armed_wall_s)
+            self._check_silence(("/sync",), self._armed_s)
             self._check_polarity()
             self.wants_capture_start = waited >= PRE_ROLL_S and self._hearing.last_s("/sync") is not None
         else:
@@ -246,7 +246,7 @@ class TrialSession:
             words = f"the sync line rose from {edge.from_v:z.2f} V to {edge.to_v:z.2f} V"
             self._begin(edge.sample_number, edge.device_time_ns, words)
         else:
-            self._fell = self._clock.wall_s(), edge
+            self._fell = self._clock.station_s(), edge
 
     def _note_glitch(self, glitch: Edge) -> None:
         words = f"the sync line {'spiked' if glitch.rising else 'dipped'} to {glitch.to_v:z.2f} V"
@@ -255,16 +255,16 @@ class TrialSession:
 
     def _check_polarity(self) -> None:
         """A fall together with the start of a capture is an inverted line; a fall alone ends an earlier capture."""
-        if self._fell is None or self._capture_started_wall_s is None:
+        if self._fell is None or self._capture_started_s is None:
             return
-        fell_wall_s, edge = self._fell
-        together = abs(fell_wall_s - self._capture_started_wall_s) < LATENESS_S
-        if together and self._clock.wall_s() - max(fell_wall_s, self._capture_started_wall_s) > LATENESS_S:
+        fell_s, edge = self._fell
+        together = abs(fell_s - self._capture_started_s) < LATENESS_S
+        if together and self._clock.station_s() - max(fell_s, self._capture_started_s) > LATENESS_S:
             self._enter(State.FAILED, wrong_polarity(edge))
 
     def _begin(self, sample_number: int, device_time_ns: int, words: str) -> None:
         self.has_edge = True
-        self._edge_device_ns, self._edge_wall_s = device_time_ns, self._clock.wall_s()
+        self._edge_device_ns, self._edge_s = device_time_ns, self._clock.station_s()
         self._enter(State.RECORDING, "recording")
         for item in self._pre_roll.cut(device_time_ns):
             self._recorder.write(item)
@@ -289,11 +289,11 @@ class TrialSession:
 
     def _follow_capture(self, event: Event) -> None:
         if event.kind == "capture_started":
-            self._capture_started_wall_s = self._clock.wall_s()
+            self._capture_started_s = self._clock.station_s()
         elif event.kind == "capture_stopped" and self.state is State.RECORDING:
             self._note_empty_capture()
             self._close("capture_ended", "the mocap capture ended", accepted=True)
-        elif event.kind == "numbering_restarted" and self._recorded_wall_s > LATENESS_S:
+        elif event.kind == "numbering_restarted" and self._recorded_s > LATENESS_S:
             self._close("capture_ended", "the mocap system numbers its frames anew: its capture ended", accepted=True)
 
     def _is_of_another_capture(self, item: Item) -> bool:
@@ -301,15 +301,15 @@ class TrialSession:
         return self._has_capture_ended and isinstance(item, Samples | Loss) and item.stream == "/markers"
 
     @property
-    def _recorded_wall_s(self) -> float:
-        """Wall seconds since the edge; 0 unless the trial is recording."""
-        return self._clock.wall_s() - self._edge_wall_s if self.state is State.RECORDING else 0.0
+    def _recorded_s(self) -> float:
+        """Station seconds since the edge; 0 unless the trial is recording."""
+        return self._clock.station_s() - self._edge_s if self.state is State.RECORDING else 0.0
 
-    def _check_silence(self, expected: Sequence[str], since_wall_s: float) -> None:
-        silent = self._hearing.silent(expected, since_wall_s)
+    def _check_silence(self, expected: Sequence[str], since_s: float) -> None:
+        silent = self._hearing.silent(expected, since_s)
         if silent is not None:
             stream, quiet_s = silent
-            self._note_silence(stream, quiet_s * self._clock.speed)
+            self._note_silence(stream, quiet_s)
             self.fail(
                 f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
                 "samples a second; check the device and its cable"
@@ -330,14 +330,14 @@ class TrialSession:
     def _note_empty_capture(self) -> None:
         """One that ends before its silence had lasted long enough to be noticed."""
         markers = next((stream for stream in self._streams if stream.name == "/markers"), None)
-        if markers is not None and (self._hearing.last_s(markers.name) or 0.0) < self._edge_wall_s:
-            self._note_silence(markers, self._recorded_wall_s * self._clock.speed)
+        if markers is not None and (self._hearing.last_s(markers.name) or 0.0) < self._edge_s:
+            self._note_silence(markers, self._recorded_s)
             self._doubt = f"{markers.source} sent not one frame of it; check that it tracks and streams 3D in real time"
 
     def _check_quiet_capture_end(self) -> None:
         """A mocap system that sends no events ends its capture by a low sync line and no more frames."""
         last = self._hearing.last_s("/markers")
-        quiet = last is not None and self._clock.wall_s() - last > QUIET_S
+        quiet = last is not None and self._clock.station_s() - last > QUIET_S
         if self.state is State.RECORDING and quiet and self._rules.start == "sync_edge" and not self._sync.is_high:
             self._close("capture_ended", "the sync line is low and the frames ended", accepted=True)
 
@@ -345,18 +345,18 @@ class TrialSession:
         self._closing_ok = accepted and not self._doubt
         sentence = f"{sentence}; {self._doubt}" if self._doubt else sentence
         self._has_capture_ended = kind == "capture_ended"
-        self._closing_host_ns, self._closing_wall_s = self._clock.utc_ns(), self._clock.wall_s()
+        self._closing_host_ns, self._closing_s = self._clock.utc_ns(), self._clock.station_s()
         self._enter(State.CLOSING, sentence)
         self._record(self._event(kind, sentence))
 
     def _check_closing(self) -> None:
         """Waits for the DAQ's samples up to the capture's end and a little more; a backlog may take its time."""
         behind = [stream for stream in self._streams if self._behind_s(stream) > -self._rules.post_roll_s]
-        now = self._clock.wall_s()
-        heard = max([self._closing_wall_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
-        short = [stream for stream in behind if self._behind_s(stream) > SHORT_S * self._clock.speed]
+        now = self._clock.station_s()
+        heard = max([self._closing_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
+        short = [stream for stream in behind if self._behind_s(stream) > SHORT_S]
         patience_s = SILENCE_S if short else QUIET_S
-        if behind and now - heard < patience_s and now - self._closing_wall_s < LONGEST_CLOSING_S:
+        if behind and now - heard < patience_s and now - self._closing_s < LONGEST_CLOSING_S:
             return
         for stream in short:
             short_s = self._behind_s(stream)

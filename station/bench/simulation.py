@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 NI_PORT = 31763
 """Where NI's own gRPC device server listens unless told otherwise."""
+CLOCK_PORT = 31764
+"""Where the clock of the simulated bench listens, unless [simulation.ports] says otherwise."""
 
 
 class SimulationError(Exception):
@@ -28,9 +30,12 @@ class SimulationError(Exception):
 
 
 class SimulatedBench:
-    """A context manager; the child ends with its standard input, so it never outlives this process."""
+    """A context manager; the child ends with its standard input, so it never outlives this process.
 
-    def __init__(self, settings: dict[str, Any], speed: float, seed: int) -> None:
+    speed None: the simulated world goes on as fast as an attached station handles it, and only then.
+    """
+
+    def __init__(self, settings: dict[str, Any], speed: float | None, seed: int) -> None:
         self.ready: dict[str, Any] = {}
         self._request = {**settings, "speed": speed, "seed": seed}
         self._child: subprocess.Popen[str] | None = None
@@ -88,6 +93,11 @@ class SimulatedBench:
         if child.stdout is not None:
             child.stdout.close()
 
+    @property
+    def clock_port(self) -> int:
+        """Where a BenchClock attaches."""
+        return int(self.ready["ports"]["clock"])
+
     def pointed_at(self, config: StationConfig) -> StationConfig:
         """The configuration with the addresses of this bench in the place of its own."""
         data = config.model_dump(mode="json")
@@ -137,7 +147,7 @@ def serve_until_stopped(
         signal.signal(number, lambda *_: stopped.set())
     try:
         ports = {"ports": {"ni": _port(config.daq.grpc_target, NI_PORT), "qtm": config.mocap.port}}
-        ports["ports"]["serial"] = _port(config.load_cell.port, 0)
+        ports["ports"] |= {"serial": _port(config.load_cell.port, 0), "clock": clock_port(config)}
         settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
         with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
             world = bench.world
@@ -148,6 +158,7 @@ def serve_until_stopped(
             _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
             _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
             _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
+            _say(f"clock at 127.0.0.1:{bench.ports['clock']}, for `station record --speed`")
             _say("stop with Ctrl-C; a line such as `ni unplug for_s=2` lets something go wrong now")
             obey_in_a_thread(sys.stdin, world.faults, _say)
             _tell_captures(world, stopped, in_turn=cuff is not None and test is None)
@@ -169,6 +180,14 @@ def _tell_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> 
             is_over = True
             done = CUFF_TESTS.index(capture.trial.test)
             world.select_trial(capture.trial.cuff, CUFF_TESTS[1 - done])
+
+
+def clock_port(config: StationConfig) -> int:
+    """Where `station simulate` serves its clock for this configuration."""
+    port = config.simulation.get("ports", {}).get("clock", CLOCK_PORT)
+    if not isinstance(port, int):
+        raise SimulationError(f"simulation.ports.clock is {port!r}, expected a port's number")
+    return port
 
 
 def _port(address: str | None, otherwise: int) -> int:

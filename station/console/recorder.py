@@ -1,9 +1,10 @@
 """Records one trial in a process of its own, spoken to in lines of JSON; `python -m station.console.recorder`.
 
-The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "speed": 1.0}. Each further line
-is a wish: {"stop": true} (once: cleanly; twice: at once), {"mark": true}. Standard output carries telemetry (twenty
-lines a second) and, last, {"result": {…}} or {"refused": "a sentence"}. The console may die, freeze or stop reading:
-the trial goes on to the end of its capture, what became of it is in the session's journal, and the process ends.
+The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null}; the port is
+that of a simulated bench's clock. Each further line is a wish: {"stop": true} (once: cleanly; twice: at once),
+{"mark": true}. Standard output carries telemetry (twenty lines a second) and, last, {"result": {…}} or
+{"refused": "a sentence"}. The console may die, freeze or stop reading: the trial goes on to the end of its capture, what
+became of it is in the session's journal, and the process ends.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ import os
 import signal
 import sys
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NoReturn
 
+from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
-from station.clock import RealClock
+from station.clock import Clock, RealClock
 from station.config import StationConfig, parse_config
 from station.console.telemetry import Telemetry
 from station.journal import Recorded, write_recorded
@@ -35,7 +37,7 @@ def main() -> NoReturn:
     request = json.loads(sys.stdin.readline())
     try:
         config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
-        recorded = _record(config, Path(request["folder"]), spec, float(request["speed"]))
+        recorded = _record(config, Path(request["folder"]), spec, request["clock_port"])
         said: dict[str, Any] = {"result": asdict(recorded)}
     except Exception as error:  # whatever it is, the operator must hear of it
         said = {"refused": " ".join(str(error).split()) or type(error).__name__}
@@ -45,10 +47,12 @@ def main() -> NoReturn:
     os._exit(0)  # a frozen device, or a console that does not read, would hold the interpreter's own way out
 
 
-def _record(config: StationConfig, folder: Path, spec: TrialSpec, speed: float) -> Recorded:
-    clock = RealClock(speed)
+def _record(config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None) -> Recorded:
     site = None if spec.cuff is None else config.cuff_site(spec.cuff)
-    with Telemetry(sys.stdout, site, config.calibration(), folder) as telemetry:
+    with ExitStack() as stack:
+        bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port))
+        clock: Clock = bench_clock or RealClock()
+        telemetry = stack.enter_context(Telemetry(sys.stdout, site, config.calibration(), folder, bench_clock))
         daemon = Daemon(config, clock, [telemetry])
         threading.Thread(target=_obey, args=(daemon,), name="wishes", daemon=True).start()
         result = daemon.record(folder, spec)

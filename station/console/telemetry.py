@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.background_view import BackgroundView
+from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live import StreamTally
 from station.bench.session import Snapshot, State
@@ -44,12 +45,23 @@ class _Since:
 
 
 class Telemetry(BackgroundView):
-    """A view of one trial. Times are station seconds since the view's first sample."""
+    """A view of one trial. Times are station seconds since the view's first sample.
 
-    def __init__(self, out: TextIO, cuff: CuffSite | None, load_cell: LoadCell, folder: Path) -> None:
+    bench_clock is that of a simulated bench, which is told where it is slower than it should be.
+    """
+
+    def __init__(
+        self,
+        out: TextIO,
+        cuff: CuffSite | None,
+        load_cell: LoadCell,
+        folder: Path,
+        bench_clock: BenchClock | None = None,
+    ) -> None:
         super().__init__("telemetry", REFRESH_S, BACKLOG)
         self._out, self._cuff, self._load_cell = out, cuff, load_cell
         self._disk = _DiskTime(folder)
+        self._bench_clock = bench_clock
         self._snapshot = Snapshot(State.IDLE, "opening the devices")
         self._tallies: dict[str, StreamTally] = {}
         self._since = _Since()
@@ -85,6 +97,7 @@ class Telemetry(BackgroundView):
             "lost_samples": shown.lost_samples,
             "marks": shown.marks,
             "dropped": self.dropped,
+            "slow_rate": self._bench_clock.slow_rate if self._bench_clock is not None else None,
             "disk_left_s": self._disk.left_s(self._now_s),
             "streams": {
                 name: {"rate_hz": tally.rate(self._now_s), "nominal_hz": nominal.get(name, 0.0), "samples": tally.total}

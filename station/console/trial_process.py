@@ -27,8 +27,8 @@ class TrialProcess:
         self.refusal: str | None = None
 
     @classmethod
-    async def start(cls, config: StationConfig, folder: Path, spec: TrialSpec, speed: float) -> TrialProcess:
-        """Starts the recorder; it opens the devices, arms and waits for the edge by itself."""
+    async def start(cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None) -> TrialProcess:
+        """Starts the recorder, on the clock of a simulated bench where there is one; it opens the devices, arms and waits for the edge by itself."""
         child = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
@@ -40,7 +40,7 @@ class TrialProcess:
         )
         trial = cls(child)
         request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}
-        await trial._wish({**request, "speed": speed})
+        await trial._wish({**request, "clock_port": clock_port})
         return trial
 
     async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:

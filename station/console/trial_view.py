@@ -65,6 +65,12 @@ def show_next(desk: Desk, plan: Agenda, act: Callable[..., Any], acts: Acts) -> 
             ui.chip(name, icon="check" if is_done else None, color="positive" if is_done else "grey-8").props("dark")
 
 
+def slow_of(said: dict[str, Any]) -> str:
+    """Where a simulated bench does not keep its pace on this machine."""
+    rate = said.get("slow_rate")
+    return f"simulated bench runs at {rate:.1g} of real time" if rate is not None else ""
+
+
 def _rest(desk: Desk) -> None:
     """Counts down; nobody is kept from arming earlier, a wearer may have rested already."""
     left = ui.label().classes("figure").mark("rest")
@@ -96,6 +102,7 @@ def show_running(desk: Desk, live: Live, act: Callable[..., Any], acts: Acts) ->
         loop = ui.echart(force_over_displacement([])).classes("w-1/3 h-64").mark("loop")
     streams = ui.label().classes("text-2xl").mark("streams")
     markers = ui.label().classes("text-2xl").mark("markers")
+    slow = ui.label().classes("text-2xl text-warning").mark("slow")
     words = ui.label().classes("text-xl opacity-80 whitespace-pre-line")
 
     def tick() -> None:
@@ -116,6 +123,8 @@ def show_running(desk: Desk, live: Live, act: Callable[..., Any], acts: Acts) ->
         sync.text = f"sync line {level:.2f} V" if level is not None else "sync line: nothing yet"
         streams.text = _streams(said)
         markers.text = _markers(said.get("seen", {}))
+        slow.text = slow_of(said)
+        slow.set_visibility(bool(slow.text))
         words.text = "\n".join(list(live.words)[-SHOWN_WORDS:])
         over_time.run_chart_method(
             "setOption", {"series": [{"data": _last(live.force)}, {"data": _last(live.displacement)}]}

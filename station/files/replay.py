@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,25 +16,38 @@ from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Item, Loss, Stream
+from station.bench.bench_clock import BLOCK_S, LONGEST_STEP_S
 from station.bench.daemon import Daemon, TrialResult, View
 from station.bench.session import Snapshot
-from station.clock import RealClock
+from station.clock import Clock, ManualClock
 from station.config import parse_config
 from station.protocol import TrialSpec
 
-PATIENCE_S = 0.02
+CATCH_UP_S = 0.1
+"""Wall seconds; a step that is later than this is not caught up."""
 
 
-class ReplayClock(RealClock):
-    """Station time begins with the first sample; begun on the wall is the trial when the recorded one was, for a fit
-    goes by the order of the trials."""
+class ReplayClock(ManualClock):
+    """Station time begins with the first sample and goes on in blocks, speed times as fast as the wall.
+
+    Begun on the wall is the trial when the recorded one was, for a fit goes by the order of the trials.
+    """
 
     def __init__(self, first_host_ns: int, begun_utc_ns: int, speed: float) -> None:
-        super().__init__(speed)
-        self._start_utc_ns, self._begun_utc_ns = first_host_ns, begun_utc_ns
+        super().__init__(first_host_ns, min(BLOCK_S * speed, LONGEST_STEP_S))
+        self._begun_utc_ns, self._speed = begun_utc_ns, speed
+        self._due_s = time.monotonic()
+
+    def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
+        self._due_s = max(self._due_s + self._step_s / self._speed, time.monotonic() - CATCH_UP_S)
+        time.sleep(max(0.0, self._due_s - time.monotonic()))
+        return super().step(ports)
 
     def wall_utc_ns(self) -> int:
         return self._begun_utc_ns
+
+    def wall_s(self) -> float:
+        return time.monotonic()
 
 
 class RecordedDevice:
@@ -43,7 +56,7 @@ class RecordedDevice:
     Does not imitate: devices that have to be opened, or that end a capture without saying so.
     """
 
-    def __init__(self, recording: Recording, clock: RealClock) -> None:
+    def __init__(self, recording: Recording, clock: Clock) -> None:
         self._recording, self._clock = recording, clock
         self._items: Iterator[Item] = iter(())
         self._next: Item | None = None
@@ -61,19 +74,13 @@ class RecordedDevice:
         self._items = _delivered(self._recording)
         self._next = next(self._items, None)
 
-    def read(self, timeout_s: float) -> Sequence[Item]:
+    def read(self, timeout_s: float) -> Sequence[Item]:  # noqa: ARG002  (time stands still while it is read)
         due: list[Item] = []
-        deadline = self._clock.wall_s() + timeout_s
-        while not due and self._next is not None and self._clock.wall_s() < deadline:
-            now_ns = self._clock.utc_ns()
-            while self._next is not None and self._next.host_time_ns <= now_ns:
-                due.append(self._next)
-                self._next = next(self._items, None)
-            if not due:
-                time.sleep(PATIENCE_S / self._clock.speed)
-        if self._next is None and not due:
-            self.is_over = True
-            time.sleep(timeout_s)
+        now_ns = self._clock.utc_ns()
+        while self._next is not None and self._next.host_time_ns <= now_ns:
+            due.append(self._next)
+            self._next = next(self._items, None)
+        self.is_over = self._next is None and not due
         return due
 
     def close(self) -> None:

@@ -62,7 +62,10 @@ def record(
         float | None, typer.Option(min=0.1, help="Seconds after the edge; without it, until the capture ends.")
     ] = None,
     donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
-    speed: Annotated[float, typer.Option(min=0.1, help="Speed of the simulated world that is recorded.")] = 1.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Follow the clock of `station simulate`, at so many times the wall's pace at most."),
+    ] = None,
     rrd: Rrd = None,
     rerun: Rerun = False,
     format: FormatOption = "table",  # noqa: A002
@@ -70,17 +73,21 @@ def record(
     """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
     from contextlib import ExitStack
 
+    from station.bench.bench_clock import BenchClock
     from station.bench.daemon import Daemon, View
     from station.bench.live import LiveView
-    from station.clock import RealClock
+    from station.bench.simulation import clock_port
+    from station.clock import Clock, RealClock
     from station.config import load_config
     from station.protocol import TrialSpec
 
     if (cuff is None) != (test == "bounce"):
         raise typer.BadParameter("a static or dynamic test needs --cuff, and a bounce has none")
-    clock, settings = RealClock(speed), load_config(config)
-    spec = TrialSpec(cuff, test, repeat, donning)
+    settings, spec = load_config(config), TrialSpec(cuff, test, repeat, donning)
     with ExitStack() as stack:
+        clock: Clock = RealClock()
+        if speed is not None:
+            clock = stack.enter_context(BenchClock(clock_port(settings), speed))
         views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff or 'load cell'} {test} {repeat}"))]
         if rrd is not None or rerun:
             from station.rerun.log import open_rerun

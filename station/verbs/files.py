@@ -49,7 +49,7 @@ def replay(
 
     with ExitStack() as stack:
         folder = session or Path(stack.enter_context(TemporaryDirectory()))
-        views: list[View] = [stack.enter_context(LiveView(RealClock(speed), file.stem))]
+        views: list[View] = [stack.enter_context(LiveView(RealClock(), file.stem))]
         subject = open_recording(file).manifest.cuff
         logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
         result = play_back(file, folder, speed, [*views, *logs])

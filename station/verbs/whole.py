@@ -12,7 +12,10 @@ from station.verbs.options import ConfigPath, Seed, Speed, say
 
 def demo(
     output: Annotated[Path | None, typer.Option(help="Folder for the session; default: demo, or demo-2, …")] = None,
-    speed: Speed = 30.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Of the simulated world, times the wall's pace; default: as fast as it is handled."),
+    ] = None,
     seed: Seed = 1,
 ) -> None:
     """Record a whole session from simulated devices, fit it, assess it, report it."""

@@ -1,0 +1,67 @@
+"""Requests to the simulated bench as plain data, whichever way they come: to its process, or over its clock's port.
+
+    {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
+    {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
+    {"don": "hand"}                                 dons the cuff anew
+    {"pause_s": 60}                                 answers when so many seconds of the world have passed
+    {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
+    {"truth": true}                                 parameters by cuff, and what each has slipped since it was donned
+    {"speed": 3}                                    world seconds per wall second at the most; null: as fast as handled
+    {"pace": true}                                  its speed, and the rate of late
+
+Every answer carries "now", the world time [s] at which the request took effect.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from drivers.simulators.faults import fault_from_dict
+
+if TYPE_CHECKING:
+    from drivers.simulators.bench import Bench
+
+KNOWN = ("trial", "don", "fault", "pause_s", "truth", "speed", "pace", "quit")
+
+
+def answer(bench: Bench, request: dict[str, Any]) -> dict[str, Any]:
+    """The answer to one request. Raises ValueError in one sentence where it cannot be met, ClockStopped at the end."""
+    content = _answer(bench, request)
+    return {**content, "now": bench.clock.now()}
+
+
+def _answer(bench: Bench, request: dict[str, Any]) -> dict[str, Any]:
+    world, clock = bench.world, bench.clock
+    match request:
+        case {"trial": {"cuff": str() | None as cuff, "test": "static" | "dynamic" | "bounce" as test}}:
+            content: dict[str, Any] = {"trial": asdict(world.select_trial(cuff, test))}
+        case {"don": str(cuff)}:
+            content = {"trial": asdict(world.don(cuff))}
+        case {"pause_s": int() | float() as seconds}:
+            clock.advance(seconds)
+            content = {"pause_s": seconds}
+        case {"fault": dict(fault)}:
+            content = {"fault": world.faults.inject(fault_from_dict(fault))}
+        case {"truth": True}:
+            content = {"truth": world.truth()}
+        case {"speed": speed}:
+            clock.speed = speed_from(speed)
+            content = {"speed": clock.speed}
+        case {"pace": True}:
+            content = {"speed": clock.speed, "rate": clock.rate()}
+        case {"quit": True}:
+            content = {"quit": True}
+        case _:
+            raise ValueError(f"no request is {json.dumps(request)}; known are {', '.join(KNOWN)}")
+    return content
+
+
+def speed_from(value: Any) -> float | None:
+    """Raises ValueError where the value is no speed."""
+    if value is None:
+        return None
+    if isinstance(value, int | float) and not isinstance(value, bool) and value > 0:
+        return float(value)
+    raise ValueError(f"the speed is {value!r}, expected a number above 0, or null for as fast as it is handled")

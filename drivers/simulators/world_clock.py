@@ -1,0 +1,240 @@
+"""World time of the simulated bench: it moves in steps, and only as far as every attached station allows.
+
+A station that is attached says how far the world may go, and says so again when it has handled what the devices sent
+up to there: the same run gives the same samples and arrival times on any machine, however busy. Clients that are not
+attached cannot say what they have handled. For them the world keeps the pace of the wall clock, times `speed`, and is
+slowed down where a client does not take what it was sent.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+LONGEST_STEP_S = 0.5  # world
+TICK_S = 0.008  # wall; between two steps of a world that nobody is attached to
+CATCH_UP_S = 0.1  # wall; a step that is later than this is not caught up: the world is slower than its pace
+RATE_WINDOW_S = 5.0  # wall
+DROP_AFTER_S = 10.0  # wall; a client that takes nothing for so long is dropped
+FORGET_AFTER_S = 60.0  # wall; a station that is attached and asks for nothing for so long is detached
+
+logger = logging.getLogger(__name__)
+
+
+class ClockStopped(Exception):
+    """The world has ended, or the station was detached; one sentence."""
+
+
+class Follower(Protocol):
+    """A device of the bench, which the clock moves from step to step."""
+
+    def step(self, now: float) -> None:
+        """Sends its clients what happened up to now [world s]."""
+        ...
+
+    def find_laggard(self) -> str | None:
+        """A client that does not take what it was sent, in words; None where there is none."""
+        ...
+
+    def drop_laggard(self) -> None:
+        """Gives that client up, so that it holds nobody back."""
+        ...
+
+
+class Station:
+    """Somebody who decides how far the world may go; made by WorldClock.attach()."""
+
+    def __init__(self, clock: WorldClock, name: str) -> None:
+        self.name = name
+        self._clock = clock
+
+    def advance_to(self, until: float) -> float:
+        """Returns when the world has come to `until` [world s], with the time that it is then.
+
+        Other stations and the pace may delay it. Raises ClockStopped.
+        """
+        return self._clock._advance(self, until)
+
+
+class WorldClock:
+    """Thread-safe. speed: world seconds per wall second at the most; None for as fast as the attached stations handle.
+
+    Without a station and without a speed the world stands still.
+    """
+
+    def __init__(self, speed: float | None = 1.0, wall: Callable[[], float] = time.monotonic) -> None:
+        self._speed = speed
+        self._wall = wall
+        self._now = 0.0
+        self._changed = threading.Condition()
+        self._followers: tuple[Follower, ...] = ()
+        self._goals: dict[Station, tuple[float, float]] = {}  # how far it lets the world go, and since when [wall s]
+        self._due = 0.0, wall()  # a world time and the wall time at which it was due
+        self._behind_since_s: float | None = None
+        self._history: deque[tuple[float, float]] = deque()
+        self._mover: threading.Thread | None = None
+        self._failure: str | None = None
+
+    def now(self) -> float:
+        """World time [s]."""
+        return self._now
+
+    @property
+    def speed(self) -> float | None:
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float | None) -> None:
+        with self._changed:
+            self._speed = speed
+            self._due = self._now, self._wall()
+            self._changed.notify_all()
+
+    def rate(self) -> float | None:
+        """World seconds per wall second of late; None before anything moved."""
+        with self._changed:
+            if not self._history:
+                return None
+            wall_s, world_s = self._history[0]
+            passed_s = self._wall() - wall_s
+            return (self._now - world_s) / passed_s if passed_s > 0 else None
+
+    def follow(self, follower: Follower) -> None:
+        """From now on every step reaches this device, after those that came before it."""
+        with self._changed:
+            self._followers = (*self._followers, follower)
+            self._ensure_mover()
+
+    def unfollow(self, follower: Follower) -> None:
+        with self._changed:
+            self._followers = tuple(one for one in self._followers if one is not follower)
+            self._changed.notify_all()
+
+    @contextmanager
+    def attach(self, name: str = "station") -> Iterator[Station]:
+        """Within it the world stands still, but where the station advances it."""
+        station = Station(self, name)
+        with self._changed:
+            self._goals[station] = self._now, self._wall()
+            self._ensure_mover()
+        try:
+            yield station
+        finally:
+            with self._changed:
+                self._goals.pop(station, None)
+                self._due = self._now, self._wall()
+                self._changed.notify_all()
+
+    def advance(self, seconds: float) -> float:
+        """Moves the world on by so much and returns the time that it is then. Raises ClockStopped."""
+        with self.attach("advance") as station:
+            return station.advance_to(self._now + seconds)
+
+    def stop(self) -> None:
+        """The world ends: whoever waits for it, or advances it later, gets ClockStopped."""
+        with self._changed:
+            self._failure = self._failure or "the simulated bench has ended"
+            self._changed.notify_all()
+
+    def _advance(self, station: Station, until: float) -> float:
+        with self._changed:
+            self._ensure_attached(station)
+            self._goals[station] = until, self._wall()
+            self._changed.notify_all()
+            while self._now < until:
+                self._ensure_attached(station)
+                self._changed.wait(1.0)
+            self._goals[station] = self._now, self._wall()
+            return self._now
+
+    # Everything below is called with the condition held
+
+    def _ensure_attached(self, station: Station) -> None:
+        if self._failure is not None:
+            raise ClockStopped(self._failure)
+        if station not in self._goals:
+            raise ClockStopped(f"{station.name} asked for nothing for {FORGET_AFTER_S:g} s and was detached")
+
+    def _ensure_mover(self) -> None:
+        if self._mover is None:
+            self._mover = threading.Thread(target=self._move, name="world clock", daemon=True)
+            self._mover.start()
+
+    def _move(self) -> None:
+        """Runs in a thread of its own, as long as there is anything to move."""
+        try:
+            with self._changed:
+                while (self._followers or self._goals) and self._failure is None:
+                    self._changed.wait(self._step_or_wait())
+                self._mover = None
+        except BaseException as error:
+            with self._changed:
+                self._failure = f"the simulated bench failed: {type(error).__name__}: {error}"
+                self._changed.notify_all()
+            raise
+
+    def _step_or_wait(self) -> float | None:
+        """Makes the next step, or returns how long to wait for it [wall s]; 0 to look again at once."""
+        self._detach_the_silent()
+        goal = self._goal()
+        if goal is None:
+            return 1.0 if self._goals else None
+        wait_s = self._wait_s(goal)
+        if wait_s > 0:
+            return wait_s
+        if self._is_held_back():
+            return TICK_S
+        self._make_step(goal)
+        return 0.0
+
+    def _goal(self) -> float | None:
+        """Where the next step leads, None where nobody lets the world move."""
+        if self._goals:
+            until = min(goal for goal, _ in self._goals.values())
+            return min(until, self._now + LONGEST_STEP_S) if until > self._now else None
+        return None if self._speed is None else self._now + min(TICK_S * self._speed, LONGEST_STEP_S)
+
+    def _wait_s(self, goal: float) -> float:
+        """Wall seconds until the step is due at the world's pace."""
+        if self._speed is None:
+            return 0.0
+        world_s, wall_s = self._due
+        return wall_s + (goal - world_s) / self._speed - self._wall()
+
+    def _make_step(self, goal: float) -> None:
+        late_s = -self._wait_s(goal) if self._speed is not None else 0.0
+        self._now = goal
+        for follower in self._followers:
+            follower.step(goal)
+        wall_s = self._wall()
+        self._due = goal, wall_s - min(late_s, CATCH_UP_S)
+        self._history.append((wall_s, goal))
+        while wall_s - self._history[0][0] > RATE_WINDOW_S:
+            self._history.popleft()
+        self._changed.notify_all()
+
+    def _is_held_back(self) -> bool:
+        """Whether a client has to take more before the world may go on; one that takes nothing is dropped."""
+        for follower in self._followers:
+            who = follower.find_laggard()
+            if who is None:
+                continue
+            self._behind_since_s = self._wall() if self._behind_since_s is None else self._behind_since_s
+            if self._wall() - self._behind_since_s < DROP_AFTER_S:
+                return True
+            logger.warning("simulated bench: %s has read nothing for %g s and is dropped", who, DROP_AFTER_S)
+            follower.drop_laggard()
+        self._behind_since_s = None
+        return False
+
+    def _detach_the_silent(self) -> None:
+        for station, (goal, since_s) in tuple(self._goals.items()):
+            if goal <= self._now and self._wall() - since_s > FORGET_AFTER_S:
+                logger.warning("simulated bench: %s has asked for nothing for %g s", station.name, FORGET_AFTER_S)
+                del self._goals[station]
+                self._changed.notify_all()

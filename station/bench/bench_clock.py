@@ -1,0 +1,124 @@
+"""The clock of a simulated bench as the station's own: it moves when the station has handled what the devices sent."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any
+
+from drivers.errors import DeviceLost, DeviceUnavailable
+
+BLOCK_S = 0.05
+"""Wall seconds between two steps of a paced world: the blocks of a real bench."""
+LONGEST_STEP_S = 0.5
+"""World seconds; the step of a world that is as fast as it is handled."""
+CONNECT_TIMEOUT_S = 5.0
+ANSWER_TIMEOUT_S = 120.0
+"""Wall seconds for a step that may have to wait for other stations and for a busy machine."""
+RATE_WINDOW_S = 5.0
+SHORTEST_RATE_WINDOW_S = 1.0
+SLOW = 0.95
+"""Of the pace that was set; below it an operator is told."""
+
+
+class BenchClock:
+    """A context manager, and the SteppedClock of one trial (protocol: drivers/simulators/control.py).
+
+    port is that of the bench's clock on this machine. speed sets its world's pace, in world seconds per wall second;
+    None leaves it. Raises DeviceUnavailable where no simulated bench answers.
+    """
+
+    timeout_scale = 10.0
+
+    def __init__(self, port: int, speed: float | None = None) -> None:
+        self._where = f"the clock of the simulated bench at 127.0.0.1:{port}"
+        self._port, self._speed = port, speed
+        self._now_s = 0.0
+        self._step_s = LONGEST_STEP_S
+        self._pace: float | None = None
+        self._start_utc_ns = 0
+        self._connection: socket.socket | None = None
+        self._history: deque[tuple[float, float]] = deque()
+
+    def __enter__(self) -> BenchClock:
+        try:
+            self._connection = socket.create_connection(("127.0.0.1", self._port), CONNECT_TIMEOUT_S)
+        except OSError as error:
+            raise DeviceUnavailable(
+                f"{self._where} does not answer ({error.strerror or error}); start `station simulate` first, or record "
+                "a real bench without --speed"
+            ) from error
+        self._connection.settimeout(ANSWER_TIMEOUT_S)
+        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._lines = self._connection.makefile("rb")
+        request: dict[str, Any] = {"attach": "the station"}
+        if self._speed is not None:
+            request["speed"] = self._speed
+        attached = self._ask(request)
+        self._now_s, self._start_utc_ns = attached["now"], attached["start_utc_ns"]
+        self._pace = attached["speed"]
+        if self._pace is not None:
+            self._step_s = min(BLOCK_S * self._pace, LONGEST_STEP_S)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._connection is not None:
+            self._lines.close()
+            self._connection.close()
+            self._connection = None
+
+    def utc_ns(self) -> int:
+        return self._start_utc_ns + round(self._now_s * 1e9)
+
+    def wall_utc_ns(self) -> int:
+        return time.time_ns()
+
+    def station_s(self) -> float:
+        return self._now_s
+
+    def wall_s(self) -> float:
+        return time.monotonic()
+
+    def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
+        answer = self._ask({"advance_to": self._now_s + self._step_s, "ports": list(ports)})
+        self._now_s = answer["now"]
+        self._history.append((time.monotonic(), self._now_s))
+        while self._history[-1][0] - self._history[0][0] > RATE_WINDOW_S:
+            self._history.popleft()
+        return {int(port): size for sent in answer["sent"].values() for port, size in sent.items()}
+
+    def is_owing(self) -> bool:
+        return bool(self._ask({"advance_to": self._now_s})["owing"])
+
+    @property
+    def slow_rate(self) -> float | None:
+        """World seconds per wall second of late, where that is less than the pace that was set; else None."""
+        history = tuple(self._history)  # views read it in their own threads
+        if self._pace is None or len(history) < 2:
+            return None
+        (wall_0, world_0), (wall_1, world_1) = history[0], history[-1]
+        if wall_1 - wall_0 < SHORTEST_RATE_WINDOW_S:
+            return None
+        rate = (world_1 - world_0) / (wall_1 - wall_0)
+        return rate if rate < SLOW * self._pace else None
+
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        if self._connection is None:
+            raise DeviceLost(f"{self._where} was asked after its end")
+        try:
+            self._connection.sendall(json.dumps(request).encode() + b"\n")
+            line = self._lines.readline()
+        except OSError as error:
+            raise DeviceLost(f"{self._where} does not answer any more ({error.strerror or error})") from error
+        if not line.endswith(b"\n"):
+            raise DeviceLost(f"{self._where} has ended; start it again")
+        answer: dict[str, Any] = json.loads(line)
+        if "error" in answer:
+            raise DeviceLost(f"{self._where} refused: {answer['error']}")
+        return answer

@@ -1,0 +1,182 @@
+"""Devices read in rounds: the clock moves one step, every device is read to the end of it, then the station goes on.
+
+What arrives in a step bears the time of its end, whatever the threads of a busy machine did meanwhile.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from queue import Empty
+
+import numpy as np
+
+from drivers.device import Device, Received, Unasked
+from drivers.errors import DeviceLost
+from recordings.samples import Item, Samples
+from station.bench.feed import Delivered, DeviceFeed, Inbox, Message, end_feeds
+from station.clock import SteppedClock
+
+STUCK_S = 60.0
+"""Wall seconds after which a device that does not finish a round is left behind; time goes on without it."""
+OWED_S = 0.05
+"""Wall seconds between two looks whether the device owes an answer, which comes only as time goes on."""
+GLANCE_S = 0.0005
+"""Wall seconds between two looks at a connection on which more has to come."""
+
+Sent = Mapping[int, int | None]
+
+
+class SteppedFeed(DeviceFeed):
+    """A feed whose thread reads the device once a round, to the last byte that was sent until then."""
+
+    def __init__(self, device: Device) -> None:
+        self.inbox = Inbox()
+        super().__init__(device, self.inbox)
+        self._sent: Sent = {}
+        self._has_round = threading.Event()
+        self._is_idle = threading.Event()
+
+    @property
+    def received(self) -> Received | None:
+        return self.device.received if isinstance(self.device, Unasked) else None
+
+    def begin_round(self, sent: Sent) -> None:
+        """Nothing happens while the round before is not over, or the device not open."""
+        if self._is_idle.is_set():
+            self._sent = sent
+            self._is_idle.clear()
+            self._has_round.set()
+
+    def is_round_over(self, within_s: float) -> bool:
+        return self._is_idle.wait(within_s) or not self._thread.is_alive()
+
+    def ask_to_stop(self) -> None:
+        super().ask_to_stop()
+        self._has_round.set()
+
+    def collect(self) -> list[Message]:
+        """What it has delivered and nobody has taken."""
+        messages = []
+        while True:
+            try:
+                messages.append(self.inbox.get_nowait())
+            except Empty:
+                return messages
+
+    def _serve(self) -> None:
+        while True:
+            self._is_idle.set()
+            self._has_round.wait()
+            self._has_round.clear()
+            if self._stop.is_set():
+                return
+            self._carry_out_requests()
+            if items := list(_joined(self._read_round())):
+                self._deliver(Delivered(self.device.name, items))
+
+    def _read_round(self) -> list[Item]:
+        items: list[Item] = []
+        while not self._has_all() and not self._stop.is_set():
+            items += self.device.read(0.0)
+            time.sleep(GLANCE_S)
+        items += self.device.read(0.0)
+        return items
+
+    def _has_all(self) -> bool:
+        """Whether everything that was sent on this connection has come; a closed one must be noticed first."""
+        received = self.received
+        if received is None or received.port not in self._sent:
+            return True
+        size = self._sent[received.port]
+        return size is not None and received.size >= size
+
+
+class SteppedFeeds:
+    """The devices of one trial on a stepped clock."""
+
+    def __init__(self, devices: Sequence[Device], clock: SteppedClock) -> None:
+        self._clock = clock
+        self.feeds = [SteppedFeed(device) for device in devices]
+
+    def start(self) -> None:
+        for feed in self.feeds:
+            feed.start()
+
+    def poll(self) -> list[Message]:
+        """What came while the devices open. Time goes on only where one of them waits for it."""
+        messages = self._collect()
+        if not messages:
+            time.sleep(GLANCE_S)
+            messages = self._collect()
+            if not messages and self._clock.is_owing():
+                self._clock.step()
+        return messages
+
+    def take(self) -> list[Message]:
+        """Everything that comes within the next step, device by device. Raises DeviceLost where the bench is gone."""
+        sent = self._clock.step([feed.received.port for feed in self.feeds if feed.received is not None])
+        for feed in self.feeds:
+            feed.begin_round(sent)
+        for feed in self.feeds:
+            self._wait_for(feed)
+        return self._collect()
+
+    def settle(self) -> None:
+        """Lets what was asked of the devices happen: a capture that is stopped ends with its frame, and says so."""
+        try:
+            self.take()
+            self.take()
+        except DeviceLost:
+            return
+
+    def release(self, within_s: float) -> list[str]:
+        """Closes the devices; returns the names of those that did not close within so many wall seconds."""
+        return end_feeds(self.feeds, within_s, meanwhile=self._pay_debts)
+
+    def _wait_for(self, feed: SteppedFeed) -> None:
+        stuck_s = time.monotonic() + STUCK_S
+        while not feed.is_round_over(OWED_S) and time.monotonic() < stuck_s and not self._clock.is_owing():
+            pass
+
+    def _pay_debts(self) -> None:
+        try:
+            if self._clock.is_owing():
+                self._clock.step()
+        except DeviceLost:
+            return
+
+    def _collect(self) -> list[Message]:
+        return [message for feed in self.feeds for message in feed.collect()]
+
+
+def _joined(items: Sequence[Item]) -> Iterator[Item]:
+    """Blocks of one stream that follow each other and arrived at the same time become one."""
+    waiting: list[Samples] = []
+    for item in items:
+        if waiting and not (isinstance(item, Samples) and _continues(waiting[-1], item)):
+            yield _concatenated(waiting)
+            waiting = []
+        if isinstance(item, Samples):
+            waiting.append(item)
+        else:
+            yield item
+    if waiting:
+        yield _concatenated(waiting)
+
+
+def _continues(first: Samples, second: Samples) -> bool:
+    return (first.stream, first.host_time_ns) == (second.stream, second.host_time_ns)
+
+
+def _concatenated(blocks: Sequence[Samples]) -> Samples:
+    if len(blocks) == 1:
+        return blocks[0]
+    return Samples(
+        blocks[0].stream,
+        np.concatenate([block.sample_numbers for block in blocks]),
+        np.concatenate([block.device_time_ns for block in blocks]),
+        blocks[0].host_time_ns,
+        np.concatenate([block.values for block in blocks]),
+    )
