@@ -86,8 +86,8 @@ class BenchClock:
         return time.monotonic()
 
     def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
-        answer = self._ask({"advance_to": self._now_s + self._step_s, "ports": list(ports)})
-        self._now_s = answer["now"]
+        self._now_s += self._step_s  # first, for what the step brings may come before its answer
+        answer = self._ask({"advance_to": self._now_s, "ports": list(ports)})
         self._history.append((time.monotonic(), self._now_s))
         while self._history[-1][0] - self._history[0][0] > RATE_WINDOW_S:
             self._history.popleft()

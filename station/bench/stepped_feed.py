@@ -34,16 +34,24 @@ class SteppedFeed(DeviceFeed):
     def __init__(self, device: Device) -> None:
         self.inbox = Inbox()
         super().__init__(device, self.inbox)
-        self._sent: Sent = {}
+        self._sent: Sent | None = {}
         self._has_round = threading.Event()
         self._is_idle = threading.Event()
+        self._is_idle.set()
 
     @property
     def received(self) -> Received | None:
         return self.device.received if isinstance(self.device, Unasked) else None
 
-    def begin_round(self, sent: Sent) -> None:
-        """Nothing happens while the round before is not over, or the device not open."""
+    @property
+    def has_requests(self) -> bool:
+        return not self._requests.empty()
+
+    def begin_round(self, sent: Sent | None) -> None:
+        """Reads all that was sent; None: carries out what was requested, and reads nothing.
+
+        Nothing happens while the round before is not over.
+        """
         if self._is_idle.is_set():
             self._sent = sent
             self._is_idle.clear()
@@ -67,29 +75,30 @@ class SteppedFeed(DeviceFeed):
 
     def _serve(self) -> None:
         while True:
-            self._is_idle.set()
             self._has_round.wait()
             self._has_round.clear()
             if self._stop.is_set():
                 return
-            self._carry_out_requests()
-            if items := list(_joined(self._read_round())):
+            if self._sent is None:
+                self._carry_out_requests()
+            elif items := list(_joined(self._read_round(self._sent))):
                 self._deliver(Delivered(self.device.name, items))
+            self._is_idle.set()
 
-    def _read_round(self) -> list[Item]:
+    def _read_round(self, sent: Sent) -> list[Item]:
         items: list[Item] = []
-        while not self._has_all() and not self._stop.is_set():
+        while not self._has_all(sent) and not self._stop.is_set():
             items += self.device.read(0.0)
             time.sleep(GLANCE_S)
         items += self.device.read(0.0)
         return items
 
-    def _has_all(self) -> bool:
+    def _has_all(self, sent: Sent) -> bool:
         """Whether everything that was sent on this connection has come; a closed one must be noticed first."""
         received = self.received
-        if received is None or received.port not in self._sent:
+        if received is None or received.port not in sent:
             return True
-        size = self._sent[received.port]
+        size = sent[received.port]
         return size is not None and received.size >= size
 
 
@@ -117,10 +126,8 @@ class SteppedFeeds:
     def take(self) -> list[Message]:
         """Everything that comes within the next step, device by device. Raises DeviceLost where the bench is gone."""
         sent = self._clock.step([feed.received.port for feed in self.feeds if feed.received is not None])
-        for feed in self.feeds:
-            feed.begin_round(sent)
-        for feed in self.feeds:
-            self._wait_for(feed)
+        self._make_round([feed for feed in self.feeds if feed.has_requests], None)
+        self._make_round(self.feeds, sent)
         return self._collect()
 
     def settle(self) -> None:
@@ -134,6 +141,13 @@ class SteppedFeeds:
     def release(self, within_s: float) -> list[str]:
         """Closes the devices; returns the names of those that did not close within so many wall seconds."""
         return end_feeds(self.feeds, within_s, meanwhile=self._pay_debts)
+
+    def _make_round(self, feeds: Sequence[SteppedFeed], sent: Sent | None) -> None:
+        """Requests first: what a device is asked to do must not depend on how far another one is read."""
+        for feed in feeds:
+            feed.begin_round(sent)
+        for feed in feeds:
+            self._wait_for(feed)
 
     def _wait_for(self, feed: SteppedFeed) -> None:
         stuck_s = time.monotonic() + STUCK_S

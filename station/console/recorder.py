@@ -3,8 +3,8 @@
 The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null}; the port is
 that of a simulated bench's clock. Each further line is a wish: {"stop": true} (once: cleanly; twice: at once),
 {"mark": true}. Standard output carries telemetry (twenty lines a second) and, last, {"result": {…}} or
-{"refused": "a sentence"}. The console may die, freeze or stop reading: the trial goes on to the end of its capture, what
-became of it is in the session's journal, and the process ends.
+{"refused": "a sentence"}. The console may die, freeze or stop reading: the trial goes on to the end of its capture,
+what became of it is in the session's journal, and the process ends.
 """
 
 from __future__ import annotations

@@ -28,7 +28,10 @@ class TrialProcess:
 
     @classmethod
     async def start(cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None) -> TrialProcess:
-        """Starts the recorder, on the clock of a simulated bench where there is one; it opens the devices, arms and waits for the edge by itself."""
+        """Starts the recorder; it opens the devices, arms and waits for the edge by itself.
+
+        clock_port is that of a simulated bench's clock.
+        """
         child = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
