@@ -5,15 +5,15 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.textpath import TextPath
-from matplotlib.ticker import FixedLocator
 from PIL import Image
+
+from station.report.ticks import draw_with_moved_ticks, reach_on_the_left
 
 FORCE, MOTION, LINE, MARK = "#1f5f8b", "#c2571a", "#1b1b1b", "#8a8a8a"
 SHADES = ("#1f5f8b", "#3f9c6b", "#b8860b", "#8b3a62", "#5a5a9a")
@@ -32,8 +32,8 @@ WIDE = 10.4
 """Inches of a figure that takes the page's whole width: wider, and its words are small on the page."""
 TITLE = 0.3
 """Inches above axes that have a title, or one row of a legend."""
-TICK = 0.2
-"""Inches of a tick, of what stands between it and its label, and of the space left of the label."""
+SPACE = 0.09
+"""Inches between columns, beside what stands there."""
 NAME = 0.22
 """Inches of a vertical axis's name and of the space between it and the tick labels."""
 DPI = 120
@@ -79,7 +79,7 @@ def fit_columns(figure: Figure) -> None:
     """Leave as much room on the left of every column as its tick labels and its axis's name need.
 
     Matplotlib's constrained layout would do the same, but measures every text four times and draws the figure twice:
-    a third of a figure's processor time. The height of a row follows from the margins, so that one pass is enough.
+    half of its processor time. The height of a row follows from the margins, so that one pass is enough.
     """
     needed: dict[int, float] = {}
     columns = 1
@@ -98,19 +98,20 @@ def fit_columns(figure: Figure) -> None:
 def as_png(figure: Figure) -> bytes:
     """The same figure gives the same bytes: neither a date nor a version is in them."""
     pixels, png = io.BytesIO(), io.BytesIO()
+    figure.set_dpi(DPI)
     with mpl.rc_context(STYLE):
         if figure.get_layout_engine() is None:
             fit_columns(figure)
-            _drop_ticks_out_of_sight(figure)
+            draw_with_moved_ticks(figure)
         figure.savefig(pixels, format="rgba", dpi=DPI)
-    width, height = (int(inches * DPI) for inches in figure.get_size_inches())
-    opaque = Image.frombytes("RGBA", (width, height), pixels.getvalue()).convert("RGB")
+    opaque = Image.frombytes("RGBA", figure.canvas.get_width_height(), pixels.getvalue()).convert("RGB")
     opaque.save(png, "png", compress_level=COMPRESSION, dpi=(DPI, DPI))
     return png.getvalue()
 
 
 def _new_figure(width: float, height: float, rows: int, margins: Margins) -> Figure:
     figure = Figure(figsize=(width, height), dpi=DPI)
+    FigureCanvasAgg(figure)  # else every measurement of a text builds a renderer
     row = (height - margins.top - margins.bottom - (rows - 1) * margins.between_rows) / rows
     figure.subplots_adjust(
         bottom=margins.bottom / height,
@@ -123,23 +124,4 @@ def _new_figure(width: float, height: float, rows: int, margins: Margins) -> Fig
 
 def _room_on_the_left(axes: Axes) -> float:
     """Inches from the axes' left edge to what stands left of them."""
-    low, high = sorted(axes.get_ylim())
-    shown = [place for place in axes.get_yticks() if low <= place <= high]
-    labels = axes.yaxis.get_major_formatter().format_ticks(shown)
-    return TICK + max(map(_text_width, labels), default=0.0) + (NAME if axes.get_ylabel() else 0.0)
-
-
-def _drop_ticks_out_of_sight(figure: Figure) -> None:
-    """Locators give a tick beyond either end of an axis, too: not drawn, but built like the others, of five artists."""
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if not isinstance(axis.get_major_locator(), FixedLocator):
-                low, high = sorted(axis.get_view_interval())
-                shown = [place for place in axis.get_majorticklocs() if low <= place <= high]
-                axis.set_major_locator(FixedLocator(shown))
-
-
-@cache
-def _text_width(text: str) -> float:
-    """Inches of a tick label. Numbers recur from figure to figure."""
-    return float(TextPath((0.0, 0.0), text, size=STYLE["font.size"]).get_extents().width) / 72 if text.strip() else 0.0
+    return reach_on_the_left(axes) + (NAME if axes.get_ylabel() else 0.0) + SPACE

@@ -89,14 +89,6 @@ def test_a_figure_is_opaque_and_as_large_as_it_was_asked_to_be() -> None:
         assert image.getpixel((0, 0)) == (255, 255, 255)
 
 
-def test_ticks_that_are_out_of_sight_are_not_missed() -> None:
-    figure = _example()
-    figure.draw_without_rendering()
-    before = [_labels(axis) for axis in figure.axes]
-    as_png(figure)
-    assert [_labels(axis) for axis in figure.axes] == before
-
-
 def _example() -> Figure:
     figure, axes = new_page(2)
     for axis, scale in zip(axes, (1.0, 2e6), strict=True):
@@ -108,19 +100,6 @@ def _fill(axis: Axes, scale: float) -> None:
     axis.plot([0.0, 61.0], [-0.77 * scale, scale])
     axis.set_xlabel("session time [s]")
     axis.set_ylabel("displacement [mm]")
-
-
-def _labels(axis: Axes) -> list[tuple[str, ...]]:
-    """Those within the axis's ends, across and up."""
-    return [
-        tuple(
-            label.get_text()
-            for label, place in zip(side.get_ticklabels(), side.get_majorticklocs(), strict=True)
-            if low <= place <= high
-        )
-        for side in (axis.xaxis, axis.yaxis)
-        for low, high in [sorted(side.get_view_interval())]
-    ]
 
 
 def _assert_nothing_collides(figure: Figure) -> None:
