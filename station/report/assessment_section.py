@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pandas as pd
 from station.muscles.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
 from station.muscles.sources import without_hash
 from station.report.muscle_figures import activation_figure, cost_figure, cuffs_figure, reduction_figure
-from station.report.pictures import Picture, picture
+from station.report.pictures import Picture, PlannedFigure
 
 Plain = Mapping[str, Any]
 
@@ -27,18 +28,45 @@ class AssessmentSection:
     cuffs: Plain
     rows: list[dict[str, Any]]
     beside: list[dict[str, Any]] | None
-    pictures: list[Picture]
+    pictures: Sequence[Picture]
 
 
-def assessment_section(assessment: Plain, folder: Path) -> AssessmentSection:
+def assessment_section(assessment: Plain, pictures: Sequence[Picture]) -> AssessmentSection:
     beside = assessment.get("beside")
     return AssessmentSection(
         names={role: without_hash(what) for role, what in assessment["inputs"].items()},
         cuffs=assessment.get("cuffs", {}),  # an assessment of an older station has none
         rows=_rows(assessment),
         beside=_rows(beside) if beside else None,
-        pictures=_pictures(assessment, folder / ACTIVATIONS_FILE),
+        pictures=pictures,
     )
+
+
+def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
+    """Muscle cost of every arm cuff, activations where they lie beside the assessment, and their reduction."""
+    activations_file = folder / ACTIVATIONS_FILE
+    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    waist = "waist and " if assessment["waist_cuff"] else ""
+    what = "Muscle cost over the cord's rest length"
+    figures = [PlannedFigure(partial(cost_figure, assessment, arm), f"{what}, {waist}{arm} cuff") for arm in arms]
+    if len(arms) > 1:
+        together = f"{what}, with every arm cuff shifted and yielding"
+        figures.insert(0, PlannedFigure(partial(cuffs_figure, assessment), together))
+    if activations_file.is_file():
+        activations = pd.read_csv(activations_file, keep_default_na=False, na_values=["nan"])
+        at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
+        figures += [
+            PlannedFigure(
+                partial(activation_figure, activations, arm), f"Activations {at}, {waist}{arm} cuff", is_wide=True
+            )
+            for arm in arms
+        ]
+    beside = " beside what EMG measured" if assessment["emg"] else ""
+    caption = f"By how much each muscle does less on average than with a slack cord{beside}"
+    figures += [
+        PlannedFigure(partial(reduction_figure, assessment, arm), f"{caption}, {waist}{arm} cuff") for arm in arms
+    ]
+    return figures
 
 
 def _rows(assessment: Plain) -> list[dict[str, Any]]:
@@ -55,23 +83,3 @@ def _rows(assessment: Plain) -> list[dict[str, Any]]:
             arm = "" if cuff == "rigid" else cuff
             rows.append({"condition": condition.replace("_", "-"), "cuff": arm, **numbers})
     return rows
-
-
-def _pictures(assessment: Plain, activations_file: Path) -> list[Picture]:
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    waist = "waist and " if assessment["waist_cuff"] else ""
-    what = "Muscle cost over the cord's rest length"
-    pictures = [picture(cost_figure(assessment, arm), f"{what}, {waist}{arm} cuff") for arm in arms]
-    if len(arms) > 1:
-        pictures.insert(0, picture(cuffs_figure(assessment), f"{what}, with every arm cuff shifted and yielding"))
-    if activations_file.is_file():
-        activations = pd.read_csv(activations_file, keep_default_na=False, na_values=["nan"])
-        at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
-        pictures += [
-            picture(activation_figure(activations, arm), f"Activations {at}, {waist}{arm} cuff", is_wide=True)
-            for arm in arms
-        ]
-    beside = " beside what EMG measured" if assessment["emg"] else ""
-    caption = f"By how much each muscle does less on average than with a slack cord{beside}"
-    pictures += [picture(reduction_figure(assessment, arm), f"{caption}, {waist}{arm} cuff") for arm in arms]
-    return pictures

@@ -2,49 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from fitting.curves import TrialCurves
 from fitting.result import CuffFit
+from station.report.canvas import FORCE, LINE, MOTION, SHADES, STYLE, TITLED, as_png, new_page
 
-FORCE, MOTION, LINE, MARK = "#1f5f8b", "#c2571a", "#1b1b1b", "#8a8a8a"
-SHADES = ("#1f5f8b", "#3f9c6b", "#b8860b", "#8b3a62", "#5a5a9a")
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e4e4e4",
-    "legend.fontsize": 8,
-    "legend.edgecolor": "none",
-}
-WIDE = 10.4
-"""Inches of a figure that takes the page's whole width: wider, and its words are small on the page."""
 MOST_POINTS = 4000
 """Of a curve that is drawn; more only makes the page heavy."""
-
-
-def new_page(columns: int, rows: int = 1, height: float = 3.4, width: float = 5.2) -> tuple[Figure, list[Axes]]:
-    """A page and its axes, row by row; height and width [in] are those of one of them."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
-        axes = figure.subplots(rows, columns, squeeze=False)
-    return figure, list(axes.flat)
-
-
-def as_png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(buffer, format="png", dpi=120)
-    return buffer.getvalue()
 
 
 def thinned(count: int, most: int) -> slice:
@@ -56,7 +26,7 @@ def thinned(count: int, most: int) -> slice:
 def trial_figure(static: TrialCurves | None, dynamic: TrialCurves | None) -> bytes:
     """Force and displacement over session time with the sync edge and the trial's start and end marked."""
     shown = [curves for curves in (static, dynamic) if curves is not None]
-    figure, axes = new_page(len(shown), rows=2, height=1.9)
+    figure, axes = new_page(len(shown), rows=2, height=1.9, margins=TITLED)
     for i, curves in enumerate(shown):
         _draw_trial(axes[i], axes[i + len(shown)], curves)
     return as_png(figure)

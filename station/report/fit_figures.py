@@ -8,7 +8,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import norm
 
@@ -17,7 +16,20 @@ from fitting.dynamic.damping import DampingFit
 from fitting.result import CuffFit, TrialFit
 from fitting.static.stiffness import StaticFit
 from fitting.uncertainty import NORMAL_95, Estimate
-from station.report.figures import FORCE, LINE, MARK, MOTION, SHADES, STYLE, WIDE, as_png, new_page, thinned
+from station.report.canvas import (
+    FORCE,
+    LINE,
+    MARK,
+    MOTION,
+    SHADES,
+    STYLE,
+    TITLED,
+    WIDE,
+    as_png,
+    new_mosaic,
+    new_page,
+)
+from station.report.figures import thinned
 
 SHOWN = 8.0
 """Seconds of a swing that are drawn: more, and measurement and fit cannot be told apart."""
@@ -29,8 +41,7 @@ MOST_LAG = 1.0
 @mpl.rc_context(STYLE)
 def repeat_figure(fit: CuffFit, static: TrialCurves | None, dynamic: TrialCurves | None) -> bytes:
     """One repeat: held loads, line and residuals; force and displacement of the swing; damper force over velocity."""
-    figure = Figure(figsize=(WIDE, 4.4), layout="constrained")
-    axes = figure.subplot_mosaic(REPEAT_PLAN, height_ratios=[2, 1, 1])
+    figure, axes = new_mosaic(REPEAT_PLAN, height_ratios=[2, 1, 1], height=4.4)
     if static is not None and static.static is not None:
         _draw_held(axes["held"], axes["left"], fit, static, static.static)
     else:
@@ -104,7 +115,7 @@ def residual_figure(dynamic: Sequence[TrialCurves]) -> bytes:
 @mpl.rc_context(STYLE)
 def repeats_figure(fit: CuffFit) -> bytes:
     """k, c and migration of every repeat with 95 % intervals, and the donning's as a band."""
-    figure, axes = new_page(3, height=2.8, width=WIDE / 3)
+    figure, axes = new_page(3, height=2.8, width=WIDE / 3, margins=TITLED)
     used = [trial for trial in fit.trials if trial.state == "used"]
     for axis, pooled, name, scale, words in (
         (axes[0], fit.stiffness, "stiffness", 1.0, "k [N/m]"),

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from station.report.figures import LINE, MARK, SHADES, WIDE, as_png, new_page
+from station.report.canvas import LINE, MARK, SHADES, TITLE, WIDE, Margins, as_png, new_page
 
+LEGEND_COLUMNS = 3
+LEGEND_ROW = 0.22
+"""Inches of a row of a figure's legend."""
 LEAST_SHOWN = 0.01
 """Of an activation, up to where each of its axes goes at least."""
 COSTLIEST = 1.3
@@ -26,6 +29,8 @@ NAMED_MUSCLES = (
     "SerratusAnterior_I",
 )
 """Those that the published study shows."""
+OF_MUSCLES = Margins(top=TITLE, bottom=0.48 + TITLE, between_rows=0.5)
+"""Each panel has a title and tick labels, only the first of a row the axis's name; the legend is below."""
 
 
 def cost_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
@@ -43,7 +48,7 @@ def cuffs_figure(assessment: Mapping[str, Any]) -> bytes:
 def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
     """Activations over time, one panel per named muscle, in every condition with one arm cuff."""
     muscles = [name for name in NAMED_MUSCLES if name in activations] or list(activations.columns[3:11])
-    figure, axes = new_page(4, rows=-(-len(muscles) // 4), height=1.9, width=WIDE / 4)
+    figure, axes = new_page(4, rows=-(-len(muscles) // 4), height=1.9, width=WIDE / 4, margins=OF_MUSCLES)
     for axis, muscle in zip(axes, muscles, strict=False):
         for condition, part, shade in _conditions(activations, cuff):
             axis.plot(part["time_s"], part[muscle], color=shade, linewidth=0.9, label=condition.replace("_", "-"))
@@ -54,7 +59,7 @@ def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
     for i, axis in enumerate(axes[: len(muscles)]):
         axis.set_ylabel("activation" if i % 4 == 0 else "")
         axis.set_xlabel("time [s]" if i + 4 >= len(muscles) else "")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, fontsize=8, frameon=False)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="lower left", ncols=5, fontsize=8, frameon=False)
     return as_png(figure)
 
 
@@ -66,7 +71,7 @@ def reduction_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
     }
     emg = {row["muscle"]: row for row in assessment["emg"]}
     names = list(emg) or [name for name in NAMED_MUSCLES if name in reductions["rigid"]] or list(reductions["rigid"])
-    figure, (axis,) = new_page(1, height=1.2 + 0.34 * len(names))
+    figure, (axis,) = new_page(1, height=1.2 + 0.34 * len(names), margins=Margins(top=TITLE))
     rows, height = np.arange(len(names)), 0.8 / (len(reductions) + bool(emg))
     for i, ((label, reduction), shade) in enumerate(zip(reductions.items(), (LINE, SHADES[0]), strict=False)):
         percent = [_percent(reduction[name]) for name in names]
@@ -79,13 +84,15 @@ def reduction_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
     axis.set_yticks(rows + height / 2, names)
     axis.invert_yaxis()
     axis.set_xlabel("reduction of mean activation [%]")
-    figure.legend(loc="outside upper left", ncols=3, fontsize=7.5, frameon=False)
+    figure.legend(loc="upper left", ncols=LEGEND_COLUMNS, fontsize=7.5, frameon=False)
     return as_png(figure)
 
 
 def _cost_curves(assessment: Mapping[str, Any], places: Mapping[str, tuple[str, ...]]) -> bytes:
     """A curve for each label and where it stands in the assessment, its best rest length marked."""
-    figure, (axis,) = new_page(1, height=3.2)
+    lines = len(places) + 2  # those of the slack cord and of the reference rest length
+    margins = Margins(top=0.14 + LEGEND_ROW * -(-lines // LEGEND_COLUMNS))
+    figure, (axis,) = new_page(1, height=3.2, margins=margins)
     lengths = assessment["rest_lengths_m"]["value"]
     axis.axhline(1.0, color=MARK, linewidth=1.0, label="slack cord")
     lowest = 1.0
@@ -104,7 +111,7 @@ def _cost_curves(assessment: Mapping[str, Any], places: Mapping[str, tuple[str, 
     axis.set_ylim(lowest - 0.03, COSTLIEST)
     axis.set_xlabel("rest length of the exotendon [m]; a dot: the best one")
     axis.set_ylabel("muscle cost / slack cord")
-    figure.legend(loc="outside upper left", ncols=3, frameon=False)
+    figure.legend(loc="upper left", ncols=LEGEND_COLUMNS, frameon=False)
     return as_png(figure)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from fitting.uncertainty import Estimate
 from station.fit import fit_session_folder, recordings_in
 from station.interval import bracketed, digits_of, of_cuff, rounded
 from station.progress import Progress, silent
-from station.report.assessment_section import assessment_section
+from station.report.assessment_section import assessment_section, suit_figures
 from station.report.figures import dynamic_figure, static_figure, trial_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
-from station.report.pictures import Picture, picture
+from station.report.pictures import Picture, PlannedFigure, draw_all
 from station.whole_file import write_whole
 
+FIRST = "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
 REPEAT = (
     "Left: held loads, the line of the common stiffness, and how far they lie off it. Middle: the swing as measured "
     "and as fitted. Right: what the spring does not explain, over velocity, and this trial's damper"
@@ -35,6 +37,7 @@ HELD = (
     "stiffness of an exponential law over the force"
 )
 REPEATS = "Each repeat on its own and what they say together, with 95 % intervals"
+DAMPER = "What the spring does not explain, over velocity"
 COMPLEX = "Complex stiffness K* = k + i 2πf c in bands of frequency: level lines are what a spring and a damper have"
 LEFT_OVER = (
     "What the law leaves of the force of the swings: over time, against itself later, against a normal distribution"
@@ -80,17 +83,23 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     if not cuffs and not assessment:
         raise ReportError(f"{folder} holds no recording, no cuffs.json and no assessment.json to report")
     truth = _json_of(folder / TRUTH_FILE) or {}
+    curves = fitted.curves if fitted else {}
+    planned: dict[str | None, Sequence[PlannedFigure]] = {
+        None: suit_figures(assessment, folder) if assessment else (),
+        **{name: _figures_of(fit, curves) for name, fit in cuffs.items()},
+    }
+    pictures = draw_all(planned, progress)
     page = (
         _environment()
         .get_template("page.html")
         .render(
             folder=folder.resolve().name,
-            cuffs=_cuff_sections(cuffs, fitted, truth, progress),
+            cuffs=[CuffSection(fit, truth.get(name, {}), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
             trials=[trial for fit in cuffs.values() for trial in fit.trials],
             rejected=fitted.rejected if fitted else (),
             assessment=assessment,
-            suit=assessment_section(assessment, folder) if assessment else None,
+            suit=assessment_section(assessment, pictures[None]) if assessment else None,
             version=metadata.version("cuffstation"),
         )
     )
@@ -114,45 +123,36 @@ def _json_of(path: Path) -> dict[str, Any] | None:
     return content
 
 
-def _cuff_sections(
-    cuffs: Mapping[str, CuffFit], fitted: SessionFit | None, truth: Mapping[str, Any], progress: Progress
-) -> list[CuffSection]:
-    sections = []
-    for done, (name, fit) in enumerate(cuffs.items()):
-        progress("drawing cuffs", done, len(cuffs))
-        curves = [fitted.curves[file] for file in fit.sources if file in fitted.curves] if fitted else []
-        sections.append(CuffSection(fit, truth.get(name, {}), _pictures_of(fit, curves)))
-    progress("drawing cuffs", len(cuffs), len(cuffs))
-    return sections
-
-
-def _pictures_of(fit: CuffFit, curves: list[TrialCurves]) -> tuple[Picture, ...]:
-    static = [each for each in curves if each.trial.test == "static"]
-    dynamic = [each for each in curves if each.trial.test == "dynamic"]
-    pictures = []
+def _figures_of(fit: CuffFit, curves: Mapping[str, TrialCurves]) -> list[PlannedFigure]:
+    found = [curves[file] for file in fit.sources if file in curves]
+    static = [each for each in found if each.trial.test == "static"]
+    dynamic = [each for each in found if each.trial.test == "dynamic"]
+    figures = []
     if static or dynamic:
-        png = trial_figure(static[0] if static else None, dynamic[0] if dynamic else None)
-        caption = (
-            "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
-        )
-        pictures += [picture(png, caption, is_wide=True), picture(repeats_figure(fit), REPEATS, is_wide=True)]
-    pictures += _repeats(fit, static, dynamic)
+        first = partial(trial_figure, static[0] if static else None, dynamic[0] if dynamic else None)
+        figures += [
+            PlannedFigure(first, FIRST, is_wide=True),
+            PlannedFigure(partial(repeats_figure, fit), REPEATS, is_wide=True),
+        ]
+    figures += _repeats(fit, static, dynamic)
     if static:
-        pictures.append(picture(static_figure(fit, static), HELD, is_wide="exponential_law" in fit.held))
+        figures.append(PlannedFigure(partial(static_figure, fit, static), HELD, is_wide="exponential_law" in fit.held))
     if any(each.dynamic for each in dynamic):
-        pictures.append(picture(dynamic_figure(fit, dynamic), "What the spring does not explain, over velocity"))
+        figures.append(PlannedFigure(partial(dynamic_figure, fit, dynamic), DAMPER))
         if fit.complex_stiffness:
-            pictures.append(picture(complex_stiffness_figure(fit), COMPLEX, is_wide=True))
-        pictures.append(picture(residual_figure(dynamic), LEFT_OVER, is_wide=True))
-    return tuple(pictures)
+            figures.append(PlannedFigure(partial(complex_stiffness_figure, fit), COMPLEX, is_wide=True))
+        figures.append(PlannedFigure(partial(residual_figure, dynamic), LEFT_OVER, is_wide=True))
+    return figures
 
 
-def _repeats(fit: CuffFit, static: list[TrialCurves], dynamic: list[TrialCurves]) -> list[Picture]:
-    """A picture of every repeat of which anything was used."""
+def _repeats(fit: CuffFit, static: list[TrialCurves], dynamic: list[TrialCurves]) -> list[PlannedFigure]:
+    """A figure of every repeat of which anything was used."""
     held = {each.trial.repeat: each for each in static}
     swung = {each.trial.repeat: each for each in dynamic}
     return [
-        picture(repeat_figure(fit, held.get(repeat), swung.get(repeat)), f"Repeat {repeat}. {REPEAT}", is_wide=True)
+        PlannedFigure(
+            partial(repeat_figure, fit, held.get(repeat), swung.get(repeat)), f"Repeat {repeat}. {REPEAT}", is_wide=True
+        )
         for repeat in sorted({*held, *swung})
     ]
 

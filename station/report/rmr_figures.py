@@ -20,7 +20,7 @@ from solver.redundancy import FrameOutcome, effort_weights
 from station.muscles.rmr import SolvedMotion
 from station.muscles.rmr_table import reserve_unit
 from station.muscles.sources import without_hash
-from station.report.figures import LINE, MARK, SHADES, STYLE, as_png
+from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
 from station.whole_file import write_whole
 
 WARM = "#c2571a"

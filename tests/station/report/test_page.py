@@ -17,7 +17,8 @@ from fitting.result import SessionFit
 from fitting.session import fit_session
 from fitting.spatial.tensor import Tensor, Tensors
 from fitting.trial import build_trial
-from station.report.figures import static_figure
+from station.report.canvas import fit_columns
+from station.report.figures import dynamic_figure, static_figure, trial_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.report.muscle_figures import activation_figure
 from station.report.page import write_report
@@ -43,6 +44,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
     figures: list[Figure] = []
 
     def keep(figure: Figure) -> bytes:
+        fit_columns(figure)
         figures.append(figure)
         return b""
 
@@ -52,8 +54,14 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Figure]]:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_report(tmp_path_factory.mktemp("report"), _fitted())
+def told() -> list[tuple[str, int, int]]:
+    """Progress of the page that was written."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory, told: list[tuple[str, int, int]]) -> Path:
+    return write_report(tmp_path_factory.mktemp("report"), _fitted(), lambda *step: told.append(step))
 
 
 def test_a_page_holds_every_repeat_and_the_checks_of_the_law_and_stays_small(written: Path) -> None:
@@ -63,6 +71,23 @@ def test_a_page_holds_every_repeat_and_the_checks_of_the_law_and_stays_small(wri
         assert sum(caption.startswith(beginning) for caption in captions) == 1
     assert written.stat().st_size < 4 * MOST_BYTES_PER_TRIAL
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+
+
+def test_progress_counts_as_many_figures_as_the_page_holds(written: Path, told: list[tuple[str, int, int]]) -> None:
+    count = written.read_text(encoding="utf-8").count("<figure")
+    assert told == [("drawing figures", done, count) for done in range(count + 1)]
+
+
+@pytest.mark.usefixtures("drawn")
+def test_recordings_that_were_fitted_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cuff-waist_test-static_run-1.mcap").write_bytes(b"not a recording")
+    monkeypatch.setattr("station.report.page.fit_session_folder", lambda *_: pytest.fail("read again"))
+    assert write_report(tmp_path, _fitted()).is_file()
+
+
+def test_the_same_session_gives_the_same_page(written: Path, tmp_path: Path) -> None:
+    again = write_report(tmp_path / written.parent.name, _fitted())
+    assert again.read_bytes() == written.read_bytes()
 
 
 def test_a_page_holds_the_bushing_for_opensim(written: Path) -> None:
@@ -144,6 +169,25 @@ def test_no_axis_s_name_lies_on_its_numbers(drawn: list[Figure]) -> None:
         numbers = [label.get_window_extent() for label in axis.get_yticklabels() if label.get_text()]
         name = axis.yaxis.label.get_window_extent()
         assert not any(name.overlaps(number) for number in numbers), axis.get_ylabel()
+
+
+def test_no_axis_leaves_its_figure_or_lies_on_another(drawn: list[Figure]) -> None:
+    fitted = _fitted()
+    fit, static, dynamic = fitted.cuffs["waist"], fitted.curves["static-2"], fitted.curves["dynamic-1"]
+    trial_figure(static, dynamic)
+    repeat_figure(fit, static, dynamic)
+    repeats_figure(fit)
+    residual_figure([dynamic])
+    complex_stiffness_figure(fit)
+    static_figure(fit, [static])
+    dynamic_figure(fit, [dynamic])
+    for figure in drawn:
+        figure.draw_without_rendering()
+        for axis in figure.axes:
+            around, side = axis.get_tightbbox(), axis.yaxis.get_tightbbox()
+            assert figure.bbox.x0 <= around.x0 and around.x1 <= figure.bbox.x1, axis.get_ylabel()
+            assert figure.bbox.y0 <= around.y0 and around.y1 <= figure.bbox.y1, axis.get_ylabel()
+            assert not any(side.overlaps(other.bbox) for other in figure.axes if other is not axis), axis.get_ylabel()
 
 
 def test_no_legend_hides_an_interval(drawn: list[Figure]) -> None:
