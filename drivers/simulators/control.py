@@ -20,7 +20,7 @@ import socketserver
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 from drivers.simulators.requests import answer, speed_from
@@ -68,13 +68,10 @@ def _handler(bench: Bench) -> type[socketserver.StreamRequestHandler]:
         disable_nagle_algorithm = True
 
         def handle(self) -> None:
-            with ExitStack() as attached:
+            with ExitStack() as attached, suppress(OSError):  # the station is gone
                 talk = _Conversation(bench, attached)
                 for line in self.rfile:
-                    try:
-                        self.wfile.write(json.dumps(talk.answer(line)).encode() + b"\n")
-                    except OSError:  # the station is gone
-                        return
+                    self.wfile.write(json.dumps(talk.answer(line)).encode() + b"\n")
 
     return Handler
 

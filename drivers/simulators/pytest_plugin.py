@@ -1,8 +1,15 @@
 """A fixture for pytest: the simulated bench, for the tests of any laboratory's own recorder.
 
     def test_my_recorder_survives_a_pulled_cable(simulated_bench):
-        bench = simulated_bench(speed=30, faults=[{"device": "ni", "fault": "unplug", "at_s": 3, "for_s": 2}])
-        record(ni=f"127.0.0.1:{bench.ports['ni']}", qtm=bench.ports["qtm"])
+        bench = simulated_bench(faults=[{"device": "ni", "fault": "unplug", "at_s": 3, "for_s": 2}])
+        recorder = MyRecorder(ni=f"127.0.0.1:{bench.ports['ni']}", qtm=bench.ports["qtm"])
+        for _ in range(100):
+            bench.clock.advance(0.1)  # 0.1 s of the world, with all that the devices send in it
+            recorder.read_everything()
+
+The world stands still until clock.advance() moves it, so that the test gives the same result on any machine, however
+busy. A recorder in another process or language does the same over the port bench.ports["clock"] (control.py). For one
+that cannot, simulated_bench(speed=1) keeps the pace of the wall clock, at most; such a run is not reproducible.
 
 Faults are those of faults.py; further settings are sections of settings.py, as in mocap={"has_preview": True}. While it
 runs, bench.world starts captures, and bench.world.faults.inject(fault_from_dict({...})) lets something go wrong now.
@@ -33,7 +40,9 @@ def simulated_bench() -> Iterator[Callable[..., Bench]]:
 
     with ExitStack() as running:
 
-        def start(speed: float = 1.0, seed: int = 0, faults: Sequence[dict[str, Any]] = (), **settings: Any) -> Bench:
+        def start(
+            speed: float | None = None, seed: int = 0, faults: Sequence[dict[str, Any]] = (), **settings: Any
+        ) -> Bench:
             plan = [fault_from_dict(fault) for fault in faults]
             return running.enter_context(Bench(settings_from_dict(settings), speed, seed, plan))
 

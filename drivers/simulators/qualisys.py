@@ -68,8 +68,9 @@ class QualisysSimulator:
 
     @property
     def owes_an_answer(self) -> bool:
-        """To a command while QTM is silent, or to a client that asked for frames and got none yet."""
-        return self._server.is_silent or any(client.awaits_frame for client in tuple(self._server.clients))
+        """To a command while QTM is silent, to one that stopped a capture, or to a client that awaits its first frame."""
+        server = self._server
+        return server.is_silent or server.is_stopping or any(client.awaits_frame for client in tuple(server.clients))
 
     def find_laggard(self) -> str | None:
         laggard = self._server.laggard()
@@ -139,6 +140,7 @@ class _Server:
         self.ending = asyncio.Event()
         self.clients: list[_Client] = []
         self.master: _Client | None = None
+        self.is_stopping = False  # a client asked for the capture's end, which comes with that of a frame
         self._world = world
         self._mocap = world.settings.mocap
         self._is_connected = world.settings.operator.capture == "auto" or self._mocap.has_preview
@@ -249,6 +251,7 @@ class _Server:
 
     def _end(self, capture: Capture) -> None:
         self._capture = None
+        self.is_stopping = False
         self._is_connected = not self._is_unsaved
         self._announce(CAPTURE_STOPPED)
         self._start_preview(capture.end)
@@ -385,6 +388,7 @@ class _Server:
             self._world.stop_capture()
         except ValueError as error:
             raise _RefusedError("No measurement is running") from error
+        self.is_stopping = self._capture is not None
         return "Stopping measurement"
 
     def _on_save(self, _client: _Client, _rest: str) -> str:

@@ -196,7 +196,9 @@ class WorldClock:
         """Where the next step leads, None where nobody lets the world move."""
         if self._goals:
             until = min(goal for goal, _ in self._goals.values())
-            return min(until, self._now + LONGEST_STEP_S) if until > self._now else None
+            if until <= self._now:
+                return None
+            return min(until, self._now + LONGEST_STEP_S) if self._followers else until
         return None if self._speed is None else self._now + min(TICK_S * self._speed, LONGEST_STEP_S)
 
     def _wait_s(self, goal: float) -> float:

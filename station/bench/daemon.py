@@ -167,6 +167,7 @@ class Daemon:
         is_in_control = self._config.mocap.control == "start"
         controllers = [feed for feed in feeds.feeds if feed.can_control_capture and is_in_control]
         capture_asked = False
+        self._show(session)
         while not session.is_over:
             self._take(session, feeds)
             session.tick()

@@ -16,10 +16,10 @@ from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Item, Loss, Stream
-from station.bench.bench_clock import BLOCK_S, LONGEST_STEP_S
+from station.bench.bench_clock import BLOCK_S
 from station.bench.daemon import Daemon, TrialResult, View
 from station.bench.session import Snapshot
-from station.clock import Clock, ManualClock
+from station.clock import ManualClock
 from station.config import parse_config
 from station.protocol import TrialSpec
 
@@ -28,17 +28,20 @@ CATCH_UP_S = 0.1
 
 
 class ReplayClock(ManualClock):
-    """Station time begins with the first sample and goes on in blocks, speed times as fast as the wall.
+    """Station time begins with the first sample and goes on in blocks, speed times as fast as the wall, to the last.
 
     Begun on the wall is the trial when the recorded one was, for a fit goes by the order of the trials.
     """
 
     def __init__(self, first_host_ns: int, begun_utc_ns: int, speed: float) -> None:
-        super().__init__(first_host_ns, min(BLOCK_S * speed, LONGEST_STEP_S))
+        super().__init__(first_host_ns, BLOCK_S)
+        self.is_over = False
         self._begun_utc_ns, self._speed = begun_utc_ns, speed
         self._due_s = time.monotonic()
 
     def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
+        if self.is_over:
+            return {}
         self._due_s = max(self._due_s + self._step_s / self._speed, time.monotonic() - CATCH_UP_S)
         time.sleep(max(0.0, self._due_s - time.monotonic()))
         return super().step(ports)
@@ -56,11 +59,14 @@ class RecordedDevice:
     Does not imitate: devices that have to be opened, or that end a capture without saying so.
     """
 
-    def __init__(self, recording: Recording, clock: Clock) -> None:
+    def __init__(self, recording: Recording, clock: ReplayClock) -> None:
         self._recording, self._clock = recording, clock
         self._items: Iterator[Item] = iter(())
         self._next: Item | None = None
-        self.is_over = False
+
+    @property
+    def is_over(self) -> bool:
+        return self._clock.is_over
 
     @property
     def name(self) -> str:
@@ -80,7 +86,7 @@ class RecordedDevice:
         while self._next is not None and self._next.host_time_ns <= now_ns:
             due.append(self._next)
             self._next = next(self._items, None)
-        self.is_over = self._next is None and not due
+        self._clock.is_over = self._next is None
         return due
 
     def close(self) -> None:

@@ -16,7 +16,6 @@ from drivers.simulators.bench import Bench
 from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.settings import settings_from_dict
 from recordings.samples import Event, Item, Loss, Samples
-from station.clock import RealClock
 
 SPEED = 10.0
 PATIENCE_S = 15.0  # wall; a bound on failing tests, not an expectation
@@ -124,7 +123,11 @@ class FaultBench:
 
     def __enter__(self) -> FaultBench:
         self._bench.__enter__()
-        clock = RealClock(self._speed).utc_ns
+        start_utc_ns, now = self._bench.start_utc_ns, self.world.now
+
+        def clock() -> int:
+            return start_utc_ns + int(now() * 1e9)
+
         for name, wishes in device_options(self._bench.ports).items():
             self.listeners[name] = Listener(make_device(host_clock=clock, **wishes))
             self.listeners[name].start()

@@ -25,11 +25,20 @@ def driver(port: int, **options: Any) -> Qualisys:
 @contextmanager
 def simulator(**mocap: Any) -> Iterator[QualisysSimulator]:
     settings = settings_from_dict({"operator": {"capture": "remote"}, "mocap": mocap})
-    qtm = QualisysSimulator(World(settings, speed=30.0))
+    with serving(World(settings, speed=30.0)) as qtm:
+        yield qtm
+
+
+@contextmanager
+def serving(world: World) -> Iterator[QualisysSimulator]:
+    """QTM alone, moved by its world's clock."""
+    qtm = QualisysSimulator(world)
     qtm.start()
+    world.clock.follow(qtm)
     try:
         yield qtm
     finally:
+        world.clock.unfollow(qtm)
         qtm.stop()
 
 

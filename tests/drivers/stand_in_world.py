@@ -3,39 +3,51 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.faults import Faults
+from drivers.simulators.world_clock import WorldClock
 
 Array = NDArray[np.float64]
+
+
+class _Nobody:
+    """Follows the clock, so that it moves."""
+
+    def step(self, now: float) -> None: ...
+
+    def find_laggard(self) -> None: ...
+
+    def drop_laggard(self) -> None: ...
 
 
 class StandInWorld:
     """Amplifier at 1 V + 10 mV per second, sync line high from edge_s on; is_standing: time moves by advance() only."""
 
     def __init__(self, speed: float = 50.0, is_standing: bool = False) -> None:
-        self.speed = speed
+        self.clock = WorldClock(None if is_standing else speed)
         self.edge_s = np.inf
         self.flows = threading.Event()  # cleared, the amplifier's wire answers nobody: a device that hangs
         self.flows.set()
         self.faults = Faults(self.now)
-        self._is_standing = is_standing
-        self._skipped_s = 0.0
-        self._wall_start_s = time.monotonic()
+        if not is_standing:
+            self.clock.follow(_Nobody())
+
+    @property
+    def speed(self) -> float | None:
+        return self.clock.speed
 
     def now(self) -> float:
-        wall_s = 0.0 if self._is_standing else time.monotonic() - self._wall_start_s
-        return self._skipped_s + wall_s * self.speed
+        return self.clock.now()
 
     def utc_ns(self) -> int:
         """The host's clock of this world."""
         return 1_750_000_000_000_000_000 + int(self.now() * 1e9)
 
     def advance(self, seconds: float) -> None:
-        self._skipped_s += seconds
+        self.clock.advance(seconds)
 
     def amplifier_voltage(self, t: Array) -> Array:
         self.flows.wait(10)

@@ -27,8 +27,10 @@ EXACT_CLOCK = DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0)
 
 
 @pytest.fixture
-def world() -> StandInWorld:
-    return StandInWorld()
+def world() -> Iterator[StandInWorld]:
+    world = StandInWorld()
+    yield world
+    world.clock.stop()
 
 
 @pytest.fixture

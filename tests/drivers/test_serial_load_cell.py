@@ -23,14 +23,17 @@ GOOD = b"+000001.5000  lbs\r\n"
 
 
 @pytest.fixture
-def world() -> StandInWorld:
-    return StandInWorld()
+def world() -> Iterator[StandInWorld]:
+    world = StandInWorld()
+    yield world
+    world.clock.stop()
 
 
 @pytest.fixture
 def indicator(world: StandInWorld) -> Iterator[SerialLoadCellSimulator]:
     indicator = SerialLoadCellSimulator(world)
     indicator.start()
+    world.clock.follow(indicator)
     yield indicator
     indicator.stop()
 
@@ -109,6 +112,7 @@ def test_the_world_s_force_arrives_in_the_unit_of_the_line(
 ) -> None:
     indicator = SerialLoadCellSimulator(world, line=SerialLine(line_format=line_format))
     indicator.start()
+    world.clock.follow(indicator)
     device = driver(indicator.url, line_format)
     device.open()
     items = read_until(device, lambda items: bool(blocks(items, "/force")))

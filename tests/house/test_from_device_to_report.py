@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.cli import main
-from station.clock import RealClock
 from station.config import parse_config
 from station.demo import demo_config, record_session
 from station.fit import fit_session_folder
@@ -21,7 +21,6 @@ from station.progress import silent
 from station.protocol import TrialSpec
 from station.report.page import write_report
 
-SPEED = 20.0
 TRUTH = {
     "waist": {"stiffness_n_per_m": 2140.0, "damping_n_s_per_m": 124.0, "migration_m": 0.012},
     "hand": {"stiffness_n_per_m": 8520.0, "damping_n_s_per_m": 210.0, "migration_m": 0.012},
@@ -38,7 +37,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plain = demo_config().model_dump()
     plain["protocol"] = {"repeats": 1, "pause_s": 0}
     plain["simulation"] = {"cuffs": TRUTH, "protocol": {"static": {"hold_s": 5.0}}}
-    results, _ = record_session(folder, parse_config(plain, "test"), SPEED, 7, silent)
+    results, _ = record_session(folder, parse_config(plain, "test"), None, 7, silent)
     assert [result.sentence for result in results if not result.accepted or result.lost_samples] == []
     return folder
 
@@ -84,10 +83,11 @@ def test_a_fit_of_a_cut_recording_is_done_and_lossy(
 def test_a_rerecording_of_one_repeat_supersedes_it(session: Path) -> None:
     config = demo_config()
     settings = {**simulator_settings(config), "cuffs": TRUTH}
-    with SimulatedBench(settings, SPEED, 8) as bench:
+    with SimulatedBench(settings, None, 8) as bench:
         bench.tell({"trial": {"cuff": "hand", "test": "dynamic"}})
         spec = TrialSpec("hand", "dynamic", 1)
-        result = Daemon(bench.pointed_at(config), RealClock(SPEED)).record(session, spec, duration_s=15.0)
+        with BenchClock(bench.clock_port) as clock:
+            result = Daemon(bench.pointed_at(config), clock).record(session, spec, duration_s=15.0)
     assert result.path is not None and result.path.name == "cuff-hand_test-dynamic_run-2.mcap"
     trials = {trial.file: trial.state for trial in fit_session_folder(session, None).cuffs["hand"].trials}
     assert trials["cuff-hand_test-dynamic_run-1.mcap"] == "superseded"

@@ -39,9 +39,8 @@ class Bench:
         start: str = "sync_edge",
         timeout_s: float = 10.0,
         duration_s: float | None = None,
-        speed: float = 1.0,
     ) -> None:
-        self.clock, self.recorder = ManualClock(speed), Recorder()
+        self.clock, self.recorder = ManualClock(), Recorder()
         rules = TrialRules(start, 2.5, timeout_s, duration_s)  # type: ignore[arg-type]
         self.session = TrialSession(rules, self.recorder, self.clock)
         self.sample, self.frame, self.level, self.capturing = 0, 1, 0.0, False
@@ -53,7 +52,7 @@ class Bench:
 
     def run(self, station_s: float) -> None:
         for _ in range(round(station_s / BLOCK_S)):
-            self.clock.advance(BLOCK_S / self.clock.speed)
+            self.clock.advance(BLOCK_S)
             if self.daq_sends:
                 self.send_daq(np.full(100, self.level))
             if self.capturing and self.mocap_sends:

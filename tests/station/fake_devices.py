@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -34,7 +33,6 @@ class FakeDaq:
     def read(self, timeout_s: float) -> Sequence[Item]:
         if self.hangs_on_read:
             threading.Event().wait()
-        time.sleep(0.005)
         now = self._clock.station_s()
         due = int((now - self._start_s) * 1000)
         if self.lost_after is not None and due > self.lost_after:
@@ -83,7 +81,6 @@ class FakeMocap:
         self._sent = self._told = 0
 
     def read(self, timeout_s: float) -> Sequence[Item]:
-        time.sleep(0.005)
         now = self._clock.station_s()
         items: list[Item] = []
         due = self._capture.frames_due(now)

@@ -14,9 +14,9 @@ from fitting.timing.sync_certificate import SyncCertificate, certify
 from fitting.timing.thinned import thinned
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
+from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
 from station.bench.session import Snapshot, State
-from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 
@@ -63,7 +63,7 @@ CASES = (
 class Suffered:
     """What became of the trial; certificate is None where there is none, and words says why.
 
-    told_after_s  wall seconds from the fault to the station's event, None without one
+    told_after_s  world seconds from the fault to the station's event, None without one
     """
 
     result: TrialResult
@@ -89,23 +89,23 @@ class _Meddler:
             self.faults.inject(self.fault)
 
 
-def suffer(case: Case, folder: Path, speed: float) -> Suffered:
+def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
     """Records one short capture in which the fault happens."""
     with Bench(_settings(), speed, seed=3, fault_plan=() if case.while_armed else [case.plan]) as bench:
-        world, clock = bench.world, RealClock(speed)
+        world = bench.world
         views = [_Meddler(case.plan, world.faults)] if case.while_armed else []
-        daemon = Daemon(_config(bench), clock, views)
-        result = daemon.record(folder, TrialSpec("waist", "static", 1))
+        with BenchClock(bench.ports["clock"]) as clock:
+            result = Daemon(_config(bench), clock, views).record(folder, TrialSpec("waist", "static", 1))
         capture = world.capture
         assert capture is not None
         moment = capture.end if case.fault == "no_stop_edge" else world.faults.of("sync", case.fault)[0].begin
-        moment_utc_ns = clock.utc_ns() - int((world.now() - moment) * 1e9)
+        moment_utc_ns = bench.start_utc_ns + int(moment * 1e9)
     if result.path is None:
         return Suffered(result, (), None, result.sentence, None)
     recording = open_recording(result.path)
     events = tuple(item for item in recording.items() if isinstance(item, Event))
     told = [event.host_time_ns for event in events if case.event and event.kind == case.event]
-    after_s = (told[0] - moment_utc_ns) * 1e-9 / speed if told else None
+    after_s = (told[0] - moment_utc_ns) * 1e-9 if told else None
     try:
         tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
         certificate = certify(recording.manifest, thinned(recording.manifest, tracks))

@@ -106,7 +106,7 @@ def test_force_at_the_edge_and_markers_from_frame_one_tell_the_cuffs_stiffness_w
 def test_one_device_can_be_left_out_and_the_operator_waits_for_the_others_only() -> None:
     settings = settings_from_dict({**SHORT, "ports": {"ni": None, "serial": None}})
     with Bench(settings, SPEED) as bench:
-        assert set(bench.ports) == {"qtm"}
+        assert set(bench.ports) == {"qtm", "clock"}
         qtm = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
         qtm.open()
         items: list[Item] = []
@@ -163,13 +163,17 @@ def child() -> Iterator[Child]:
 
 
 def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: Child) -> None:
-    ready = child.ask({"speed": 600, "seed": 1, "cuffs": {"hand": {"migration_m": 0.02}}, "ports": {"ni": None}})
+    ready = child.ask({"seed": 1, "cuffs": {"hand": {"migration_m": 0.02}}, "ports": {"ni": None}})
     assert ready["truth"]["cuffs"]["hand"]["migration_m"] == 0.02
     assert ready["labels"][0] == "anchor_1"
     socket.create_connection(("127.0.0.1", ready["ports"]["qtm"])).close()
-    assert child.ask({"trial": {"cuff": "hand", "test": "dynamic"}}) == {"trial": {"cuff": "hand", "test": "dynamic"}}
-    assert child.ask({"don": "tube"}) == {"trial": {"cuff": "tube", "test": "static"}}
-    assert child.ask({"pause_s": 60}) == {"pause_s": 60}
+    trial = {"cuff": "hand", "test": "dynamic"}
+    assert child.ask({"trial": trial}) == {"trial": trial, "now": 0.0}
+    assert child.ask({"don": "tube"}) == {"trial": {"cuff": "tube", "test": "static"}, "now": 0.0}
+    assert child.ask({"pause_s": 60}) == {"pause_s": 60, "now": 60.0}
+    assert child.ask({"speed": 3}) == {"speed": 3.0, "now": 60.0}
+    assert child.ask({"speed": None})["speed"] is None
+    assert "the speed is 0, expected a number above 0" in child.ask({"speed": 0})["error"]
     assert child.ask({"truth": True})["truth"]["slip_m"]["hand"] == 0.0
     fault = child.ask({"fault": {"device": "qtm", "fault": "skip_frames", "for_s": 2}})["fault"]
     assert (fault["fault"], fault["for_s"]) == ("skip_frames", 2.0)

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.simulators.bounce import Bounce
 from drivers.simulators.settings import STANDARD_GRAVITY, BounceTest
-from tests.drivers.simulators.test_world import play, world
+from tests.drivers.simulators.test_world import go_to, play, world
 
 TEST = BounceTest(mass_kg=2.0, frequency_hz=1.2, damping_ratio=0.01)
 
@@ -34,45 +34,43 @@ def test_it_hangs_at_rest_before_and_after() -> None:
 
 
 def test_the_bench_bounces_the_weight_when_it_is_told_to() -> None:
-    bench, wall = world(bounce={"mass_kg": 2.0}, mocap={"noise_mm": 0.0, "occlusions_per_minute": 0.0})
+    bench = world(bounce={"mass_kg": 2.0}, mocap={"noise_mm": 0.0, "occlusions_per_minute": 0.0})
     bench.select_trial(None, "bounce")
-    capture, t = play(bench, wall)
+    capture, t = play(bench)
     assert (capture.trial.cuff, capture.trial.test) == (None, "bounce")
     force = bench.cell_force(t)
     assert force.mean() == pytest.approx(2.0 * STANDARD_GRAVITY, abs=0.3)
     height = bench.markers(t)[:, bench.labels.index("weight"), 2]
     assert np.corrcoef(force, height)[0, 1] == pytest.approx(-1.0, abs=1e-3)
     bench.select_trial("waist", "static")
-    wall.set_to(bench.now() + 5.0)
+    go_to(bench, bench.now() + 5.0)
     assert bench.cell_force(np.array([bench.now()]))[0] == pytest.approx(2.0, abs=0.1), "the hook on the rope"
     np.testing.assert_array_equal(bench.cell_force(t), force)
 
 
 def test_the_amplifier_is_late_and_off_in_scale() -> None:
-    bench, wall = world(
-        bounce={"mass_kg": 2.0}, amplifier={"delay_s": 0.05, "noise_v": 0.0, "zero_v": 0.0, "gain": 1.02}
-    )
+    bench = world(bounce={"mass_kg": 2.0}, amplifier={"delay_s": 0.05, "noise_v": 0.0, "zero_v": 0.0, "gain": 1.02})
     bench.select_trial(None, "bounce")
-    _, t = play(bench, wall)
+    _, t = play(bench)
     per_newton = bench.settings.amplifier.full_scale_v / (bench.settings.amplifier.capacity_kg * STANDARD_GRAVITY)
     np.testing.assert_allclose(bench.amplifier_voltage(t), 1.02 * per_newton * bench.cell_force(t - 0.05), rtol=1e-9)
 
 
 def test_a_bounce_needs_no_cuff_and_a_weight_in_the_settings() -> None:
-    bench, _ = world(bounce={})
+    bench = world(bounce={})
     with pytest.raises(ValueError, match="a bounce has no cuff"):
         bench.select_trial("waist", "bounce")
-    bench, _ = world()
+    bench = world()
     with pytest.raises(ValueError, match="the settings have no bounce"):
         bench.select_trial(None, "bounce")
 
 
 def test_a_cuff_keeps_what_it_slipped_while_the_weight_bounces() -> None:
-    bench, wall = world(bounce={})
+    bench = world(bounce={})
     bench.select_trial("waist", "static")
-    play(bench, wall)
+    play(bench)
     before = bench.truth()["slip_m"]["waist"]
     bench.select_trial(None, "bounce")
-    play(bench, wall)
+    play(bench)
     bench.select_trial("waist", "static")
     assert bench.truth()["slip_m"]["waist"] == before > 0.001

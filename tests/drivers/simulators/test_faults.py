@@ -89,14 +89,13 @@ def test_faults_go_on_from_their_begin_to_their_end_and_belong_to_their_capture(
 
 def sync_line(fault: str, **when: Any) -> tuple[np.ndarray[Any, Any], World]:
     """The line each millisecond from 0 to 4 s; the capture lasts from 1 s to 2 s."""
-    now = [0.0]
     plan = [fault_from_dict({"device": "sync", "fault": fault, **when})]
-    world = World(settings_from_dict({}), wall=lambda: now[0], fault_plan=plan)
-    now[0] = 1.0
+    world = World(settings_from_dict({}), speed=None, fault_plan=plan)
+    world.clock.advance(1.0)
     world.start_capture()
-    now[0] = 2.0
+    world.clock.advance(1.0)
     world.stop_capture()
-    now[0] = 4.0
+    world.clock.advance(2.0)
     return world.sync_voltage(np.arange(0.0005, 4.0, 0.001)) > 2.5, world
 
 

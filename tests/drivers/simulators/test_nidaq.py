@@ -19,8 +19,10 @@ from tests.drivers.stand_in_world import StandInWorld
 
 
 @pytest.fixture
-def world() -> StandInWorld:
-    return StandInWorld(speed=5.0)
+def world() -> Iterator[StandInWorld]:
+    world = StandInWorld(speed=5.0)
+    yield world
+    world.clock.stop()
 
 
 @pytest.fixture

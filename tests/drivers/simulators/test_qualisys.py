@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import socket
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable
 from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree
@@ -20,17 +19,9 @@ from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.qualisys import MOST_CLIENTS, QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
+from tests.drivers.simulated_qtm import serving, simulator
 
 PATIENCE_S = 10.0
-
-
-@contextmanager
-def simulator(**mocap: Any) -> Iterator[QualisysSimulator]:
-    settings = settings_from_dict({"operator": {"capture": "remote"}, "mocap": mocap})
-    qtm = QualisysSimulator(World(settings, speed=30.0))
-    qtm.start()
-    yield qtm
-    qtm.stop()
 
 
 class Client:
@@ -165,8 +156,6 @@ def test_a_capture_tells_its_start_its_end_and_that_it_is_saved() -> None:
 
 def test_a_capture_that_follows_at_once_begins_after_the_end_of_the_one_before() -> None:
     world = World(settings_from_dict({"operator": {"capture": "remote"}}), speed=30.0)
-    qtm = QualisysSimulator(world)
-    qtm.start()
 
     async def watch(client: Client) -> None:
         await client.rt.stream_frames("allframes", ["3d"], client.frames.append)
@@ -176,8 +165,8 @@ def test_a_capture_that_follows_at_once_begins_after_the_end_of_the_one_before()
         world.start_capture()
         await client.wait_for(lambda: client.events.count(QRTEvent.EventCaptureStarted) == 2)
 
-    client = talk(qtm.port, watch)
-    qtm.stop()
+    with serving(world) as qtm:
+        client = talk(qtm.port, watch)
     assert client.events == [
         QRTEvent.EventCaptureStarted,
         QRTEvent.EventCaptureStopped,
@@ -188,8 +177,6 @@ def test_a_capture_that_follows_at_once_begins_after_the_end_of_the_one_before()
 def test_frames_are_late_when_the_sync_line_rises_early() -> None:
     early = fault_from_dict({"device": "sync", "fault": "early_edge", "for_s": 2.0})
     world = World(settings_from_dict({"operator": {"capture": "remote"}}), speed=30.0, fault_plan=[early])
-    qtm = QualisysSimulator(world)
-    qtm.start()
 
     async def watch(client: Client) -> None:
         await client.rt.stream_frames("allframes", ["3d"], client.frames.append)
@@ -198,8 +185,8 @@ def test_frames_are_late_when_the_sync_line_rises_early() -> None:
         assert client.frames[0].framenumber == 1
         assert len(client.frames) / 100 <= world.now() - start - 2.0 + 0.01
 
-    talk(qtm.port, watch)
-    qtm.stop()
+    with serving(world) as qtm:
+        talk(qtm.port, watch)
 
 
 def test_an_unsaved_measurement_stands_in_the_way_of_a_new_one() -> None:

@@ -1,4 +1,4 @@
-"""The World on a wall clock that a test moves."""
+"""The World at times that a test chooses."""
 
 from __future__ import annotations
 
@@ -12,39 +12,28 @@ from numpy.typing import NDArray
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import Capture, World
 
-SPEED = 30.0
 SHORT = {"repeats": 1, "static": {"hold_s": 3.0, "lead_in_s": 1.0}, "dynamic": {"swing_s": 6.0}}
 
 
-class Wall:
-    """A clock that stands until it is set to the world time of the world that reads it."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __call__(self) -> float:
-        return self.seconds
-
-    def set_to(self, world_time: float) -> None:
-        self.seconds = world_time / SPEED
+def world(**settings: Any) -> World:
+    return World(settings_from_dict({"protocol": SHORT, **settings}), speed=None, seed=2)
 
 
-def world(**settings: Any) -> tuple[World, Wall]:
-    wall = Wall()
-    return World(settings_from_dict({"protocol": SHORT, **settings}), SPEED, seed=2, wall=wall), wall
+def go_to(bench: World, world_time: float) -> None:
+    bench.clock.advance(world_time - bench.now())
 
 
-def play(bench: World, wall: Wall) -> tuple[Capture, NDArray[np.float64]]:
+def play(bench: World) -> tuple[Capture, NDArray[np.float64]]:
     """One whole capture, half a minute from now; its times at 100 Hz."""
-    wall.set_to(bench.now() + 30.0)
+    go_to(bench, bench.now() + 30.0)
     capture = bench.start_capture()
-    wall.set_to(capture.end + 5.0)
+    go_to(bench, capture.end + 5.0)
     return capture, np.arange(capture.start, capture.end - 1e-6, 0.01)
 
 
-def unloading_stiffness(bench: World, wall: Wall) -> float:
+def unloading_stiffness(bench: World) -> float:
     """Force over displacement of the markers in the second half of a static test, where nothing slips."""
-    capture, t = play(bench, wall)
+    capture, t = play(bench)
     t = t[t > (capture.start + capture.end) / 2 + 2.0]
     force = bench.cell_force(t)
     markers = bench.markers(t)
@@ -56,49 +45,43 @@ def unloading_stiffness(bench: World, wall: Wall) -> float:
     return slope
 
 
-def test_time_runs_as_fast_as_it_is_told() -> None:
-    bench, wall = world()
-    wall.seconds += 2.0
-    assert bench.now() == pytest.approx(2.0 * SPEED)
-
-
 def test_a_capture_lasts_whole_frames_also_when_it_is_stopped() -> None:
-    bench, wall = world()
-    ended, _ = play(bench, wall)
+    bench = world()
+    ended, _ = play(bench)
     bench.start_capture()
-    wall.set_to(bench.now() + 1.2345)
+    go_to(bench, bench.now() + 1.2345)
     for capture in (ended, bench.stop_capture()):
         frames = (capture.end - capture.start) * bench.settings.mocap.rate_hz
         assert frames == pytest.approx(round(frames), abs=1e-6)
 
 
 def test_the_sync_line_is_high_exactly_during_the_capture() -> None:
-    bench, wall = world()
-    capture, t = play(bench, wall)
+    bench = world()
+    capture, t = play(bench)
     around = np.array([capture.start - 0.001, *t[[0, -1]], capture.end, capture.end + 1])
     assert bench.sync_voltage(around).tolist() == [0.0, 5.0, 5.0, 0.0, 0.0]
 
 
 def test_an_inverted_sync_line_is_low_during_the_capture() -> None:
-    bench, wall = world(sync={"is_inverted": True, "low_v": 0.2, "high_v": 4.8})
-    capture, _ = play(bench, wall)
+    bench = world(sync={"is_inverted": True, "low_v": 0.2, "high_v": 4.8})
+    capture, _ = play(bench)
     assert bench.sync_voltage(np.array([capture.start - 1, capture.start + 1])).tolist() == [4.8, 0.2]
 
 
 def test_a_capture_starts_after_everything_the_devices_were_told_already() -> None:
-    bench, wall = world()
-    wall.set_to(10.0)
+    bench = world()
+    go_to(bench, 10.0)
     bench.sync_voltage(np.array([10.2]))  # a device whose clock runs ahead a little
     assert bench.start_capture().start >= 10.2
 
 
 def test_a_stopped_capture_lowers_the_line_and_unloads_the_cuff() -> None:
-    bench, wall = world()
-    wall.set_to(5.0)
+    bench = world()
+    go_to(bench, 5.0)
     bench.start_capture()
-    wall.set_to(12.0)
+    go_to(bench, 12.0)
     capture = bench.stop_capture()
-    wall.set_to(30.0)
+    go_to(bench, 30.0)
     assert capture.end == pytest.approx(12.0)
     assert bench.sync_voltage(np.array([11.9, 12.1])).tolist() == [5.0, 0.0]
     assert bench.cell_force(np.array([11.9]))[0] > 30.0
@@ -106,18 +89,18 @@ def test_a_stopped_capture_lowers_the_line_and_unloads_the_cuff() -> None:
 
 
 def test_the_amplifier_gives_its_full_scale_at_capacity_above_its_zero_and_5_mv_of_noise() -> None:
-    bench, wall = world(amplifier={"zero_v": 0.1})
-    _, t = play(bench, wall)
+    bench = world(amplifier={"zero_v": 0.1})
+    _, t = play(bench)
     volts, newtons = bench.amplifier_voltage(t), bench.cell_force(t)
     assert (volts - newtons * 5.0 / (50 * 9.80665)).mean() == pytest.approx(0.1, abs=1e-3)
     assert (volts - newtons * 5.0 / (50 * 9.80665)).std() == pytest.approx(0.005, rel=0.1)
 
 
 def test_the_plan_is_played_in_order_and_every_cuff_is_donned_once() -> None:
-    bench, wall = world()
+    bench = world()
     played, slips = [], []
     for _ in range(5):
-        capture, _ = play(bench, wall)
+        capture, _ = play(bench)
         played.append((capture.trial.cuff, capture.trial.test))
         slips.append(bench.truth()["slip_m"][capture.trial.cuff])
     order = ["waist", "static"], ["waist", "dynamic"], ["hand", "static"], ["hand", "dynamic"], ["tube", "static"]
@@ -126,54 +109,54 @@ def test_the_plan_is_played_in_order_and_every_cuff_is_donned_once() -> None:
 
 
 def test_the_session_of_a_cuff_ends_near_its_configured_migration() -> None:
-    bench, wall = world(cuffs={"tube": {"migration_m": 0.015}})
+    bench = world(cuffs={"tube": {"migration_m": 0.015}})
     bench.select_trial("tube", "static")
     for _ in range(3):
-        play(bench, wall)
+        play(bench)
     assert bench.truth()["slip_m"]["tube"] == pytest.approx(0.015, rel=0.05)
 
 
 def test_what_slipped_stays_until_the_cuff_is_donned_again() -> None:
-    bench, wall = world()
+    bench = world()
     bench.select_trial("hand", "static")
-    play(bench, wall)
+    play(bench)
     first = bench.truth()["slip_m"]["hand"]
     bench.select_trial("hand", "dynamic")
-    play(bench, wall)
+    play(bench)
     assert bench.truth()["slip_m"]["hand"] == pytest.approx(first, abs=1e-5)
     bench.don("hand")
     assert bench.truth()["slip_m"]["hand"] == 0.0
 
 
 def test_unloaded_the_cuff_has_moved_by_what_slipped() -> None:
-    bench, wall = world(mocap={"noise_mm": 0.0, "occlusions_per_minute": 0}, wearer={"sway_mm": 0, "sway_deg": 0})
+    bench = world(mocap={"noise_mm": 0.0, "occlusions_per_minute": 0}, wearer={"sway_mm": 0, "sway_deg": 0})
     bench.select_trial("elbow", "static")
-    capture, _ = play(bench, wall)
+    capture, _ = play(bench)
     before, after = bench.markers(np.array([capture.start + 0.5, capture.end - 0.5]))[:, bench.labels.index("cuff_1")]
     assert np.linalg.norm(after - before) * 1e-3 == pytest.approx(bench.truth()["slip_m"]["elbow"], rel=1e-3)
 
 
 @pytest.mark.parametrize("stiffness", [2000.0, 6000.0])
 def test_a_stiffer_cuff_is_displaced_less(stiffness: float) -> None:
-    bench, wall = world(cuffs={"hand": {"stiffness_n_per_m": stiffness}}, wearer={"sway_deg": 0.0})
+    bench = world(cuffs={"hand": {"stiffness_n_per_m": stiffness}}, wearer={"sway_deg": 0.0})
     bench.select_trial("hand", "static")
-    assert unloading_stiffness(bench, wall) == pytest.approx(stiffness, rel=0.05)
+    assert unloading_stiffness(bench) == pytest.approx(stiffness, rel=0.05)
 
 
 def test_after_hours_without_anyone_looking_the_cuff_still_hangs_at_rest() -> None:
-    bench, wall = world()
-    wall.set_to(20 * 3600.0)
+    bench = world()
+    go_to(bench, 20 * 3600.0)
     assert bench.cell_force(np.array([bench.now()]))[0] == pytest.approx(2.0, abs=0.3)
 
 
 def test_the_same_seed_gives_the_same_world_whatever_the_devices_did_before() -> None:
     forces = []
     for is_sampled in (False, True):
-        bench, wall = world()
-        play(bench, wall)
+        bench = world()
+        play(bench)
         if is_sampled:
             bench.amplifier_voltage(np.linspace(bench.now() - 1, bench.now(), 777))
-        _, t = play(bench, wall)
+        _, t = play(bench)
         forces.append(bench.cell_force(t[::50]))
     assert np.array_equal(*forces)
 
@@ -181,11 +164,11 @@ def test_the_same_seed_gives_the_same_world_whatever_the_devices_did_before() ->
 def test_how_often_devices_look_does_not_change_what_happens() -> None:
     forces = []
     for looks in (3, 400):
-        bench, wall = world()
-        wall.set_to(5.0)
+        bench = world()
+        go_to(bench, 5.0)
         capture = bench.start_capture()
         for moment in np.linspace(capture.start, capture.end, looks):
-            wall.set_to(float(moment))
+            go_to(bench, float(moment))
             bench.sync_voltage(np.array([moment]))
         forces.append(bench.cell_force(np.linspace(capture.start, capture.end - 0.1, 500)))
     assert forces[0] == pytest.approx(forces[1], abs=1e-9)
@@ -195,8 +178,8 @@ def test_a_device_that_lags_behind_still_sees_the_end_of_the_capture() -> None:
     """On a busy machine one device asks for seconds after the capture before the other asked for its end."""
 
     def seen(is_late: bool) -> NDArray[np.float64]:
-        bench, wall = world()
-        capture, t = play(bench, wall)
+        bench = world()
+        capture, t = play(bench)
         if is_late:
             bench.cell_force(np.array([capture.end + 4.0]))
         return bench.markers(t[-200:])
@@ -205,12 +188,12 @@ def test_a_device_that_lags_behind_still_sees_the_end_of_the_capture() -> None:
 
 
 def test_what_cannot_be_done_is_refused_in_a_sentence() -> None:
-    bench, wall = world()
+    bench = world()
     with pytest.raises(ValueError, match="no capture is running"):
         bench.stop_capture()
     with pytest.raises(ValueError, match="no trial 'foot' 'static'; cuffs are waist, hand, tube, elbow"):
         bench.select_trial("foot", "static")
-    wall.set_to(5.0)
+    go_to(bench, 5.0)
     bench.start_capture()
     with pytest.raises(ValueError, match="a capture is running"):
         bench.start_capture()
@@ -220,8 +203,8 @@ def test_what_cannot_be_done_is_refused_in_a_sentence() -> None:
 
 def test_devices_in_many_threads_see_one_world() -> None:
     def begun() -> tuple[World, Capture]:
-        bench, wall = world()
-        wall.set_to(2.0)
+        bench = world()
+        go_to(bench, 2.0)
         return bench, bench.start_capture()
 
     bench, capture = begun()

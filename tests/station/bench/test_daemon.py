@@ -13,18 +13,18 @@ import pytest
 
 from drivers.device import Device
 from drivers.errors import DeviceUnavailable
+from recordings import writer
 from recordings.manifest import CuffSite
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
-from station.bench import disk
+from station.bench import disk, stepped_feed
 from station.bench.daemon import Daemon, TrialRefused
 from station.bench.session import Snapshot, State
-from station.clock import Clock, RealClock
+from station.clock import Clock, ManualClock
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
 
-SPEED = 20.0
 SPEC = TrialSpec("hand", "static", 1)
 CONFIG = parse_config(
     {
@@ -39,7 +39,7 @@ class Rig:
     """A daemon on fake devices; a capture of 6 s begins 20 s after they are made. `prepare` may spoil them."""
 
     def __init__(self, delay_s: float = 20.0, prepare: Callable[[FakeDaq], None] = lambda daq: None) -> None:
-        self.clock = RealClock(SPEED)
+        self.clock = ManualClock()
         self._delay_s, self._prepare = delay_s, prepare
         self.made: list[Device] = []
 
@@ -114,7 +114,9 @@ def test_a_device_lost_in_mid_trial_leaves_a_readable_file_that_is_not_accepted(
     assert len(open_recording(result.path).load("/force").values) > 3000
 
 
-def test_a_device_frozen_for_ever_is_noticed_and_left_behind(tmp_path: Path) -> None:
+def test_a_device_frozen_for_ever_is_noticed_and_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stepped_feed, "STUCK_S", 0.01)
+
     class Freezes:
         def offer(self, item: Item) -> None: ...
 
@@ -182,8 +184,12 @@ def test_a_disk_that_fills_meanwhile_ends_the_trial_well_before_it_is_full(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="this system sets no limit to the size of a file")
-def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good_sample(tmp_path: Path) -> None:
+def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good_sample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import resource
+
+    monkeypatch.setattr(writer, "FLUSH_AFTER_S", 0.0)
 
     told: list[str] = []
 

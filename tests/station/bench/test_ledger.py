@@ -10,13 +10,12 @@ import pytest
 
 from drivers.simulators.bench import Bench
 from recordings.contents import contents_of
+from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon
-from station.clock import RealClock
 from station.config import parse_config
 from station.files.info import show_contents
 from station.protocol import TrialSpec
 
-SPEED = 10.0
 ANCHOR = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
 FAULTS = [
     {"device": "ni", "fault": "overrun", "at_s": 3.0},
@@ -32,7 +31,7 @@ FAULTS = [
 def test_under_many_faults_no_sample_is_unaccounted(
     simulated_bench: Callable[..., Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bench = simulated_bench(SPEED, faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
+    bench = simulated_bench(faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
     config = parse_config(
         {
             "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
@@ -41,7 +40,8 @@ def test_under_many_faults_no_sample_is_unaccounted(
         },
         "test",
     )
-    result = Daemon(config, RealClock(SPEED)).record(tmp_path, TrialSpec("waist", "static", 1))
+    with BenchClock(bench.ports["clock"]) as clock:
+        result = Daemon(config, clock).record(tmp_path, TrialSpec("waist", "static", 1))
     assert result.path is not None
     contents = contents_of(result.path)
     causes = {(gap.stream, gap.cause) for gap in contents.gaps}

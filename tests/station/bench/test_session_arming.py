@@ -17,7 +17,7 @@ def test_exactly_the_last_two_seconds_before_the_edge_are_kept_of_the_daq() -> N
 
 
 def test_marker_frames_that_came_before_the_block_with_the_edge_are_kept() -> None:
-    bench = Bench(speed=30.0).arm()
+    bench = Bench().arm()
     bench.run(3.0)
     bench.capturing = True
     for _ in range(5):  # frames arrive at once, the DAQ's block a good deal later

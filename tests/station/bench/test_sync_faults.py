@@ -10,12 +10,10 @@ import pytest
 from drivers.simulators.faults import FAULTS
 from tests.station.sync_faults import CASES, Case, suffer
 
-SPEED = 5.0
-
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_a_fault_of_the_sync_line_is_told_by_daemon_or_certificate(case: Case, tmp_path: Path) -> None:
-    suffered = suffer(case, tmp_path, SPEED)
+    suffered = suffer(case, tmp_path)
     assert suffered.result.accepted is case.accepted, suffered.result.sentence
     assert re.search(case.words, suffered.words), suffered.words
     told = {"sync_glitch", "sync_double_edge", "no_stop_edge"} & {event.kind for event in suffered.events}

@@ -7,26 +7,29 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from recordings.manifest import TestKind
+from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, load_config
 from station.protocol import TrialSpec
 from tests.station.console.served import write_config
 
-SPEED = 12.0
 DYNAMIC = TrialSpec("hand", "dynamic", 1)
 
 
 @contextmanager
 def simulated_bench(
-    folder: Path, *, speed: float = SPEED, test: TestKind = "dynamic", hold_s: float = 7.0, swing_s: float = 5.0
+    folder: Path, *, speed: float | None = None, test: TestKind = "dynamic", hold_s: float = 7.0, swing_s: float = 5.0
 ) -> Iterator[tuple[SimulatedBench, StationConfig]]:
-    """The bench and the configuration that points at it, control of the capture included."""
+    """The bench, as fast as it is handled unless a speed is given, and the configuration that points at it.
+
+    Control of the capture is included.
+    """
     folder.mkdir(exist_ok=True)
     config = load_config(write_config(folder, hold_s=hold_s, swing_s=swing_s))
     settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
@@ -39,24 +42,28 @@ def simulated_bench(
 class Recorder:
     """The recorder's process, spoken to as the console does; a context manager that leaves none behind.
 
-    One that does not begin at once is there already when its trial is asked for, by begin().
+    One that does not begin at once is there already when its trial is asked for, by begin(). Where the clock of its
+    bench is given, the world goes on only as the test reads what the recorder tells, so that nothing is missed;
+    let_go() leaves the world to the recorder.
     """
 
     def __init__(
         self,
         config: StationConfig,
         folder: Path,
-        spec: TrialSpec = DYNAMIC,
-        speed: float = SPEED,
+        clock_port: int | None = None,
         *,
+        spec: TrialSpec = DYNAMIC,
         begins_at_once: bool = True,
     ) -> None:
         self._begins_at_once = begins_at_once
+        self._hold = ExitStack()
+        self._clock = None if clock_port is None else self._hold.enter_context(BenchClock(clock_port))
         self._request = {
             "config": config.model_dump(mode="json"),
             "folder": str(folder),
             "spec": asdict(spec),
-            "speed": speed,
+            "clock_port": clock_port,
         }
 
     def __enter__(self) -> Recorder:
@@ -74,7 +81,12 @@ class Recorder:
     def begin(self) -> None:
         self.wish(self._request)
 
+    def let_go(self) -> None:
+        self._hold.close()
+        self._clock = None
+
     def __exit__(self, *_: object) -> None:
+        self.let_go()
         if self.child.poll() is None:
             self.child.kill()
         self.child.wait()
@@ -95,6 +107,8 @@ class Recorder:
             said: dict[str, Any] = json.loads(line)
             if is_met(said):
                 return said
+            if self._clock is not None and said.get("state") != "idle":
+                self._clock.step()
         raise AssertionError(f"the recorder ended without that: {line.decode()} {self.errors()}")
 
     def end(self) -> dict[str, Any]:

@@ -18,11 +18,14 @@ from station.console.desk import Desk, DeskRefusal, Live, looks_like_a_name
 from station.console.guide import Ceilings, FreeStaticGuide
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
-from tests.station.console.benched import SPEED, simulated_bench
+from tests.station.console.benched import simulated_bench
 from tests.station.console.served import write_config
 
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)
 PATIENCE_S = 120.0
+SPEED = 12.0
+HOLD_S = 30.0
+"""Long, for a trial that the test ends."""
 
 
 @pytest.fixture
@@ -35,7 +38,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedBench, StationConfig]]:
-    with simulated_bench(tmp_path_factory.mktemp("bench"), hold_s=2.0) as both:
+    with simulated_bench(tmp_path_factory.mktemp("bench"), speed=SPEED, hold_s=HOLD_S) as both:
         yield both
 
 

@@ -43,8 +43,10 @@ def assert_whole(folder: Path) -> None:
     assert recorded.accepted and recorded.sentence == "the mocap capture ended"
 
 
-def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(config: StationConfig, tmp_path: Path) -> None:
-    with Recorder(config, tmp_path) as recorder:
+def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(
+    running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
+) -> None:
+    with Recorder(config, tmp_path, running[0].clock_port) as recorder:
         said = recorder.until(has_recorded(4.0))
         recorder.wish({"mark": True})
         assert said["streams"]["/force"]["nominal_hz"] == 1000
@@ -59,17 +61,23 @@ def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(config: Station
 
 
 @pytest.mark.slow
-def test_a_console_that_stops_reading_costs_nothing(config: StationConfig, tmp_path: Path) -> None:
-    with Recorder(config, tmp_path) as recorder:
+def test_a_console_that_stops_reading_costs_nothing(
+    running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
+) -> None:
+    with Recorder(config, tmp_path, running[0].clock_port) as recorder:
+        recorder.let_go()
         assert recorder.child.stdout is not None
         fcntl.fcntl(recorder.child.stdout, fcntl.F_SETPIPE_SZ, SMALLEST_PIPE)
         assert recorder.child.wait(PATIENCE_S) == 0
     assert_whole(tmp_path)
 
 
-def test_a_console_that_is_killed_costs_nothing(config: StationConfig, tmp_path: Path) -> None:
-    with Recorder(config, tmp_path) as recorder:
+def test_a_console_that_is_killed_costs_nothing(
+    running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
+) -> None:
+    with Recorder(config, tmp_path, running[0].clock_port) as recorder:
         recorder.until(has_recorded(2.0))
+        recorder.let_go()
         assert recorder.child.stdin is not None and recorder.child.stdout is not None
         recorder.child.stdin.close()
         recorder.child.stdout.close()
@@ -79,7 +87,10 @@ def test_a_console_that_is_killed_costs_nothing(config: StationConfig, tmp_path:
 
 
 def test_what_a_killed_recorder_left_is_made_whole_and_waits_for_a_decision(tmp_path: Path) -> None:
-    with simulated_bench(tmp_path / "bench") as (_, config), Recorder(config, tmp_path) as recorder:
+    with (
+        simulated_bench(tmp_path / "bench") as (bench, config),
+        Recorder(config, tmp_path, bench.clock_port) as recorder,
+    ):
         recorder.until(has_recorded(4.0))
         adopt_recordings(tmp_path)
         assert read_journal(tmp_path).recorded == (), "a recorder that is at work speaks for itself"
@@ -95,9 +106,10 @@ def test_what_a_killed_recorder_left_is_made_whole_and_waits_for_a_decision(tmp_
 
 
 def test_a_second_start_is_refused_and_the_first_goes_on_until_it_is_stopped(
-    config: StationConfig, tmp_path: Path
+    running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
 ) -> None:
-    with Recorder(config, tmp_path) as recorder, Recorder(config, tmp_path, begins_at_once=False) as second:
+    port = running[0].clock_port
+    with Recorder(config, tmp_path, port) as recorder, Recorder(config, tmp_path, begins_at_once=False) as second:
         recorder.until(has_recorded(1.0))
         second.begin()
         assert second.end()["refused"].startswith("another trial is being recorded into ")
@@ -110,7 +122,7 @@ def test_a_second_start_is_refused_and_the_first_goes_on_until_it_is_stopped(
 def test_a_stop_while_armed_records_nothing(running: tuple[SimulatedBench, StationConfig], tmp_path: Path) -> None:
     data = running[1].model_dump(mode="json")
     data["mocap"]["control"] = "none"
-    with Recorder(StationConfig(**data), tmp_path) as recorder:
+    with Recorder(StationConfig(**data), tmp_path, running[0].clock_port) as recorder:
         recorder.until(lambda said: said["state"] == "armed")
         recorder.wish({"stop": True})
         result = recorder.end()["result"]
@@ -120,7 +132,10 @@ def test_a_stop_while_armed_records_nothing(running: tuple[SimulatedBench, Stati
 
 
 def test_a_device_that_is_lost_in_mid_trial_is_named_and_the_recording_kept(tmp_path: Path) -> None:
-    with simulated_bench(tmp_path / "bench") as (bench, config), Recorder(config, tmp_path) as recorder:
+    with (
+        simulated_bench(tmp_path / "bench") as (bench, config),
+        Recorder(config, tmp_path, bench.clock_port) as recorder,
+    ):
         recorder.until(has_recorded(4.0))
         bench.tell({"fault": {"device": "ni", "fault": "unplug", "for_s": 200.0}})
         result = recorder.end()["result"]

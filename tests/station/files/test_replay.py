@@ -9,17 +9,16 @@ import pytest
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import recover
+from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon
 from station.bench.simulation import SimulatedBench, simulator_settings
-from station.clock import RealClock
 from station.config import parse_config
 from station.files.replay import replay
 from station.fit import fit_session_folder
 from station.protocol import TrialSpec
-from tests.station.bench.test_daemon import SPEC, SPEED, Rig
+from tests.station.bench.test_daemon import SPEC, Rig
 
-PHYSICS_SPEED, AGAIN_SPEED = 15.0, 60.0
-"""A replay has no world to compute beside it."""
+AGAIN_SPEED = 500.0
 CUFF = {
     "anchor_markers": ["anchor_1", "anchor_2", "anchor_3", "anchor_4"],
     "cuff_markers": ["cuff_1"],
@@ -35,7 +34,7 @@ def recorded(tmp_path: Path) -> Path:
 
 
 def test_a_replay_holds_the_same_samples_at_the_same_times(recorded: Path, tmp_path: Path) -> None:
-    result = replay(recorded, tmp_path / "again", SPEED)
+    result = replay(recorded, tmp_path / "again", AGAIN_SPEED)
     assert result.accepted, result.sentence
     assert result.path is not None
     before, after = open_recording(recorded), open_recording(result.path)
@@ -50,7 +49,7 @@ def test_a_recording_that_an_operator_stopped_ends_the_same_way(tmp_path: Path) 
     daemon = Rig().daemon()
     path = daemon.record(tmp_path / "live", SPEC, duration_s=3.0).path
     assert path is not None
-    result = replay(path, tmp_path / "again", SPEED)
+    result = replay(path, tmp_path / "again", AGAIN_SPEED)
     assert result.accepted, result.sentence
 
 
@@ -58,11 +57,11 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "none.mcap"
     path.write_bytes(b"")
     with pytest.raises(RecordingError):
-        replay(path, tmp_path / "again", SPEED)
+        replay(path, tmp_path / "again", AGAIN_SPEED)
 
 
 def test_the_replayed_trial_is_the_same_trial(recorded: Path, tmp_path: Path) -> None:
-    result = replay(recorded, tmp_path / "again", SPEED)
+    result = replay(recorded, tmp_path / "again", AGAIN_SPEED)
     assert result.path is not None
     manifest = open_recording(result.path).manifest
     assert manifest.start_utc_ns == open_recording(recorded).manifest.start_utc_ns, "the order of trials stays"
@@ -97,10 +96,11 @@ def record_pair(folder: Path) -> Iterator[tuple[TrialSpec, Path]]:
         },
         "the test",
     )
-    with SimulatedBench(simulator_settings(config), PHYSICS_SPEED, 5) as bench:
+    with SimulatedBench(simulator_settings(config), None, 5) as bench:
         for test in ("static", "dynamic"):
             bench.tell({"trial": {"cuff": "hand", "test": test}})
             spec = TrialSpec("hand", test, 1)
-            result = Daemon(bench.pointed_at(config), RealClock(PHYSICS_SPEED)).record(folder, spec)
+            with BenchClock(bench.clock_port) as clock:
+                result = Daemon(bench.pointed_at(config), clock).record(folder, spec)
             assert result.path is not None and not result.lost_samples, result.sentence
             yield spec, result.path
