@@ -45,9 +45,8 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
         reasons = reasons or "there are only bounce trials; record a cuff, too"
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     checks = read_checks(folder)
-    progress("fitting", 0, len(trials))
-    fitted = listed(fit_session(inherited(trials, checks), rejected), checks)
-    progress("fitting", len(trials), len(trials))
+    fitting = fit_session(inherited(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
+    fitted = listed(fitting, checks)
     if output is not None:
         write_whole(output, fitted.to_json())
         _write_bushings(output.parent, fitted)
