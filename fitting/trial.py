@@ -22,7 +22,7 @@ from fitting.timing.thinned import thinned
 from fitting.timing.timeline import lay_out, setting
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, TestKind
-from recordings.reader import Recording, Track, open_recording
+from recordings.reader import Recording, Track, TrackCollector, open_recording
 from recordings.samples import Event
 
 DEFAULT_CUFF_MASS = 0.2
@@ -113,7 +113,8 @@ def read_trial(path: Path) -> Trial:
 
     Raises UnusableTrial, or RecordingError if the file is none of ours.
     """
-    trial = _read(path, open_recording(path))
+    collector = TrackCollector(path)
+    trial = _read(path, open_recording(path, collector.take), collector)
     if isinstance(trial, BounceTrial):
         raise UnusableTrial(f"{path.name} is a bounce, which calibrates the load cell; give a trial of a cuff")
     return trial
@@ -121,7 +122,8 @@ def read_trial(path: Path) -> Trial:
 
 def read_bounce(path: Path) -> BounceTrial:
     """Reads one bounce. Raises UnusableTrial, or RecordingError if the file is none of ours."""
-    trial = _read(path, open_recording(path))
+    collector = TrackCollector(path)
+    trial = _read(path, open_recording(path, collector.take), collector)
     if isinstance(trial, Trial):
         raise UnusableTrial(f"{path.name} is a trial of a cuff; give a bounce")
     return trial
@@ -138,12 +140,12 @@ def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[Rejecte
     rejected = []
     protocols: dict[Path, SessionProtocol] = {}
     for path in paths:
-        recording = None
+        recording, collector = None, TrackCollector(path)
         if path.parent not in protocols:
             protocols[path.parent] = read_protocol(path.parent)
         try:
-            recording = open_recording(path)
-            trial = _read(path, recording)
+            recording = open_recording(path, collector.take)
+            trial = _read(path, recording, collector)
         except (UnusableTrial, RecordingError) as error:
             rejected.append(RejectedTrial(path.name, str(error), _begun(recording)))
             continue
@@ -195,10 +197,10 @@ def _as_edited(trial: Trial, protocol: SessionProtocol) -> Trial:
     return replace(trial, step_masses=masses, step_times=times)
 
 
-def _read(path: Path, recording: Recording) -> Trial | BounceTrial:
+def _read(path: Path, recording: Recording, collector: TrackCollector) -> Trial | BounceTrial:
     if recording.outcome is not None and not recording.outcome.accepted:
         raise UnusableTrial(f"the trial was not accepted when it was recorded: {recording.outcome.sentence}")
-    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
+    tracks = {stream.name: collector.track(stream) for stream in recording.streams}
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     if recording.manifest.bounce is not None:
         return build_bounce(recording.manifest, tracks, path.name, sha256)
