@@ -16,6 +16,7 @@ from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
 from station.muscles.assess import assess_cuffs, write_assessment
 from station.muscles.assessment_inputs import AssessmentInputs
+from station.muscles.compilation import CompilationAhead, compilation_shown
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
 from station.report.page import TRUTH_FILE, write_report
@@ -53,11 +54,12 @@ def run_demo(folder: Path | None, speed: float, seed: int) -> int:
     if any(folder.glob("*.mcap")):
         raise DemoError(f"{folder} holds recordings already, and the demo overwrites none; give another --output")
     talk, data = Console(stderr=True), Console(markup=False)
-    with progress_bars(talk) as progress:
+    with progress_bars(talk) as progress, compilation_shown(progress), CompilationAhead(progress) as ahead:
         results, truth = record_session(folder, demo_config(), speed, seed, progress)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
         fitted = fit_session_folder(folder, folder / "cuffs.json", progress)
         inputs = AssessmentInputs(folder / "cuffs.json")
+        ahead.wait()
         assessed = assess_cuffs(fitted.cuffs, inputs, **MUSCLE_BOUNDS, progress=progress)
         write_assessment(assessed, folder)
         page = write_report(folder, fitted, progress)

@@ -49,41 +49,34 @@ class _Stage:
     """How far a stage has come; seconds of the clock."""
 
     start_s: float
+    last_s: float
     done: int
     total: int
-
-    @property
-    def is_done(self) -> bool:
-        return self.done >= self.total
+    is_told: bool = False
 
 
 class _Lines:
-    """A line when a stage ends, also when it ends early: as the next one starts, or nothing more is reported."""
+    """A line when a stage is done. One that ends early has its line at the end, with the time of its last report."""
 
     def __init__(self, console: Console, clock: Clock) -> None:
         self._console, self._clock = console, clock
         self._stages: dict[str, _Stage] = {}
-        self._current = ""
 
     def report(self, what: str, done: int, total: int) -> None:
-        stage = self._stages.get(what)
-        if stage is not None and stage.is_done:
-            return  # its line is written
-        if what != self._current:
-            self.close()
-            self._current = what
-        if stage is None:
-            stage = self._stages[what] = _Stage(self._clock(), done, total)
-        stage.done, stage.total = done, total
-        if stage.is_done:
-            self.close()
+        now = self._clock()
+        stage = self._stages.setdefault(what, _Stage(now, now, done, total))
+        stage.last_s, stage.done, stage.total = now, done, total
+        if done >= total:
+            self._tell(what, stage)
 
     def close(self) -> None:
-        """Write the line of the stage that was reported last, if it is not written yet."""
-        what, self._current = self._current, ""
-        if what:
-            stage = self._stages[what]
-            line = f"{what}: {stage.done} of {stage.total} in {_seconds(self._clock() - stage.start_s)}"
+        for what, stage in self._stages.items():
+            self._tell(what, stage)
+
+    def _tell(self, what: str, stage: _Stage) -> None:
+        if not stage.is_told:
+            stage.is_told = True
+            line = f"{what}: {stage.done} of {stage.total} in {_seconds(stage.last_s - stage.start_s)}"
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -48,20 +48,32 @@ def test_a_log_has_one_line_per_stage_when_it_ends(log: StringIO, clock: ManualC
     assert log.getvalue() == "recording trials: 25 of 25 in 71 s\nfitting cuffs: 4 of 4 in 2.0 s\n"
 
 
-def test_a_stage_that_ends_early_has_its_line_where_the_next_begins(log: StringIO, clock: ManualClock) -> None:
+def test_a_stage_that_ends_early_has_its_line_at_the_end(log: StringIO, clock: ManualClock) -> None:
     with progress_bars(Console(file=log), clock) as progress:
         progress("trying suits", 0, 160)
         clock.now = 200.0
         progress("trying suits", 34, 160)
         progress("drawing", 0, 2)
-        assert log.getvalue() == "trying suits: 34 of 160 in 3 min 20 s\n"
-    assert log.getvalue().splitlines()[1:] == ["drawing: 0 of 2 in 0.0 s"]
+        clock.now = 203.0
+        progress("drawing", 2, 2)
+    assert log.getvalue() == "drawing: 2 of 2 in 3.0 s\ntrying suits: 34 of 160 in 3 min 20 s\n"
+
+
+def test_a_stage_within_another_does_not_end_it(log: StringIO, clock: ManualClock) -> None:
+    with progress_bars(Console(file=log), clock) as progress:
+        progress("solving muscles", 0, 60)
+        for done in range(9):
+            progress("compiling the solver", done, 8)
+            clock.now += 2.0
+        progress("solving muscles", 60, 60)
+    assert log.getvalue() == "compiling the solver: 8 of 8 in 16 s\nsolving muscles: 60 of 60 in 18 s\n"
 
 
 def test_an_interrupted_stage_has_its_line(log: StringIO, clock: ManualClock) -> None:
     with pytest.raises(KeyboardInterrupt), progress_bars(Console(file=log), clock) as progress:
-        progress("recording trials", 7, 25)
+        progress("recording trials", 0, 25)
         clock.now = 20.0
+        progress("recording trials", 7, 25)
         raise KeyboardInterrupt
     assert log.getvalue() == "recording trials: 7 of 25 in 20 s\n"
 
