@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +109,10 @@ class RejectedTrial:
     capture: Manifest | None = None
 
 
+TrialReading = Trial | BounceTrial | RejectedTrial
+"""What became of reading one recording."""
+
+
 def read_trial(path: Path) -> Trial:
     """Reads one recording of a cuff, calibrated by nothing but its own configuration.
 
@@ -129,32 +134,42 @@ def read_bounce(path: Path) -> BounceTrial:
     return trial
 
 
-def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
+def read_trials(
+    paths: Iterable[Path], readings: Mapping[str, TrialReading] = MappingProxyType({})
+) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
     """Reads every recording that can be used, and says why the others cannot.
 
     Where there are bounce trials among them, lag and gain of all others are what those say. What protocol.toml beside
-    a recording says of its steps counts; raises ProtocolFileError if that cannot be read.
+    a recording says of its steps counts; raises ProtocolFileError if that cannot be read. readings, by file name, are
+    not read again.
     """
-    trials: list[Trial] = []
-    bounces: list[BounceTrial] = []
-    rejected = []
     protocols: dict[Path, SessionProtocol] = {}
+    found = []
     for path in paths:
-        recording, collector = None, TrackCollector(path)
         if path.parent not in protocols:
             protocols[path.parent] = read_protocol(path.parent)
-        try:
-            recording = open_recording(path, collector.take)
-            trial = _read(path, recording, collector)
-        except (UnusableTrial, RecordingError) as error:
-            rejected.append(RejectedTrial(path.name, str(error), _begun(recording)))
-            continue
-        if isinstance(trial, Trial):
-            trials.append(_as_edited(trial, protocols[path.parent]))
-        else:
-            bounces.append(trial)
-    calibration, refused = calibrate(bounces)
+        found.append(readings.get(path.name) or read_alone(path, protocols[path.parent]))
+    return calibrate_trials(found)
+
+
+def read_alone(path: Path, protocol: SessionProtocol | None = None) -> TrialReading:
+    """Reads one recording of any kind, not yet calibrated by bounces. Raises ProtocolFileError as read_trials does."""
+    recording, collector = None, TrackCollector(path)
+    try:
+        recording = open_recording(path, collector.take)
+        trial = _read(path, recording, collector)
+    except (UnusableTrial, RecordingError) as error:
+        return RejectedTrial(path.name, str(error), _begun(recording))
+    return _as_edited(trial, protocol) if isinstance(trial, Trial) and protocol is not None else trial
+
+
+def calibrate_trials(readings: Iterable[TrialReading]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
+    """All trials of a session, calibrated by its bounces, and what cannot be used."""
+    readings = list(readings)
+    calibration, refused = calibrate([each for each in readings if isinstance(each, BounceTrial)])
+    rejected = [each for each in readings if isinstance(each, RejectedTrial)]
     rejected += [RejectedTrial(file, reason) for file, reason in refused.items()]
+    trials = [each for each in readings if isinstance(each, Trial)]
     return tuple(each if calibration is None else calibrated(each, calibration) for each in trials), tuple(rejected)
 
 
