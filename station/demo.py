@@ -54,14 +54,15 @@ def demo_config() -> StationConfig:
     return parse_config(data, "the demo")
 
 
-def run_demo(folder: Path | None, speed: float, seed: int) -> int:
-    """Returns the exit code; the report's path goes to stdout last."""
+def run_demo(folder: Path | None, speed: float, seed: int, ahead: CompilationAhead) -> int:
+    """Returns the exit code; the report's path goes to stdout last. ahead compiles the solver meanwhile."""
     folder = folder or _free_folder()
     if any(folder.glob("*.mcap")):
         raise DemoError(f"{folder} holds recordings already, and the demo overwrites none; give another --output")
     talk, data = Console(stderr=True), Console(markup=False)
     say = partial(talk.print, markup=False, highlight=False, soft_wrap=True)
-    with progress_bars(talk) as progress, compilation_shown(progress), CompilationAhead(progress) as ahead:
+    with progress_bars(talk) as progress, compilation_shown(progress):
+        ahead.show(progress)
         trials, truth = record_session(folder, demo_config(), speed, seed, progress, say)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
         readings = {trial.reading.file: trial.reading for trial in trials if trial.reading}

@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 
@@ -19,13 +19,14 @@ COMMAND = (sys.executable, "-m", "solver.compile_ahead", "--with-parent")
 class CompilationAhead:
     """A context manager: a second process compiles from its start on, and ends with it at the latest.
 
-    Its failure costs time only: what is not compiled is compiled where it is needed.
+    This module imports little, so that the process can be started before what else a verb needs is imported. A failure
+    costs time only: what is not compiled is compiled where it is needed.
     """
 
-    def __init__(self, progress: Progress, command: Sequence[str] = COMMAND) -> None:
-        self._progress, self._command = progress, command
+    def __init__(self, command: Sequence[str] = COMMAND) -> None:
+        self._command = command
         self._child: subprocess.Popen[str] | None = None
-        self._reader = threading.Thread(target=self._show, daemon=True)
+        self._reader: threading.Thread | None = None
         self._is_complete = False
 
     def __enter__(self) -> CompilationAhead:
@@ -39,14 +40,19 @@ class CompilationAhead:
                 encoding="utf-8",
                 creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),  # Windows; elsewhere it is nice
             )
-            self._reader.start()
         except OSError:
             self._child = None
         return self
 
+    def show(self, progress: Progress) -> None:
+        """Report every kernel from now on, in a thread, until the child ends."""
+        if self._child is not None and self._child.stdout is not None:
+            self._reader = threading.Thread(target=self._report, args=(self._child.stdout, progress), daemon=True)
+            self._reader.start()
+
     def wait(self) -> bool:
-        """Wait until the child has ended. Returns whether every kernel is compiled."""
-        if self._child is None:
+        """Wait until the child that is shown has ended. Returns whether every kernel is compiled."""
+        if self._child is None or self._reader is None:
             return False
         self._reader.join()
         return self._child.wait() == 0 and self._is_complete
@@ -59,16 +65,16 @@ class CompilationAhead:
             return
         child.kill()  # what it has written to the disk is whole
         child.wait()
-        self._reader.join()
+        if self._reader is not None:
+            self._reader.join()
         for pipe in (child.stdin, child.stdout):
             if pipe is not None:
                 pipe.close()
 
-    def _show(self) -> None:
-        """In a thread of its own, until the child ends. Where all is on disk already there is nothing to show."""
-        stdout = self._child.stdout if self._child else None
+    def _report(self, counts: Iterable[str], progress: Progress) -> None:
+        """Where all is on disk already there is nothing to show."""
         is_shown = False
-        for line in stdout or ():
+        for line in counts:
             try:
                 counted = json.loads(line)
                 ready, total = int(counted["ready"]), int(counted["kernels"])
@@ -77,7 +83,7 @@ class CompilationAhead:
             self._is_complete = ready == total
             is_shown = is_shown or not self._is_complete
             if is_shown:
-                self._progress(STAGE, ready, total)
+                progress(STAGE, ready, total)
 
 
 @contextmanager

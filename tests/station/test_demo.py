@@ -16,6 +16,7 @@ from station import demo
 from station.bench.daemon import TrialResult
 from station.exit_code import LOSSY
 from station.muscles.assessment_inputs import wearable
+from station.muscles.compilation import CompilationAhead
 from station.progress import silent
 from station.protocol import TrialSpec
 from station.second_attempt import RecordedTrial
@@ -34,18 +35,6 @@ def waist(fitted: SessionFit) -> CuffFit:
     return fitted.cuffs["waist"]
 
 
-class NothingToCompile:
-    def __init__(self, _progress: object) -> None: ...
-
-    def __enter__(self) -> NothingToCompile:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def wait(self) -> bool:
-        return True
-
-
 def test_the_report_is_written_of_what_there_is(
     fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,9 +46,8 @@ def test_the_report_is_written_of_what_there_is(
 
     monkeypatch.setattr(demo, "record_session", lambda *_: ([failed], {}))
     monkeypatch.setattr(demo, "fit_session_folder", fit)
-    monkeypatch.setattr(demo, "CompilationAhead", NothingToCompile)
     (tmp_path / "session").mkdir()
-    assert demo.run_demo(tmp_path / "session", 30.0, 1) == LOSSY
+    assert demo.run_demo(tmp_path / "session", 30.0, 1, CompilationAhead()) == LOSSY
 
     page = (tmp_path / "session" / "report.html").read_text(encoding="utf-8")
     printed = capsys.readouterr()

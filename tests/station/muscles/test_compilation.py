@@ -5,14 +5,20 @@ from __future__ import annotations
 import logging
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from station.muscles.compilation import CompilationAhead, compilation_shown
+from station.progress import silent
 
 Shown = list[tuple[str, int, int]]
 
 
-def _ahead(program: str, shown: Shown) -> CompilationAhead:
-    return CompilationAhead(lambda *count: shown.append(count), (sys.executable, "-c", program))
+@contextmanager
+def _ahead(program: str, shown: Shown) -> Iterator[CompilationAhead]:
+    with CompilationAhead((sys.executable, "-c", program)) as ahead:
+        ahead.show(lambda *count: shown.append(count))
+        yield ahead
 
 
 def _printing(*ready: int) -> str:
@@ -39,7 +45,8 @@ def test_a_compilation_that_fails_is_not_complete_and_no_error() -> None:
         assert not ahead.wait()
     with _ahead(_printing(3), []) as ahead:
         assert not ahead.wait()
-    with CompilationAhead(lambda *_: None, ("a-program-that-there-is-not",)) as ahead:
+    with CompilationAhead(("a-program-that-there-is-not",)) as ahead:
+        ahead.show(silent)
         assert not ahead.wait()
 
 
