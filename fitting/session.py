@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from fitting.curves import TrialCurves
 from fitting.donning import fit_donning
@@ -13,17 +13,23 @@ from fitting.result import CuffFit, SessionFit, refuted_by
 from fitting.trial import RejectedTrial, Trial
 
 
-def fit_session(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ()) -> SessionFit:
+def fit_session(
+    trials: Sequence[Trial],
+    rejected: Sequence[RejectedTrial] = (),
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> SessionFit:
     """Fits every cuff of a session; `rejected` are recordings that were none, and are listed with their reason.
 
-    A trial that cannot be used is listed with its reason under its cuff, and the others are fitted.
+    A trial that cannot be used is listed with its reason under its cuff, and the others are fitted. progress(done,
+    total) counts donnings.
     """
     together: dict[tuple[str, str], list[Trial]] = {}
     for trial in sorted(trials, key=lambda trial: (trial.start_utc_ns, trial.file)):
         together.setdefault((trial.cuff.name, trial.donning), []).append(trial)
     donnings: dict[str, dict[str, CuffFit]] = {}
     curves: dict[str, TrialCurves] = {}
-    for (cuff, donning), of_donning in together.items():
+    for done, ((cuff, donning), of_donning) in enumerate(together.items()):
+        progress(done, len(together))
         lost = [
             each
             for each in rejected
@@ -32,6 +38,7 @@ def fit_session(trials: Sequence[Trial], rejected: Sequence[RejectedTrial] = ())
         fit, drawn = fit_donning(of_donning, lost)
         donnings.setdefault(cuff, {})[donning] = _diagnosed(fit, list(drawn.values()))
         curves |= drawn
+    progress(len(together), len(together))
     calibration = next((trial.calibration for trial in trials if trial.calibration), None)
     return SessionFit(donnings, tuple(rejected), curves, calibration)
 

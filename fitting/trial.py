@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from fitting.timing.thinned import thinned
 from fitting.timing.timeline import lay_out, setting
 from recordings.errors import RecordingError
 from recordings.manifest import CuffSite, Manifest, TestKind
-from recordings.reader import Recording, Track, open_recording
+from recordings.reader import Recording, Track, TrackCollector, open_recording
 from recordings.samples import Event
 
 DEFAULT_CUFF_MASS = 0.2
@@ -108,12 +109,17 @@ class RejectedTrial:
     capture: Manifest | None = None
 
 
+TrialReading = Trial | BounceTrial | RejectedTrial
+"""What became of reading one recording."""
+
+
 def read_trial(path: Path) -> Trial:
     """Reads one recording of a cuff, calibrated by nothing but its own configuration.
 
     Raises UnusableTrial, or RecordingError if the file is none of ours.
     """
-    trial = _read(path, open_recording(path))
+    collector = TrackCollector(path)
+    trial = _read(path, open_recording(path, collector.take), collector)
     if isinstance(trial, BounceTrial):
         raise UnusableTrial(f"{path.name} is a bounce, which calibrates the load cell; give a trial of a cuff")
     return trial
@@ -121,38 +127,49 @@ def read_trial(path: Path) -> Trial:
 
 def read_bounce(path: Path) -> BounceTrial:
     """Reads one bounce. Raises UnusableTrial, or RecordingError if the file is none of ours."""
-    trial = _read(path, open_recording(path))
+    collector = TrackCollector(path)
+    trial = _read(path, open_recording(path, collector.take), collector)
     if isinstance(trial, Trial):
         raise UnusableTrial(f"{path.name} is a trial of a cuff; give a bounce")
     return trial
 
 
-def read_trials(paths: Iterable[Path]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
+def read_trials(
+    paths: Iterable[Path], readings: Mapping[str, TrialReading] = MappingProxyType({})
+) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
     """Reads every recording that can be used, and says why the others cannot.
 
     Where there are bounce trials among them, lag and gain of all others are what those say. What protocol.toml beside
-    a recording says of its steps counts; raises ProtocolFileError if that cannot be read.
+    a recording says of its steps counts; raises ProtocolFileError if that cannot be read. readings, by file name, are
+    not read again.
     """
-    trials: list[Trial] = []
-    bounces: list[BounceTrial] = []
-    rejected = []
     protocols: dict[Path, SessionProtocol] = {}
+    found = []
     for path in paths:
-        recording = None
         if path.parent not in protocols:
             protocols[path.parent] = read_protocol(path.parent)
-        try:
-            recording = open_recording(path)
-            trial = _read(path, recording)
-        except (UnusableTrial, RecordingError) as error:
-            rejected.append(RejectedTrial(path.name, str(error), _begun(recording)))
-            continue
-        if isinstance(trial, Trial):
-            trials.append(_as_edited(trial, protocols[path.parent]))
-        else:
-            bounces.append(trial)
-    calibration, refused = calibrate(bounces)
+        found.append(readings.get(path.name) or read_alone(path, protocols[path.parent]))
+    return calibrate_trials(found)
+
+
+def read_alone(path: Path, protocol: SessionProtocol | None = None) -> TrialReading:
+    """Reads one recording of any kind, not yet calibrated by bounces. Raises ProtocolFileError as read_trials does."""
+    recording, collector = None, TrackCollector(path)
+    try:
+        recording = open_recording(path, collector.take)
+        trial = _read(path, recording, collector)
+    except (UnusableTrial, RecordingError) as error:
+        return RejectedTrial(path.name, str(error), _begun(recording))
+    return _as_edited(trial, protocol) if isinstance(trial, Trial) and protocol is not None else trial
+
+
+def calibrate_trials(readings: Iterable[TrialReading]) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
+    """All trials of a session, calibrated by its bounces, and what cannot be used."""
+    readings = list(readings)
+    calibration, refused = calibrate([each for each in readings if isinstance(each, BounceTrial)])
+    rejected = [each for each in readings if isinstance(each, RejectedTrial)]
     rejected += [RejectedTrial(file, reason) for file, reason in refused.items()]
+    trials = [each for each in readings if isinstance(each, Trial)]
     return tuple(each if calibration is None else calibrated(each, calibration) for each in trials), tuple(rejected)
 
 
@@ -195,10 +212,10 @@ def _as_edited(trial: Trial, protocol: SessionProtocol) -> Trial:
     return replace(trial, step_masses=masses, step_times=times)
 
 
-def _read(path: Path, recording: Recording) -> Trial | BounceTrial:
+def _read(path: Path, recording: Recording, collector: TrackCollector) -> Trial | BounceTrial:
     if recording.outcome is not None and not recording.outcome.accepted:
         raise UnusableTrial(f"the trial was not accepted when it was recorded: {recording.outcome.sentence}")
-    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
+    tracks = {stream.name: collector.track(stream) for stream in recording.streams}
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     if recording.manifest.bounce is not None:
         return build_bounce(recording.manifest, tracks, path.name, sha256)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,31 +78,58 @@ class Recording:
         if stream is None:
             found = ", ".join(stream.name for stream in self.streams)
             raise RecordingError(f"{self.path} has no stream {name}, only {found or 'none'}")
+        collector = TrackCollector(self.path)
+        for entry in read_entries(self.path):
+            if isinstance(entry, Entry) and entry.topic in (topics.STREAMS, name) and is_ours(entry):
+                collector.take(entry)
+        return collector.track(stream)
+
+
+class TrackCollector:
+    """Collects the samples of all streams while a recording is read, so that it is read once: open_recording(path,
+    collector.take), then collector.track(stream) of every stream that is wanted.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._entries: dict[str, list[Entry]] = {}  # by the stream they are of
+
+    def take(self, entry: Entry) -> None:
+        """A message of ours; they come in the order of the file. Only descriptions are read at once."""
+        described = read(entry) if entry.topic == topics.STREAMS else None
+        name = described.name if isinstance(described, Stream) else entry.topic
+        self._entries.setdefault(name, []).append(entry)
+
+    def track(self, stream: Stream) -> Track:
+        """One stream of the recording, as first described, as arrays. Raises RecordingError where a block cannot be
+        read, or is not as wide as described.
+        """
         labels, all_labels = stream.labels, stream.labels
         blocks: list[tuple[tuple[str, ...], Samples]] = []
-        for item in self.items():
-            if isinstance(item, Stream) and item.name == name:
-                labels = item.labels
+        for message in map(read, self._entries.get(stream.name, ())):
+            if isinstance(message, Stream):
+                labels = message.labels
                 all_labels += tuple(label for label in labels if label not in all_labels)
-            elif isinstance(item, Samples) and item.stream == name:
-                blocks.append((labels, item))
-        columns = [_in_columns(block.values, labels, all_labels, self.path) for labels, block in blocks]
+            elif isinstance(message, Samples):
+                blocks.append((labels, message))
+        columns = [_in_columns(block.values, labels, all_labels, self._path) for labels, block in blocks]
         hosts = [np.full(len(block.sample_numbers), block.host_time_ns, np.int64) for _, block in blocks]
         return Track(
             stream=replace(stream, labels=all_labels),
             sample_numbers=_joined([block.sample_numbers for _, block in blocks], np.zeros(0, np.uint64)),
             device_time_ns=_joined([block.device_time_ns for _, block in blocks], np.zeros(0, np.int64)),
             host_time_ns=_joined(hosts, np.zeros(0, np.int64)),
-            values=_joined(columns, no_values(name, len(all_labels))),
+            values=_joined(columns, no_values(stream.name, len(all_labels))),
         )
 
 
-def open_recording(path: Path) -> Recording:
+def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Recording:
     """Reads a file through once and says what it is and what is missing from it; a cut file opens like a whole one.
 
-    Raises RecordingError for a file that cannot be read, holds nothing, or is not a recording.
+    take is given every message as it is read. Raises RecordingError for a file that cannot be read, holds nothing, or
+    is not a recording.
     """
-    survey = survey_file(path)
+    survey = survey_file(path, take)
     if survey.manifest is None:
         reasons = "; ".join(survey.missing)
         raise RecordingError(f"{path} has lost its manifest, so its samples say nothing: {reasons}")
@@ -146,8 +173,10 @@ class Survey:
         return (*(str(damage) for damage in self.damage), *cut, *lost)
 
 
-def survey_file(path: Path) -> Survey:
-    """Reads a file through once. Raises RecordingError where it holds no message of ours, or one of a newer format."""
+def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Survey:
+    """Reads a file through once; take is given every message. Raises RecordingError where it holds no message of ours,
+    or one of a newer format.
+    """
     manifest: Manifest | None = None
     outcome: Outcome | None = None
     streams: dict[str, Stream] = {}
@@ -160,6 +189,7 @@ def survey_file(path: Path) -> Survey:
         elif is_ours(entry):
             messages[entry.topic] += 1
             expected[entry.topic] = entry.sequence + 1
+            take(entry)
             if entry.topic not in (topics.MANIFEST, topics.STREAMS, topics.OUTCOME):
                 continue
             match read(entry):

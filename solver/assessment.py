@@ -158,7 +158,7 @@ def assess(
     if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
         thinned = wear(model, kinematics, suit, draw_every, options, loads)
         spans = {_place(w): _span(suit, w, reading) for w, reading in zip(wearings, readings, strict=True)}
-        drawn = wear_draws(thinned, waist, arms, draws, spans, lambda *count: progress("drawing cuffs", *count))
+        drawn = wear_draws(thinned, waist, arms, draws, spans, lambda *count: progress("varying cuffs", *count))
     everything = [slack, bare, *efforts]
     return Assessment(
         muscles=model.muscle_names,

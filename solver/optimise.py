@@ -156,8 +156,8 @@ class _Search:
         return self._suit(found.x), self._at_limit(found.x)
 
     def _mean_cost(self, steps: Array, pairs: Sequence[Pair]) -> float:
-        self.tried += 1
         self.progress("trying suits", self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))
+        self.tried += 1
         try:
             return float(_costs(self.worn, self._suit(steps), self.condition, pairs).mean())
         except SuitError:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from fitting.bushing import bushing_force
 from fitting.result import SessionFit
 from fitting.session import fit_session
-from fitting.trial import RejectedTrial, read_trials
+from fitting.trial import RejectedTrial, TrialReading, read_trials
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from station.bench.known_mass import inherited, listed, read_checks
@@ -29,8 +30,16 @@ def recordings_in(folder: Path) -> list[Path]:
     return [path for path in files if path not in replaced]
 
 
-def fit_session_folder(folder: Path, output: Path | None, progress: Progress = silent) -> SessionFit:
-    """Recordings → trials → fit → cuffs.json. Raises SessionError when not one trial can be used."""
+def fit_session_folder(
+    folder: Path,
+    output: Path | None,
+    progress: Progress = silent,
+    readings: Mapping[str, TrialReading] = MappingProxyType({}),
+) -> SessionFit:
+    """Recordings → trials → fit → cuffs.json. Raises SessionError when not one trial can be used.
+
+    readings, by file name, are not read again.
+    """
     if not folder.is_dir():
         raise SessionError(f"{folder} is not a folder; give the folder that `station record` wrote into")
     paths = recordings_in(folder)
@@ -38,16 +47,15 @@ def fit_session_folder(folder: Path, output: Path | None, progress: Progress = s
         raise SessionError(f"{folder} holds no recording (*.mcap); record a trial into it first")
     redone = read_journal(folder).redone
     counting = [path for path in paths if path.name not in redone]
-    trials, rejected = read_trials(_counted(counting, "reading trials", progress))
+    trials, rejected = read_trials(_counted(counting, "reading trials", progress), readings)
     rejected += tuple(_set_aside(path, redone[path.name]) for path in paths if path.name in redone)
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         reasons = reasons or "there are only bounce trials; record a cuff, too"
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     checks = read_checks(folder)
-    progress("fitting", 0, len(trials))
-    fitted = listed(fit_session(inherited(trials, checks), rejected), checks)
-    progress("fitting", len(trials), len(trials))
+    fitting = fit_session(inherited(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
+    fitted = listed(fitting, checks)
     if output is not None:
         write_whole(output, fitted.to_json())
         _write_bushings(output.parent, fitted)

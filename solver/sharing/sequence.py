@@ -89,6 +89,7 @@ def follow(sequence: FrameSequence, progress: Progress, workers: int | None = No
         _Share(sequence, reduction, part, controls[part], codes[part])
         for part in (slice(i, None, workers) for i in range(workers))
     ]
+    progress(0, frames)
     with ThreadPoolExecutor(workers) as pool:
         spread = pool.map if workers > 1 else map  # a live frame does not wait for a thread
         for start in range(0, frames, FRAMES_AT_ONCE):
@@ -110,6 +111,7 @@ def follow_with_clarabel(
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
     widest = lower, upper = _widest_bounds(sequence, scenarios)
+    progress(0, frames)
     for frame in range(frames):
         problem = ConicProblem(
             weights=sequence.weights,

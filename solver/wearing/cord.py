@@ -52,7 +52,7 @@ class CordLine:
 class SuitForces:
     """What the suit does to the bodies, in ground; the leading axis follows the rest lengths.
 
-    tension       (rest lengths, frames) of the cord [N]
+    tension       (rest lengths, all frames) of the cord [N]
     displacement  (rest lengths, frames, 2, 3) of the waist and arm cuff from where they rest [m]
     points        (rest lengths, frames, 3, 3) waist, arm, shoulder [m]
     forces        (rest lengths, frames, 3, 3) on the body at each of them [N]
@@ -110,11 +110,12 @@ def suit_forces(
     *,
     is_shifted: bool = False,
     yields: bool = False,
+    every: int = 1,
 ) -> SuitForces:
-    """Forces of the suit at each rest length (rest lengths,) [m].
+    """Forces of the suit at each rest length (rest lengths,) [m], in every N-th frame of the line.
 
     cuffs are those at waist and arm, None a rigid one; is_shifted moves them by their migration, yields lets them give
-    way. Raises SuitError where a cuff is no spring or does not find its equilibrium.
+    way. Raises SuitError where a cuff is no spring or does not find its equilibrium in one of all frames.
     """
     _ensure_springs(cuffs)
     rest = (migrated(suit, line, cuffs) if is_shifted else line).anchors
@@ -124,21 +125,27 @@ def suit_forces(
     span = line.shoulder[:, None] - points
     reach = np.linalg.norm(span, axis=-1)
     tension = _cord_tension(suit, reach.sum(axis=-1), rest_lengths[:, None], line.interval)
-    pull = tension[..., None, None] * span / reach[..., None]
-    in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), displacement)
-    velocity = rotate(line.anchors_to_ground, _rate(in_body, line.interval, suit.rate))
-    held = [
-        cuff_force(cuff.stiffness, cuff.damping, displacement[..., i, :], velocity[..., i, :])
-        if cuff and yields
-        else pull[..., i, :]
-        for i, cuff in enumerate(cuffs)
-    ]
+    chosen = slice(None, None, every)
+    pull = tension[:, chosen, None, None] * span[:, chosen] / reach[:, chosen, :, None]
+    held = [pull[..., i, :] for i in range(len(cuffs))]
+    if yields:
+        velocity = _velocity(suit, line, displacement, chosen)
+        for i, cuff in enumerate(cuffs):
+            if cuff:
+                held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[:, chosen, i], velocity[..., i, :])
+    shoulder = np.broadcast_to(line.shoulder[chosen], held[0].shape)
     return SuitForces(
         tension=tension,
-        displacement=displacement,
-        points=np.stack([*np.moveaxis(points, -2, 0), np.broadcast_to(line.shoulder, held[0].shape)], axis=-2),
+        displacement=displacement[:, chosen],
+        points=np.stack([*np.moveaxis(points[:, chosen], -2, 0), shoulder], axis=-2),
         forces=np.stack([*held, -pull.sum(axis=-2)], axis=-2),
     )
+
+
+def _velocity(suit: Suit, line: CordLine, displacement: Array, chosen: slice) -> Array:
+    """Of the cuffs against their bodies, in ground; its differences are taken between all frames."""
+    in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), displacement)
+    return rotate(line.anchors_to_ground[chosen], _rate(in_body, line.interval, suit.rate)[:, chosen])
 
 
 def _ensure_springs(cuffs: Cuffs) -> None:

@@ -70,6 +70,7 @@ def wear_draws(
     generator = np.random.default_rng(SEED)
     waists = draw_cuff(waist, count, generator) if waist else [None] * (count + 1)
     pairs = [pair for arm in arms for pair in zip(waists, draw_cuff(arm, count, generator), strict=True)]
+    progress(0, len(pairs))
     reference = worn.suit.reference_rest_length
     rigid = Wearing("rigid", None, None, np.append(worn.suit.rest_lengths, reference))
     slack, (effort,) = solve_wearings(worn, [rigid])

@@ -136,7 +136,7 @@ class WornMotion:
         return float(line.length.max())
 
     def forces(self, wearing: Wearing) -> SuitForces:
-        """Over all frames of the motion."""
+        """In the frames that are solved; the cord's tension in all of the motion."""
         return suit_forces(
             self.suit,
             self.line,
@@ -144,6 +144,7 @@ class WornMotion:
             wearing.cuffs,
             is_shifted=wearing.is_shifted,
             yields=wearing.yields,
+            every=self.every,
         )
 
 
@@ -245,8 +246,7 @@ def _no_load(worn: WornMotion) -> LoadResponse:
 
 
 def _load(worn: WornMotion, forces: SuitForces) -> LoadResponse:
-    solved = slice(None, None, worn.every)
-    wrench = wrench_about_origin(forces.points[:, solved], forces.forces[:, solved])
+    wrench = wrench_about_origin(forces.points, forces.forces)
     wrench = wrench.reshape(*wrench.shape[:2], -1)
     return LoadResponse(
         acceleration=np.einsum("sfk,fkc->sfc", wrench, worn.per_unit_wrench.acceleration),

@@ -39,6 +39,7 @@ def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
     """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing."""
     with progress_bars(Console(stderr=True)) as progress:
         size = path.stat().st_size if path.is_file() else 0
+        progress("recovering, kB", 0, size // 1000)
         report = recover(path, output, lambda done: progress("recovering, kB", done // 1000, size // 1000))
     for sentence in report.sentences():
         print(sentence, file=sys.stderr)

@@ -14,7 +14,7 @@ from fitting.quality import UnusableTrial
 from fitting.timing.timeline import Timeline, lay_out
 from recordings.exchange.tables import MarkerTable
 from recordings.manifest import Manifest
-from recordings.reader import Track, open_recording
+from recordings.reader import Track, TrackCollector, open_recording
 from station.exit_code import WRONG_USAGE
 
 
@@ -55,8 +55,9 @@ class OneClock:
 
 def read_on_one_clock(path: Path) -> OneClock:
     """Raises ExportRefused or RecordingError where the streams cannot be brought on one clock."""
-    recording = open_recording(path)
-    tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
+    collector = TrackCollector(path)
+    recording = open_recording(path, collector.take)
+    tracks = {stream.name: collector.track(stream) for stream in recording.streams}
     labels = tracks["/markers"].stream.labels if "/markers" in tracks else ()
     try:
         line = lay_out(recording.manifest, tracks, labels)

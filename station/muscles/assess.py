@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,8 @@ def assess_cuffs(
         what, loaded, moving = other
         every = math.ceil(len(moving.time) / min(most_frames or BESIDE_FRAMES, BESIDE_FRAMES))
         short = inputs.read_suit(BESIDE_REST_LENGTHS)
-        beside = what, assess(loaded, moving, short, worn, every=every, draws=0, options=options)
+        count = partial(_count_beside, progress)
+        beside = what, assess(loaded, moving, short, worn, every=every, draws=0, options=options, progress=count)
     assessment = assess(
         model,
         kinematics,
@@ -81,6 +83,11 @@ def assess_cuffs(
     )
     fits = tuple(cuffs[each.name] for each in worn)
     return AssessedSuit(fits, assessment, beside, emg, inputs.hashes())
+
+
+def _count_beside(progress: Progress, what: str, done: int, total: int) -> None:
+    """The stages of the other motion have names of their own."""
+    progress(f"{what}, other motion", done, total)
 
 
 def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progress: Progress = silent) -> AssessedSuit:

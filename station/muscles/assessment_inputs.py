@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from fitting.cuffs_file import read_cuffs
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
-from fitting.result import CuffFit
+from fitting.result import CuffFit, NotIdentified
 from fitting.uncertainty import NORMAL_95
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 from solver.loads import ExternalForce
@@ -115,6 +116,17 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
         if fit.tensors is not None and (fit.tensors.stiffness or fit.tensors.damping):
             _ensure_is_worn_as(TENSOR, fit.name)
     return [_drawable(fit) for fit in worn]
+
+
+def wearable(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, CuffFit], dict[str, str]]:
+    """The cuffs that can be worn, and of the others by name why not."""
+    left_out = {}
+    for name, fit in cuffs.items():
+        try:
+            worn_cuffs({name: fit}, ())
+        except (NotIdentified, InputError) as error:
+            left_out[name] = str(error)
+    return {name: fit for name, fit in cuffs.items() if name not in left_out}, left_out
 
 
 def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, CuffFit]:

@@ -44,6 +44,8 @@ LEFT_OVER = (
 )
 TRUTH_FILE = "simulated_truth.json"
 """Beside the recordings of simulated devices: what the simulated cuffs carried."""
+MISSING_FILE = "missing.json"
+"""Beside them where the demo is not complete: a list of sentences, what is missing and why."""
 
 
 class ReportError(Exception):
@@ -96,6 +98,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
             folder=folder.resolve().name,
             cuffs=[CuffSection(fit, truth.get(name, {}), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
+            missing=_json_of(folder / MISSING_FILE) or (),
             trials=[trial for fit in cuffs.values() for trial in fit.trials],
             rejected=fitted.rejected if fitted else (),
             assessment=assessment,
@@ -113,11 +116,11 @@ def _cuffs_of(folder: Path) -> dict[str, CuffFit]:
     return read_cuffs(path) if path.is_file() else {}
 
 
-def _json_of(path: Path) -> dict[str, Any] | None:
+def _json_of(path: Path) -> Any:
     if not path.is_file():
         return None
     try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ReportError(f"{path} is not valid JSON: {error}; make it again") from error
     return content

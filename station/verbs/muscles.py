@@ -40,6 +40,7 @@ def rmr(
     from rich.console import Console
 
     from solver.redundancy import RedundancyOptions
+    from station.muscles.compilation import compilation_shown
     from station.muscles.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
     from station.muscles.rmr_table import ensure_writable, write_solved
     from station.progress import progress_bars
@@ -50,7 +51,7 @@ def rmr(
     free = tuple(name for name in free_coordinates.split(",") if name)
     options = RedundancyOptions(not no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint, path_mode=paths)
     inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz or None, start, end, every)
-    with progress_bars(Console(stderr=True)) as progress:
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         solved = solve_muscles(inputs, cut, options, progress)
     say(f"filter: {solved.notes['filter']}")
     for sentence in unsolved_in_words(solved.solution):
@@ -86,6 +87,7 @@ def assess(
     from solver.wearing.suit import BUNDLED_SUIT
     from station.muscles.assess import assess_file
     from station.muscles.assessment_inputs import AssessmentInputs
+    from station.muscles.compilation import compilation_shown
     from station.muscles.findings import findings
     from station.progress import progress_bars
     from station.report.page import write_report
@@ -94,7 +96,7 @@ def assess(
     inputs = AssessmentInputs(
         cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, tuple(cuff or ()), paths, external_loads
     )
-    with progress_bars(Console(stderr=True)) as progress:
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         assessed = assess_file(inputs, output, draws, progress)
     write_report(output)
     Console(markup=False).print(assessment_table(assessed.assessment))
@@ -122,6 +124,7 @@ def optimise(
 
     from solver.wearing.suit import BUNDLED_SUIT
     from station.muscles.assessment_inputs import AssessmentInputs
+    from station.muscles.compilation import compilation_shown
     from station.muscles.optimum import optimise_file
     from station.progress import progress_bars
     from station.tables import optimum_table
@@ -129,7 +132,7 @@ def optimise(
     chosen = (cuff,) if cuff else ()
     inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=chosen, external_loads=external_loads)
     freedoms: Any = tuple(each.value for each in free or ())
-    with progress_bars(Console(stderr=True)) as progress:
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
     Console(markup=False).print(optimum_table(optimised))
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):

@@ -19,9 +19,13 @@ def demo(
     seed: Seed = 1,
 ) -> None:
     """Record a whole session from simulated devices, fit it, assess it, report it."""
-    from station.demo import run_demo
+    from station.muscles.compilation import CompilationAhead
 
-    raise typer.Exit(run_demo(output, speed, seed))
+    with CompilationAhead() as ahead:
+        from station.demo import run_demo  # takes seconds, in which the second process compiles
+
+        code = run_demo(output, speed, seed, ahead)
+    raise typer.Exit(code)
 
 
 def serve(

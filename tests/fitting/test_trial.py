@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,8 @@ import pytest
 from fitting.calibration import STANDARD_GRAVITY
 from fitting.protocol_file import ProtocolFileError
 from fitting.quality import UnusableTrial
-from fitting.trial import build_trial, read_trial, read_trials
+from fitting.trial import build_trial, read_alone, read_trial, read_trials
+from recordings.chunks import Damage, Entry, read_entries
 from recordings.manifest import LoadCell, Manifest, Outcome
 from recordings.reader import Track
 from recordings.samples import Event, Samples
@@ -281,6 +283,29 @@ def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
     assert len(trial.sha256) == 64
     assert trial.is_whole
     assert trial.notes == ()
+
+
+def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, Outcome(True, "closed", "the capture ended"))
+    readings: list[Path] = []
+
+    def counted(read_path: Path) -> Iterator[Entry | Damage]:
+        readings.append(read_path)
+        return read_entries(read_path)
+
+    monkeypatch.setattr("recordings.reader.read_entries", counted)
+    (trial,), _ = read_trials([path])
+    assert trial.is_whole
+    assert readings == [path]
+
+
+def test_what_was_read_before_is_not_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, Outcome(True, "closed", "the capture ended"))
+    reading = read_alone(path)
+    path.unlink()
+    assert read_trials([path], {path.name: reading}) == ((reading,), ())
 
 
 def test_a_recording_that_was_cut_is_not_whole_and_says_what_is_missing(tmp_path: Path) -> None:

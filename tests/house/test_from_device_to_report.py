@@ -37,8 +37,10 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plain = demo_config().model_dump()
     plain["protocol"] = {"repeats": 1, "pause_s": 0}
     plain["simulation"] = {"cuffs": TRUTH, "protocol": {"static": {"hold_s": 5.0}}}
-    results, _ = record_session(folder, parse_config(plain, "test"), None, 7, silent)
+    trials, _ = record_session(folder, parse_config(plain, "test"), None, 7, silent)
+    results = [trial.result for trial in trials]
     assert [result.sentence for result in results if not result.accepted or result.lost_samples] == []
+    assert [trial.problem for trial in trials if trial.problem] == []
     return folder
 
 

@@ -14,7 +14,7 @@ from mcap.writer import Writer
 
 from recordings import topics
 from recordings.errors import RecordingError
-from recordings.reader import open_recording
+from recordings.reader import TrackCollector, open_recording
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
 from tests.recordings.trials import (
@@ -53,6 +53,16 @@ def test_a_stream_loads_as_arrays(tmp_path: Path) -> None:
     assert track.host_time_ns.tolist() == [block.host_time_ns for block in blocks for _ in range(10)]
     assert track.values.tobytes() == np.concatenate([block.values for block in blocks]).tobytes()
     assert not track.values.flags.writeable
+
+
+def test_all_streams_are_collected_while_the_recording_is_opened(tmp_path: Path) -> None:
+    collector = TrackCollector(tmp_path / "a.mcap")
+    recording = open_recording(record(tmp_path / "a.mcap", list(trial(0.5))), collector.take)
+    for stream in recording.streams:
+        collected, loaded = collector.track(stream), recording.load(stream.name)
+        assert collected.stream == loaded.stream
+        for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values"):
+            np.testing.assert_array_equal(getattr(collected, name), getattr(loaded, name))
 
 
 def test_a_stream_without_samples_loads_as_empty_arrays(tmp_path: Path) -> None:

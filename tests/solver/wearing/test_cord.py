@@ -200,3 +200,12 @@ def test_the_cords_points_ride_on_their_bodies():
 def test_a_cuff_that_is_no_spring_is_refused(line, broken):
     with pytest.raises(SuitError, match="the cuff hand should have a stiffness above 0"):
         suit_forces(SUIT, line, REST_LENGTHS, (WAIST, replace(ARM, **broken)), yields=True)
+
+
+def test_forces_in_every_second_frame_are_those_of_all_frames(line):
+    options = {"is_shifted": True, "yields": True}
+    whole = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, **options)
+    thinned = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, every=2, **options)
+    np.testing.assert_array_equal(thinned.tension, whole.tension)
+    for name in ("displacement", "points", "forces"):
+        np.testing.assert_array_equal(getattr(thinned, name), getattr(whole, name)[:, ::2])

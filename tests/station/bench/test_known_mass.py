@@ -124,7 +124,7 @@ def test_a_gain_that_drifted_widens_the_scale_of_the_force_and_is_told_with_all_
 
 def test_the_fit_of_a_folder_goes_by_what_was_read_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trial = build_trial(*Session(published("hand", weights=(20.0, 40.0), hold=5.0), 3).static(), "a.mcap", "hash")
-    monkeypatch.setattr("station.fit.read_trials", lambda _: ((trial,), ()))
+    monkeypatch.setattr("station.fit.read_trials", lambda *_: ((trial,), ()))
     (tmp_path / "a.mcap").touch()
     silent = fit_session_folder(tmp_path, None).cuffs["hand"]
     for found in (19.6, 22.6):

@@ -209,3 +209,9 @@ def test_a_page_is_read_on_a_dark_screen_and_on_paper(written: Path) -> None:
     page = written.read_text(encoding="utf-8")
     assert "@media (prefers-color-scheme: dark)" in page
     assert "@media print" in page and "break-inside: avoid" in page
+
+
+def test_what_is_missing_stands_first(tmp_path: Path) -> None:
+    (tmp_path / "missing.json").write_text('["hand, static, repeat 2: no edge came"]', encoding="utf-8")
+    page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
+    assert page.index("hand, static, repeat 2: no edge came") < page.index("<h2>")

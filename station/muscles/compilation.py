@@ -1,0 +1,104 @@
+"""The solver's compilation, once on a machine: ahead in a second process, and as a stage of the progress."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+
+from station.progress import Progress
+
+STAGE = "compiling the solver"
+COMMAND = (sys.executable, "-m", "solver.compile_ahead", "--with-parent")
+
+
+class CompilationAhead:
+    """A context manager: a second process compiles from its start on, and ends with it at the latest.
+
+    This module imports little, so that the process can be started before what else a verb needs is imported. A failure
+    costs time only: what is not compiled is compiled where it is needed.
+    """
+
+    def __init__(self, command: Sequence[str] = COMMAND) -> None:
+        self._command = command
+        self._child: subprocess.Popen[str] | None = None
+        self._reader: threading.Thread | None = None
+        self._is_complete = False
+
+    def __enter__(self) -> CompilationAhead:
+        try:
+            self._child = subprocess.Popen(  # noqa: S603 (our own module)
+                self._command,
+                stdin=subprocess.PIPE,  # the child ends when it closes, so it never outlives this process
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                encoding="utf-8",
+                creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),  # Windows; elsewhere it is nice
+            )
+        except OSError:
+            self._child = None
+        return self
+
+    def show(self, progress: Progress) -> None:
+        """Report every kernel from now on, in a thread, until the child ends."""
+        if self._child is not None and self._child.stdout is not None:
+            self._reader = threading.Thread(target=self._report, args=(self._child.stdout, progress), daemon=True)
+            self._reader.start()
+
+    def wait(self) -> bool:
+        """Wait until the child that is shown has ended. Returns whether every kernel is compiled."""
+        if self._child is None or self._reader is None:
+            return False
+        self._reader.join()
+        return self._child.wait() == 0 and self._is_complete
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        child, self._child = self._child, None
+        if child is None:
+            return
+        child.kill()  # what it has written to the disk is whole
+        child.wait()
+        if self._reader is not None:
+            self._reader.join()
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                pipe.close()
+
+    def _report(self, counts: Iterable[str], progress: Progress) -> None:
+        """Where all is on disk already there is nothing to show."""
+        is_shown = False
+        for line in counts:
+            try:
+                counted = json.loads(line)
+                ready, total = int(counted["ready"]), int(counted["kernels"])
+            except (ValueError, TypeError, KeyError):
+                continue
+            self._is_complete = ready == total
+            is_shown = is_shown or not self._is_complete
+            if is_shown:
+                progress(STAGE, ready, total)
+
+
+@contextmanager
+def compilation_shown(progress: Progress) -> Iterator[None]:
+    """While kernels may be compiled in this process: that is a stage of its own, in place of a warning for each."""
+    from solver.compile_ahead import KERNELS, CompilationCount  # the compiler behind it takes long to import
+
+    has_begun = False
+
+    def report(ready: int, total: int) -> None:
+        nonlocal has_begun
+        has_begun = True
+        progress(STAGE, min(ready, total - 1), total)
+
+    with CompilationCount(report):
+        yield
+    if has_begun:
+        progress(STAGE, len(KERNELS), len(KERNELS))

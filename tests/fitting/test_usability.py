@@ -1,0 +1,64 @@
+"""Whether one trial can be used, told from it alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fitting.result import Verdict
+from fitting.trial import RejectedTrial, Trial, build_bounce, build_trial
+from fitting.usability import why_unusable
+from tests.fitting.bouncing import Bounce
+from tests.fitting.bouncing import recorded as bounce
+from tests.fitting.experiment import Session, published
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session(published("hand", hold=4.0, duration=12.0), 3)
+
+
+@pytest.fixture(scope="module")
+def static(session: Session) -> Trial:
+    return build_trial(*session.static(), "static", "s")
+
+
+def _until(trial: Trial, end: float) -> Trial:
+    forces, frames = trial.force_time < end, trial.marker_time < end
+    return replace(
+        trial,
+        force_time=trial.force_time[forces],
+        force=trial.force[forces],
+        marker_time=trial.marker_time[frames],
+        markers=trial.markers[frames],
+    )
+
+
+def test_a_whole_static_trial_can_be_used(static: Trial) -> None:
+    assert why_unusable(static) == ""
+
+
+def test_a_static_trial_that_ends_under_load_leaves_migration_unknown(static: Trial) -> None:
+    assert "unloaded" in why_unusable(_until(static, 0.6 * static.end))
+
+
+def test_a_static_trial_of_two_loads_has_too_few(static: Trial) -> None:
+    assert why_unusable(_until(static, 9.0)) == Verdict.FEW_LOADS
+
+
+def test_a_dynamic_trial_can_be_used_unless_its_force_does_not_swing(session: Session) -> None:
+    dynamic = build_trial(*session.dynamic(), "dynamic", "s")
+    assert why_unusable(dynamic) == ""
+    assert why_unusable(replace(dynamic, force=np.full(len(dynamic.force), 20.0))) != ""
+
+
+def test_what_could_not_be_read_has_its_reason() -> None:
+    assert why_unusable(RejectedTrial("a.mcap", "QTM went silent")) == "QTM went silent"
+
+
+def test_a_bounce_can_be_used_where_it_calibrates() -> None:
+    whole = build_bounce(*bounce(Bounce(), 1), "bounce", "s")
+    assert why_unusable(whole) == ""
+    assert why_unusable(replace(whole, position=np.full(whole.position.shape, np.nan))) != ""

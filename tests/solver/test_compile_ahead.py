@@ -1,0 +1,78 @@
+"""Ahead of an assessment: what it will call is compiled, nothing is left out, and the process goes with its parent."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+COMMAND = (sys.executable, "-m", "solver.compile_ahead")
+
+ASSESS_AFTERWARDS = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from solver.compile_ahead import KERNELS, compile_ahead, count_ready
+
+def signatures():
+    return {
+        f"{value.py_func.__module__}.{value.py_func.__name__}": len(value.signatures)
+        for name, module in list(sys.modules.items()) if name.startswith("solver.")
+        for value in vars(module).values() if isinstance(value, Dispatcher) and value.signatures
+    }
+
+compile_ahead()
+before = signatures()
+assert count_ready() == len(KERNELS) == 8, before
+
+import numpy as np
+from pathlib import Path
+from fitting.cuffs_file import read_cuffs
+from station.muscles.assess import assess_cuffs
+from station.muscles.assessment_inputs import AssessmentInputs
+
+file = Path(sys.argv[1])
+assess_cuffs(read_cuffs(file), AssessmentInputs(file), most_frames=3, most_rest_lengths=4, draws=2)
+after = signatures()
+assert after == before, {name: after[name] for name in after if after[name] != before.get(name)}
+"""
+
+CUFFS = {
+    name: {
+        "stiffness_n_per_m": {"value": k, "standard_error": 40.0},
+        "damping_n_s_per_m": {"value": c, "standard_error": 4.0},
+        "migration_m": {"value": 0.012, "standard_error": 0.0004},
+        "site": "waist" if name == "waist" else "arm",
+    }
+    for name, k, c in (("waist", 2140.0, 124.0), ("hand", 8520.0, 210.0))
+}
+
+
+def test_after_it_an_assessment_compiles_nothing(tmp_path: Path) -> None:
+    file = tmp_path / "cuffs.json"
+    file.write_text(json.dumps({"cuffs": CUFFS}), encoding="utf-8")
+    ran = subprocess.run(  # noqa: S603 (a process without what other tests have compiled)
+        [sys.executable, "-c", ASSESS_AFTERWARDS, str(file)], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_it_says_how_many_kernels_are_ready(monkeypatch: pytest.MonkeyPatch) -> None:
+    ran = subprocess.run(COMMAND, capture_output=True, text=True, check=True)  # noqa: S603
+    counts = [json.loads(line) for line in ran.stdout.splitlines()]
+    assert counts[-1] == {"ready": 8, "kernels": 8}
+    assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
+    assert ran.stderr == ""
+
+
+def test_it_ends_when_its_parent_does(tmp_path: Path) -> None:
+    """A killed parent closes the pipe."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # cold, so that it would take long
+    with subprocess.Popen(  # noqa: S603
+        [*COMMAND, "--with-parent"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+    ) as child:
+        child.communicate()
+    assert child.returncode == 1

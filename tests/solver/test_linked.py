@@ -1,0 +1,50 @@
+"""Functions that only compiled code calls: the same figures as numba's own compiler gives, and no machine code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from solver.compiled import compiled
+
+
+def _spread(x: Any, out: Any) -> float:
+    total = 0.0
+    for i in range(len(x)):
+        out[i] = np.sin(x[i]) / (x[i] - x[0]) + np.sqrt(np.abs(x[i])) * x[i]
+        total += out[i] * x[i]
+    return total
+
+
+def _kernel(inner: Any, outer: Any) -> Any:
+    @outer
+    def middle(x: Any, out: Any) -> float:
+        return inner(x, out) / 3.0 + inner(x[::2], out)
+
+    @njit(error_model="numpy")
+    def kernel(x: Any, out: Any) -> float:
+        return middle(x, out)
+
+    return kernel
+
+
+def test_they_give_the_same_bits_as_the_compiler_s_own_way() -> None:
+    plain: Any = njit(error_model="numpy")
+    x = np.random.default_rng(3).normal(size=1001)
+    outs = np.empty((2, len(x)))
+    linked, usual = _kernel(compiled(_spread), compiled), _kernel(plain(_spread), plain)
+    with np.errstate(all="ignore"):
+        sums = np.array([linked(x, outs[0]), usual(x, outs[1])])
+    assert outs[0].tobytes() == outs[1].tobytes()
+    assert sums[:1].tobytes() == sums[1:].tobytes()
+    assert np.isnan(outs[0, 0]) or np.isinf(outs[0, 0]), "a division by zero is no error"
+
+
+def test_they_are_not_given_to_the_execution_engine() -> None:
+    inner: Any = compiled(_spread)
+    _kernel(inner, compiled)(np.ones(3), np.empty(3))
+    for lowered in inner.overloads.values():
+        library = lowered.library
+        assert not library.codegen._engine.is_symbol_defined(lowered.fndesc.mangled_name)

@@ -1,0 +1,99 @@
+"""What the demo does when something is missing: a report of what there is, the missing named, exit code 3."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fitting.result import CuffFit, SessionFit, Verdict
+from fitting.session import fit_session
+from fitting.trial import build_trial
+from solver.wearing.suit import SuitError
+from station import demo
+from station.bench.daemon import TrialResult
+from station.exit_code import LOSSY
+from station.muscles.assessment_inputs import wearable
+from station.muscles.compilation import CompilationAhead
+from station.progress import silent
+from station.protocol import TrialSpec
+from station.second_attempt import RecordedTrial
+from tests.fitting.experiment import Session, published
+
+
+@pytest.fixture(scope="module")
+def fitted() -> SessionFit:
+    """Of a waist cuff and of no arm cuff, as where every trial of an arm cuff failed."""
+    session = Session(published("waist", hold=4.0, duration=12.0), 3)
+    return fit_session([build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")])
+
+
+@pytest.fixture
+def waist(fitted: SessionFit) -> CuffFit:
+    return fitted.cuffs["waist"]
+
+
+def test_the_report_is_written_of_what_there_is(
+    fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failed = RecordedTrial(TrialSpec("hand", "static", 2), TrialResult(None, False, 0, "-"), None, "no edge came")
+
+    def fit(_folder: Path, output: Path, *_: object) -> SessionFit:
+        output.write_text(fitted.to_json(), encoding="utf-8")
+        return fitted
+
+    monkeypatch.setattr(demo, "record_session", lambda *_: ([failed], {}))
+    monkeypatch.setattr(demo, "fit_session_folder", fit)
+    (tmp_path / "session").mkdir()
+    assert demo.run_demo(tmp_path / "session", 30.0, 1, CompilationAhead()) == LOSSY
+
+    page = (tmp_path / "session" / "report.html").read_text(encoding="utf-8")
+    printed = capsys.readouterr()
+    missing = json.loads((tmp_path / "session" / "missing.json").read_text(encoding="utf-8"))
+    assert missing[0] == "hand, static, repeat 2: no edge came"
+    assert missing[1].startswith("no assessment: an assessment needs arm cuffs")
+    for sentence in missing:
+        assert sentence in page
+        assert f"missing: {sentence}" in printed.err
+    assert "waist" in printed.out
+    assert printed.out.endswith("report.html\n")
+
+
+def test_a_cuff_without_migration_is_left_out_and_named(waist: CuffFit) -> None:
+    hand = replace(waist, name="hand", site="arm")
+    lost = replace(hand, name="tube", migration=None, verdicts=(Verdict.NOT_UNLOADED,))
+    worn, left_out = wearable({"waist": waist, "hand": hand, "tube": lost})
+    assert list(worn) == ["waist", "hand"]
+    assert list(left_out) == ["tube"]
+    assert "tube has no migration" in left_out["tube"]
+
+
+def test_the_others_are_assessed(waist: CuffFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hand = replace(waist, name="hand", site="arm")
+    taken: list[list[str]] = []
+
+    def assess(cuffs: dict[str, CuffFit], *_: object, **_options: object) -> str:
+        taken.append(list(cuffs))
+        return "assessed"
+
+    monkeypatch.setattr(demo, "assess_cuffs", assess)
+    monkeypatch.setattr(demo, "write_assessment", lambda *_: None)
+    lost = replace(waist, migration=None)
+    assessed, missing = demo.assess_what_is_there(tmp_path, {"waist": lost, "hand": hand}, silent)
+    assert assessed == "assessed"
+    assert taken == [["hand"]]
+    assert len(missing) == 1 and missing[0].startswith("not in the assessment: cuff waist")
+
+
+def test_a_suit_that_cannot_be_assessed_is_no_end(
+    waist: CuffFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def assess(*_: object, **_options: object) -> None:
+        raise SuitError("the cord never pulls")
+
+    monkeypatch.setattr(demo, "assess_cuffs", assess)
+    assessed, missing = demo.assess_what_is_there(tmp_path, {"waist": waist}, silent)
+    assert assessed is None
+    assert missing == ["no assessment: the cord never pulls"]
