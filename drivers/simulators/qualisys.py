@@ -68,7 +68,7 @@ class QualisysSimulator:
 
     @property
     def owes_an_answer(self) -> bool:
-        """To a command while it is silent, to one that stopped a capture, or to a client that awaits its first frame."""
+        """To a command while it is silent, to one that stopped a capture, to a client that awaits its first frame."""
         server = self._server
         return server.is_silent or server.is_stopping or any(client.awaits_frame for client in tuple(server.clients))
 
