@@ -172,11 +172,11 @@ class WorldClock:
                 while (self._followers or self._goals) and self._failure is None:
                     self._changed.wait(self._step_or_wait())
                 self._mover = None
-        except BaseException as error:
+        except Exception as error:
+            logger.exception("the simulated bench failed")
             with self._changed:
                 self._failure = f"the simulated bench failed: {type(error).__name__}: {error}"
                 self._changed.notify_all()
-            raise
 
     def _step_or_wait(self) -> float | None:
         """Makes the next step, or returns how long to wait for it [wall s]; 0 to look again at once."""

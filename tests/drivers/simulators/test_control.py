@@ -1,0 +1,109 @@
+"""The clock's port, asked as any station would in any language: lines of JSON over TCP."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from drivers.simulators.bench import Bench
+
+QUIET = {"operator": {"capture": "remote"}}
+
+
+class Talker:
+    def __init__(self, connection: socket.socket) -> None:
+        self._lines = connection.makefile("rwb", buffering=0)
+
+    def ask(self, request: Any) -> dict[str, Any]:
+        line = request if isinstance(request, bytes) else json.dumps(request).encode()
+        self._lines.write(line + b"\n")
+        answer: dict[str, Any] = json.loads(self._lines.readline())
+        return answer
+
+
+@contextmanager
+def talking(bench: Bench) -> Iterator[Talker]:
+    with socket.create_connection(("127.0.0.1", bench.ports["clock"])) as connection:
+        connection.settimeout(30.0)
+        yield Talker(connection)
+
+
+def test_an_attached_station_moves_the_world_and_is_told_what_was_sent(simulated_bench: Callable[..., Bench]) -> None:
+    bench = simulated_bench(**QUIET)
+    with talking(bench) as talker, socket.create_connection(("127.0.0.1", bench.ports["serial"])) as serial:
+        serial.settimeout(30.0)
+        port = serial.getsockname()[1]
+        attached = talker.ask({"attach": "a test"})
+        assert (attached["now"], attached["speed"]) == (0.0, None)
+        answer = talker.ask({"advance_to": 1.0, "ports": [port]})
+        assert answer["now"] == 1.0 and answer["owing"] == []
+        sent = answer["sent"]["serial"][str(port)]
+        received = b""
+        while len(received) < sent:
+            received += serial.recv(4096)
+        assert received.count(b"\r\n") in (10, 11), "ten lines a second"
+        assert len(received) == sent
+
+
+def test_a_connection_that_is_lost_detaches_and_the_next_station_goes_on(simulated_bench: Callable[..., Bench]) -> None:
+    bench = simulated_bench(**QUIET)
+    with talking(bench) as talker:
+        talker.ask({"attach": "the first"})
+        talker.ask({"advance_to": 0.5})
+    with talking(bench) as talker:
+        assert talker.ask({"attach": "the second"})["now"] == 0.5
+        assert talker.ask({"advance_to": 2.0})["now"] == 2.0
+
+
+def test_commands_take_effect_at_a_time_of_the_world_that_the_answer_tells(
+    simulated_bench: Callable[..., Bench],
+) -> None:
+    bench = simulated_bench(**QUIET)
+    with talking(bench) as talker:
+        assert talker.ask({"pause_s": 2})["now"] == 2.0
+        fault = talker.ask({"fault": {"device": "qtm", "fault": "skip_frames", "at_s": 1.0}})
+        assert fault["now"] == 2.0
+        (planned,) = bench.world.faults.of("qtm", "skip_frames")
+        assert planned.begin == 3.0
+        pace = talker.ask({"pace": True})
+        assert (pace["speed"], pace["now"]) == (None, 2.0) and pace["rate"] > 0
+
+
+@pytest.mark.parametrize(
+    ("request_line", "words"),
+    [
+        (b"[1, 2]", "expected a JSON object"),
+        (b"no json", "Expecting value"),
+        (b"[" * 100_000, "recursion"),
+        (b'{"advance_to": 1}', "expected attach before advance_to"),
+        (b'{"dance": 1}', "known are trial, don"),
+        (b'{"speed": -1}', "expected a number above 0"),
+        (b'{"attach": "x", "speed": "fast"}', "expected a number above 0"),
+    ],
+)
+def test_nonsense_is_refused_in_a_sentence_and_the_connection_stays(
+    simulated_bench: Callable[..., Bench], request_line: bytes, words: str
+) -> None:
+    with talking(simulated_bench(**QUIET)) as talker:
+        assert words in talker.ask(request_line)["error"]
+        assert talker.ask({"truth": True})["truth"]["slip_m"]
+
+
+def test_a_station_attaches_once_on_a_connection(simulated_bench: Callable[..., Bench]) -> None:
+    with talking(simulated_bench(**QUIET)) as talker:
+        talker.ask({"attach": "a test"})
+        assert talker.ask({"attach": "again"})["error"] == "a test is attached already on this connection"
+
+
+def test_a_device_that_owes_an_answer_is_named_until_the_world_goes_on(simulated_bench: Callable[..., Bench]) -> None:
+    bench = simulated_bench(**QUIET)
+    with talking(bench) as talker:
+        talker.ask({"attach": "a test"})
+        talker.ask({"fault": {"device": "ni", "fault": "freeze", "for_s": 0.4}})
+        assert talker.ask({"advance_to": 0.0})["owing"] == ["ni"]
+        assert talker.ask({"advance_to": 0.5})["owing"] == []

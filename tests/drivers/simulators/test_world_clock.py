@@ -1,0 +1,172 @@
+"""World time: who moves it, how far, and who cannot hold it up."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from drivers.simulators import world_clock
+from drivers.simulators.world_clock import LONGEST_STEP_S, ClockStopped, WorldClock
+
+PATIENCE_S = 30.0  # wall; a bound on failing tests, not an expectation
+
+
+class Device:
+    """Notes its steps; a laggard until it is dropped where it is made so."""
+
+    def __init__(self, is_behind: bool = False) -> None:
+        self.steps: list[float] = []
+        self.is_behind = is_behind
+
+    def step(self, now: float) -> None:
+        self.steps.append(now)
+
+    def find_laggard(self) -> str | None:
+        return "a client of the test" if self.is_behind else None
+
+    def drop_laggard(self) -> None:
+        self.is_behind = False
+
+
+class Wall:
+    """A wall clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.seconds = 100.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+def comes_true(claim: Callable[[], bool]) -> bool:
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not claim() and time.monotonic() < give_up_s:
+        threading.Event().wait(0.001)
+    return claim()
+
+
+def test_without_a_speed_it_stands_still_until_it_is_moved() -> None:
+    clock, device = WorldClock(None), Device()
+    clock.follow(device)
+    assert clock.advance(1.2) == pytest.approx(1.2)
+    assert clock.now() == pytest.approx(1.2)
+    assert device.steps == pytest.approx([LONGEST_STEP_S, 2 * LONGEST_STEP_S, 1.2]), "in steps, to the very moment"
+    clock.stop()
+
+
+def test_every_device_has_made_the_step_when_the_station_is_told() -> None:
+    clock, devices = WorldClock(None), [Device(), Device()]
+    for device in devices:
+        clock.follow(device)
+    with clock.attach() as station:
+        for until in (0.1, 0.2, 0.3):
+            assert station.advance_to(until) == until
+            assert [device.steps[-1] for device in devices] == [until, until]
+    clock.stop()
+
+
+def test_it_goes_no_farther_than_the_slowest_station_allows() -> None:
+    clock = WorldClock(None)
+    with clock.attach("slow") as slow, clock.attach("fast") as fast:
+        ahead = threading.Thread(target=fast.advance_to, args=(10.0,), daemon=True)
+        ahead.start()
+        assert slow.advance_to(0.25) == 0.25
+        assert clock.now() == 0.25
+        slow.advance_to(10.0)
+        ahead.join(PATIENCE_S)
+        assert not ahead.is_alive()
+    clock.stop()
+
+
+def test_with_a_speed_it_never_runs_ahead_of_its_pace() -> None:
+    clock, device = WorldClock(50.0), Device()
+    began_s = time.monotonic()
+    clock.follow(device)
+    assert comes_true(lambda: clock.now() > 2.0)
+    now, elapsed_s = clock.now(), time.monotonic() - began_s
+    assert now <= 50.0 * elapsed_s
+    clock.stop()
+
+
+def test_a_world_that_stood_still_for_long_does_not_hurry_after_the_wall() -> None:
+    wall = Wall()
+    clock, device = WorldClock(1.0, wall), Device()
+    clock.follow(device)
+    wall.seconds += 3600.0
+    assert comes_true(lambda: len(device.steps) > 5)
+    wall.seconds += 3600.0
+    assert comes_true(lambda: len(device.steps) > 30)
+    assert clock.now() < 1.0, "the hours are not made up for"
+    clock.stop()
+
+
+def test_its_rate_is_what_it_made_of_the_wall_s_time() -> None:
+    wall = Wall()
+    clock = WorldClock(None, wall)
+    assert clock.rate() is None
+    with clock.attach() as station:
+        for step in range(1, 5):
+            station.advance_to(0.5 * step)
+            wall.seconds += 1.0
+    assert clock.rate() == pytest.approx(1.5 / 4.0), "from the first step on"
+    clock.stop()
+
+
+def test_a_client_that_takes_nothing_holds_the_world_back_and_is_dropped_with_a_message(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world_clock, "DROP_AFTER_S", 0.05)
+    clock, device = WorldClock(100.0), Device(is_behind=True)
+    with caplog.at_level(logging.WARNING):
+        clock.follow(device)
+        assert comes_true(lambda: clock.now() > 1.0)
+    assert not device.is_behind
+    assert "a client of the test has read nothing for 0.05 s and is dropped" in caplog.text
+    clock.stop()
+
+
+def test_a_station_that_asks_for_nothing_is_detached_with_a_message(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world_clock, "FORGET_AFTER_S", 0.05)
+    clock = WorldClock(100.0)
+    clock.follow(Device())
+    with caplog.at_level(logging.WARNING), clock.attach("asleep") as station:
+        before = clock.now()
+        assert comes_true(lambda: clock.now() > before + 1.0), "the world goes on"
+        with pytest.raises(ClockStopped, match="asleep asked for nothing"):
+            station.advance_to(1e6)
+    assert "asleep has asked for nothing" in caplog.text
+    clock.stop()
+
+
+def test_whoever_waits_is_told_that_the_world_has_ended() -> None:
+    clock = WorldClock(1.0)
+    told: list[str] = []
+
+    def wait() -> None:
+        try:
+            clock.advance(1e9)
+        except ClockStopped as error:
+            told.append(str(error))
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    clock.stop()
+    waiting.join(PATIENCE_S)
+    assert told == ["the simulated bench has ended"]
+
+
+def test_a_device_that_fails_ends_the_world_in_a_sentence() -> None:
+    class Broken(Device):
+        def step(self, now: float) -> None:
+            raise ZeroDivisionError("oops")
+
+    clock = WorldClock(None)
+    clock.follow(Broken())
+    with pytest.raises(ClockStopped, match="the simulated bench failed: ZeroDivisionError: oops"):
+        clock.advance(1.0)
