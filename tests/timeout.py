@@ -1,0 +1,17 @@
+"""Time-outs of tests: a bound on failing tests, not an expectation, so that they scale with the load of the machine."""
+
+from __future__ import annotations
+
+import os
+
+import psutil
+
+
+def scaled_timeout(seconds: float) -> float:
+    """The time-out in seconds for a test, or a wait in one, that is given `seconds` on an idle machine.
+
+    The scheduler divides the cores among the processes that want to run, whose number the load average is. Ask when the
+    wait begins, not when the module is imported: the load comes and goes.
+    """
+    load_per_core = psutil.getloadavg()[0] / (os.cpu_count() or 1)
+    return seconds * max(1.0, load_per_core)
