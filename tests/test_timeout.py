@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
-
 import psutil
 import pytest
 
-from tests.timeout import scaled_timeout
+from tests.timeout import count_cores, scaled_timeout
 
 
 @pytest.mark.parametrize(("load_per_core", "seconds"), [(0.2, 60.0), (1.0, 60.0), (9.0, 540.0)])
 def test_a_timeout_scales_with_the_load_per_core_and_is_never_shorter(
     monkeypatch: pytest.MonkeyPatch, load_per_core: float, seconds: float
 ) -> None:
-    load = load_per_core * (os.cpu_count() or 1)
+    load = load_per_core * count_cores()
     monkeypatch.setattr(psutil, "getloadavg", lambda: (load, 0.0, 0.0))
     assert scaled_timeout(60.0) == pytest.approx(seconds)
 

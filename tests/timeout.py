@@ -13,5 +13,9 @@ def scaled_timeout(seconds: float) -> float:
     The scheduler divides the cores among the processes that want to run, whose number the load average is. Ask when the
     wait begins, not when the module is imported: the load comes and goes.
     """
-    load_per_core = psutil.getloadavg()[0] / (os.cpu_count() or 1)
-    return seconds * max(1.0, load_per_core)
+    return seconds * max(1.0, psutil.getloadavg()[0] / count_cores())
+
+
+def count_cores() -> int:
+    """The cores that this process may use: fewer than the machine has where it is pinned."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
