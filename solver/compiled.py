@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from hashlib import sha256
+from pathlib import Path
 from time import perf_counter
 from types import CodeType
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numba import njit
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
@@ -17,6 +20,8 @@ from numba.core.dispatcher import Dispatcher
 from solver.linked import LinkedCompiler
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy loops beside it, ten times as long
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +52,15 @@ _Cache: Any = FunctionCache  # without types
 
 
 class _Kept(_Cache):  # type: ignore[misc]
-    """The compiler's own cache only knows whether the file of the function itself has changed."""
+    """The compiler's own cache only knows whether the file of the function itself has changed.
+
+    Nor does it know of other processes: here the first one compiles, and those that need the kernel meanwhile wait.
+    """
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        lock = Path(self.cache_path) / f"{function.__module__}.{function.__name__}.lock"
+        self._lock = FileLock(lock, LOCK_TIMEOUT_S, thread_local=False)
 
     def _index_key(self, signature: Any, codegen: Any) -> tuple[object, ...]:
         parts = repr(list(_parts(self._py_func, set()))).encode()
@@ -55,13 +68,23 @@ class _Kept(_Cache):  # type: ignore[misc]
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
         found = super()._load_overload(signature, target)
-        if found is None:
-            self._start = perf_counter()
-            logger.warning("compiling %s, once on this machine; this takes up to half a minute", self._title())
-        return found
+        if found is not None:
+            return found
+        with suppress(Timeout, NotImplementedError):  # without locks on some network drives: then both compile
+            self._lock.acquire()
+        found = super()._load_overload(signature, target)  # compiled by another process while this one waited
+        if found is not None:
+            self._lock.release(force=True)
+            return found
+        self._start = perf_counter()
+        logger.warning("compiling %s, once on this machine; this takes up to half a minute", self._title())
+        return None
 
     def _save_overload(self, signature: Any, data: Any) -> None:
-        super()._save_overload(signature, data)
+        try:
+            super()._save_overload(signature, data)
+        finally:
+            self._lock.release(force=True)
         logger.warning("compiled %s in %.1f s", self._title(), perf_counter() - self._start)
 
     def _title(self) -> str:

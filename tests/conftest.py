@@ -1,12 +1,15 @@
-"""Options and the account of what was skipped."""
+"""Options, time-outs that scale with the load of the machine, and the account of what was skipped."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.timeout import scaled_timeout
 
 # The matrices here are small: threads only wait for each other, several times the work on a machine that is busy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes
@@ -22,6 +25,26 @@ SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--hardware", action="store_true", help="run the contract tests against the bench as well")
     parser.addoption("--pictures", metavar="DIR", help="where the tests in a browser leave their screenshots")
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """No test processes with --hardware, since there is one bench; else xdist's own number, one per core."""
+    return 0 if config.getoption("--hardware") else None
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Scale the time-out when the test begins, just before pytest-timeout reads it."""
+    item.add_marker(pytest.mark.timeout(scaled_timeout(_timeout_of(item))), append=False)
+    return (yield)
+
+
+def _timeout_of(item: pytest.Item) -> float:
+    """Seconds on an idle machine: the test's own marker, else the command line's, else the configuration's."""
+    if marker := item.get_closest_marker("timeout"):
+        return float(marker.args[0])
+    given = item.config.getoption("timeout")
+    return float(item.config.getini("timeout") if given is None else given)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

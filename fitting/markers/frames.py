@@ -74,8 +74,7 @@ def reference_posture(trial: Trial) -> Reference:
 def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     """The trial's motion against a reference of the same donning, without ghosts."""
     site = trial.cuff
-    anchor, of_anchor = rigid_without_ghosts(reference.anchor, trial.positions(site.anchor_markers))
-    pose = fit_pose(reference.anchor, anchor)
+    anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, trial.positions(site.anchor_markers))
     way, of_cuff = path_without_ghosts(pose.to_reference(trial.positions(site.cuff_markers)) - reference.cuff)
     seen = is_seen(way)
     count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.timeout import scaled_timeout
+
 ROOT = Path(__file__).parents[2]
 DONE, FAILED, LOSSY = 0, 1, 3
 SPEED = ("--speed", "12")
@@ -85,7 +87,7 @@ class Desk:
             yield
         finally:
             child.terminate()
-            child.communicate(timeout=60)
+            child.communicate(timeout=scaled_timeout(60))
 
     def provide(self, words: list[str]) -> None:
         """What an example takes from elsewhere, made of the session's own recordings."""

@@ -8,13 +8,14 @@ import pytest
 
 from recordings import durability
 from recordings.durability import BackgroundSync, sync_folder
+from tests.timeout import scaled_timeout
 
 
 def test_beginning_returns_while_the_disk_is_busy_and_finishing_waits_for_it() -> None:
     release, done = threading.Event(), list[int]()
 
     def sync() -> None:
-        assert release.wait(20)
+        assert release.wait(scaled_timeout(20))
         done.append(1)
 
     disk = BackgroundSync(sync)

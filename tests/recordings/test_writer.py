@@ -30,6 +30,7 @@ from tests.recordings.trials import (
     skipped,
     trial,
 )
+from tests.timeout import scaled_timeout
 
 
 def test_what_is_written_comes_back_in_order(tmp_path: Path) -> None:
@@ -224,7 +225,7 @@ def test_a_disk_that_takes_its_time_holds_up_no_flush(tmp_path: Path) -> None:
     writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, sync=lambda _: None if wall.now < 1 else stuck())
 
     def stuck() -> None:
-        assert release.wait(20)
+        assert release.wait(scaled_timeout(20))
 
     for i in range(50):
         wall.now = i * 0.1

@@ -61,3 +61,34 @@ def test_a_change_in_what_a_kernel_calls_compiles_it_again(
     _kernel(tmp_path)(3.0)
     assert _kernel(tmp_path, **change)(3.0) == expected
     assert sum("compiling" in record.getMessage() for record in caplog.records) == 2
+
+
+def test_a_kernel_that_another_process_compiles_meanwhile_is_waited_for_and_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    ours, theirs = _kernel(tmp_path), _kernel(tmp_path)
+    acquire, has_waited = compiled.FileLock.acquire, []
+
+    def acquire_after_them(lock: Any) -> Any:
+        if not has_waited:
+            has_waited.append(True)
+            assert theirs(3.0) == 6.0
+            assert not theirs._cache._lock.is_locked, "who has compiled makes way"
+            caplog.clear()
+        return acquire(lock)
+
+    monkeypatch.setattr(compiled.FileLock, "acquire", acquire_after_them)
+    assert ours(3.0) == 6.0
+    assert has_waited
+    assert not caplog.records
+    assert not ours._cache._lock.is_locked
+
+
+def test_where_no_lock_can_be_had_a_kernel_is_compiled_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def acquire(lock: Any) -> None:
+        raise compiled.Timeout(lock.lock_file)
+
+    monkeypatch.setattr(compiled.FileLock, "acquire", acquire)
+    assert _kernel(tmp_path)(3.0) == 6.0

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, cast
-
 import numpy as np
 import pytest
-from numba import njit
 from numpy.typing import NDArray
 
+from solver.compiled import compiled_for_python
 from solver.vectors import Vector, read, write
 from solver.wrapping.closest import ANY_AXIS, closest_on_ellipse, closest_on_ellipsoid, closest_to_each
 
@@ -19,11 +16,7 @@ SEMI_AXES = (0.7, 1.6, 0.7 + 1e-9)
 RANDOM = np.random.default_rng(8)
 
 
-def _from_python(function: Callable[..., Any]) -> Callable[..., Any]:
-    return cast(Callable[..., Any], njit(function))
-
-
-@_from_python
+@compiled_for_python
 def _feet(a: Vector, points: Array) -> Array:
     """Closest points (n, 3) to points (n, 3), one by one."""
     feet = np.empty_like(points)
@@ -32,14 +25,14 @@ def _feet(a: Vector, points: Array) -> Array:
     return feet
 
 
-@_from_python
+@compiled_for_python
 def _feet_together(a: Vector, points: Array) -> Array:
     feet = np.empty_like(points)
     closest_to_each(a, points, np.empty(points.shape[1]), feet)
     return feet
 
 
-@_from_python
+@compiled_for_python
 def _foot_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, float]:
     return closest_on_ellipse(a, b, u, v)
 

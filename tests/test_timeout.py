@@ -1,0 +1,28 @@
+"""The time-outs of tests under load."""
+
+from __future__ import annotations
+
+import psutil
+import pytest
+
+from tests.timeout import count_cores, scaled_timeout
+
+
+@pytest.mark.parametrize(("load_per_core", "seconds"), [(0.2, 60.0), (1.0, 60.0), (9.0, 540.0)])
+def test_a_timeout_scales_with_the_load_per_core_and_is_never_shorter(
+    monkeypatch: pytest.MonkeyPatch, load_per_core: float, seconds: float
+) -> None:
+    load = load_per_core * count_cores()
+    monkeypatch.setattr(psutil, "getloadavg", lambda: (load, 0.0, 0.0))
+    assert scaled_timeout(60.0) == pytest.approx(seconds)
+
+
+def test_the_timeout_of_a_test_is_scaled_whoever_sets_it(request: pytest.FixtureRequest) -> None:
+    """What pytest-timeout reads: the closest marker."""
+    item = request.node
+    assert item.get_closest_marker("timeout").args[0] >= float(item.config.getini("timeout"))
+
+
+@pytest.mark.timeout(1234)
+def test_a_marker_of_the_test_comes_before_the_configuration(request: pytest.FixtureRequest) -> None:
+    assert request.node.get_closest_marker("timeout").args[0] >= 1234

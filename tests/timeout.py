@@ -1,0 +1,21 @@
+"""Time-outs of tests: a bound on failing tests, not an expectation, so that they scale with the load of the machine."""
+
+from __future__ import annotations
+
+import os
+
+import psutil
+
+
+def scaled_timeout(seconds: float) -> float:
+    """The time-out in seconds for a test, or a wait in one, that is given `seconds` on an idle machine.
+
+    The scheduler divides the cores among the processes that want to run, whose number the load average is. Ask when the
+    wait begins, not when the module is imported: the load comes and goes.
+    """
+    return seconds * max(1.0, psutil.getloadavg()[0] / count_cores())
+
+
+def count_cores() -> int:
+    """The cores that this process may use: fewer than the machine has where it is pinned."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
