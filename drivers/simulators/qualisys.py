@@ -16,10 +16,10 @@ import struct
 import threading
 from collections import deque
 from concurrent.futures import Future
-from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
 from drivers.simulators.marker_frames import COMPONENTS, Camera
+from drivers.simulators.qtm_client import Client, Stream
 from drivers.simulators.qtm_faults import QtmFaults
 from drivers.simulators.world import Capture, World
 
@@ -28,7 +28,6 @@ CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, SETTINGS_CHANGED, CAPTURE_S
 PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that are no state
 VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
 MOST_CLIENTS = 10
-MOST_UNSENT_BYTES = 1_000_000  # a client further behind holds the world back
 LONGEST_COMMAND_BYTES = 65_536
 GLANCE_S = 0.008  # wall
 MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
@@ -94,52 +93,14 @@ class _RefusedError(Exception):
     """QTM's words for what it will not do."""
 
 
-@dataclass(frozen=True)
-class Stream:
-    """What a client asked for: every divisor-th frame of one component."""
-
-    component: str
-    divisor: int
-
-
-class _Client:
-    """One connection."""
-
-    def __init__(self, writer: asyncio.StreamWriter) -> None:
-        self.stream: Stream | None = None
-        self.port = int(writer.get_extra_info("peername")[1])
-        self.sent = 0  # bytes
-        self.is_closed = False
-        self.awaits_frame = False
-        self._writer = writer
-
-    @property
-    def is_behind(self) -> bool:
-        return self._writer.transport.get_write_buffer_size() > MOST_UNSENT_BYTES
-
-    def send(self, kind: int, body: bytes = b"") -> None:
-        self.send_bytes(struct.pack("<II", 8 + len(body), kind) + body)
-
-    def send_text(self, kind: int, text: str) -> None:
-        self.send(kind, text.encode() + b"\0")
-
-    def send_bytes(self, packets: bytes) -> None:
-        self.sent += len(packets)
-        self._writer.write(packets)
-
-    def close(self) -> None:
-        self.is_closed = True
-        self._writer.transport.abort()
-
-
 class _Server:
     """QTM itself: its clients, who is master, the measurement, and the frames that flow."""
 
     def __init__(self, world: World) -> None:
         self.loop = asyncio.new_event_loop()
         self.ending = asyncio.Event()
-        self.clients: list[_Client] = []
-        self.master: _Client | None = None
+        self.clients: list[Client] = []
+        self.master: Client | None = None
         self.is_stopping = False  # a client asked for the capture's end, which comes with that of a frame
         self._world = world
         self._mocap = world.settings.mocap
@@ -209,7 +170,7 @@ class _Server:
     def is_silent(self) -> bool:
         return self._trouble.is_now("silent")
 
-    def laggard(self) -> _Client | None:
+    def laggard(self) -> Client | None:
         return next((client for client in tuple(self.clients) if client.is_behind), None)
 
     def _tell_until(self, until: float) -> None:
@@ -274,7 +235,7 @@ class _Server:
     # Commands
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        client = _Client(writer)
+        client = Client(writer)
         if len(self.clients) >= MOST_CLIENTS or self._trouble.is_now("full"):
             client.send_text(ERROR, "Connection refused. Max number of clients reached.")
             writer.close()
@@ -299,7 +260,7 @@ class _Server:
                 self.master = None
             client.close()
 
-    def _obey(self, client: _Client, kind: int, text: str) -> None:
+    def _obey(self, client: Client, kind: int, text: str) -> None:
         """Answers one command, as QTM words it."""
         word, _, rest = text.partition(" ")
         word = word.lower()
@@ -315,33 +276,33 @@ class _Server:
         except _RefusedError as refusal:
             client.send_text(ERROR, str(refusal))
 
-    def _on_version(self, _client: _Client, version: str) -> str:
+    def _on_version(self, _client: Client, version: str) -> str:
         if not version:
             return f"Version is {VERSIONS[-1]}"
         if version not in VERSIONS:
             raise _RefusedError("Version NOT supported")
         return f"Version set to {version}"
 
-    def _on_qtmversion(self, _client: _Client, _rest: str) -> str:
+    def _on_qtmversion(self, _client: Client, _rest: str) -> str:
         return "QTM Version is 2024.3 (build 17700)"
 
-    def _on_byteorder(self, _client: _Client, _rest: str) -> str:
+    def _on_byteorder(self, _client: Client, _rest: str) -> str:
         return "Byte order is little endian"
 
-    def _on_getstate(self, client: _Client, _rest: str) -> None:
+    def _on_getstate(self, client: Client, _rest: str) -> None:
         client.send(EVENT, bytes([self._state]))
 
-    def _on_getparameters(self, client: _Client, wanted: str) -> None:
+    def _on_getparameters(self, client: Client, wanted: str) -> None:
         client.send_text(XML, self._parameters(wanted.lower().split()))
 
-    def _on_streamframes(self, client: _Client, wanted: str) -> None:
+    def _on_streamframes(self, client: Client, wanted: str) -> None:
         """The answer is the first frame, or no-more-data while nothing flows."""
         client.stream = self._stream(wanted.lower().split())
         client.awaits_frame = client.stream is not None and self._camera is not None
         if client.stream and self._camera is None:
             client.send(NO_MORE_DATA)
 
-    def _on_getcurrentframe(self, client: _Client, component: str) -> None:
+    def _on_getcurrentframe(self, client: Client, component: str) -> None:
         frame = self._camera.latest() if self._camera else None
         if component.lower() not in COMPONENTS:
             raise _RefusedError("Parse error")
@@ -350,7 +311,7 @@ class _Server:
         else:
             client.send_bytes(self._trouble.packets(frame, component.lower(), 1))
 
-    def _on_takecontrol(self, client: _Client, password: str) -> str:
+    def _on_takecontrol(self, client: Client, password: str) -> str:
         if password != self._mocap.password:
             raise _RefusedError("Wrong or missing password")
         if self.master not in (None, client):
@@ -358,13 +319,13 @@ class _Server:
         self.master = client
         return "You are now master"
 
-    def _on_releasecontrol(self, client: _Client, _rest: str) -> str:
+    def _on_releasecontrol(self, client: Client, _rest: str) -> str:
         if self.master is not client:
             return "You are already a regular client"
         self.master = None
         return "You are now a regular client"
 
-    def _on_new(self, _client: _Client, _rest: str) -> str:
+    def _on_new(self, _client: Client, _rest: str) -> str:
         if self._is_connected:
             return "Already connected"
         if self._is_unsaved:
@@ -374,7 +335,7 @@ class _Server:
         self._announce(CONNECTED)
         return "Creating new connection"
 
-    def _on_start(self, _client: _Client, _rest: str) -> str:
+    def _on_start(self, _client: Client, _rest: str) -> str:
         if not self._is_connected:
             raise _RefusedError("Not connected. Create connection with new")
         try:
@@ -383,7 +344,7 @@ class _Server:
             raise _RefusedError("Measurement is already running") from error
         return "Starting measurement"
 
-    def _on_stop(self, _client: _Client, _rest: str) -> str:
+    def _on_stop(self, _client: Client, _rest: str) -> str:
         try:
             self._world.stop_capture()
         except ValueError as error:
@@ -391,14 +352,14 @@ class _Server:
         self.is_stopping = self._capture is not None
         return "Stopping measurement"
 
-    def _on_save(self, _client: _Client, _rest: str) -> str:
+    def _on_save(self, _client: Client, _rest: str) -> str:
         if not self._is_unsaved or self._capture:
             raise _RefusedError("No measurement to save")
         self._is_unsaved = False
         self._announce(CAPTURE_SAVED)
         return "Measurement saved"
 
-    def _on_close(self, _client: _Client, _rest: str) -> str:
+    def _on_close(self, _client: Client, _rest: str) -> str:
         if not self._is_connected and not self._is_unsaved:
             return "No connection to close"
         answer = "Closing file" if self._is_unsaved else "Closing connection"
@@ -407,7 +368,7 @@ class _Server:
         self._announce(CLOSED)
         return answer
 
-    def _on_event(self, _client: _Client, _label: str) -> str:
+    def _on_event(self, _client: Client, _label: str) -> str:
         if not self._capture:
             raise _RefusedError("QTM is not capturing")
         return "Event set"

@@ -250,7 +250,8 @@ class Desk:
         self.live = Live(spec, self._guide(spec))
         try:
             await asyncio.to_thread(self._prepare, plan)
-            self._trial = await TrialProcess.start(self._session_config, self.folder, spec, self._clock_port)
+            clock_port = self._bench.clock_port if self._bench is not None else None
+            self._trial = await TrialProcess.start(self._session_config, self.folder, spec, clock_port)
         except BaseException:
             self.live = None
             raise
@@ -275,10 +276,6 @@ class Desk:
         """Somebody has seen the alarm: it is not sounded any more, and goes with its cause."""
         if self.live is not None:
             self.live.is_alarm_seen = self.live.alarm is not None
-
-    @property
-    def _clock_port(self) -> int | None:
-        return self._bench.clock_port if self._bench is not None else None
 
     # -- the verdict ---------------------------------------------------------------------------------------------
 

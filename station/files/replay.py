@@ -28,19 +28,21 @@ CATCH_UP_S = 0.1
 
 
 class ReplayClock(ManualClock):
-    """Station time begins with the first sample and goes on in blocks, speed times as fast as the wall, to the last.
+    """Station time begins with the first sample and goes on in blocks, speed times as fast as the wall.
 
+    It makes one pause, after the last sample, in which a trial that ended there is stopped as the operator stopped it.
     Begun on the wall is the trial when the recorded one was, for a fit goes by the order of the trials.
     """
 
     def __init__(self, first_host_ns: int, begun_utc_ns: int, speed: float) -> None:
         super().__init__(first_host_ns, BLOCK_S)
-        self.is_over = False
+        self.is_over = self._has_paused = False
         self._begun_utc_ns, self._speed = begun_utc_ns, speed
         self._due_s = time.monotonic()
 
     def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
-        if self.is_over:
+        if self.is_over and not self._has_paused:
+            self._has_paused = True
             return {}
         self._due_s = max(self._due_s + self._step_s / self._speed, time.monotonic() - CATCH_UP_S)
         time.sleep(max(0.0, self._due_s - time.monotonic()))
