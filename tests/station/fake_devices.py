@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -33,6 +34,7 @@ class FakeDaq:
     def read(self, timeout_s: float) -> Sequence[Item]:
         if self.hangs_on_read:
             threading.Event().wait()
+        _pause(timeout_s)
         now = self._clock.station_s()
         due = int((now - self._start_s) * 1000)
         if self.lost_after is not None and due > self.lost_after:
@@ -81,6 +83,7 @@ class FakeMocap:
         self._sent = self._told = 0
 
     def read(self, timeout_s: float) -> Sequence[Item]:
+        _pause(timeout_s)
         now = self._clock.station_s()
         items: list[Item] = []
         due = self._capture.frames_due(now)
@@ -100,3 +103,8 @@ class FakeMocap:
 
     def close(self) -> None:
         pass
+
+
+def _pause(timeout_s: float) -> None:
+    """Lets samples gather where time goes on by itself; on a stepped clock nobody may wait."""
+    time.sleep(min(timeout_s, 0.005))

@@ -36,7 +36,7 @@ def test_no_garbage_is_searched_for_amid_a_figure_and_that_of_the_figure_before_
 
     def draw() -> bytes:
         amid.append(gc.isenabled())
-        left.append(sum(isinstance(thing, _Cycle) for thing in gc.get_objects()))
+        left.append(sum(type(thing) is _Cycle for thing in gc.get_objects()))
         _Cycle()
         return b""
 
