@@ -1,0 +1,194 @@
+"""Trials on the clock of a simulated bench: what holds the world, who else may listen, and what ends with it."""
+
+from __future__ import annotations
+
+import io
+import logging
+import socket
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers import nidaq
+from drivers.errors import DeviceLost, DeviceUnavailable
+from drivers.qualisys import Qualisys
+from drivers.simulators import world_clock
+from drivers.simulators.bench import Bench
+from recordings.contents import contents_of
+from recordings.reader import open_recording
+from recordings.samples import Item, Samples
+from station.bench import bench_clock
+from station.bench.bench_clock import BenchClock
+from station.bench.daemon import Daemon
+from station.bench.session import Snapshot, State
+from station.bench.simulation import SimulatedBench
+from station.clock import RealClock
+from station.config import StationConfig, parse_config
+from station.console.telemetry import Telemetry
+from station.console.trial_view import slow_of
+from station.protocol import TrialSpec
+
+SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}
+SPEC = TrialSpec("waist", "static", 1)
+
+
+class Looks:
+    """A view that acts once the trial has been recorded for so many seconds."""
+
+    def __init__(self, act: Callable[[], None], after_s: float = 1.0) -> None:
+        self._act, self._after_s, self.has_acted = act, after_s, False
+
+    def offer(self, item: Item) -> None: ...
+
+    def show(self, snapshot: Snapshot) -> None:
+        if not self.has_acted and snapshot.state is State.RECORDING and snapshot.recorded_s > self._after_s:
+            self.has_acted = True
+            self._act()
+
+
+def config_for(ports: dict[str, int]) -> StationConfig:
+    return parse_config(
+        {
+            "daq": {"grpc_target": f"127.0.0.1:{ports['ni']}"},
+            "mocap": {"port": ports["qtm"]},
+            "cuffs": {"waist": {"anchor_markers": ["anchor_1", "anchor_2", "anchor_3"], "cuff_markers": ["cuff_1"]}},
+        },
+        "test",
+    )
+
+
+def test_a_trial_holds_blocks_of_the_world_s_time(simulated_bench: Callable[..., Bench], tmp_path: Path) -> None:
+    bench = simulated_bench(protocol=SHORT)
+    with BenchClock(bench.ports["clock"]) as clock:
+        result = Daemon(config_for(bench.ports), clock).record(tmp_path, SPEC)
+        assert clock.station_s() == bench.world.now()
+    assert result.accepted and not result.lost_samples and result.path is not None
+    blocks = [item for item in open_recording(result.path).items() if isinstance(item, Samples)]
+    arrivals_s = (np.array([block.host_time_ns for block in blocks]) - bench.start_utc_ns) * 1e-9
+    steps = arrivals_s / bench_clock.LONGEST_STEP_S
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    assert len({(block.stream, block.host_time_ns) for block in blocks}) == len(blocks), "one of each stream in a step"
+
+
+def test_a_trial_at_a_pace_has_the_blocks_of_a_real_bench(
+    simulated_bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    bench = simulated_bench(speed=20, protocol=SHORT)
+    with BenchClock(bench.ports["clock"], speed=4.0) as clock:
+        assert bench.clock.speed == 4.0
+        before = clock.station_s()
+        clock.step()
+        assert clock.station_s() - before == pytest.approx(4.0 * bench_clock.BLOCK_S)
+
+
+def test_the_page_says_how_slow_a_bench_is_that_cannot_keep_its_pace(
+    simulated_bench: Callable[..., Bench], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall_s = [0.0]
+    monkeypatch.setattr(bench_clock.time, "monotonic", lambda: wall_s[0])
+    bench = simulated_bench()
+    with BenchClock(bench.ports["clock"], speed=1000.0) as clock:
+        clock._pace = 1.0  # as if it had been set: the wall of this test does not move the world
+        for _ in range(8):
+            clock.step()
+            wall_s[0] += clock._step_s / 0.6
+        telemetry = Telemetry(io.StringIO(), None, config_for(bench.ports).calibration(), tmp_path, clock)
+        said = telemetry._line()
+    assert slow_of(said) == "simulated bench runs at 0.6 of real time"
+    assert slow_of({**said, "slow_rate": None}) == ""
+
+
+def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_path: Path) -> None:
+    with SimulatedBench({"protocol": SHORT}, None, 1) as bench:
+        child = bench._child
+        assert child is not None
+        with BenchClock(bench.clock_port) as clock:
+            daemon = Daemon(config_for(bench.ready["ports"]), clock, [Looks(child.kill)])
+            result = daemon.record(tmp_path, SPEC)
+    assert not result.accepted and result.path is not None
+    assert "the simulated bench" in result.sentence and result.sentence.count("\n") == 0
+    contents = contents_of(result.path)
+    assert contents.complete and contents.streams["/force"].samples > 1000
+
+
+def test_a_second_station_is_refused_the_daq_in_one_sentence_and_the_first_goes_on(
+    simulated_bench: Callable[..., Bench], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(nidaq, "RELEASED_AFTER_S", 0.1)
+    bench = simulated_bench(protocol=SHORT)
+    refused: list[str] = []
+
+    def try_another() -> None:
+        with pytest.raises(DeviceUnavailable) as caught:
+            Daemon(config_for(bench.ports), RealClock()).record(tmp_path / "other", SPEC)
+        refused.append(str(caught.value))
+
+    with BenchClock(bench.ports["clock"]) as clock:
+        result = Daemon(config_for(bench.ports), clock, [Looks(try_another)]).record(tmp_path / "first", SPEC)
+    assert result.accepted and not result.lost_samples
+    assert len(refused) == 1 and "is in use by another program (NI error -200022)" in refused[0]
+    assert not list((tmp_path / "other").glob("*.mcap"))
+
+
+def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: Callable[..., Bench], tmp_path: Path) -> None:
+    bench = simulated_bench(protocol=SHORT)
+    other = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
+    other.open()
+    with BenchClock(bench.ports["clock"]) as clock:
+        result = Daemon(config_for(bench.ports), clock).record(tmp_path, SPEC)
+    assert result.path is not None
+    recorded = open_recording(result.path).load("/markers").sample_numbers
+    seen: list[int] = []
+    give_up_s = time.monotonic() + 30.0
+    while len(seen) < len(recorded) and time.monotonic() < give_up_s:
+        seen += [int(n) for item in other.read(0.1) if isinstance(item, Samples) for n in item.sample_numbers]
+    other.close()
+    assert seen[: len(recorded)] == recorded.tolist() == list(range(1, len(recorded) + 1))
+
+
+def test_a_client_that_connects_and_never_reads_is_dropped_and_the_world_goes_on(
+    simulated_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world_clock, "DROP_AFTER_S", 0.1)
+    bench = simulated_bench(operator={"capture": "remote"}, mocap={"has_preview": True, "rate_hz": 2000})
+    bench.world.start_capture()
+    with socket.create_connection(("127.0.0.1", bench.ports["qtm"])) as client:
+        client.recv(100)
+        command = b"streamframes allframes 3dres\0"
+        client.sendall(struct.pack("<II", 8 + len(command), 1) + command)
+        with caplog.at_level(logging.WARNING):
+            for _ in range(200):
+                bench.clock.advance(1.0)
+                if "is dropped" in caplog.text:
+                    break
+    assert (
+        f"the client of QTM at port {client_port(caplog.text)} has read nothing for 0.1 s and is dropped" in caplog.text
+    )
+    before = bench.world.now()
+    bench.clock.advance(1.0)
+    assert bench.world.now() == pytest.approx(before + 1.0)
+
+
+def client_port(text: str) -> str:
+    return text.split("at port ")[1].split(" ", maxsplit=1)[0]
+
+
+def test_where_no_simulated_bench_is_there_is_one_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        port = closed.getsockname()[1]
+    with pytest.raises(
+        DeviceUnavailable, match="start `station simulate` first, or record a real bench without --speed"
+    ):
+        BenchClock(port).__enter__()
+
+
+def test_a_clock_that_was_left_moves_nothing(simulated_bench: Callable[..., Bench]) -> None:
+    clock = BenchClock(simulated_bench().ports["clock"])
+    with clock:
+        clock.step()
+    with pytest.raises(DeviceLost, match="was asked after its end"):
+        clock.step()
