@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 NI_PORT = 31763
 """Where NI's own gRPC device server listens unless told otherwise."""
-CLOCK_PORT = 31764
-"""Where the clock of the simulated bench listens, unless [simulation.ports] says otherwise."""
 
 
 class SimulationError(Exception):
@@ -183,8 +181,9 @@ def _tell_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> 
 
 
 def clock_port(config: StationConfig) -> int:
-    """Where `station simulate` serves its clock for this configuration."""
-    port = config.simulation.get("ports", {}).get("clock", CLOCK_PORT)
+    """Where `station simulate` serves its clock: beside the DAQ's server, unless [simulation.ports] says otherwise."""
+    beside = _port(config.daq.grpc_target, NI_PORT)
+    port = config.simulation.get("ports", {}).get("clock", beside + 1 if beside else 0)
     if not isinstance(port, int):
         raise SimulationError(f"simulation.ports.clock is {port!r}, expected a port's number")
     return port

@@ -51,9 +51,11 @@ class Desk:
         self.folder = folder
         self._command = shutil.which("station", path=str(ROOT / ".venv" / "bin")) or shutil.which("station")
         text = (ROOT / "station.toml").read_text(encoding="utf-8")
-        ports = free_ports(2)
+        ports = free_ports(3)
         (folder / "station.toml").write_text(
-            text.replace("31763", str(ports[0])).replace("22223", str(ports[1])), encoding="utf-8"
+            text.replace("31763", str(ports[0])).replace("22223", str(ports[1]))
+            + f"\n[simulation.ports]\nclock = {ports[2]}\n",
+            encoding="utf-8",
         )
 
     def run(self, words: list[str]) -> None:

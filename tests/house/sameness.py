@@ -1,0 +1,59 @@
+"""What two sessions from the same seed have in common: all but dates, folders and hashes."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from recordings.reader import open_recording
+from recordings.samples import Event, Loss, Samples
+
+DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?")
+HASHES = re.compile(r"\b[0-9a-f]{12,64}\b")
+ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc")
+
+
+def differences(one: Path, other: Path) -> list[str]:
+    """The files of two sessions that differ by more: recordings by their samples, cuffs.json, report.html."""
+    names = sorted({path.name for folder in (one, other) for path in folder.glob("*.mcap")})
+    differing = [name for name in names if _items(one / name) != _items(other / name)]
+    if _cuffs(one) != _cuffs(other):
+        differing.append("cuffs.json")
+    if _page(one) != _page(other):
+        differing.append("report.html")
+    return differing
+
+
+def _items(path: Path) -> list[Any]:
+    """Everything in a recording; times of arrival count from its first sample, for they carry the date."""
+    if not path.is_file():
+        return []
+    items = list(open_recording(path).items())
+    begun_ns = next(item.host_time_ns for item in items if isinstance(item, Samples))
+    plain: list[Any] = []
+    for item in items:
+        if isinstance(item, Samples):
+            arrays = (item.sample_numbers, item.device_time_ns, item.values)
+            plain.append((item.stream, item.host_time_ns - begun_ns, *(array.tobytes() for array in arrays)))
+        elif isinstance(item, Loss):
+            plain.append((item.stream, item.cause, item.first_missing, item.count))
+        elif isinstance(item, Event):
+            plain.append((item.kind, item.host_time_ns - begun_ns))
+    return plain
+
+
+def _cuffs(folder: Path) -> Any:
+    return _without_the_files(json.loads((folder / "cuffs.json").read_text(encoding="utf-8")))
+
+
+def _without_the_files(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_the_files(inner) for key, inner in value.items() if key not in ABOUT_THE_FILES}
+    return [_without_the_files(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _page(folder: Path) -> str:
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    return HASHES.sub("", DATES.sub("", page.replace(str(folder), "").replace(folder.name, "")))
