@@ -83,6 +83,8 @@ class KillBench:
         for server in servers:
             server.start()
             self._running.callback(server.stop)
+            self._world.clock.follow(server)
+            self._running.callback(self._world.clock.unfollow, server)
         return self
 
     def __exit__(self, *_: object) -> None:
