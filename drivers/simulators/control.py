@@ -21,13 +21,10 @@ import sys
 import threading
 import time
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from drivers.simulators.requests import answer, speed_from
+from drivers.simulators.requests import ServedBench, answer, speed_from
 from drivers.simulators.world_clock import ClockStopped, Station
-
-if TYPE_CHECKING:
-    from drivers.simulators.bench import Bench
 
 CONNECTION_KNOWN_S = 5.0  # wall; a connection takes that long at most from the kernel to the device's server
 GLANCE_S = 0.001  # wall
@@ -36,7 +33,7 @@ GLANCE_S = 0.001  # wall
 class ControlServer:
     """Serves one bench; port 0 takes a free one."""
 
-    def __init__(self, bench: Bench, port: int = 0) -> None:
+    def __init__(self, bench: ServedBench, port: int = 0) -> None:
         self._bench = bench
         self._server: _Server | None = None
         self._thread: threading.Thread | None = None
@@ -63,7 +60,7 @@ class _Server(socketserver.ThreadingTCPServer):
     block_on_close = False
 
 
-def _handler(bench: Bench) -> type[socketserver.StreamRequestHandler]:
+def _handler(bench: ServedBench) -> type[socketserver.StreamRequestHandler]:
     class Handler(socketserver.StreamRequestHandler):
         disable_nagle_algorithm = True
 
@@ -77,7 +74,7 @@ def _handler(bench: Bench) -> type[socketserver.StreamRequestHandler]:
 
 
 class _Conversation:
-    def __init__(self, bench: Bench, attached: ExitStack) -> None:
+    def __init__(self, bench: ServedBench, attached: ExitStack) -> None:
         self._bench = bench
         self._attached = attached
         self._station: Station | None = None

@@ -16,23 +16,34 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from drivers.simulators.faults import fault_from_dict
-
-if TYPE_CHECKING:
-    from drivers.simulators.bench import Bench
+from drivers.simulators.world import World
+from drivers.simulators.world_clock import WorldClock
 
 KNOWN = ("trial", "don", "fault", "pause_s", "truth", "speed", "pace", "quit")
 
 
-def answer(bench: Bench, request: dict[str, Any]) -> dict[str, Any]:
+class ServedBench(Protocol):
+    """What a request can reach of the bench."""
+
+    world: World
+    clock: WorldClock
+    start_utc_ns: int
+
+    def sent(self) -> dict[str, dict[int, int | None]]: ...
+
+    def owing(self) -> list[str]: ...
+
+
+def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
     """The answer to one request. Raises ValueError in one sentence where it cannot be met, ClockStopped at the end."""
     content = _answer(bench, request)
     return {**content, "now": bench.clock.now()}
 
 
-def _answer(bench: Bench, request: dict[str, Any]) -> dict[str, Any]:
+def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
     world, clock = bench.world, bench.clock
     match request:
         case {"trial": {"cuff": str() | None as cuff, "test": "static" | "dynamic" | "bounce" as test}}:
