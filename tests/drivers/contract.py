@@ -16,6 +16,7 @@ import pytest
 from drivers.device import Device
 from drivers.errors import DeviceError, DeviceLost, DeviceUnavailable
 from recordings.samples import Item, Loss, Samples
+from tests.timeout import scaled_timeout
 
 TOPICS = {"/force", "/sync", "/markers"}
 PATIENCE_S = 10.0  # wall; a bound on failing tests, not an expectation
@@ -34,7 +35,7 @@ class Bench:
 def read_until(device: Device, is_enough: Callable[[list[Item]], bool]) -> list[Item]:
     """What the device delivers until it is enough; fails if that takes too long."""
     items: list[Item] = []
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
     while not is_enough(items):
         assert time.monotonic() < give_up_s, f"{device.name} delivered only {len(items)} items"
         items += device.read(0.1)

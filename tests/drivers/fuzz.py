@@ -25,6 +25,7 @@ from drivers.simulators.faults import FAULTS, fault_from_dict, read_fault_plan
 from recordings.samples import Item, Loss, Samples
 from tests.drivers.fault_bench import unaccounted
 from tests.drivers.other_qtm import OtherQtm, packet, proper
+from tests.timeout import scaled_timeout
 
 PATIENCE_S = 20.0
 
@@ -166,7 +167,7 @@ def _a_file_is_a_plan_or_a_sentence(content: bytes) -> None:
 
 def _read_to_the_end(device: Device) -> list[Item]:
     items: list[Item] = []
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
     with contextlib.suppress(DeviceError):
         while time.monotonic() < give_up_s:
             items += device.read(1.0)

@@ -22,6 +22,7 @@ from drivers.simulators.settings import DaqClock
 from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
 from tests.drivers.stand_in_world import StandInWorld
+from tests.timeout import scaled_timeout
 
 EXACT_CLOCK = DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0)
 
@@ -73,7 +74,7 @@ def joined(items: list[Item], stream: str) -> tuple[np.ndarray[Any, Any], np.nda
 class TestNiDaqKeepsTheContract(DeviceContract):
     @pytest.fixture
     def bench(self, server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> Bench:
-        monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 0.5)
+        monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
         return Bench(
             device=lambda: driver(server, world),
             quiet_device=lambda: driver(server, world, start="pfi0"),
@@ -236,7 +237,7 @@ def test_a_device_whose_transfers_are_aborted_is_to_be_unplugged(server: NiDaqSi
 def test_a_server_that_freezes_is_lost_and_closing_does_not_hang(
     server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", 0.5)
+    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))
     device = driver(server, world)
     device.open()
     world.flows.clear()

@@ -20,6 +20,7 @@ from drivers.simulators.settings import DaqClock, settings_from_dict
 from drivers.simulators.world import World
 from recordings.reader import Recording, open_recording
 from recordings.recovery import recover
+from tests.timeout import scaled_timeout
 
 LOSS_BOUND_S = 0.5
 DAEMONS = 10  # at once: QTM takes no more clients
@@ -154,7 +155,7 @@ def _daemon(folder: Path, ni: int, qtm: int) -> subprocess.Popen[bytes]:
 
 
 def _wait_for(claim: Callable[[], bool], daemons: Sequence[subprocess.Popen[Any]], folders: Sequence[Path]) -> None:
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
     while not claim():
         ended = [folder for daemon, folder in zip(daemons, folders, strict=True) if daemon.poll() is not None]
         assert not ended, (ended[0] / "stderr.txt").read_text(encoding="utf-8")

@@ -24,6 +24,7 @@ from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import blocks, read_until
+from tests.timeout import scaled_timeout
 
 SPEED = 30.0
 PATIENCE_S = 20.0
@@ -48,7 +49,7 @@ def recorded(ports: dict[str, int]) -> list[Item]:
     )
     qtm = Qualisys(host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
     items: list[Item] = []
-    give_up = time.monotonic() + PATIENCE_S
+    give_up = time.monotonic() + scaled_timeout(PATIENCE_S)
     try:
         ni.open()
         qtm.open()
@@ -110,7 +111,7 @@ def test_one_device_can_be_left_out_and_the_operator_waits_for_the_others_only()
         qtm = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
         qtm.open()
         items: list[Item] = []
-        give_up = time.monotonic() + PATIENCE_S
+        give_up = time.monotonic() + scaled_timeout(PATIENCE_S)
         while not blocks(items, "/markers") and time.monotonic() < give_up:
             items += qtm.read(0.1)
         qtm.close()
@@ -148,7 +149,7 @@ class Child:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.process.stdin.close()
-        code = self.process.wait(PATIENCE_S)
+        code = self.process.wait(scaled_timeout(PATIENCE_S))
         self.process.stdout.close()
         return code
 
@@ -188,10 +189,10 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
 def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
     child: Child, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", 0.5)
-    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 0.5)
-    monkeypatch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", 0.5)
-    monkeypatch.setattr(qualisys_conversation, "CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))
+    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
+    monkeypatch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
+    monkeypatch.setattr(qualisys_conversation, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
     ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
     ni = make_device(
         "nidaq",

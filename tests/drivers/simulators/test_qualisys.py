@@ -20,6 +20,7 @@ from drivers.simulators.qualisys import MOST_CLIENTS, QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
 from tests.drivers.simulated_qtm import serving, simulator
+from tests.timeout import scaled_timeout
 
 PATIENCE_S = 10.0
 
@@ -33,7 +34,7 @@ class Client:
         self.rt: Any = None
 
     async def wait_for(self, claim: Callable[[], bool]) -> None:
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
             while not claim():
                 await asyncio.sleep(0.005)
 

@@ -11,6 +11,7 @@ import pytest
 
 from drivers.simulators import world_clock
 from drivers.simulators.world_clock import LONGEST_STEP_S, ClockStopped, WorldClock
+from tests.timeout import scaled_timeout
 
 PATIENCE_S = 30.0  # wall; a bound on failing tests, not an expectation
 
@@ -43,7 +44,7 @@ class Wall:
 
 
 def comes_true(claim: Callable[[], bool]) -> bool:
-    give_up_s = time.monotonic() + PATIENCE_S
+    give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
     while not claim() and time.monotonic() < give_up_s:
         threading.Event().wait(0.001)
     return claim()

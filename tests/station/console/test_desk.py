@@ -20,6 +20,7 @@ from station.journal import JournalError, Recorded, Setup, read_journal, write_r
 from station.protocol import TrialSpec
 from tests.station.console.benched import simulated_bench
 from tests.station.console.served import write_config
+from tests.timeout import scaled_timeout
 
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)
 PATIENCE_S = 120.0
@@ -47,7 +48,7 @@ def with_folder(config: StationConfig, folder: Path) -> StationConfig:
 
 
 async def until(is_met: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
         while not is_met():
             await asyncio.sleep(0.02)
 

@@ -16,6 +16,7 @@ from station.config import StationConfig
 from station.console.adoption import adopt_recordings
 from station.journal import read_journal
 from tests.station.console.benched import Recorder, has_recorded, simulated_bench
+from tests.timeout import scaled_timeout
 
 SMALLEST_PIPE = 4096
 PATIENCE_S = 120
@@ -53,7 +54,7 @@ def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(
         assert said["disk_left_s"] > 0
         assert all(said["seen"].values()) and said["force"] and said["displacement"]
         result = recorder.end()["result"]
-        assert recorder.child.wait(PATIENCE_S) == 0
+        assert recorder.child.wait(scaled_timeout(PATIENCE_S)) == 0
         assert recorder.errors() == ""
     assert_whole(tmp_path)
     events = [item for item in open_recording(tmp_path / result["file"]).items() if isinstance(item, Event)]
@@ -68,7 +69,7 @@ def test_a_console_that_stops_reading_costs_nothing(
         recorder.let_go()
         assert recorder.child.stdout is not None
         fcntl.fcntl(recorder.child.stdout, fcntl.F_SETPIPE_SZ, SMALLEST_PIPE)
-        assert recorder.child.wait(PATIENCE_S) == 0
+        assert recorder.child.wait(scaled_timeout(PATIENCE_S)) == 0
     assert_whole(tmp_path)
 
 
@@ -81,7 +82,7 @@ def test_a_console_that_is_killed_costs_nothing(
         assert recorder.child.stdin is not None and recorder.child.stdout is not None
         recorder.child.stdin.close()
         recorder.child.stdout.close()
-        assert recorder.child.wait(PATIENCE_S) == 0
+        assert recorder.child.wait(scaled_timeout(PATIENCE_S)) == 0
         assert recorder.errors() == ""
     assert_whole(tmp_path)
 
