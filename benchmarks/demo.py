@@ -27,14 +27,14 @@ from tests.house.sameness import differences
 
 AT_MOST_S = 3 * 3600.0
 STATION = "from station.cli import main; main()"
-STAGE = re.compile(r"^(?P<stage>[a-z, ]+): \d+ of \d+ in (?P<seconds>[\d.]+) s$", re.MULTILINE)
+STAGE = re.compile(r"^(?P<stage>[a-z, ]+): \d+ of \d+ in (?P<took>.+)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Run:
-    """Wall seconds by stage and in all, processor seconds, exit code."""
+class DemoRun:
+    """What each stage took, wall and processor seconds in all, exit code."""
 
-    stages: dict[str, float]
+    stages: dict[str, str]
     wall_s: float
     processor_s: float
     exit_code: int
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0 if not differing and not any(run.exit_code for run in runs) else 1
 
 
-def _measure(folder: Path, *, is_cold: bool) -> Run:
+def _measure(folder: Path, *, is_cold: bool) -> DemoRun:
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache} if is_cold else None
         began_s, before = time.monotonic(), os.times()
@@ -65,15 +65,15 @@ def _measure(folder: Path, *, is_cold: bool) -> Run:
         ran = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)  # noqa: S603
         wall_s, after = time.monotonic() - began_s, os.times()
     spent_s = after.children_user + after.children_system - before.children_user - before.children_system
-    stages = {match["stage"]: float(match["seconds"]) for match in STAGE.finditer(ran.stderr)}
+    stages = {match["stage"]: match["took"] for match in STAGE.finditer(ran.stderr)}
     if ran.returncode:
         print(json.dumps({"exit": ran.returncode, "stderr": ran.stderr[-2000:]}), file=sys.stderr)
-    return Run(stages, wall_s, spent_s, ran.returncode)
+    return DemoRun(stages, wall_s, spent_s, ran.returncode)
 
 
-def _table(runs: Sequence[Run], loops: int) -> str:
+def _table(runs: Sequence[DemoRun], loops: int) -> str:
     names = list(dict.fromkeys(stage for run in runs for stage in run.stages))
-    rows = [[name, *(f"{run.stages[name]:.1f} s" if name in run.stages else "–" for run in runs)] for name in names]
+    rows = [[name, *(run.stages.get(name, "–") for run in runs)] for name in names]
     rows += [["in all", *(f"{run.wall_s:.1f} s" for run in runs)]]
     rows += [["processor", *(f"{run.processor_s:.1f} s" for run in runs)]]
     rows += [["exit code", *(str(run.exit_code) for run in runs)]]

@@ -64,7 +64,7 @@ class Received:
 
 
 @runtime_checkable
-class Unasked(Protocol):
+class StreamingDevice(Protocol):
     """A device that sends without being asked, so that only the driver can tell how far it has got."""
 
     @property

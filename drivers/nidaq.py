@@ -32,7 +32,7 @@ RELEASED_AFTER_S = 3.0  # a server may take that long to notice that the client 
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
 RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would hold the caller for ever
-BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB, and half a minute at speed 20
+BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB
 LARGEST_READ_S = 10.0
 
 T = TypeVar("T")

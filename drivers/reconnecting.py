@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.device import CaptureControl, Device, HostClock, Received, Resumable, Unasked
+from drivers.device import CaptureControl, Device, HostClock, Received, Resumable, StreamingDevice
 from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
@@ -59,7 +59,7 @@ class Reconnecting:
 
     @property
     def received(self) -> Received | None:
-        return self.device.received if isinstance(self.device, Unasked) and self._outage is None else None
+        return self.device.received if isinstance(self.device, StreamingDevice) and self._outage is None else None
 
     def open(self) -> None:
         self._outage = None

@@ -44,8 +44,8 @@ class SteppedClock(Clock, Protocol):
         """
         ...
 
-    def is_owing(self) -> bool:
-        """Whether a device owes an answer that comes only as time goes on. Raises DeviceLost as step()."""
+    def pending_devices(self) -> int:
+        """How many devices owe a reply that comes only as time goes on. Raises DeviceLost as step()."""
         ...
 
 
@@ -88,8 +88,8 @@ class ManualClock:
         self.advance(self._step_s)
         return {}
 
-    def is_owing(self) -> bool:
-        return False
+    def pending_devices(self) -> int:
+        return 0
 
     def utc_ns(self) -> int:
         return self._start_utc_ns + round(self._station_s * 1e9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from solver.motion import MotionError
 from solver.wearing.suit import SuitError
 from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
-from station.bench.simulation import SimulatedBench, simulator_settings
+from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.config import StationConfig, parse_config
 from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
@@ -122,8 +123,9 @@ def record_session(
             with BenchClock(bench.clock_port) as clock:
                 result = Daemon(pointed, clock).record(folder, spec)
             if spec.cuff is not None:
-                slipped = bench.tell({"truth": True})["truth"]["slip_m"]
-                truth[spec.cuff] = {**bench.ready["truth"]["cuffs"][spec.cuff], "migration_m": slipped[spec.cuff]}
+                with suppress(SimulationError):  # the bench has ended; what it had recorded counts
+                    slipped = bench.tell({"truth": True})["truth"]["slip_m"]
+                    truth[spec.cuff] = {**bench.ready["truth"]["cuffs"][spec.cuff], "migration_m": slipped[spec.cuff]}
             return result
 
         return record_plan(folder, plan, attempt, say, progress), truth

@@ -7,6 +7,7 @@ left. In a pipe or a log there are no bars and no control characters: `recording
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -61,8 +62,15 @@ class _Lines:
     def __init__(self, console: Console, clock: Clock) -> None:
         self._console, self._clock = console, clock
         self._stages: dict[str, _Stage] = {}
+        self._lock = threading.Lock()  # the compilation reports from a thread of its own
+        self._is_closed = False
 
     def report(self, what: str, done: int, total: int) -> None:
+        with self._lock:
+            if not self._is_closed:
+                self._report(what, done, total)
+
+    def _report(self, what: str, done: int, total: int) -> None:
         now = self._clock()
         stage = self._stages.setdefault(what, _Stage(now, now, done, total))
         stage.last_s, stage.done, stage.total = now, done, total
@@ -70,8 +78,10 @@ class _Lines:
             self._tell(what, stage)
 
     def close(self) -> None:
-        for what, stage in self._stages.items():
-            self._tell(what, stage)
+        with self._lock:
+            self._is_closed = True
+            for what, stage in self._stages.items():
+                self._tell(what, stage)
 
     def _tell(self, what: str, stage: _Stage) -> None:
         if not stage.is_told:
@@ -89,16 +99,25 @@ class _Bars:
             *columns, bars.TimeElapsedColumn(), _TimeLeftColumn(), console=console, get_time=clock
         )
         self._tasks: dict[str, bars.TaskID] = {}
+        self._lock = threading.Lock()
+        self._is_closed = False
 
     def report(self, what: str, done: int, total: int) -> None:
+        with self._lock:
+            if not self._is_closed:
+                self._report(what, done, total)
+
+    def _report(self, what: str, done: int, total: int) -> None:
         self._bars.start()
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(what, total=total)
         self._bars.update(self._tasks[what], completed=done, total=total)
 
     def close(self) -> None:
-        if self._tasks:
-            self._bars.stop()
+        with self._lock:
+            self._is_closed = True
+            if self._tasks:
+                self._bars.stop()
 
 
 class _TimeLeftColumn(bars.ProgressColumn):

@@ -52,7 +52,12 @@ class Bench:
         self._running.close()
 
     def _start(self) -> None:
-        self._running.callback(self.clock.stop)
+        try:
+            self._start_devices()
+        finally:
+            self._running.callback(self.clock.stop)  # first of all: nobody may wait for a world that ends
+
+    def _start_devices(self) -> None:
         wanted, settings = self._settings.ports, self._settings
         watched: list[Callable[[], bool]] = []
         qtm: QualisysSimulator | None = None
@@ -84,9 +89,9 @@ class Bench:
         """Bytes that each device has sent unasked, by the client's port; None where the connection was closed."""
         return {name: device.sent() for name, device in self._devices.items()}
 
-    def owing(self) -> list[str]:
+    def pending(self) -> list[str]:
         """Devices that owe a client an answer, which comes only as the world goes on."""
-        return [name for name, device in self._devices.items() if device.owes_an_answer]
+        return [name for name, device in self._devices.items() if device.has_pending_reply]
 
     def _run(self, name: str, device: _Simulator) -> None:
         device.start()
@@ -104,7 +109,7 @@ class _Simulator(Follower, Protocol):
     port: int
 
     @property
-    def owes_an_answer(self) -> bool: ...
+    def has_pending_reply(self) -> bool: ...
 
     def sent(self) -> dict[int, int | None]: ...
 

@@ -107,16 +107,16 @@ class NiDaqSimulator:
         return {}
 
     @property
-    def owes_an_answer(self) -> bool:
+    def has_pending_reply(self) -> bool:
         return self._device.world.faults.active("ni", "freeze") is not None
 
-    def find_laggard(self) -> str | None:
+    def find_slow_client(self) -> str | None:
         task = self._device.running
         if task is None or task.may_overrun or not task.is_nearly_full:
             return None
         return f"the DAQ task {task.name}"
 
-    def drop_laggard(self) -> None:
+    def drop_slow_client(self) -> None:
         """Its unread samples are overwritten from now on, as on the real device."""
         if task := self._device.running:
             task.may_overrun = True

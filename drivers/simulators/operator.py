@@ -33,7 +33,7 @@ class Operator:
                 self._world.start_capture()
                 self._is_done = True
 
-    def find_laggard(self) -> str | None:
+    def find_slow_client(self) -> str | None:
         return None
 
-    def drop_laggard(self) -> None: ...
+    def drop_slow_client(self) -> None: ...

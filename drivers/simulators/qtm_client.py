@@ -10,7 +10,7 @@ MOST_UNSENT_BYTES = 1_000_000  # a client further behind holds the world back
 
 
 @dataclass(frozen=True)
-class Stream:
+class FrameSubscription:
     """What a client asked for: every divisor-th frame of one component."""
 
     component: str
@@ -21,7 +21,7 @@ class Client:
     """One connection."""
 
     def __init__(self, writer: asyncio.StreamWriter) -> None:
-        self.stream: Stream | None = None
+        self.stream: FrameSubscription | None = None
         self.port = int(writer.get_extra_info("peername")[1])
         self.sent = 0  # bytes
         self.is_closed = False

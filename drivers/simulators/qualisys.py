@@ -19,7 +19,7 @@ from concurrent.futures import Future
 from xml.sax.saxutils import escape
 
 from drivers.simulators.marker_frames import COMPONENTS, Camera
-from drivers.simulators.qtm_client import Client, Stream
+from drivers.simulators.qtm_client import Client, FrameSubscription
 from drivers.simulators.qtm_faults import QtmFaults
 from drivers.simulators.world import Capture, World
 
@@ -63,19 +63,19 @@ class QualisysSimulator:
 
     def sent(self) -> dict[int, int | None]:
         """Bytes sent so far on each connection, by the client's port; None where the connection was closed."""
-        return asyncio.run_coroutine_threadsafe(self._server.sent(), self._server.loop).result()
+        return self._server.sent()
 
     @property
-    def owes_an_answer(self) -> bool:
+    def has_pending_reply(self) -> bool:
         """To a command while it is silent, to one that stopped a capture, to a client that awaits its first frame."""
         server = self._server
         return server.is_silent or server.is_stopping or any(client.awaits_frame for client in tuple(server.clients))
 
-    def find_laggard(self) -> str | None:
+    def find_slow_client(self) -> str | None:
         laggard = self._server.laggard()
         return f"the client of QTM at port {laggard.port}" if laggard else None
 
-    def drop_laggard(self) -> None:
+    def drop_slow_client(self) -> None:
         if laggard := self._server.laggard():
             self._server.loop.call_soon_threadsafe(laggard.close)
 
@@ -162,9 +162,9 @@ class _Server:
                 self._end(capture)
         self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._told_until)))
 
-    async def sent(self) -> dict[int, int | None]:
-        live = {client.port: None if client.is_closed else client.sent for client in self.clients}
-        return dict.fromkeys(self._closed) | live
+    def sent(self) -> dict[int, int | None]:
+        live = {client.port: None if client.is_closed else client.sent for client in tuple(self.clients)}
+        return dict.fromkeys(tuple(self._closed)) | live
 
     @property
     def is_silent(self) -> bool:
@@ -191,10 +191,10 @@ class _Server:
             packets = self._trouble.packets
             self._send({stream: packets(frames, stream.component, stream.divisor) for stream in self._streams()})
 
-    def _streams(self) -> set[Stream]:
+    def _streams(self) -> set[FrameSubscription]:
         return {client.stream for client in self.clients if client.stream}
 
-    def _send(self, packets: dict[Stream, bytes]) -> None:
+    def _send(self, packets: dict[FrameSubscription, bytes]) -> None:
         for client in self.clients:
             if client.stream and packets[client.stream]:
                 client.awaits_frame = False
@@ -373,7 +373,7 @@ class _Server:
             raise _RefusedError("QTM is not capturing")
         return "Event set"
 
-    def _stream(self, words: list[str]) -> Stream | None:
+    def _stream(self, words: list[str]) -> FrameSubscription | None:
         """What streamframes asks for; None to stop."""
         if words == ["stop"]:
             return None
@@ -383,7 +383,7 @@ class _Server:
         frequency, divisor = (int(digits) if digits else 0 for digits in pace.groups())
         if frequency:
             divisor = round(self._mocap.rate_hz / frequency)
-        return Stream(words[1], max(divisor, 1))
+        return FrameSubscription(words[1], max(divisor, 1))
 
     def _parameters(self, wanted: list[str]) -> str:
         """The XML of GetParameters."""

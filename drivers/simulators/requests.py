@@ -15,6 +15,7 @@ Every answer carries "now", the world time [s] at which the request took effect.
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from typing import Any, Protocol
 
@@ -34,7 +35,7 @@ class ServedBench(Protocol):
 
     def sent(self) -> dict[str, dict[int, int | None]]: ...
 
-    def owing(self) -> list[str]: ...
+    def pending(self) -> list[str]: ...
 
 
 def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
@@ -50,8 +51,8 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
             content: dict[str, Any] = {"trial": asdict(world.select_trial(cuff, test))}
         case {"don": str(cuff)}:
             content = {"trial": asdict(world.don(cuff))}
-        case {"pause_s": int() | float() as seconds}:
-            clock.advance(seconds)
+        case {"pause_s": seconds}:
+            clock.advance(seconds_from("pause_s", seconds))
             content = {"pause_s": seconds}
         case {"fault": dict(fault)}:
             content = {"fault": world.faults.inject(fault_from_dict(fault))}
@@ -69,10 +70,17 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
     return content
 
 
+def seconds_from(key: str, value: Any) -> float:
+    """Raises ValueError where the value is no time."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
+        return float(value)
+    raise ValueError(f"{key} is {value!r}, expected seconds from 0")
+
+
 def speed_from(value: Any) -> float | None:
     """Raises ValueError where the value is no speed."""
     if value is None:
         return None
-    if isinstance(value, int | float) and not isinstance(value, bool) and value > 0:
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
         return float(value)
     raise ValueError(f"the speed is {value!r}, expected a number above 0, or null for as fast as it is handled")

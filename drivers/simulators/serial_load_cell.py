@@ -5,6 +5,7 @@ Does not imitate: a character device with its baud rate and parity, the indicato
 
 from __future__ import annotations
 
+import logging
 import socket
 import socketserver
 import sys
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 from drivers.simulators.faults import Faults
 from drivers.simulators.settings import STANDARD_GRAVITY, SerialLine
+
+logger = logging.getLogger(__name__)
 
 NEWTONS_PER_POUND = 4.4482216152605
 SEND_TIMEOUT_S = 1.0  # wall; a client that takes nothing for so long is left
@@ -93,13 +96,13 @@ class SerialLoadCellSimulator:
         return {client.port: None if client.is_closed else client.sent for client in tuple(self._clients)}
 
     @property
-    def owes_an_answer(self) -> bool:
+    def has_pending_reply(self) -> bool:
         return False
 
-    def find_laggard(self) -> str | None:
+    def find_slow_client(self) -> str | None:
         return None  # step() drops it
 
-    def drop_laggard(self) -> None: ...
+    def drop_slow_client(self) -> None: ...
 
     def _talk(self, connection: socket.socket) -> None:
         """Keeps the connection until it is closed from here; the clock's thread sends on it."""
@@ -119,7 +122,13 @@ class SerialLoadCellSimulator:
             client.due += 1 / self._line.rate_hz
             try:
                 client.connection.sendall(line)
-            except OSError:
+            except OSError as error:
+                if isinstance(error, TimeoutError):
+                    logger.warning(
+                        "simulated bench: the indicator's client at port %d has read nothing for %g s and is dropped",
+                        client.port,
+                        SEND_TIMEOUT_S,
+                    )
                 return False
             client.sent += len(line)
         return True

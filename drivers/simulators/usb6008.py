@@ -178,9 +178,8 @@ class Usb6008:
 
     @property
     def is_streaming(self) -> bool:
-        """Whether a task runs, or waits for its trigger, and its client is there."""
-        running = self._running
-        return running is not None and not running.is_abandoned
+        """Whether a task runs, or waits for its trigger."""
+        return self._running is not None
 
 
 class AcquisitionTask:

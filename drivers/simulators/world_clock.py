@@ -21,7 +21,7 @@ TICK_S = 0.008  # wall; between two steps of a world that nobody is attached to
 CATCH_UP_S = 0.1  # wall; a step that is later than this is not caught up: the world is slower than its pace
 RATE_WINDOW_S = 5.0  # wall
 DROP_AFTER_S = 10.0  # wall; a client that takes nothing for so long is dropped
-FORGET_AFTER_S = 60.0  # wall; a station that is attached and asks for nothing for so long is detached
+IDLE_TIMEOUT_S = 60.0  # wall; a station that is attached and asks for nothing for so long is detached
 
 logger = logging.getLogger(__name__)
 
@@ -37,16 +37,16 @@ class Follower(Protocol):
         """Sends its clients what happened up to now [world s]."""
         ...
 
-    def find_laggard(self) -> str | None:
+    def find_slow_client(self) -> str | None:
         """A client that does not take what it was sent, in words; None where there is none."""
         ...
 
-    def drop_laggard(self) -> None:
-        """Gives that client up, so that it holds nobody back."""
+    def drop_slow_client(self) -> None:
+        """Disconnects that client, so that the world can go on, and logs it."""
         ...
 
 
-class Station:
+class Attachment:
     """Somebody who decides how far the world may go; made by WorldClock.attach()."""
 
     def __init__(self, clock: WorldClock, name: str) -> None:
@@ -73,7 +73,8 @@ class WorldClock:
         self._now = 0.0
         self._changed = threading.Condition()
         self._followers: tuple[Follower, ...] = ()
-        self._goals: dict[Station, tuple[float, float]] = {}  # how far it lets the world go, and since when [wall s]
+        self._goals: dict[Attachment, tuple[float, float]] = {}  # goal [world s], and since when it is reached [wall s]
+        self._paces: dict[Attachment, float] = {}
         self._due = 0.0, wall()  # a world time and the wall time at which it was due
         self._behind_since_s: float | None = None
         self._history: deque[tuple[float, float]] = deque()
@@ -86,7 +87,9 @@ class WorldClock:
 
     @property
     def speed(self) -> float | None:
-        return self._speed
+        """The slowest pace that an attached station has set; without one, the clock's own."""
+        paces = tuple(self._paces.values())
+        return min(paces) if paces else self._speed
 
     @speed.setter
     def speed(self, speed: float | None) -> None:
@@ -116,17 +119,21 @@ class WorldClock:
             self._changed.notify_all()
 
     @contextmanager
-    def attach(self, name: str = "station") -> Iterator[Station]:
-        """Within it the world stands still, but where the station advances it."""
-        station = Station(self, name)
+    def attach(self, name: str = "station", speed: float | None = None) -> Iterator[Attachment]:
+        """Within it the world stands still, but where the station advances it, at this pace at most."""
+        station = Attachment(self, name)
         with self._changed:
             self._goals[station] = self._now, self._wall()
+            if speed is not None:
+                self._paces[station] = speed
+            self._due = self._now, self._wall()
             self._ensure_mover()
         try:
             yield station
         finally:
             with self._changed:
                 self._goals.pop(station, None)
+                self._paces.pop(station, None)
                 self._due = self._now, self._wall()
                 self._changed.notify_all()
 
@@ -141,7 +148,7 @@ class WorldClock:
             self._failure = self._failure or "the simulated bench has ended"
             self._changed.notify_all()
 
-    def _advance(self, station: Station, until: float) -> float:
+    def _advance(self, station: Attachment, until: float) -> float:
         with self._changed:
             self._ensure_attached(station)
             self._goals[station] = until, self._wall()
@@ -154,11 +161,11 @@ class WorldClock:
 
     # Everything below is called with the condition held
 
-    def _ensure_attached(self, station: Station) -> None:
+    def _ensure_attached(self, station: Attachment) -> None:
         if self._failure is not None:
             raise ClockStopped(self._failure)
         if station not in self._goals:
-            raise ClockStopped(f"{station.name} asked for nothing for {FORGET_AFTER_S:g} s and was detached")
+            raise ClockStopped(f"{station.name} was idle for {IDLE_TIMEOUT_S:g} s and was detached")
 
     def _ensure_mover(self) -> None:
         if self._mover is None:
@@ -180,7 +187,7 @@ class WorldClock:
 
     def _step_or_wait(self) -> float | None:
         """Makes the next step, or returns how long to wait for it [wall s]; 0 to look again at once."""
-        self._detach_the_silent()
+        self._detach_the_idle()
         goal = self._goal()
         if goal is None:
             return 1.0 if self._goals else None
@@ -199,17 +206,19 @@ class WorldClock:
             if until <= self._now:
                 return None
             return min(until, self._now + LONGEST_STEP_S) if self._followers else until
-        return None if self._speed is None else self._now + min(TICK_S * self._speed, LONGEST_STEP_S)
+        speed = self.speed
+        return None if speed is None else self._now + min(TICK_S * speed, LONGEST_STEP_S)
 
     def _wait_s(self, goal: float) -> float:
         """Wall seconds until the step is due at the world's pace."""
-        if self._speed is None:
+        speed = self.speed
+        if speed is None:
             return 0.0
         world_s, wall_s = self._due
-        return wall_s + (goal - world_s) / self._speed - self._wall()
+        return wall_s + (goal - world_s) / speed - self._wall()
 
     def _make_step(self, goal: float) -> None:
-        late_s = -self._wait_s(goal) if self._speed is not None else 0.0
+        late_s = -self._wait_s(goal)
         self._now = goal
         for follower in self._followers:
             follower.step(goal)
@@ -223,20 +232,22 @@ class WorldClock:
     def _is_held_back(self) -> bool:
         """Whether a client has to take more before the world may go on; one that takes nothing is dropped."""
         for follower in self._followers:
-            who = follower.find_laggard()
+            who = follower.find_slow_client()
             if who is None:
                 continue
             self._behind_since_s = self._wall() if self._behind_since_s is None else self._behind_since_s
             if self._wall() - self._behind_since_s < DROP_AFTER_S:
                 return True
             logger.warning("simulated bench: %s has read nothing for %g s and is dropped", who, DROP_AFTER_S)
-            follower.drop_laggard()
+            follower.drop_slow_client()
+            self._behind_since_s = None
         self._behind_since_s = None
         return False
 
-    def _detach_the_silent(self) -> None:
+    def _detach_the_idle(self) -> None:
         for station, (goal, since_s) in tuple(self._goals.items()):
-            if goal <= self._now and self._wall() - since_s > FORGET_AFTER_S:
-                logger.warning("simulated bench: %s has asked for nothing for %g s", station.name, FORGET_AFTER_S)
+            if goal <= self._now and self._wall() - since_s > IDLE_TIMEOUT_S:
+                logger.warning("simulated bench: %s was idle for %g s and is detached", station.name, IDLE_TIMEOUT_S)
                 del self._goals[station]
+                self._paces.pop(station, None)
                 self._changed.notify_all()

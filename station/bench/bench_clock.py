@@ -7,6 +7,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
@@ -21,7 +22,7 @@ ANSWER_TIMEOUT_S = 120.0
 """Wall seconds for a step that may have to wait for other stations and for a busy machine."""
 RATE_WINDOW_S = 5.0
 SHORTEST_RATE_WINDOW_S = 1.0
-SLOW = 0.95
+SLOW_FRACTION = 0.95
 """Of the pace that was set; below it an operator is told."""
 
 
@@ -47,31 +48,50 @@ class BenchClock:
     def __enter__(self) -> BenchClock:
         try:
             self._connection = socket.create_connection(("127.0.0.1", self._port), CONNECT_TIMEOUT_S)
-        except OSError as error:
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or error
             raise DeviceUnavailable(
-                f"{self._where} does not answer ({error.strerror or error}); start `station simulate` first, or record "
-                "a real bench without --speed"
+                f"{self._where} does not answer ({why}); start `station simulate` first, or record a real bench "
+                "without --speed"
             ) from error
-        self._connection.settimeout(ANSWER_TIMEOUT_S)
-        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._lines = self._connection.makefile("rb")
-        request: dict[str, Any] = {"attach": "the station"}
-        if self._speed is not None:
-            request["speed"] = self._speed
-        attached = self._ask(request)
-        self._now_s, self._start_utc_ns = attached["now"], attached["start_utc_ns"]
-        self._pace = attached["speed"]
+        try:
+            self._attach(self._connection)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def _attach(self, connection: socket.socket) -> None:
+        connection.settimeout(ANSWER_TIMEOUT_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        try:
+            attached = self._ask({"attach": "the station", "speed": self._speed})
+            self._now_s, self._start_utc_ns = float(attached["now"]), int(attached["start_utc_ns"])
+            self._pace = attached["speed"]
+        except (ValueError, TypeError, KeyError) as error:
+            raise DeviceUnavailable(
+                f"{self._where} is none: what listens there speaks another protocol; correct [simulation.ports] clock"
+            ) from error
         if self._pace is not None:
             self._step_s = min(BLOCK_S * self._pace, LONGEST_STEP_S)
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._connection is not None:
-            self._lines.close()
-            self._connection.close()
-            self._connection = None
+        self.close()
+
+    def close(self) -> None:
+        """Detaches, and returns when the bench knows it: its world goes on without this station."""
+        connection, self._connection = self._connection, None
+        if connection is None:
+            return
+        with suppress(OSError):  # the bench may have ended
+            connection.settimeout(CONNECT_TIMEOUT_S)
+            connection.shutdown(socket.SHUT_WR)
+            self._lines.read()
+        self._lines.close()
+        connection.close()
 
     def utc_ns(self) -> int:
         return self._start_utc_ns + round(self._now_s * 1e9)
@@ -91,10 +111,14 @@ class BenchClock:
         self._history.append((time.monotonic(), self._now_s))
         while self._history[-1][0] - self._history[0][0] > RATE_WINDOW_S:
             self._history.popleft()
-        return {int(port): size for sent in answer["sent"].values() for port, size in sent.items()}
+        sizes: dict[int, int | None] = {}
+        for sent in answer["sent"].values():
+            for port, size in sent.items():
+                sizes[int(port)] = sizes.get(int(port)) if size is None else size  # a port may be used again elsewhere
+        return sizes
 
-    def is_owing(self) -> bool:
-        return bool(self._ask({"advance_to": self._now_s})["owing"])
+    def pending_devices(self) -> int:
+        return len(self._ask({"advance_to": self._now_s})["pending"])
 
     @property
     def slow_rate(self) -> float | None:
@@ -106,11 +130,11 @@ class BenchClock:
         if wall_1 - wall_0 < SHORTEST_RATE_WINDOW_S:
             return None
         rate = (world_1 - world_0) / (wall_1 - wall_0)
-        return rate if rate < SLOW * self._pace else None
+        return rate if rate < SLOW_FRACTION * self._pace else None
 
     def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
         if self._connection is None:
-            raise DeviceLost(f"{self._where} was asked after its end")
+            raise DeviceLost(f"{self._where} is closed")
         try:
             self._connection.sendall(json.dumps(request).encode() + b"\n")
             line = self._lines.readline()

@@ -186,7 +186,7 @@ class Daemon:
         if capture_asked:
             for feed in controllers:
                 feed.request_capture(start=False)
-            feeds.settle()
+            feeds.finish_requests()
 
     def _take(self, session: TrialSession, feeds: Feeds | SteppedFeeds) -> None:
         """Hands everything that has come to the trial and the views."""

@@ -153,7 +153,7 @@ class Feeds:
         except Empty:
             return messages
 
-    def settle(self) -> None:
+    def finish_requests(self) -> None:
         """Nothing to do: the devices carry out what they were asked while they are closed."""
 
     def release(self, within_s: float) -> list[str]:

@@ -12,17 +12,17 @@ from queue import Empty
 
 import numpy as np
 
-from drivers.device import Device, Received, Unasked
+from drivers.device import Device, Received, StreamingDevice
 from drivers.errors import DeviceLost
 from recordings.samples import Item, Samples
 from station.bench.feed import Delivered, DeviceFeed, Inbox, Message, end_feeds
 from station.clock import SteppedClock
 
-STUCK_S = 60.0
+ROUND_TIMEOUT_S = 60.0
 """Wall seconds after which a device that does not finish a round is left behind; time goes on without it."""
-OWED_S = 0.05
-"""Wall seconds between two looks whether the device owes an answer, which comes only as time goes on."""
-GLANCE_S = 0.0005
+PENDING_INTERVAL_S = 0.05
+"""Wall seconds between two questions whether a device owes a reply, which comes only as time goes on."""
+POLL_INTERVAL_S = 0.0005
 """Wall seconds between two looks at a connection on which more has to come."""
 
 Sent = Mapping[int, int | None]
@@ -41,7 +41,7 @@ class SteppedFeed(DeviceFeed):
 
     @property
     def received(self) -> Received | None:
-        return self.device.received if isinstance(self.device, Unasked) else None
+        return self.device.received if isinstance(self.device, StreamingDevice) else None
 
     @property
     def has_requests(self) -> bool:
@@ -89,7 +89,7 @@ class SteppedFeed(DeviceFeed):
         items: list[Item] = []
         while not self._has_all(sent) and not self._stop.is_set():
             items += self.device.read(0.0)
-            time.sleep(GLANCE_S)
+            time.sleep(POLL_INTERVAL_S)
         items += self.device.read(0.0)
         return items
 
@@ -108,18 +108,19 @@ class SteppedFeeds:
     def __init__(self, devices: Sequence[Device], clock: SteppedClock) -> None:
         self._clock = clock
         self.feeds = [SteppedFeed(device) for device in devices]
+        self._opening = {device.name for device in devices}
 
     def start(self) -> None:
         for feed in self.feeds:
             feed.start()
 
     def poll(self) -> list[Message]:
-        """What came while the devices open. Time goes on only where one of them waits for it."""
+        """What came while the devices open. Time goes on only where all that are not open yet wait for it."""
         messages = self._collect()
+        self._opening -= {message.device for message in messages}
         if not messages:
-            time.sleep(GLANCE_S)
-            messages = self._collect()
-            if not messages and self._clock.is_owing():
+            time.sleep(POLL_INTERVAL_S)
+            if 0 < len(self._opening) <= self._clock.pending_devices():
                 self._clock.step()
         return messages
 
@@ -130,7 +131,7 @@ class SteppedFeeds:
         self._make_round(self.feeds, sent)
         return self._collect()
 
-    def settle(self) -> None:
+    def finish_requests(self) -> None:
         """Lets what was asked of the devices happen: a capture that is stopped ends with its frame, and says so."""
         try:
             self.take()
@@ -140,23 +141,21 @@ class SteppedFeeds:
 
     def release(self, within_s: float) -> list[str]:
         """Closes the devices; returns the names of those that did not close within so many wall seconds."""
-        return end_feeds(self.feeds, within_s, meanwhile=self._pay_debts)
+        return end_feeds(self.feeds, within_s, meanwhile=self._step_while_pending)
 
     def _make_round(self, feeds: Sequence[SteppedFeed], sent: Sent | None) -> None:
         """Requests first: what a device is asked to do must not depend on how far another one is read."""
         for feed in feeds:
             feed.begin_round(sent)
-        for feed in feeds:
-            self._wait_for(feed)
+        give_up_s = time.monotonic() + ROUND_TIMEOUT_S
+        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.monotonic() < give_up_s:
+            # Only as many may be left behind as there are devices that reply when time goes on.
+            if not busy[0].is_round_over(PENDING_INTERVAL_S) and len(busy) <= self._clock.pending_devices():
+                return
 
-    def _wait_for(self, feed: SteppedFeed) -> None:
-        stuck_s = time.monotonic() + STUCK_S
-        while not feed.is_round_over(OWED_S) and time.monotonic() < stuck_s and not self._clock.is_owing():
-            pass
-
-    def _pay_debts(self) -> None:
+    def _step_while_pending(self) -> None:
         try:
-            if self._clock.is_owing():
+            if self._clock.pending_devices():
                 self._clock.step()
         except DeviceLost:
             return

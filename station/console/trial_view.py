@@ -68,7 +68,7 @@ def show_next(desk: Desk, plan: Agenda, act: Callable[..., Any], acts: Acts) -> 
 def slow_of(said: dict[str, Any]) -> str:
     """Where a simulated bench does not keep its pace on this machine."""
     rate = said.get("slow_rate")
-    return f"simulated bench runs at {rate:.1g} of real time" if rate is not None else ""
+    return f"simulated bench runs at {rate:.2f} of real time" if rate is not None else ""
 
 
 def _rest(desk: Desk) -> None:

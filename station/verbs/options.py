@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from station.bench.daemon import TrialResult
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
-Speed = Annotated[float, typer.Option(min=0.1, help="How much faster than the wall station time runs.")]
+Speed = Annotated[
+    float, typer.Option(min=0.1, help="Pace of the simulated world or the replay: its seconds per second, at most.")
+]
 Test = Literal["static", "dynamic", "bounce"]
 Rrd = Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")]
 Rerun = Annotated[bool, typer.Option(help="Show it in Rerun's viewer, on this machine only, its analytics off.")]

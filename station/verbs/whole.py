@@ -14,7 +14,7 @@ def demo(
     output: Annotated[Path | None, typer.Option(help="Folder for the session; default: demo, or demo-2, …")] = None,
     speed: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Of the simulated world, times the wall's pace; default: as fast as it is handled."),
+        typer.Option(min=0.1, help="Pace of the simulated world, at most; default: as fast as it is handled."),
     ] = None,
     seed: Seed = 1,
 ) -> None:

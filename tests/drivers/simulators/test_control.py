@@ -41,7 +41,7 @@ def test_an_attached_station_moves_the_world_and_is_told_what_was_sent(simulated
         attached = talker.ask({"attach": "a test"})
         assert (attached["now"], attached["speed"]) == (0.0, None)
         answer = talker.ask({"advance_to": 1.0, "ports": [port]})
-        assert answer["now"] == 1.0 and answer["owing"] == []
+        assert answer["now"] == 1.0 and answer["pending"] == []
         sent = answer["sent"]["serial"][str(port)]
         received = b""
         while len(received) < sent:
@@ -81,6 +81,9 @@ def test_commands_take_effect_at_a_time_of_the_world_that_the_answer_tells(
         (b"no json", "Expecting value"),
         (b"[" * 100_000, "recursion"),
         (b'{"advance_to": 1}', "expected attach before advance_to"),
+        (b'{"advance_to": Infinity}', "expected seconds from 0"),
+        (b'{"advance_to": true}', "expected seconds from 0"),
+        (b'{"pause_s": NaN}', "expected seconds from 0"),
         (b'{"dance": 1}', "known are trial, don"),
         (b'{"speed": -1}', "expected a number above 0"),
         (b'{"attach": "x", "speed": "fast"}', "expected a number above 0"),
@@ -94,6 +97,16 @@ def test_nonsense_is_refused_in_a_sentence_and_the_connection_stays(
         assert talker.ask({"truth": True})["truth"]["slip_m"]
 
 
+def test_an_attached_station_names_its_ports_in_a_list_and_pauses_by_advancing(
+    simulated_bench: Callable[..., Bench],
+) -> None:
+    with talking(simulated_bench(**QUIET)) as talker:
+        talker.ask({"attach": "a test", "speed": 100.0})
+        assert "expected a list of numbers" in talker.ask({"advance_to": 1, "ports": 5})["error"]
+        assert "pauses by advance_to" in talker.ask({"pause_s": 1})["error"]
+        assert talker.ask({"advance_to": 0.1})["now"] == 0.1
+
+
 def test_a_station_attaches_once_on_a_connection(simulated_bench: Callable[..., Bench]) -> None:
     with talking(simulated_bench(**QUIET)) as talker:
         talker.ask({"attach": "a test"})
@@ -105,5 +118,5 @@ def test_a_device_that_owes_an_answer_is_named_until_the_world_goes_on(simulated
     with talking(bench) as talker:
         talker.ask({"attach": "a test"})
         talker.ask({"fault": {"device": "ni", "fault": "freeze", "for_s": 0.4}})
-        assert talker.ask({"advance_to": 0.0})["owing"] == ["ni"]
-        assert talker.ask({"advance_to": 0.5})["owing"] == []
+        assert talker.ask({"advance_to": 0.0})["pending"] == ["ni"]
+        assert talker.ask({"advance_to": 0.5})["pending"] == []

@@ -26,10 +26,10 @@ class Device:
     def step(self, now: float) -> None:
         self.steps.append(now)
 
-    def find_laggard(self) -> str | None:
+    def find_slow_client(self) -> str | None:
         return "a client of the test" if self.is_behind else None
 
-    def drop_laggard(self) -> None:
+    def drop_slow_client(self) -> None:
         self.is_behind = False
 
 
@@ -93,6 +93,17 @@ def test_with_a_speed_it_never_runs_ahead_of_its_pace() -> None:
     clock.stop()
 
 
+def test_the_pace_of_a_station_ends_with_it_and_the_slowest_counts() -> None:
+    clock = WorldClock(1.0)
+    with clock.attach("fast", speed=30.0):
+        assert clock.speed == 30.0
+        with clock.attach("slow", speed=12.0):
+            assert clock.speed == 12.0
+        assert clock.speed == 30.0
+    assert clock.speed == 1.0
+    clock.stop()
+
+
 def test_a_world_that_stood_still_for_long_does_not_hurry_after_the_wall() -> None:
     wall = Wall()
     clock, device = WorldClock(1.0, wall), Device()
@@ -133,15 +144,15 @@ def test_a_client_that_takes_nothing_holds_the_world_back_and_is_dropped_with_a_
 def test_a_station_that_asks_for_nothing_is_detached_with_a_message(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(world_clock, "FORGET_AFTER_S", 0.05)
+    monkeypatch.setattr(world_clock, "IDLE_TIMEOUT_S", 0.05)
     clock = WorldClock(100.0)
     clock.follow(Device())
     with caplog.at_level(logging.WARNING), clock.attach("asleep") as station:
         before = clock.now()
         assert comes_true(lambda: clock.now() > before + 1.0), "the world goes on"
-        with pytest.raises(ClockStopped, match="asleep asked for nothing"):
+        with pytest.raises(ClockStopped, match="asleep was idle for"):
             station.advance_to(1e6)
-    assert "asleep has asked for nothing" in caplog.text
+    assert "asleep was idle for 0.05 s and is detached" in caplog.text
     clock.stop()
 
 

@@ -6,6 +6,7 @@ import io
 import logging
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -83,6 +84,20 @@ def test_a_trial_at_a_pace_has_the_blocks_of_a_real_bench(
         before = clock.station_s()
         clock.step()
         assert clock.station_s() - before == pytest.approx(4.0 * bench_clock.BLOCK_S)
+    assert bench.clock.speed == 20.0, "a station's pace ends with it"
+
+
+def test_what_is_no_clock_is_told_in_one_sentence() -> None:
+    def answer(server: socket.socket) -> None:
+        with server.accept()[0] as connection:
+            connection.sendall(b"QTM RT Interface connected\n")
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        other = threading.Thread(target=answer, args=(server,))
+        other.start()
+        with pytest.raises(DeviceUnavailable, match="what listens there speaks another protocol"):
+            BenchClock(server.getsockname()[1]).__enter__()
+        other.join()
 
 
 def test_the_page_says_how_slow_a_bench_is_that_cannot_keep_its_pace(
@@ -98,7 +113,7 @@ def test_the_page_says_how_slow_a_bench_is_that_cannot_keep_its_pace(
             wall_s[0] += clock._step_s / 0.6
         telemetry = Telemetry(io.StringIO(), None, config_for(bench.ports).calibration(), tmp_path, clock)
         said = telemetry._line()
-    assert slow_of(said) == "simulated bench runs at 0.6 of real time"
+    assert slow_of(said) == "simulated bench runs at 0.60 of real time"
     assert slow_of({**said, "slow_rate": None}) == ""
 
 
@@ -190,5 +205,5 @@ def test_a_clock_that_was_left_moves_nothing(simulated_bench: Callable[..., Benc
     clock = BenchClock(simulated_bench().ports["clock"])
     with clock:
         clock.step()
-    with pytest.raises(DeviceLost, match="was asked after its end"):
+    with pytest.raises(DeviceLost, match="is closed"):
         clock.step()

@@ -115,7 +115,7 @@ def test_a_device_lost_in_mid_trial_leaves_a_readable_file_that_is_not_accepted(
 
 
 def test_a_device_frozen_for_ever_is_noticed_and_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stepped_feed, "STUCK_S", 0.01)
+    monkeypatch.setattr(stepped_feed, "ROUND_TIMEOUT_S", 0.01)
 
     class Freezes:
         def offer(self, item: Item) -> None: ...
