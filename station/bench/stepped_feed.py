@@ -22,6 +22,7 @@ ROUND_TIMEOUT_S = 60.0
 """Wall seconds after which a device that does not finish a round is left behind; time goes on without it."""
 PENDING_INTERVAL_S = 0.05
 """Wall seconds between two questions whether a device owes a reply, which comes only as time goes on."""
+OPENING_INTERVAL_S = 0.005
 POLL_INTERVAL_S = 0.0005
 """Wall seconds between two looks at a connection on which more has to come."""
 
@@ -119,14 +120,15 @@ class SteppedFeeds:
         messages = self._collect()
         self._opening -= {message.device for message in messages}
         if not messages:
-            time.sleep(POLL_INTERVAL_S)
+            time.sleep(OPENING_INTERVAL_S)
             if 0 < len(self._opening) <= self._clock.pending_devices():
                 self._clock.step()
         return messages
 
     def take(self) -> list[Message]:
         """Everything that comes within the next step, device by device. Raises DeviceLost where the bench is gone."""
-        sent = self._clock.step([feed.received.port for feed in self.feeds if feed.received is not None])
+        connections = [feed.received for feed in self.feeds]  # read once: a connection may end at any time
+        sent = self._clock.step([connection.port for connection in connections if connection is not None])
         self._make_round([feed for feed in self.feeds if feed.has_requests], None)
         self._make_round(self.feeds, sent)
         return self._collect()

@@ -12,15 +12,14 @@ from recordings.samples import Event, Loss, Samples
 
 DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?")
 HASHES = re.compile(r"\b[0-9a-f]{12,64}\b")
-ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc")
+ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc", "inputs")
 
 
 def differences(one: Path, other: Path) -> list[str]:
-    """The files of two sessions that differ by more: recordings by their samples, cuffs.json, report.html."""
+    """The files of two sessions that differ by more: recordings by their samples, figures, and the report."""
     names = sorted({path.name for folder in (one, other) for path in folder.glob("*.mcap")})
     differing = [name for name in names if _items(one / name) != _items(other / name)]
-    if _cuffs(one) != _cuffs(other):
-        differing.append("cuffs.json")
+    differing += [name for name in ("cuffs.json", "assessment.json") if _figures(one / name) != _figures(other / name)]
     if _page(one) != _page(other):
         differing.append("report.html")
     return differing
@@ -38,14 +37,14 @@ def _items(path: Path) -> list[Any]:
             arrays = (item.sample_numbers, item.device_time_ns, item.values)
             plain.append((item.stream, item.host_time_ns - begun_ns, *(array.tobytes() for array in arrays)))
         elif isinstance(item, Loss):
-            plain.append((item.stream, item.cause, item.first_missing, item.count))
+            plain.append((item.stream, item.cause, item.first_missing, item.count, item.host_time_ns - begun_ns))
         elif isinstance(item, Event):
             plain.append((item.kind, item.host_time_ns - begun_ns))
     return plain
 
 
-def _cuffs(folder: Path) -> Any:
-    return _without_the_files(json.loads((folder / "cuffs.json").read_text(encoding="utf-8")))
+def _figures(path: Path) -> Any:
+    return _without_the_files(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
 
 def _without_the_files(value: Any) -> Any:
