@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.device import CaptureControl, Device, HostClock
 from drivers.errors import DeviceMisconfigured
-from drivers.reconnecting import Reconnecting, ReconnectingCapture, Wall
+from drivers.reconnecting import Reconnecting, ReconnectingCapture, Seconds
 
 CATALOGUE = {
     "nidaq": "drivers.nidaq:NiDaq",
@@ -17,10 +17,10 @@ CATALOGUE = {
 }
 
 
-def make_device(source: str, *, host_clock: HostClock, wall: Wall = time.monotonic, **options: Any) -> Device:
+def make_device(source: str, *, host_clock: HostClock, seconds: Seconds = time.monotonic, **options: Any) -> Device:
     """The device called source, not yet opened, to be brought back when it is lost; the options are those of its class.
 
-    wall gives the seconds for which a lost device is tried again.
+    seconds is the clock by which a lost device is tried again.
 
     Raises DeviceMisconfigured where the catalogue has no such source.
     """
@@ -29,4 +29,4 @@ def make_device(source: str, *, host_clock: HostClock, wall: Wall = time.monoton
     module, name = CATALOGUE[source].split(":")
     device = getattr(import_module(module), name)(host_clock=host_clock, **options)
     kind = ReconnectingCapture if isinstance(device, CaptureControl) else Reconnecting
-    return kind(device, host_clock, wall=wall)
+    return kind(device, host_clock, seconds=seconds)

@@ -11,12 +11,12 @@ from drivers.device import CaptureControl, Device, HostClock, Received, Resumabl
 from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
-PATIENCE_S = 10.0  # wall; after it the device is lost for good
+PATIENCE_S = 10.0  # of the clock that is given; after it the device is lost for good
 FIRST_PAUSE_S = 0.1
 LONGEST_PAUSE_S = 0.5
 PROBE_S = 0.05  # a device that was resumed and is lost within it has not come back
 
-Wall = Callable[[], float]
+Seconds = Callable[[], float]
 
 
 class ResumableDevice(Device, Resumable, Protocol):
@@ -28,7 +28,8 @@ class Reconnecting:
 
     "connection_lost" comes at once and carries the device's sentence, "connection_restored" when it is back, and the
     Loss "disconnected" before the first block of each stream thereafter. Numbers that begin anew are told by the event
-    "numbering_restarted" instead. Where the device stays away for patience_s (wall), read() raises DeviceLost.
+    "numbering_restarted" instead. Where the device stays away for patience_s by the clock
+    `seconds`, read() raises DeviceLost.
     """
 
     def __init__(
@@ -36,13 +37,13 @@ class Reconnecting:
         device: ResumableDevice,
         host_clock: HostClock,
         patience_s: float = PATIENCE_S,
-        wall: Wall = time.monotonic,
+        seconds: Seconds = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.device = device
         self._host_clock = host_clock
         self._patience_s = patience_s
-        self._wall = wall
+        self._seconds = seconds
         self._sleep = sleep
         self._is_open = False
         self._outage: _Outage | None = None
@@ -76,7 +77,7 @@ class Reconnecting:
         except DeviceLost as error:
             if not self._is_open:
                 raise
-            self._outage = _Outage(str(error), self._wall(), self._wall() + FIRST_PAUSE_S)
+            self._outage = _Outage(str(error), self._seconds(), self._seconds() + FIRST_PAUSE_S)
             self._interrupted = set(self._last)
             return [self._event("connection_lost", f"{error}; it is tried again for {self._patience_s:g} s")]
 
@@ -87,10 +88,10 @@ class Reconnecting:
 
     def _come_back(self, outage: _Outage, timeout_s: float) -> list[Item]:
         """One attempt, once its time has come."""
-        pause_s = outage.next_attempt_s - self._wall()
+        pause_s = outage.next_attempt_s - self._seconds()
         if pause_s > 0:
             self._sleep(min(pause_s, timeout_s))
-        if self._wall() < outage.next_attempt_s:
+        if self._seconds() < outage.next_attempt_s:
             return []
         try:
             self.device.resume()
@@ -99,11 +100,11 @@ class Reconnecting:
             self._wait_longer(outage, error)
             return []
         self._outage = None
-        words = f"{self.name} is back after {self._wall() - outage.since_s:.1f} s"
+        words = f"{self.name} is back after {self._seconds() - outage.since_s:.1f} s"
         return [self._event("connection_restored", words), *self._accounted(items)]
 
     def _wait_longer(self, outage: _Outage, error: DeviceError) -> None:
-        now = self._wall()
+        now = self._seconds()
         if now - outage.since_s >= self._patience_s:
             raise DeviceLost(f"{outage.sentence}; it did not come back within {self._patience_s:g} s") from error
         outage.next_attempt_s = now + outage.pause_s
@@ -151,7 +152,7 @@ class ResumableCapture(ResumableDevice, CaptureControl, Protocol):
 
 @dataclass
 class _Outage:
-    """Wall seconds; sentence is what the device was lost with."""
+    """Seconds of the clock that was given; sentence is what the device was lost with."""
 
     sentence: str
     since_s: float

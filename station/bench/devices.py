@@ -25,7 +25,7 @@ def devices_for(
     """
     daq, cell, mocap = config.daq, config.load_cell, config.mocap
     wanted = subject.labels if subject else ()
-    times: dict[str, Any] = {"host_clock": clock.utc_ns, "wall": clock.station_s}
+    times: dict[str, Any] = {"host_clock": clock.utc_ns, "seconds": clock.station_s}
     devices = [
         make_device(
             "nidaq",

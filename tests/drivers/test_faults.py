@@ -12,7 +12,6 @@ from drivers import nidaq, qualisys_conversation
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Loss, Samples
 from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
-from tests.timeout import scaled_timeout
 
 LONGEST_S = 2.2  # wall; enough for time-outs that are shortened below
 
@@ -20,9 +19,9 @@ LONGEST_S = 2.2  # wall; enough for time-outs that are shortened below
 @pytest.fixture(scope="module")
 def bench() -> Iterator[FaultBench]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(1.0))
+        patch.setattr(nidaq, "RPC_DEADLINE_S", 1.0)
         patch.setattr(nidaq, "LONGEST_WAIT_S", 0.3)
-        patch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
+        patch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", 1.0)
         with FaultBench() as bench:
             yield bench
 
