@@ -35,14 +35,26 @@ def silent(what: str, done: int, total: int) -> None:
 
 @contextmanager
 def progress_bars(console: Console, clock: Clock = perf_counter) -> Iterator[Progress]:
-    """Yields a Progress that shows every stage, from its first call on; the clock is in seconds."""
+    """Yields a Progress that shows every stage, from its first call on; the clock is in seconds.
+
+    Any thread may call it. Calls that come when the block has ended are ignored.
+    """
     # Colours may be forced in a log by an environment variable; a bar that moves needs a real terminal.
     is_terminal = console.is_interactive and console.file.isatty()
     shown = _Bars(console, clock) if is_terminal else _Lines(console, clock)
+    lock, is_open = threading.Lock(), True  # the compilation reports from a thread of its own
+
+    def report(what: str, done: int, total: int) -> None:
+        with lock:
+            if is_open:
+                shown.report(what, done, total)
+
     try:
-        yield shown.report
+        yield report
     finally:
-        shown.close()
+        with lock:
+            is_open = False
+            shown.close()
 
 
 @dataclass
@@ -62,15 +74,8 @@ class _Lines:
     def __init__(self, console: Console, clock: Clock) -> None:
         self._console, self._clock = console, clock
         self._stages: dict[str, _Stage] = {}
-        self._lock = threading.Lock()  # the compilation reports from a thread of its own
-        self._is_closed = False
 
     def report(self, what: str, done: int, total: int) -> None:
-        with self._lock:
-            if not self._is_closed:
-                self._report(what, done, total)
-
-    def _report(self, what: str, done: int, total: int) -> None:
         now = self._clock()
         stage = self._stages.setdefault(what, _Stage(now, now, done, total))
         stage.last_s, stage.done, stage.total = now, done, total
@@ -78,10 +83,8 @@ class _Lines:
             self._tell(what, stage)
 
     def close(self) -> None:
-        with self._lock:
-            self._is_closed = True
-            for what, stage in self._stages.items():
-                self._tell(what, stage)
+        for what, stage in self._stages.items():
+            self._tell(what, stage)
 
     def _tell(self, what: str, stage: _Stage) -> None:
         if not stage.is_told:
@@ -99,25 +102,16 @@ class _Bars:
             *columns, bars.TimeElapsedColumn(), _TimeLeftColumn(), console=console, get_time=clock
         )
         self._tasks: dict[str, bars.TaskID] = {}
-        self._lock = threading.Lock()
-        self._is_closed = False
 
     def report(self, what: str, done: int, total: int) -> None:
-        with self._lock:
-            if not self._is_closed:
-                self._report(what, done, total)
-
-    def _report(self, what: str, done: int, total: int) -> None:
         self._bars.start()
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(what, total=total)
         self._bars.update(self._tasks[what], completed=done, total=total)
 
     def close(self) -> None:
-        with self._lock:
-            self._is_closed = True
-            if self._tasks:
-                self._bars.stop()
+        if self._tasks:
+            self._bars.stop()
 
 
 class _TimeLeftColumn(bars.ProgressColumn):

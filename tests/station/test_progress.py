@@ -122,3 +122,14 @@ def test_a_stage_that_is_done_has_no_time_left(clock: ManualClock) -> None:
         progress("fitting cuffs", 4, 4)
     assert "4/4" in screen.getvalue()
     assert "left" not in screen.getvalue()
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_a_report_that_comes_after_the_end_is_ignored(clock: ManualClock, *, is_terminal: bool) -> None:
+    screen = Terminal() if is_terminal else StringIO()
+    console = _console(screen) if isinstance(screen, Terminal) else Console(file=screen)
+    with progress_bars(console, clock) as progress:
+        progress("recording trials", 25, 25)
+    before = screen.getvalue()
+    progress("compiling the solver", 8, 8)
+    assert "recording trials" in before and screen.getvalue() == before
