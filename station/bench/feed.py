@@ -105,7 +105,7 @@ class DeviceFeed:
                 self._deliver(Delivered(self.device.name, items))
 
     def _deliver(self, message: Message) -> None:
-        """Waits for room; where nobody listens any more, nobody is told."""
+        """Waits for room; when the feed is stopped and the inbox is full, the message is dropped."""
         while True:
             try:
                 return self._inbox.put(message, timeout=READ_TIMEOUT_S)
@@ -157,12 +157,12 @@ class Feeds:
         """Nothing to do: the devices carry out what they were asked while they are closed."""
 
     def release(self, within_s: float) -> list[str]:
-        """Closes the devices; returns the names of those that did not close within so many wall seconds."""
+        """Closes the devices; returns the names of those that did not close within `within_s` wall seconds."""
         return end_feeds(self.feeds, within_s)
 
 
 def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[[], None] = lambda: None) -> list[str]:
-    """Asks all to stop and waits so many wall seconds; the names of devices whose thread never came back."""
+    """Asks all to stop and waits `within_s` wall seconds; returns the names of devices whose thread is still running."""
     for feed in feeds:
         feed.ask_to_stop()
     deadline = time.monotonic() + within_s

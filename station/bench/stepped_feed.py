@@ -142,7 +142,7 @@ class SteppedFeeds:
             return
 
     def release(self, within_s: float) -> list[str]:
-        """Closes the devices; returns the names of those that did not close within so many wall seconds."""
+        """Closes the devices; returns the names of those that did not close within `within_s` wall seconds."""
         return end_feeds(self.feeds, within_s, meanwhile=self._step_while_pending)
 
     def _make_round(self, feeds: Sequence[SteppedFeed], sent: Sent | None) -> None:
