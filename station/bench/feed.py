@@ -162,7 +162,7 @@ class Feeds:
 
 
 def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[[], None] = lambda: None) -> list[str]:
-    """Asks all to stop and waits `within_s` wall seconds; returns the names of devices whose thread is still running."""
+    """Asks all to stop and waits `within_s` wall seconds; returns the names of devices that are still running."""
     for feed in feeds:
         feed.ask_to_stop()
     deadline = time.monotonic() + within_s
