@@ -10,8 +10,9 @@ from nicegui import ui
 from station.bench.simulation import SimulationError
 from station.console import setup_view, summary_view, trial_view, verdict_view
 from station.console.announcer import Announcer
-from station.console.desk import Desk, DeskRefusal, Live
 from station.journal import JournalError
+from station.session.desk import Desk, DeskRefusal
+from station.session.live import Live
 
 REFRESH_S = 0.08
 """A little more often than the ten times a second that are promised: a busy machine is late now and then."""

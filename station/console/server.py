@@ -21,8 +21,8 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, parse_config
-from station.console.desk import Desk
 from station.console.page import show_page
+from station.session.desk import Desk
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "station_token"

@@ -9,8 +9,8 @@ from typing import Any, cast
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
-from station.console.desk import Desk, DeskRefusal, looks_like_a_name
 from station.journal import Setup
+from station.session.desk import Desk, DeskRefusal, looks_like_a_name
 
 
 def show(desk: Desk, act: Callable[..., Any]) -> None:

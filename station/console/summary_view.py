@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from station.console.desk import Desk
+from station.session.desk import Desk
 
 
 def show(desk: Desk, act: Callable[..., Any], acts: dict[str, Callable[[], Awaitable[None] | None]]) -> None:

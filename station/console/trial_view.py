@@ -7,7 +7,6 @@ from typing import Any
 
 from nicegui import ui
 
-from station.console.agenda import Agenda
 from station.console.charts import (
     DISPLACEMENT,
     DISPLACEMENT_AXIS,
@@ -19,8 +18,10 @@ from station.console.charts import (
     force_over_displacement,
     line,
 )
-from station.console.desk import Desk, Live
-from station.console.guide import Rest
+from station.session.agenda import Agenda
+from station.session.desk import Desk
+from station.session.guide import Rest
+from station.session.live import Live
 
 Acts = dict[str, Callable[[], Awaitable[None] | None]]
 SHOWN_S = 20.0

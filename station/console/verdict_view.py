@@ -8,9 +8,9 @@ from typing import Any
 from nicegui import ui
 
 from station.console.charts import force_over_displacement
-from station.console.desk import Desk
-from station.console.judgement import Judgement
 from station.journal import Choice, Recorded
+from station.session.desk import Desk
+from station.session.judgement import Judgement
 
 
 def show(

@@ -29,9 +29,9 @@ from station.bench.session import Snapshot, State
 from station.bench.simulation import SimulatedBench
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
-from station.console.telemetry import Telemetry
 from station.console.trial_view import slow_of
 from station.protocol import TrialSpec
+from station.session.telemetry import Telemetry
 
 SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}
 SPEC = TrialSpec("waist", "static", 1)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from recordings.reader import open_recording
-from tests.station.console.benched import Recorder, has_recorded, simulated_bench
+from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 
 pytestmark = pytest.mark.slow
 

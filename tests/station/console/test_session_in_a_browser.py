@@ -16,9 +16,9 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from recordings.contents import Contents, contents_of
-from tests.station.console.benched import simulated_bench
 from tests.station.console.readable import unreadable
 from tests.station.console.served import ServedConsole, write_config
+from tests.station.session.benched import simulated_bench
 from tests.timeout import scaled_timeout
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

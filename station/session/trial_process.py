@@ -1,4 +1,4 @@
-"""The console's end of a recorder process: what it tells, and the wishes it is sent."""
+"""The other end of a recorder process: what it tells, and the wishes it is sent."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TrialProcess:
         child = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
-            "station.console.recorder",
+            "station.session.recorder",
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             limit=LONGEST_LINE,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from station.console.agenda import Agenda, agenda
 from station.journal import Journal, Recorded, Setup, Verdict
+from station.session.agenda import Agenda, agenda
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 2, has_bounce=False)
 ACCEPT, REDO = Verdict("accept", ""), Verdict("redo", "slipped")

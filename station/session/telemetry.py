@@ -1,4 +1,4 @@
-"""What the console's page shows of a running trial: lines of JSON, twenty a second, from the recorder's process.
+"""What a session shows of a running trial: lines of JSON, twenty a second, from the recorder's process.
 
 A line holds the trial's state, the rate of each stream, and what came since the line before. When nobody reads them
 the view falls behind and drops; the recorder does not notice.
@@ -24,7 +24,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live import StreamTally
 from station.bench.session import Snapshot, State
-from station.console.live_displacement import LiveDisplacement
+from station.session.live_displacement import LiveDisplacement
 
 REFRESH_S = 0.05
 RATE_REFRESHES = 60

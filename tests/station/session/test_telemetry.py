@@ -11,8 +11,8 @@ import pytest
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.session import Snapshot, State
-from station.console.live_displacement import LiveDisplacement
-from station.console.telemetry import Telemetry
+from station.session.live_displacement import LiveDisplacement
+from station.session.telemetry import Telemetry
 
 ANCHOR = ("anchor_1", "anchor_2", "anchor_3")
 LABELS = (*ANCHOR, "cuff_1", "rope_1", "rope_2")
@@ -124,7 +124,7 @@ def test_what_the_devices_say_is_passed_on_in_words(tmp_path: Path) -> None:
 def test_the_disk_lasts_as_long_as_its_room_at_the_rate_that_was_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("station.console.telemetry.bytes_free", lambda folder: 210_000_000)
+    monkeypatch.setattr("station.session.telemetry.bytes_free", lambda folder: 210_000_000)
     told = Told(tmp_path)
     assert told.line()["disk_left_s"] is None
     for block in range(30):

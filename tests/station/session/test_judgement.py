@@ -8,9 +8,9 @@ import pytest
 
 from fitting.result import SessionFit, TrialFit
 from fitting.uncertainty import Estimate
-from station.console.judgement import Judgement, judge_recording
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
+from station.session.judgement import Judgement, judge_recording
 from tests.station.foreign import static_and_dynamic
 
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
@@ -41,7 +41,7 @@ def judged(session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch) -
         changed = replace(cuff, trials=(*trials, *others))
         donnings = {"hand": {cuff.donning: changed}}
         monkeypatch.setattr(
-            "station.console.judgement.fit_session_folder", lambda *_: replace(fitted, donnings=donnings)
+            "station.session.judgement.fit_session_folder", lambda *_: replace(fitted, donnings=donnings)
         )
         return judge_recording(session, STATIC)
 
@@ -135,7 +135,7 @@ def test_a_fault_of_ours_keeps_the_recording(session: Path, monkeypatch: pytest.
     def fail(*_: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("station.console.judgement.fit_session_folder", fail)
+    monkeypatch.setattr("station.session.judgement.fit_session_folder", fail)
     judgement = judge_recording(session, STATIC)
     assert judgement.advice == "accept" and "ZeroDivisionError: oh" in judgement.reasons[0]
 

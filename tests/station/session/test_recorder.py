@@ -13,9 +13,9 @@ from recordings.reader import open_recording
 from recordings.samples import Event
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
-from station.console.adoption import adopt_recordings
 from station.journal import read_journal
-from tests.station.console.benched import Recorder, has_recorded, simulated_bench
+from station.session.adoption import adopt_recordings
+from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
 
 SMALLEST_PIPE = 4096

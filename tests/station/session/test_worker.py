@@ -7,7 +7,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
-from station.console.worker import Worker
+from station.session.worker import Worker
 
 
 def test_a_worker_that_is_killed_is_replaced() -> None:

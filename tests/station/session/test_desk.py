@@ -14,12 +14,13 @@ from recordings.reader import open_recording
 from recordings.samples import Event
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
-from station.console.desk import Desk, DeskRefusal, Live, looks_like_a_name
-from station.console.guide import Ceilings, FreeStaticGuide
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
-from tests.station.console.benched import simulated_bench
+from station.session.desk import Desk, DeskRefusal, looks_like_a_name
+from station.session.guide import Ceilings, FreeStaticGuide
+from station.session.live import Live
 from tests.station.console.served import write_config
+from tests.station.session.benched import simulated_bench
 from tests.timeout import scaled_timeout
 
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)

@@ -12,23 +12,15 @@ import re
 import shutil
 import tempfile
 import time
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from station.bench.check import Line, look_at_bench
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
-from station.console.adoption import adopt_recordings
-from station.console.agenda import Agenda, agenda
-from station.console.guide import Ceilings, Cue, FreeStaticGuide, Guide, StaticGuide, SwingGuide
-from station.console.judgement import Judgement, be_ready, judge_recording, unjudged
-from station.console.summary import Summary, SummaryError, summarise
-from station.console.trial_process import TrialProcess
-from station.console.worker import Worker
 from station.journal import (
     JOURNAL_FILE,
     Choice,
@@ -42,11 +34,17 @@ from station.journal import (
     write_verdict,
 )
 from station.protocol import TrialSpec
+from station.session.adoption import adopt_recordings
+from station.session.agenda import Agenda, agenda
+from station.session.guide import Ceilings, FreeStaticGuide, Guide, StaticGuide, SwingGuide
+from station.session.judgement import Judgement, be_ready, judge_recording, unjudged
+from station.session.live import Live
+from station.session.summary import Summary, SummaryError, summarise
+from station.session.trial_process import TrialProcess
+from station.session.worker import Worker
 
 SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
 NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
-KEPT_POINTS = 1600
-"""Of each live curve: half a minute."""
 
 
 def looks_like_a_name(subject: str) -> bool:
@@ -56,55 +54,6 @@ def looks_like_a_name(subject: str) -> bool:
 
 class DeskRefusal(Exception):
     """The desk cannot do that now; one sentence."""
-
-
-@dataclass
-class Live:
-    """What the running trial has shown so far."""
-
-    spec: TrialSpec
-    guide: Guide
-    latest: dict[str, Any] = field(default_factory=lambda: {"state": "idle", "sentence": "opening the devices"})
-    force: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
-    displacement: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
-    words: deque[str] = field(default_factory=lambda: deque(maxlen=8))
-    alarm: str | None = None
-    is_alarm_seen: bool = False
-    marks: int = 0
-    alarm_marks: dict[int, str] = field(default_factory=dict)
-
-    @property
-    def cue(self) -> Cue:
-        return self.guide.cue()
-
-    @property
-    def unseen_alarm(self) -> str | None:
-        return None if self.is_alarm_seen else self.alarm
-
-    @property
-    def takes_marks(self) -> bool:
-        """Before the sync edge there is nothing to point at."""
-        return self.latest["state"] in ("recording", "closing")
-
-    def take(self, said: dict[str, Any], ceilings: Ceilings) -> bool:
-        """One line of telemetry. Returns whether it raised an alarm."""
-        self.latest = said
-        force = [(t, n) for t, n in said["force"]]
-        self.force.extend(force)
-        self.displacement.extend((t, d) for t, d in said["displacement"])
-        self.words.extend(said["words"])
-        if said["state"] in ("armed", "recording"):
-            self.guide.take(force, is_recorded=said["state"] == "recording")
-        return self._watch(ceilings.broken_by(list(self.force)[-8 - len(force) :]))
-
-    def _watch(self, broken: str | None) -> bool:
-        """An alarm stays until somebody has seen it and its cause is gone; then it may be raised again."""
-        is_new = broken is not None and self.alarm is None
-        if is_new:
-            self.alarm = broken
-        elif broken is None and self.is_alarm_seen:
-            self.alarm, self.is_alarm_seen = None, False
-        return is_new
 
 
 class Desk:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from station.console.summary import SummaryError, summarise
 from station.muscles.assessment_inputs import InputError
+from station.session.summary import SummaryError, summarise
 from tests.station.foreign import static_and_dynamic
 
 

@@ -1,4 +1,4 @@
-"""Records one trial in a process of its own, spoken to in lines of JSON; `python -m station.console.recorder`.
+"""Records one trial in a process of its own, spoken to in lines of JSON; `python -m station.session.recorder`.
 
 The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null}; the port is
 that of a simulated bench's clock. Each further line is a wish: {"stop": true} (once: cleanly; twice: at once),
@@ -23,9 +23,9 @@ from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
 from station.clock import Clock, RealClock
 from station.config import StationConfig, parse_config
-from station.console.telemetry import Telemetry
 from station.journal import Recorded, write_recorded
 from station.protocol import TrialSpec
+from station.session.telemetry import Telemetry
 
 LAST_WORD_S = 2.0
 """Wall seconds that a console which does not read is given for the last line."""

@@ -1,4 +1,4 @@
-"""The process in which a console fits and assesses."""
+"""The process in which a session fits and assesses."""
 
 from __future__ import annotations
 

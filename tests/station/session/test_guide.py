@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from station.console.guide import Ceilings, Cue, FreeStaticGuide, Guide, Rest, StaticGuide, SwingGuide
+from station.session.guide import Ceilings, Cue, FreeStaticGuide, Guide, Rest, StaticGuide, SwingGuide
 
 RNG = np.random.default_rng(7)
 MASSES = (1.5, 1.5, 1.5)

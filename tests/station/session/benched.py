@@ -68,7 +68,7 @@ class Recorder:
 
     def __enter__(self) -> Recorder:
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "station.console.recorder"],
+            [sys.executable, "-m", "station.session.recorder"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
