@@ -24,7 +24,7 @@ LineFormat = Literal["usb220", "usb520"]
 LINES_PER_S = 10.0
 LONGEST_LINE = 256  # bytes; more without an end is no indicator
 WAKE_S = 0.02  # how long one wait for bytes takes
-QUIET_S = 0.5  # wall; five lines
+QUIET_S = 0.5  # five lines; on the wall and by the host's clock, which stands where a simulated world is held
 
 USB220_LINE = re.compile(rb"([+-]\d+\.\d+)\s+lbs\r?\n")  # 18 bytes, the value in the first 13
 USB520_LINE = re.compile(rb"\s*([+-]?\d+\.\d+)\s*g\s*\r?\n")
@@ -141,7 +141,7 @@ class SerialLoadCell:
         self._received = 0
         self._pending = b""
         self._is_aligned = False
-        self._heard_s, self._is_quiet = time.monotonic(), False
+        self._note_line()
 
     def _whole_lines(self) -> list[bytes]:
         """Takes the finished lines out of what has come."""
@@ -149,14 +149,17 @@ class SerialLoadCell:
         if len(self._pending) > LONGEST_LINE:
             lines, self._pending = [*lines, self._pending], b""
         if lines:
-            self._heard_s, self._is_quiet = time.monotonic(), False
+            self._note_line()
         if lines and not self._is_aligned:
             lines, self._is_aligned = lines[1:], True
         return [line + b"\n" for line in lines]
 
+    def _note_line(self) -> None:
+        self._heard_s, self._heard_ns, self._is_quiet = time.monotonic(), self._host_clock(), False
+
     def _silence(self) -> list[Item]:
         """What there is to say when no line came for a while."""
-        quiet_s = time.monotonic() - self._heard_s
+        quiet_s = min(time.monotonic() - self._heard_s, (self._host_clock() - self._heard_ns) * 1e-9)
         if self._is_quiet or quiet_s < QUIET_S:
             return []
         self._is_quiet = True

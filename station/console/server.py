@@ -19,7 +19,7 @@ from urllib.parse import parse_qs
 from nicegui import app, ui
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
-from station.bench.simulation import SimulatedBench, simulator_settings
+from station.bench.simulation import SimulatedBench, clock_port, simulator_settings
 from station.config import StationConfig, parse_config
 from station.console.page import show_page
 from station.session.desk import Desk
@@ -87,10 +87,14 @@ def serve(
     host: str = "127.0.0.1",
     port: int = 8421,
     is_opened: bool = False,
-    simulated_speed: float | None = None,
+    is_simulated: bool = False,
+    speed: float | None = None,
     seed: int = 1,
 ) -> None:
-    """Serves until Ctrl-C or a kill. simulated_speed: on simulated devices of its own, so much faster than the wall.
+    """Serves until Ctrl-C or a kill.
+
+    is_simulated: on simulated devices of its own, whose world keeps the pace `speed` (default 1). Without it a speed is
+    the pace for a simulated bench that runs elsewhere, at the configuration's addresses; None means real devices.
 
     Raises ServeError, before any device is opened, where it cannot listen.
     """
@@ -100,11 +104,12 @@ def serve(
     signal.signal(signal.SIGTERM, _end)  # the web server ends politely, and then has the signal take its own course
     with ExitStack() as stack:
         bench = None
-        if simulated_speed is not None:
+        if is_simulated:
             settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
-            bench = stack.enter_context(SimulatedBench(settings, simulated_speed, seed))
+            bench = stack.enter_context(SimulatedBench(settings, speed or 1.0, seed))
             config = _in_control(bench.pointed_at(config))
-        desk = Desk(config, simulated_speed or 1.0, bench)
+        followed = None if is_simulated or speed is None else clock_port(config)
+        desk = Desk(config, speed or 1.0, bench, followed)
         stack.callback(desk.close)
         app.add_middleware(Doorkeeper, token=token)
         app.add_api_route("/report", lambda: _report(desk.folder))

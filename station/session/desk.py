@@ -59,8 +59,16 @@ class DeskRefusal(Exception):
 class Desk:
     """Raises DeskRefusal, JournalError, SimulationError: each one sentence, for the page that asked."""
 
-    def __init__(self, config: StationConfig, speed: float = 1.0, bench: SimulatedBench | None = None) -> None:
+    def __init__(
+        self,
+        config: StationConfig,
+        speed: float = 1.0,
+        bench: SimulatedBench | None = None,
+        clock_port: int | None = None,
+    ) -> None:
+        """bench: simulated devices of its own; clock_port: the clock of a simulated bench that runs elsewhere."""
         self.config, self.speed, self._bench = config, speed, bench
+        self._clock_port = clock_port if bench is None else bench.clock_port
         self.folder: Path | None = None
         self.is_rehearsal = False
         self.live: Live | None = None
@@ -199,8 +207,9 @@ class Desk:
         self.live = Live(spec, self._guide(spec))
         try:
             await asyncio.to_thread(self._prepare, plan)
-            clock_port = self._bench.clock_port if self._bench is not None else None
-            self._trial = await TrialProcess.start(self._session_config, self.folder, spec, clock_port)
+            self._trial = await TrialProcess.start(
+                self._session_config, self.folder, spec, self._clock_port, self.speed
+            )
         except BaseException:
             self.live = None
             raise

@@ -1,10 +1,10 @@
 """Records one trial in a process of its own, spoken to in lines of JSON; `python -m station.session.recorder`.
 
-The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null}; the port is
-that of a simulated bench's clock. Each further line is a wish: {"stop": true} (once: cleanly; twice: at once),
-{"mark": true}. Standard output carries telemetry (twenty lines a second) and, last, {"result": {…}} or
-{"refused": "a sentence"}. The console may die, freeze or stop reading: the trial goes on to the end of its capture,
-what became of it is in the session's journal, and the process ends.
+The first line on standard input says what: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null, "speed": 1};
+the port is that of a simulated bench's clock, the speed the pace of its world. Each further line is a wish:
+{"stop": true} (once: cleanly; twice: at once), {"mark": true}. Standard output carries telemetry (twenty lines a
+second) and, last, {"result": {…}} or {"refused": "a sentence"}. The console may die, freeze or stop reading: the trial
+goes on to the end of its capture, what became of it is in the session's journal, and the process ends.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def main() -> NoReturn:
     request = json.loads(sys.stdin.readline())
     try:
         config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
-        recorded = _record(config, Path(request["folder"]), spec, request["clock_port"])
+        recorded = _record(config, Path(request["folder"]), spec, request["clock_port"], request["speed"])
         said: dict[str, Any] = {"result": asdict(recorded)}
     except Exception as error:  # whatever it is, the operator must hear of it
         said = {"refused": " ".join(str(error).split()) or type(error).__name__}
@@ -47,10 +47,12 @@ def main() -> NoReturn:
     os._exit(0)  # a frozen device, or a console that does not read, would hold the interpreter's own way out
 
 
-def _record(config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None) -> Recorded:
+def _record(
+    config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None, speed: float | None
+) -> Recorded:
     site = None if spec.cuff is None else config.cuff_site(spec.cuff)
     with ExitStack() as stack:
-        bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port))
+        bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port, speed))
         clock: Clock = bench_clock or RealClock()
         telemetry = stack.enter_context(Telemetry(sys.stdout, site, config.calibration(), folder, bench_clock))
         daemon = Daemon(config, clock, [telemetry])

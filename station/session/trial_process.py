@@ -27,10 +27,12 @@ class TrialProcess:
         self.refusal: str | None = None
 
     @classmethod
-    async def start(cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None) -> TrialProcess:
+    async def start(
+        cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None, speed: float
+    ) -> TrialProcess:
         """Starts the recorder; it opens the devices, arms and waits for the edge by itself.
 
-        clock_port is that of a simulated bench's clock.
+        clock_port is that of a simulated bench's clock, None for a real bench; speed is the pace of its world.
         """
         child = await asyncio.create_subprocess_exec(
             sys.executable,
@@ -43,7 +45,7 @@ class TrialProcess:
         )
         trial = cls(child)
         request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}
-        await trial._wish({**request, "clock_port": clock_port})
+        await trial._wish({**request, "clock_port": clock_port, "speed": speed})
         return trial
 
     async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.verbs.options import ConfigPath, Seed, Speed, say
+from station.verbs.options import ConfigPath, Seed, say
 
 
 def demo(
@@ -34,7 +34,13 @@ def serve(
     port: Annotated[int, typer.Option(min=1, max=65535)] = 8421,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     simulated: Annotated[bool, typer.Option(help="On simulated devices, to practise or to rehearse on.")] = False,
-    speed: Speed = 1.0,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            help="Pace of the simulated world, at most; without --simulated, follow the clock of `station simulate`.",
+        ),
+    ] = None,
     seed: Seed = 1,
 ) -> None:
     """The operator's console: a page that leads through a session, live to the verdict. Prints its address."""
@@ -46,7 +52,8 @@ def serve(
         host=host,
         port=port,
         is_opened=open_page,
-        simulated_speed=speed if simulated else None,
+        is_simulated=simulated,
+        speed=speed,
         seed=seed,
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,23 +11,22 @@ from drivers import nidaq, qualisys_conversation
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Loss, Samples
 from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
-
-LONGEST_S = 2.2  # wall; enough for time-outs that are shortened below
+from tests.timeout import scaled_timeout
 
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[FaultBench]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nidaq, "RPC_DEADLINE_S", 1.0)
+        patch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(1.0))
         patch.setattr(nidaq, "LONGEST_WAIT_S", 0.3)
-        patch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", 1.0)
+        patch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
         with FaultBench() as bench:
             yield bench
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_a_fault_is_seen_counted_and_over_and_nothing_else_suffers(bench: FaultBench, case: Case) -> None:
-    aftermath = bench.suffer(replace(case, wall_s=min(case.wall_s, LONGEST_S)))
+    aftermath = bench.suffer(case)
     causes = {item.cause for item in aftermath.items(case.device) if isinstance(item, Loss)}
     assert causes == case.causes
     for device, streams in STREAMS.items():

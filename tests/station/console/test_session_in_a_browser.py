@@ -229,18 +229,19 @@ def test_two_operators_see_the_same_and_only_one_trial_runs(browser: Browser, tm
 
 
 def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser: Browser, tmp_path: Path) -> None:
-    """The bench is one that does not end with the console; it runs at the wall's speed, as a real one does."""
+    """The bench is one that does not end with the console, at the wall's pace; its clock waits for the recorder."""
     with simulated_bench(tmp_path, speed=1.0, test="static", hold_s=2.0) as (bench, _):
         ports = bench.ready["ports"]
         config = write_config(tmp_path, hold_s=2.0, ni=ports["ni"], qtm=ports["qtm"])
-        with ServedConsole(config) as console:
+        config.write_text(f"{config.read_text()}[simulation.ports]\nclock = {ports['clock']}\n")
+        with ServedConsole(config, "--speed", "1") as console:
             page = open_page(browser, console.address)
             begin(page)
             page.keyboard.press("a")
             runs(page)
             console.kill()
             page.close()
-        with ServedConsole(config) as console:
+        with ServedConsole(config, "--speed", "1") as console:
             page = open_page(browser, console.address)
             page.get_by_role("button", name="P01, session 1: hand").click()
             seen(page, "Keep (k)")

@@ -64,6 +64,7 @@ class Recorder:
             "folder": str(folder),
             "spec": asdict(spec),
             "clock_port": clock_port,
+            "speed": None,
         }
 
     def __enter__(self) -> Recorder:
