@@ -16,6 +16,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
 from station.file_lock import locked
+from station.protocol import TrialSpec
 
 JOURNAL_FILE = "session.jsonl"
 LOCK_WAIT_S = 10.0
@@ -75,6 +76,7 @@ class Journal:
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     marks: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
     donnings: Mapping[str, int] = field(default_factory=dict)  # cuff → how often it was donned anew
+    skipped: frozenset[TrialSpec] = frozenset()  # trials of the plan that are not recorded
 
     @property
     def redone(self) -> dict[str, str]:
@@ -129,6 +131,11 @@ def write_donned(folder: Path, cuff: str) -> None:
     _append(folder, "donned", cuff=cuff)
 
 
+def write_skipped(folder: Path, spec: TrialSpec) -> None:
+    """A trial of the plan is not recorded in this session, unless somebody records it by itself."""
+    _append(folder, "skipped", cuff=spec.cuff, test=spec.test, repeat=spec.repeat, donning=spec.donning)
+
+
 def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     """The journal and one line more."""
     kind = entry.pop("kind")
@@ -147,6 +154,8 @@ def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     if kind == "mark":
         named = {**journal.marks.get(entry["file"], {}), int(entry["number"]): str(entry["name"])}
         return replace(journal, marks={**journal.marks, entry["file"]: named})
+    if kind == "skipped":
+        return replace(journal, skipped=journal.skipped | {TrialSpec(**entry)})
     if kind == "donned":
         cuff = str(entry["cuff"])
         return replace(journal, donnings={**journal.donnings, cuff: journal.donnings.get(cuff, 0) + 1})

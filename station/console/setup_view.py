@@ -102,7 +102,7 @@ def _sessions(desk: Desk, act: Callable[..., Any]) -> None:
 
 def _resumption(desk: Desk, act: Callable[..., Any], setup: Setup, folder: Path) -> None:
     words = f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}"
-    button = ui.button(words, on_click=lambda: act(lambda: desk.begin(setup))).props("flat no-caps")
+    button = ui.button(words, on_click=lambda: act(lambda: desk.resume(folder))).props("flat no-caps")
     button.tooltip(str(folder)).mark("resume")
 
 

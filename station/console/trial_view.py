@@ -18,7 +18,7 @@ from station.console.charts import (
     force_over_displacement,
     line,
 )
-from station.session.agenda import Agenda
+from station.session.agenda import Agenda, order_of
 from station.session.desk import Desk
 from station.session.guide import Rest
 from station.session.live import Live
@@ -41,15 +41,7 @@ COLOURS = {
 def show_next(desk: Desk, plan: Agenda, act: Callable[..., Any], acts: Acts) -> None:
     spec = plan.spec
     assert spec is not None  # noqa: S101  (the page shows the summary then)
-    if spec.cuff is None:
-        order = "Hang the calibration weight on its spring under the load cell"
-    elif plan.is_new_cuff:
-        order = f"Don the {spec.cuff} cuff, rope slack"
-    elif plan.has_pause:
-        order = f"Let the wearer rest for {desk.config.protocol.pause_s:.0f} s"
-    else:
-        order = "Rope slack, wearer at ease"
-    ui.label(order).classes("cue").mark("order")
+    ui.label(order_of(plan, desk.config.protocol.pause_s)).classes("cue").mark("order")
     of_cuff = "bounce calibration" if spec.cuff is None else f"{spec.cuff}: {spec.test}, repeat {spec.repeat}"
     ui.label(f"next: {of_cuff}").classes("text-3xl").mark("next")
     if plan.has_pause:

@@ -12,7 +12,7 @@ from station.protocol import TrialSpec, published_plan
 
 @dataclass(frozen=True)
 class Agenda:
-    """trials are all of the plan, in order; done are those with an accepted recording.
+    """trials are all of the plan, in order; done are those with an accepted recording; skipped are not recorded.
 
     undecided is the recording that waits for accept or redo; spec is the next trial, None at the end of the plan.
     is_new_cuff: its cuff has to be donned first; has_pause: the wearer rests first, between two repeats on one cuff.
@@ -20,6 +20,7 @@ class Agenda:
 
     trials: tuple[TrialSpec, ...]
     done: frozenset[TrialSpec]
+    skipped: frozenset[TrialSpec]
     undecided: Recorded | None
     spec: TrialSpec | None
     is_new_cuff: bool
@@ -39,11 +40,13 @@ def agenda(setup: Setup, journal: Journal, folder: Path) -> Agenda:
         if each.file in journal.verdicts and each.file not in journal.redone
     }
     done = frozenset(spec for spec in trials if (spec.cuff, spec.test, spec.repeat, spec.donning) in accepted)
-    spec = next((spec for spec in trials if spec not in done), None)
+    skipped = journal.skipped.difference(done).intersection(trials)
+    spec = next((spec for spec in trials if spec not in done | skipped), None)
     before = None if spec is None or spec == trials[0] else trials[trials.index(spec) - 1]
     return Agenda(
         trials=trials,
         done=done,
+        skipped=skipped,
         undecided=next((each for each in there if each.file not in journal.verdicts), None),
         spec=spec,
         is_new_cuff=spec is not None
@@ -51,3 +54,16 @@ def agenda(setup: Setup, journal: Journal, folder: Path) -> Agenda:
         and not any((each.cuff, each.donning) == (spec.cuff, spec.donning) for each in there),
         has_pause=spec is not None and before is not None and before.cuff == spec.cuff and before.repeat != spec.repeat,
     )
+
+
+def order_of(plan: Agenda, pause_s: float) -> str:
+    """What to do at the bench before the next trial."""
+    if plan.spec is None:
+        return "The plan is complete"
+    if plan.spec.cuff is None:
+        return "Hang the calibration weight on its spring under the load cell"
+    if plan.is_new_cuff:
+        return f"Don the {plan.spec.cuff} cuff, rope slack"
+    if plan.has_pause:
+        return f"Let the wearer rest for {pause_s:.0f} s"
+    return "Rope slack, wearer at ease"

@@ -26,11 +26,13 @@ from station.journal import (
     Choice,
     Journal,
     JournalError,
+    Recorded,
     Setup,
     read_journal,
     write_donned,
     write_mark,
     write_setup,
+    write_skipped,
     write_verdict,
 )
 from station.protocol import TrialSpec
@@ -80,6 +82,7 @@ class Desk:
         self._decided_s = -math.inf
         self._read: tuple[tuple[int, int], Journal] | None = None
         self._trial: TrialProcess | None = None
+        self.ended: TrialProcess | None = None  # the trial before, with its result or its refusal
         self._tasks: set[asyncio.Task[None]] = set()
         self._worker = Worker()
         self._ceilings = Ceilings(config.safety.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s)
@@ -117,8 +120,8 @@ class Desk:
         names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
         return self.folder_of(setup) / f"{self.config.session.file_name.format(**names)}.mcap"
 
-    def begin(self, setup: Setup, *, is_rehearsal: bool = False) -> None:
-        """Opens a session; one that is in its folder already goes on where it was."""
+    def begin(self, setup: Setup, *, is_rehearsal: bool = False, folder: Path | None = None) -> None:
+        """Opens a session, by default in the folder of its name; one that is there already goes on where it was."""
         self._refuse_while_running()
         if not SUBJECT.fullmatch(setup.subject):
             raise DeskRefusal(
@@ -134,7 +137,7 @@ class Desk:
             )
         if not all(mass > 0 for mass in setup.step_masses_kg):
             raise DeskRefusal(f"the load steps are {setup.step_masses_kg} kg, expected masses above 0")
-        folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else self.folder_of(setup)
+        folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
         if before is not None and self._plan_in_words(before) != self._plan_in_words(setup):
             raise DeskRefusal(
@@ -143,6 +146,16 @@ class Desk:
             )
         if before is None:
             write_setup(folder, setup)
+        self._open(folder, is_rehearsal=is_rehearsal)
+
+    def resume(self, folder: Path) -> None:
+        """Opens the session of this folder where it was left, by whomever: another console, or a terminal."""
+        self._refuse_while_running()
+        if read_journal(folder).setup is None:
+            raise DeskRefusal(f"{folder} holds no session that could go on: its {JOURNAL_FILE} has no plan")
+        self._open(folder, is_rehearsal=False)
+
+    def _open(self, folder: Path, *, is_rehearsal: bool) -> None:
         self.folder, self.is_rehearsal, self.judgement, self.summary = folder, is_rehearsal, None, None
         self.message, self._read = "", None
 
@@ -247,6 +260,28 @@ class Desk:
             write_donned(self.folder, plan.undecided.cuff)
         self.judgement, self.message, self._decided_s = None, "", time.monotonic()
 
+    def redo_last(self, reason: str, *, is_donned_anew: bool = False) -> Recorded:
+        """Sets aside the recording that was accepted last, while no other waits: its trial is the next one again."""
+        plan, journal = self.agenda, self.journal
+        accepted = [each for each in journal.recorded if each.file in journal.verdicts.keys() - journal.redone.keys()]
+        if plan is None or self.folder is None or plan.undecided is not None or not accepted:
+            raise DeskRefusal("no recording was accepted yet that could be redone")
+        if is_donned_anew and accepted[-1].cuff is None:
+            raise DeskRefusal("the last trial was a bounce: no cuff to don anew; redo it")
+        write_verdict(self.folder, accepted[-1].file, "redo", reason)
+        if is_donned_anew and accepted[-1].cuff is not None:
+            write_donned(self.folder, accepted[-1].cuff)
+        return accepted[-1]
+
+    def skip(self) -> TrialSpec:
+        """Passes over the next trial of the plan, while none runs."""
+        self._refuse_while_running()
+        plan = self.agenda
+        if plan is None or self.folder is None or plan.spec is None:
+            raise DeskRefusal("no trial of the plan is left to skip")
+        write_skipped(self.folder, plan.spec)
+        return plan.spec
+
     def name_mark(self, number: int, name: str) -> None:
         plan = self.agenda
         if plan is None or self.folder is None or plan.undecided is None:
@@ -320,7 +355,7 @@ class Desk:
         try:
             await trial.follow(lambda said: self._take(live, said))
         finally:
-            self.last_live, self.live, self._trial = live, None, None
+            self.last_live, self.live, self._trial, self.ended = live, None, None, trial
         said = trial.recorded
         if said is not None and said.file and self.folder is not None:
             for number, alarm in live.alarm_marks.items():

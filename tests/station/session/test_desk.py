@@ -151,6 +151,42 @@ def test_a_cuff_donned_anew_is_another_donning(desk: Desk) -> None:
     assert plan.spec.donning == "2" and plan.is_new_cuff
 
 
+def test_a_session_in_a_folder_of_any_name_is_resumed(desk: Desk, tmp_path: Path) -> None:
+    desk.begin(SETUP, folder=tmp_path / "monday")
+    desk.leave()
+    desk.resume(tmp_path / "monday")
+    assert desk.journal.setup == SETUP
+    with pytest.raises(DeskRefusal, match="holds no session that could go on"):
+        desk.resume(tmp_path / "tuesday")
+
+
+def test_a_skipped_trial_is_passed_over_by_whoever_goes_on(desk: Desk) -> None:
+    desk.begin(SETUP)
+    assert desk.skip().test == "static"
+    desk.leave()
+    desk.begin(SETUP)
+    plan = desk.agenda
+    assert plan is not None and plan.spec is not None
+    assert plan.spec.test == "dynamic" and len(plan.skipped) == 1 and not plan.done
+    desk.skip()
+    with pytest.raises(DeskRefusal, match="no trial of the plan is left to skip"):
+        desk.skip()
+
+
+@pytest.mark.parametrize("is_donned_anew", [False, True])
+def test_the_trial_that_was_accepted_last_is_redone_on_second_thoughts(desk: Desk, is_donned_anew: bool) -> None:
+    desk.begin(SETUP)
+    with pytest.raises(DeskRefusal, match="no recording was accepted yet"):
+        desk.redo_last("it slipped")
+    name = put_recording(desk)
+    desk.decide("accept", "")
+    assert desk.redo_last("it slipped", is_donned_anew=is_donned_anew).file == name
+    plan = desk.agenda
+    assert plan is not None and plan.spec is not None
+    assert plan.spec.test == "static" and plan.spec.donning == ("2" if is_donned_anew else "1")
+    assert desk.journal.redone == {name: "it slipped"}
+
+
 def test_what_cannot_be_done_now_is_a_sentence(desk: Desk) -> None:
     for work, words in ((desk.arm, "no session is open"), (desk.stop, "no trial"), (desk.mark, "no trial")):
         with pytest.raises(DeskRefusal, match=words):
