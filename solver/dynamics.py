@@ -10,7 +10,7 @@ so one factorisation per frame serves every load. Loads are wrenches on bodies a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,11 +78,27 @@ class ResponseMaps:
     reaction_at_rest: Array
     reaction_per_control: Array
 
+    @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        """(frames,) False in a posture in which the model cannot be evaluated."""
+        parts = (getattr(self, field.name) for field in fields(self))
+        known = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=1)
+        return is_finite
+
+    def cleared(self, frames: NDArray[np.bool_]) -> ResponseMaps:
+        """With NaN in these frames: an infinity would warn in every product that it enters."""
+        maps = replace(self, **{field.name: getattr(self, field.name).copy() for field in fields(self)})
+        for field in fields(self):
+            getattr(maps, field.name)[frames] = np.nan
+        return maps
+
 
 def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "GlenoHumeral") -> EquationsOfMotion:
     """The equations at a batch of postures, factored; nothing of them depends on muscles or other loads.
 
-    ModelError where the mass matrix or the constraints are singular, or the model has no such joint.
+    ModelError where the mass matrix or the constraints are singular in all postures, or the model has no such joint; a
+    single posture in which they are is NaN.
     """
     joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
@@ -208,13 +224,23 @@ def _own_force(passive: CoordinateForce, state: Postures) -> Array:
 
 
 def _inverse(matrix: Array, whose: str) -> Array:
+    inverse = _each_inverse(matrix)
+    magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
+    is_singular = magnified > _SINGULAR
+    if is_singular.all() and len(matrix):
+        raise ModelError(f"{whose} cannot be solved for: singular in all of {len(matrix)} postures")
+    inverse[is_singular] = np.nan
+    return inverse
+
+
+def _each_inverse(matrix: Array) -> Array:
+    """Infinite where there is none."""
     try:
         inverse: Array = np.linalg.inv(matrix)  # type: ignore[assignment]
     except np.linalg.LinAlgError:
-        inverse = np.full_like(matrix, np.inf)
-    magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
-    if np.any(magnified > _SINGULAR):
-        raise ModelError(f"{whose} cannot be solved for: singular in at least one of {len(matrix)} postures")
+        if len(matrix) == 1:
+            return np.full_like(matrix, np.inf)
+        inverse = np.concatenate([_each_inverse(one[None]) for one in matrix])
     return inverse
 
 

@@ -27,8 +27,9 @@ from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics, MotionError
 from solver.muscle import MuscleForces, muscle_forces
 from solver.paths import PathMode, PathState, evaluate_paths
+from solver.sharing.reachability import idle_controls, is_met
 from solver.sharing.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
-from solver.sharing.sequence import FrameSequence, follow, follow_with_clarabel
+from solver.sharing.sequence import FrameSequence, follow, follow_runs, follow_with_clarabel
 from solver.spatial import each_frame
 
 Array = NDArray[np.float64]
@@ -110,6 +111,13 @@ class RedundancyProblem:
     solver: Solver = "interior_point"
     control_limits: Array | None = None
 
+    @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        """(frames,) False where the model has no finite accelerations, and nothing is solved."""
+        known = np.concatenate([self.acceleration_target, self.reaction_at_rest], axis=-1)
+        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=-1)
+        return is_finite
+
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
@@ -125,9 +133,10 @@ class LoadResponse:
 
 @dataclass(frozen=True, eq=False)
 class RedundancySolution:
-    """x (scenarios, frames, controls), NaN where infeasible, and how far each frame can be believed.
+    """x (scenarios, frames, controls), NaN where infeasible or not finite, and how far each frame can be believed.
 
-    Where it is INFEASIBLE, residual, reaction and slack are those of the point that leaves the cone by the least.
+    Where it is INFEASIBLE, residual, reaction and slack are those of the point that leaves the cone by the least; where
+    it is NOT_FINITE, NaN.
 
     outcomes           (scenarios, frames) of FrameOutcome
     equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
@@ -145,7 +154,7 @@ class RedundancySolution:
 @dataclass(frozen=True, eq=False)
 class Redundancy:
     """Who did the work in a motion; activations, forces and reserves are NaN in frames that are INFEASIBLE, reaction,
-    residual and slack those of the point that leaves the glenoid by the least.
+    residual and slack those of the point that leaves the glenoid by the least. Of NOT_FINITE frames nothing is known.
 
     time               (frames,) [s]
     activations        (frames, muscles) of Model.muscles, 0 to 1
@@ -188,7 +197,7 @@ def solve_motion(
     """Activations of a whole motion under loads, sampled at its frames; progress(done, total) counts frames.
 
     Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
-    MotionError where the model cannot be evaluated.
+    MotionError where the model can be evaluated in no frame.
     """
     options = options or RedundancyOptions()
     mechanics = go_through(model, kinematics, loads=loads, joint=options.joint, path_mode=options.path_mode)
@@ -220,21 +229,20 @@ def go_through(
 ) -> Mechanics:
     """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
 
-    Raises MotionError naming the time of a posture in which the model cannot be evaluated.
+    Raises MotionError where the model can be evaluated in no posture. In a single one its maps are not finite.
     """
     state = postures(model, kinematics.positions, kinematics.speeds)
     paths = paths or evaluate_paths(model, state, mode=path_mode)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     equations = equations_of_motion(model, state, joint)
     maps = response_maps(model, equations, paths, forces, load_wrenches(loads, state) if loads else None)
-    is_finite = np.isfinite(maps.acceleration_at_rest + maps.acceleration_per_control.sum(axis=-1)).all(axis=-1)
-    if not is_finite.all():
-        time = kinematics.time[int(np.argmin(is_finite))]
+    is_finite = maps.is_finite
+    if not is_finite.any():
         raise MotionError(
-            f"the model {model.name} should have finite accelerations in every posture and has not at {time:g} s; "
-            "leave that part of the motion out"
+            f"the model {model.name} should have finite accelerations and has them in none of {len(is_finite)} "
+            f"postures, the first at {kinematics.time[0]:g} s; take another motion"
         )
-    return Mechanics(kinematics, state, paths, forces, equations, maps)
+    return Mechanics(kinematics, state, paths, forces, equations, maps if is_finite.all() else maps.cleared(~is_finite))
 
 
 @dataclass(frozen=True)
@@ -261,13 +269,20 @@ def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
 
 
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
-    """The problem of every frame, open to loads. ModelError for a model without muscles, or names it does not have."""
+    """The problem of every frame, open to loads. ModelError for a model without muscles, or names it does not have.
+
+    The columns of an actuator are zero where they are round-off, as on a locked coordinate; its control is 0 there.
+    """
     if not model.muscles:
         raise ModelError(f"the model {model.name} should have muscles that share the work and has none; take another")
     kinematics, maps = mechanics.kinematics, mechanics.maps
     tracked = np.ones(len(model.coordinates), dtype=bool)
     tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
-    matrix = maps.acceleration_per_control[:, tracked]
+    matrix, reaction_matrix = maps.acceleration_per_control[:, tracked], maps.reaction_per_control
+    is_idle = idle_controls(matrix, reaction_matrix)
+    is_idle[:, : len(model.muscles)] = False
+    if is_idle.any():
+        matrix, reaction_matrix = (np.where(is_idle[:, None], 0.0, part) for part in (matrix, reaction_matrix))
     cone = np.zeros((len(kinematics.time), 0, 3))
     if options.has_glenoid_cone:
         glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
@@ -282,7 +297,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         acceleration_matrix=matrix,
         acceleration_target=(kinematics.accelerations - maps.acceleration_at_rest)[:, tracked],
         tracked=tracked,
-        reaction_matrix=maps.reaction_per_control,
+        reaction_matrix=reaction_matrix,
         reaction_at_rest=maps.reaction_at_rest,
         cone=cone,
         solver=options.solver,
@@ -336,14 +351,17 @@ def solve_redundancy(
         fall=fall,
         limits=problem.control_limits,
     )
-    controls, outcomes = _SOLVERS[problem.solver](sequence, progress, workers)
+    controls, outcomes = follow_runs(_SOLVERS[problem.solver], sequence, problem.is_finite, progress, workers)
     controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
+    size = np.linalg.norm(target, axis=-1)
     residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
     reaction = reaction_at_rest + each_frame(problem.reaction_matrix, controls)
     ray = each_frame(problem.cone, reaction[..., 3:])
     has_cone = problem.cone.shape[1] > 0
     slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
+    claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
+    outcomes[claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
     return RedundancySolution(controls, outcomes, np.abs(residual, out=residual).max(axis=-1), reaction, slack)
 
 

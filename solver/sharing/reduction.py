@@ -68,7 +68,8 @@ class Reduction:
 def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Array) -> Reduction | None:
     """Reduce A (frames, tracked, controls) and C (frames, k, controls); weights w (controls,), muscles come first.
 
-    None where the structure is another: a muscle without weight, or free actuators that A leaves undetermined.
+    None where the structure is another: a muscle without weight, free actuators that A leaves undetermined, or frames
+    of different rank.
     """
     is_free = weights == 0
     tracked, free, weighted = matrix.shape[1], int(is_free.sum()), int((~is_free).sum())
@@ -77,8 +78,9 @@ def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Arra
     triangles = np.empty((len(matrix), tracked, free + weighted + tracked))
     triangles[:, :, :free], triangles[:, :, free:-tracked] = matrix[:, :, is_free], matrix[:, :, ~is_free]
     triangles[:, :, -tracked:] = np.eye(tracked)
-    rank = int(triangularise(triangles, free, weighted).min(initial=tracked))
-    if rank < free:
+    ranks = set(triangularise(triangles, free, weighted).tolist())
+    rank = min(ranks, default=tracked)
+    if rank < free or len(ranks) > 1:
         return None
     F, of_acceleration = triangles[:, :free, free:-tracked], triangles[:, :free, -tracked:]
     equalities = triangles[:, free:rank, free:]

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 Outcomes = NDArray[np.object_]
 Codes = NDArray[np.int8]
 Progress = Callable[[int, int], None]
+Follow = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
 
 RANK_TOLERANCE = 1e-9
 FRAMES_AT_ONCE = 100  # between two reports of progress
@@ -45,6 +47,7 @@ class FrameOutcome(Enum):
         "reaction inside the glenoid"
     )
     NOT_CONVERGED = "the solver stopped before its residuals were small; its last point is given"
+    NOT_FINITE = "the model has no finite accelerations in this posture; the frame is left out"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,35 @@ class FrameSequence:
     fall: Array
     limits: Array | None = None
 
+    def cut(self, frames: slice) -> FrameSequence:
+        """These frames alone."""
+        return replace(
+            self,
+            matrix=self.matrix[frames],
+            target=self.target[:, frames],
+            cone_matrix=self.cone_matrix[frames],
+            cone_offset=self.cone_offset[:, frames],
+        )
+
+
+def follow_runs(
+    follow_run: Follow, sequence: FrameSequence, is_finite: NDArray[np.bool_], progress: Progress, workers: int | None
+) -> tuple[Array, Outcomes]:
+    """x and outcomes as of follow. Frames that are not finite are left out: NaN, NOT_FINITE.
+
+    After such a frame activations start anywhere in their range, as after any frame that is not solved.
+    """
+    if is_finite.all():
+        return follow_run(sequence, progress, workers)
+    scenarios, frames = sequence.target.shape[:2]
+    controls = np.full((scenarios, frames, len(sequence.weights)), np.nan)
+    outcomes = np.full((scenarios, frames), FrameOutcome.NOT_FINITE, dtype=object)
+    edges = np.flatnonzero(np.diff(is_finite, prepend=False, append=False))
+    for start, end in edges.reshape(-1, 2).tolist():
+        run, count = slice(start, end), partial(_count_from, progress, start, frames)
+        controls[:, run], outcomes[:, run] = follow_run(sequence.cut(run), count, workers)
+    return controls, outcomes
+
 
 def follow(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
     """x (scenarios, frames, controls) and outcomes; x violates cone or equalities by as little as can be if INFEASIBLE.
@@ -78,6 +110,7 @@ def follow(sequence: FrameSequence, progress: Progress, workers: int | None = No
         return follow_with_clarabel(sequence, progress)
     from solver.sharing.reduction import reduce_frames  # the compiler behind it takes long to import
 
+    sequence = replace(sequence, weights=_determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
     reduction = reduce_frames(sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix)
     if reduction is None:
         return follow_with_clarabel(sequence, progress)
@@ -107,16 +140,16 @@ def follow_with_clarabel(
 ) -> tuple[Array, Outcomes]:
     """The same by Clarabel, frame by frame: slower by two orders of magnitude, and the reference."""
     scenarios, frames = sequence.target.shape[:2]
-    rows, to_rows = _reachable_rows(sequence.matrix)
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
     widest = lower, upper = _widest_bounds(sequence, scenarios)
     progress(0, frames)
     for frame in range(frames):
+        rows, to_rows = _reachable_rows(sequence.matrix[frame])
         problem = ConicProblem(
-            weights=sequence.weights,
-            equality_matrix=rows[frame],
-            equality_target=sequence.target[:, frame] @ to_rows[frame].T,
+            weights=_determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
+            equality_matrix=rows,
+            equality_target=sequence.target[:, frame] @ to_rows.T,
             lower=lower,
             upper=upper,
             cone_matrix=sequence.cone_matrix[frame],
@@ -178,14 +211,21 @@ _OUTCOME_OF_CODE = np.array(  # in the order of the codes of sharing/frames.py
 )
 
 
-def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
-    """With A = U S Vᵀ, Vᵀ (frames, rank, controls) and S⁻¹ Uᵀ (frames, rank, rows), so that A x = b is Vᵀ x = S⁻¹ Uᵀ b.
+def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) -> None:
+    progress(start + done, frames)
 
-    The rank is the smallest found in any frame.
-    """
+
+def _determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
+    """w, but 1 for a control that moves nothing in these frames: without a weight it could take any value."""
+    is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
+    return np.where(is_moving, weights, np.maximum(weights, 1.0))
+
+
+def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
+    """With A = U S Vᵀ (rows, controls), Vᵀ (rank, controls) and S⁻¹ Uᵀ (rank, rows): A x = b is Vᵀ x = S⁻¹ Uᵀ b."""
     left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
-    rank = int((sizes > RANK_TOLERANCE * sizes[:, :1]).sum(axis=1).min())
-    return right[:, :rank], np.swapaxes(left[:, :, :rank] / sizes[:, None, :rank], -1, -2)
+    rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
+    return right[:rank], (left[:, :rank] / sizes[:rank]).T
 
 
 def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array]:

@@ -71,7 +71,7 @@ class Wearing:
 class Effort:
     """What a wearing costs, for each of its rest lengths; costs are over that of the suit with a slack cord.
 
-    muscles, reserves  (rest lengths,) Σ w x² over all frames; NaN where a frame is infeasible
+    muscles, reserves  (rest lengths,) Σ w x² over all finite frames; NaN where one is infeasible
     cord_force         (rest lengths,) largest tension of the cord [N], over all frames of the motion
     activations        (rest lengths, frames, muscles)
     outcomes           (rest lengths, frames) of FrameOutcome
@@ -110,8 +110,8 @@ class WornMotion:
         return (*self.model.muscle_names, *self.suit.groups)
 
     def mean_activation(self, activations: Array) -> Array:
-        """(measured,) mean over the frames of activations (frames, muscles), groups by their muscles' mean."""
-        mean, names = activations.mean(axis=0), self.model.muscle_names
+        """(measured,) mean over the finite frames of activations (frames, muscles), groups by their muscles' mean."""
+        mean, names = activations[self.problem.is_finite].mean(axis=0), self.model.muscle_names
         groups = [mean[[names.index(name) for name in group]].mean() for group in self.suit.groups.values()]
         return np.array([*mean, *groups])
 
@@ -213,7 +213,8 @@ def solve_wearings(
 def solve_bare(worn: WornMotion, slack: Effort, workers: int | None = None) -> Effort:
     """The effort of the body without the suit's masses, over that of the slack suit."""
     solution = solve_redundancy(worn.bare_problem, workers=workers)
-    slack_cost = float((_muscle_weights(worn.problem) * slack.activations[0] ** 2).sum())
+    activations = slack.activations[0, worn.problem.is_finite]
+    slack_cost = float((_muscle_weights(worn.problem) * activations**2).sum())
     return _effort(worn.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
 
 
@@ -262,7 +263,7 @@ def _effort(
     problem: RedundancyProblem, solution: RedundancySolution, part: slice, cord_force: Array, slack_cost: float
 ) -> Effort:
     controls, muscles = solution.controls[part], len(_muscle_weights(problem))
-    cost = (problem.weights * controls**2).sum(axis=1) / slack_cost
+    cost = (problem.weights * controls[:, problem.is_finite] ** 2).sum(axis=1) / slack_cost
     return Effort(
         muscles=cost[:, :muscles].sum(axis=1),
         reserves=cost[:, muscles:].sum(axis=1),

@@ -17,6 +17,7 @@ CONSEQUENCE = {
         "of the motion out"
     ),
     FrameOutcome.NOT_CONVERGED: "; costs hold it, and are not to be believed",
+    FrameOutcome.NOT_FINITE: "; no cost includes them",
 }
 
 

@@ -14,6 +14,7 @@ from solver.raise_arm import raise_arm
 from solver.redundancy import FrameOutcome
 from solver.wearing.suit import SuitError, read_suit
 from solver.wearing.worn import CUFF_CONDITIONS
+from tests.solver.sharing.test_reachability import with_a_singular_elbow
 
 MODEL = bundled_model()
 MOTION = differentiate(raise_arm(MODEL))
@@ -42,6 +43,18 @@ def test_every_frame_of_every_scenario_is_solved(assessment):
     assert assessment.scenarios == 2 + 4 * 10  # slack and bare, 4 curves at 9 rest lengths and the reference
     assert assessment.unsolved == 0
     assert assessment.outcomes == {}
+
+
+def test_a_posture_without_finite_accelerations_is_left_out_of_every_cost(assessment):
+    model, positions = with_a_singular_elbow(MODEL), MOTION.positions.copy()
+    positions[120, MODEL.coordinate_index("elbow_flexion")] = 1.0
+    bent = replace(MOTION, positions=positions)
+    found = assess(model, bent, SUIT, (HAND,), every=60, draws=0)
+    assert found.outcomes == {FrameOutcome.NOT_FINITE.value: found.scenarios}
+    for each in found.curves:
+        assert np.isfinite(each.cost).all()
+        assert np.isfinite([figure.value for figure in each.reduction.values() if figure.value is not None]).all()
+        assert np.flatnonzero(np.isnan(each.activations).any(axis=1)).tolist() == [2]
 
 
 def test_a_cord_longer_than_its_line_saves_nothing(assessment):

@@ -225,11 +225,9 @@ def test_an_unknown_free_coordinate_is_named():
         solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))
 
 
-def test_a_posture_that_cannot_be_evaluated_is_named_by_its_time():
-    positions = SLOW.positions.copy()
-    positions[3] = np.nan
-    with pytest.raises(MotionError, match=r"at 1\.2 s"):
-        solve_motion(MODEL, replace(SLOW, positions=positions))
+def test_a_motion_in_which_nothing_can_be_evaluated_is_refused():
+    with pytest.raises(MotionError, match="has them in none of 16 postures"):
+        solve_motion(MODEL, replace(SLOW, positions=np.full_like(SLOW.positions, np.nan)))
 
 
 def test_a_load_that_lifts_the_arm_saves_effort():

@@ -20,6 +20,8 @@ from station.muscles import sources
 from station.muscles.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles, unsolved_in_words
 from station.muscles.rmr_table import solved_columns, write_solved
 from station.report.rmr_figures import draw_solved
+from tests.solver.references import SHARED
+from tests.solver.sharing.test_reachability import with_a_singular_elbow, with_locks
 from tests.station.command import assert_one_sentence
 
 MODEL = bundled_model()
@@ -190,6 +192,43 @@ def test_what_comes_with_the_station_is_solved_without_any_file(station, tmp_pat
     assert ran.code == 0
     assert "# motion=bundled raise of the arm\n" in notes
     assert "# filter=none\n" in notes
+
+
+def test_reserves_of_locked_coordinates_are_zero(station, motion: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(sources, "bundled_model", lambda: with_locks(MODEL, "elbow_flexion", "pro_sup"))
+    ran = station("rmr", "--motion", motion, "--every", 50, "--output", tmp_path / "out.csv")
+    assert ran.code == 0
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert (table.status == 0).all()
+    reserves = table.filter(regex="^reserve_n_m").abs().max()
+    assert (reserves[["reserve_n_m.elbow_actuator", "reserve_n_m.pro_sup_actuator"]] == 0.0).all()
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not (SHARED / "subject").is_dir(), reason="needs the public data of a lift with locked coordinates")
+def test_a_published_lift_with_locked_coordinates_moves_its_joint_force_smoothly(station, tmp_path: Path) -> None:
+    files = ("--model", SHARED / "subject" / "S8R_side_as_solved.osim", "--motion", SHARED / "subject" / "S8R_side.mot")
+    assert station("rmr", *files, "--output", tmp_path / "out.csv").code == 0
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert table.filter(regex="^reserve_").abs().max().max() < 1e3
+    assert table.equality_residual.max() < 1.0
+    force = table[[f"reaction_force_n.{axis}" for axis in "xyz"]].to_numpy()
+    assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() < 60.0  # N in 20 ms; the lift's peak is 1.7 kN
+
+
+def test_a_posture_without_finite_accelerations_is_a_row(station, motion: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(sources, "bundled_model", lambda: with_a_singular_elbow(MODEL))
+    raised, elbow = raise_arm(MODEL), MODEL.coordinate_index("elbow_flexion")
+    bent = raised.coordinates.copy()
+    bent[100, elbow] = 1.0
+    write_table(motion.with_name("bent.mot"), raised.names, raised.time, bent)
+    words = ("--motion", motion.with_name("bent.mot"), "--every", 50, "--cutoff-hz", 0)
+    ran = station("rmr", *words, "--output", tmp_path / "out.csv")
+    assert ran.code == 3
+    assert f"1 of 13 frames, the first at {raised.time[100]:g} s: the model has no finite accelerations" in ran.err
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert list(table.status) == [0, 0, 4, *[0] * 10]
+    assert np.isfinite(table.drop(index=2).effort).all()
 
 
 def test_paths_may_be_geodesics(station, motion: Path, tmp_path: Path) -> None:

@@ -1,0 +1,44 @@
+"""Which accelerations the controls reach, and what a solution leaves of them.
+
+With A x = b in each frame, b splits into a part in the space of A's columns, which a solution meets, and a part that no
+x reaches. The residual of a solution is orthogonal to every column of A; otherwise a control could still reduce it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROUND_OFF = 1e-9  # of the frame's longest column
+UNMET_LIMIT = 1e-6  # of 1 + |b|, in rad/s² or m/s²
+FRAMES_AT_ONCE = 100  # bounds the memory of many scenarios
+
+
+def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
+    """(frames, controls) whose columns of A (frames, rows, controls) and of the reaction's A_F are round-off.
+
+    The actuator of a locked coordinate is one: the lock carries what it gives.
+    """
+    is_idle: NDArray[np.bool_] = np.logical_and(*(_is_round_off(part) for part in (matrix, reaction_matrix)))
+    return is_idle
+
+
+def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
+    """(scenarios, frames) whether a residual A x − b (scenarios, frames, rows) is what no x reaches; size is |b|."""
+    lengths = np.linalg.norm(matrix, axis=1, keepdims=True)
+    along = np.swapaxes(matrix / np.where(lengths > 0, lengths, 1.0), 1, 2)
+    unmet = np.empty(residual.shape[:2])
+    for start in range(0, len(matrix), FRAMES_AT_ONCE):
+        part = slice(start, start + FRAMES_AT_ONCE)
+        products = along[part] @ np.moveaxis(residual[:, part], 0, 2)
+        unmet[:, part] = np.abs(products, out=products).max(axis=1, initial=0.0).T
+    met: NDArray[np.bool_] = unmet <= UNMET_LIMIT * (1.0 + size)
+    return met
+
+
+def _is_round_off(matrix: Array) -> NDArray[np.bool_]:
+    lengths = np.linalg.norm(matrix, axis=1)
+    is_short: NDArray[np.bool_] = lengths <= ROUND_OFF * lengths.max(axis=1, keepdims=True, initial=0.0)
+    return is_short
