@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -9,7 +10,10 @@ from drivers.simulators.world import World
 
 
 class Operator:
-    """One capture for each time that all devices begin to stream; a client that takes control is left alone."""
+    """One capture for each time that all devices begin to stream; a client that takes control is left alone.
+
+    A capture that still runs is waited for, and delay_s after it as well.
+    """
 
     def __init__(
         self, world: World, delay_s: float, streams: Sequence[Callable[[], bool]], is_controlled: Callable[[], bool]
@@ -28,10 +32,15 @@ class Operator:
             self._is_done = True
         elif self._since is None:
             self._since = now
-        elif not self._is_done and now >= self._since + self._delay_s:
-            with suppress(ValueError):  # an earlier capture still runs: its end is waited for
+        elif not self._is_done and now >= max(self._since, self._last_end()) + self._delay_s:
+            with suppress(ValueError):  # a fault or a request began one meanwhile
                 self._world.start_capture()
                 self._is_done = True
+
+    def _last_end(self) -> float:
+        """When the latest capture ended or will end, world time; −∞ before the first."""
+        capture = self._world.capture
+        return -math.inf if capture is None else capture.end
 
     def find_slow_client(self) -> str | None:
         return None

@@ -3,9 +3,11 @@
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
     {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
     {"don": "hand"}                                 dons the cuff anew
+    {"hang_kg": 2}                                  hangs a known mass from the load cell until the next capture begins
     {"pause_s": 60}                                 answers when so many seconds of the world have passed
     {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
     {"truth": true}                                 parameters by cuff, and what each has slipped since it was donned
+    {"ports": true}                                 where the devices answer, by name
     {"speed": 3}                                    world seconds per wall second at the most; null: as fast as handled
     {"pace": true}                                  its speed, and the rate of late
 
@@ -23,7 +25,7 @@ from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.world import World
 from drivers.simulators.world_clock import WorldClock
 
-KNOWN = ("trial", "don", "fault", "pause_s", "truth", "speed", "pace", "quit")
+KNOWN = ("trial", "don", "hang_kg", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
 
 
 class ServedBench(Protocol):
@@ -32,6 +34,7 @@ class ServedBench(Protocol):
     world: World
     clock: WorldClock
     start_utc_ns: int
+    ports: dict[str, int]
 
     def sent(self) -> dict[str, dict[int, int | None]]: ...
 
@@ -51,6 +54,11 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
             content: dict[str, Any] = {"trial": asdict(world.select_trial(cuff, test))}
         case {"don": str(cuff)}:
             content = {"trial": asdict(world.don(cuff))}
+        case {"hang_kg": mass}:
+            world.hang(_mass_from(mass))
+            content = {"hang_kg": mass}
+        case {"ports": True}:
+            content = {"ports": bench.ports}
         case {"pause_s": seconds}:
             clock.advance(seconds_from("pause_s", seconds))
             content = {"pause_s": seconds}
@@ -75,6 +83,12 @@ def seconds_from(key: str, value: Any) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
     raise ValueError(f"{key} is {value!r}, expected seconds from 0")
+
+
+def _mass_from(value: Any) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
+        return float(value)
+    raise ValueError(f"hang_kg is {value!r}, expected kilograms from 0")
 
 
 def speed_from(value: Any) -> float | None:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from drivers.simulators.bounce import Bounce
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
+from drivers.simulators.hung_mass import HungMass
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.pull import Pull
 from drivers.simulators.settings import STANDARD_GRAVITY, Settings
@@ -74,6 +75,7 @@ class World:
         self._slips = dict.fromkeys(settings.cuffs, 0.0)
         self._plan: Iterator[Trial] | None = _plan(settings)
         self._bounce = Bounce(settings.bounce) if settings.bounce else None
+        self._hung = HungMass()
         self._worn = next(iter(settings.cuffs))
         self._trial = next(self._plan)
         self._pull.set_up(self._worn, "static", 0.0)
@@ -100,12 +102,12 @@ class World:
     # What the devices sense
 
     def cell_force(self, t: Floats) -> Floats:
-        """(n,) [N] on the load cell at world times t (n,), without noise: from the rope, or from a bouncing weight."""
+        """(n,) [N] on the load cell at world times t (n,), without noise: from rope, bouncing weight or known mass."""
         with self._lock:
             load = self._moved(t)[:, 2]
-            if self._bounce is None:
-                return load
-            return np.where(self._bounce.is_hanging(t), self._bounce.tension(t), load)
+            if self._bounce is not None:
+                load = np.where(self._bounce.is_hanging(t), self._bounce.tension(t), load)
+            return self._hung.force(t, load)
 
     def amplifier_voltage(self, t: Floats) -> Floats:
         """(n,) [V] at the load cell's amplifier at t (n,), with its gain, its delay, its zero and its noise."""
@@ -154,6 +156,7 @@ class World:
             self._live(self.now())
             if self._is_capturing:
                 raise ValueError("a capture is running; stop it before starting another")
+            self._hung.take_off(self._seen)
             self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
             script = self._bounce if self._trial.test == "bounce" and self._bounce is not None else self._pull
@@ -177,6 +180,17 @@ class World:
             return self._capture
 
     # The trial on the bench
+
+    def hang(self, mass_kg: float) -> None:
+        """Hangs a known mass from the load cell in the place of the rig, 0 for the empty cell; ends a running capture.
+
+        It hangs until the next capture begins.
+        """
+        with self._lock:
+            self._live(self.now())
+            if self._is_capturing:
+                self.stop_capture()
+            self._hung.hang(mass_kg, self._seen)
 
     @property
     def trial(self) -> Trial:

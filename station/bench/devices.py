@@ -23,43 +23,59 @@ def devices_for(
 
     The session's folder tells them what a recorder that was killed has left running.
     """
-    daq, cell, mocap = config.daq, config.load_cell, config.mocap
-    wanted = subject.labels if subject else ()
-    times: dict[str, Any] = {"host_clock": clock.utc_ns, "seconds": clock.station_s}
-    devices = [
-        make_device(
-            "nidaq",
-            device=daq.device,
-            grpc_target=daq.grpc_target,
-            force_channel=daq.force_channel if cell.source == "daq" else None,
-            sync_channel=daq.sync_channel,
-            force_range_v=daq.force_range_v,
-            sync_range_v=daq.sync_range_v,
-            sample_rate_hz=daq.sample_rate_hz,
-            start=daq.start,
-            **times,
-            timeout_scale=clock.timeout_scale,
-        ),
-        make_device(
-            "qualisys",
-            host=mocap.host,
-            port=mocap.port,
-            control=None if mocap.control == "none" else mocap.control,
-            password=mocap.password,
-            wanted_labels=wanted,
-            capture_note=CaptureNote(folder / CAPTURE_NOTE, clock.utc_ns),
-            **times,
-            timeout_scale=clock.timeout_scale,
-        ),
-    ]
-    if cell.source == "serial":
-        devices.append(
-            make_device(
-                "serial_load_cell",
-                port=cell.port,
-                baud_rate=cell.baud_rate,
-                line_format=cell.line_format,
-                **times,
-            )
-        )
-    return devices
+    devices = [_daq(config, clock), _mocap(config, subject, clock, folder)]
+    return [*devices, _indicator(config, clock)] if config.load_cell.source == "serial" else devices
+
+
+def load_cell_for(
+    config: StationConfig, _subject: CuffSite | BounceRig | None, clock: Clock, _folder: Path
+) -> list[Device]:
+    """The device that reads the load cell, alone: weighing needs no mocap system, and gives nobody cause to capture."""
+    return [_indicator(config, clock) if config.load_cell.source == "serial" else _daq(config, clock)]
+
+
+def _daq(config: StationConfig, clock: Clock) -> Device:
+    daq = config.daq
+    return make_device(
+        "nidaq",
+        device=daq.device,
+        grpc_target=daq.grpc_target,
+        force_channel=daq.force_channel if config.load_cell.source == "daq" else None,
+        sync_channel=daq.sync_channel,
+        force_range_v=daq.force_range_v,
+        sync_range_v=daq.sync_range_v,
+        sample_rate_hz=daq.sample_rate_hz,
+        start=daq.start,
+        timeout_scale=clock.timeout_scale,
+        **_times(clock),
+    )
+
+
+def _mocap(config: StationConfig, subject: CuffSite | BounceRig | None, clock: Clock, folder: Path) -> Device:
+    mocap = config.mocap
+    return make_device(
+        "qualisys",
+        host=mocap.host,
+        port=mocap.port,
+        control=None if mocap.control == "none" else mocap.control,
+        password=mocap.password,
+        wanted_labels=subject.labels if subject else (),
+        capture_note=CaptureNote(folder / CAPTURE_NOTE, clock.utc_ns),
+        timeout_scale=clock.timeout_scale,
+        **_times(clock),
+    )
+
+
+def _indicator(config: StationConfig, clock: Clock) -> Device:
+    cell = config.load_cell
+    return make_device(
+        "serial_load_cell",
+        port=cell.port,
+        baud_rate=cell.baud_rate,
+        line_format=cell.line_format,
+        **_times(clock),
+    )
+
+
+def _times(clock: Clock) -> dict[str, Any]:
+    return {"host_clock": clock.utc_ns, "seconds": clock.station_s}

@@ -21,7 +21,7 @@ from fitting.result import SessionFit
 from fitting.trial import Trial
 from station.bench.check import Line, listen, show_lines
 from station.bench.daemon import MakeDevices
-from station.bench.devices import devices_for
+from station.bench.devices import load_cell_for
 from station.clock import RealClock
 from station.config import STANDARD_GRAVITY, StationConfig
 from station.journal import append_line
@@ -61,7 +61,7 @@ def check_known_mass(
     folder: Path,
     mass: float,
     console: Console | None = None,
-    make_devices: MakeDevices = devices_for,
+    make_devices: MakeDevices = load_cell_for,
     *,
     as_json: bool = False,
     listen_s: float = LISTEN_S,

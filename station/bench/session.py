@@ -14,6 +14,7 @@ from typing import Literal, Protocol
 
 from fitting.timing.sync_line import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.bench.falls import Falls
 from station.bench.first_frame import FirstFrame
 from station.bench.hearing import SILENCE_S, Hearing
 from station.bench.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
@@ -30,6 +31,10 @@ LONGEST_CLOSING_S = 15.0
 """Station seconds after which closing waits no longer at all, though a backlog still comes in."""
 SHORT_S = 0.1
 """Station seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
+
+
+ARMED = "armed, waiting for the sync edge"
+ALREADY_CAPTURING = "armed, and the sync line is high: stop the running capture, or check the line's polarity"
 
 
 class State(Enum):
@@ -100,10 +105,9 @@ class TrialSession:
         self._armed_s = 0.0
         self._edge_device_ns = self._latest_device_ns = 0
         self._edge_s = 0.0
-        self._fell: tuple[float, Edge] | None = None  # the latest while armed: station time and edge
+        self._falls = Falls()
         self._dip: Edge | None = None  # the latest fall while recording
         self._doubt = ""  # why the trial will not be accepted, though it goes on
-        self._capture_started_s: float | None = None
         self._has_capture_ended = False
         self._closing_host_ns, self._closing_s, self._closing_ok = 0, 0.0, True
 
@@ -135,7 +139,7 @@ class TrialSession:
         self._hearing = Hearing(self._clock, streams, device_of or {})
         self._armed_s = self._clock.station_s()
         self._first_frame = FirstFrame(streams)
-        self._enter(State.ARMED, "armed, waiting for the sync edge")
+        self._enter(State.ARMED, ARMED)
         self._record(self._event("armed", "all devices are open; waiting for the sync edge"))
 
     def handle(self, item: Item) -> None:
@@ -218,7 +222,7 @@ class TrialSession:
         else:
             self.wants_capture_start = True
         if self.state is State.ARMED and waited > self._rules.timeout_s:
-            why = self._sync.why_no_rise(self._fell[1] if self._fell else None)
+            why = self._sync.why_no_rise(self._falls.unexplained)
             self._enter(State.FAILED, f"no sync edge came within {self._rules.timeout_s:g} s{why}")
 
     def _follow_sync(self, samples: Samples) -> None:
@@ -246,7 +250,9 @@ class TrialSession:
             words = f"the sync line rose from {edge.from_v:z.2f} V to {edge.to_v:z.2f} V"
             self._begin(edge.sample_number, edge.device_time_ns, words)
         else:
-            self._fell = self._clock.station_s(), edge
+            self._armed_s = self._clock.station_s()  # an earlier capture ended: the wait begins anew
+            self._falls.note_fall(edge, self._armed_s)
+            self._pre_roll.forget_before(edge.device_time_ns)
 
     def _note_glitch(self, glitch: Edge) -> None:
         words = f"the sync line {'spiked' if glitch.rising else 'dipped'} to {glitch.to_v:z.2f} V"
@@ -255,12 +261,10 @@ class TrialSession:
 
     def _check_polarity(self) -> None:
         """A fall together with the start of a capture is an inverted line; a fall alone ends an earlier capture."""
-        if self._fell is None or self._capture_started_s is None:
-            return
-        fell_s, edge = self._fell
-        together = abs(fell_s - self._capture_started_s) < LATENESS_S
-        if together and self._clock.station_s() - max(fell_s, self._capture_started_s) > LATENESS_S:
+        if edge := self._falls.inverted_start(self._clock.station_s()):
             self._enter(State.FAILED, wrong_polarity(edge))
+        elif self.state is State.ARMED:
+            self.sentence = ALREADY_CAPTURING if self._sync.is_high else ARMED
 
     def _begin(self, sample_number: int, device_time_ns: int, words: str) -> None:
         self.has_edge = True
@@ -288,8 +292,10 @@ class TrialSession:
             self._record(self._event("sync_double_edge", self._doubt))
 
     def _follow_capture(self, event: Event) -> None:
-        if event.kind == "capture_started":
-            self._capture_started_s = self._clock.station_s()
+        if self.state is State.ARMED:
+            self._falls.note_capture(event.kind, self._clock.station_s())
+            if event.kind in ("capture_stopped", "numbering_restarted"):
+                self._pre_roll.forget_frames()
         elif event.kind == "capture_stopped" and self.state is State.RECORDING:
             self._note_empty_capture()
             self._close("capture_ended", "the mocap capture ended", accepted=True)

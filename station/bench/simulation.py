@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 NI_PORT = 31763
 """Where NI's own gRPC device server listens unless told otherwise."""
+LOOPBACK = ("127.0.0.1", "localhost")
+PROBE_TIMEOUT_S = 2.0
 
 
 class SimulationError(Exception):
@@ -131,7 +134,7 @@ def serve_until_stopped(
 ) -> None:
     """Serves the devices on the configuration's ports until Ctrl-C or SIGTERM; says on stderr what each capture plays.
 
-    Lines on standard input are faults that happen now (typed_faults.py).
+    Lines on standard input are faults that happen now, and masses to hang on the load cell (typed_faults.py).
 
     test chooses one trial for all captures, instead of the plan in its order; cuff alone its tests, in turn. Raises
     SimulationError where the settings, the fault plan or a port cannot be used.
@@ -157,8 +160,10 @@ def serve_until_stopped(
             _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
             _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
             _say(f"clock at 127.0.0.1:{bench.ports['clock']}, for `station record --speed`")
-            _say("stop with Ctrl-C; a line such as `ni unplug for_s=2` lets something go wrong now")
-            obey_in_a_thread(sys.stdin, world.faults, _say)
+            _say(
+                "stop with Ctrl-C; `hang 2` hangs 2 kg on the load cell, a line such as `ni unplug for_s=2` is a fault"
+            )
+            obey_in_a_thread(sys.stdin, world, _say)
             _tell_captures(world, stopped, in_turn=cuff is not None and test is None)
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error
@@ -178,6 +183,24 @@ def _tell_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> 
             is_over = True
             done = CUFF_TESTS.index(capture.trial.test)
             world.select_trial(capture.trial.cuff, CUFF_TESTS[1 - done])
+
+
+def serves_simulated(config: StationConfig) -> bool:
+    """Whether the devices of this configuration are those of a `station simulate` on this machine.
+
+    Its clock, beside the DAQ's server, is asked where its devices answer.
+    """
+    target, _, ni_port = (config.daq.grpc_target or "").rpartition(":")
+    if target not in LOOPBACK or config.mocap.host not in LOOPBACK:
+        return False
+    try:
+        with socket.create_connection(("127.0.0.1", clock_port(config)), PROBE_TIMEOUT_S) as connection:
+            connection.settimeout(PROBE_TIMEOUT_S)
+            connection.sendall(b'{"ports": true}\n')
+            ports = json.loads(connection.makefile("rb").readline())["ports"]
+    except (OSError, OverflowError, ValueError, TypeError, KeyError):
+        return False
+    return bool(ports.get("ni") == int(ni_port) and ports.get("qtm") == config.mocap.port)
 
 
 def clock_port(config: StationConfig) -> int:

@@ -1,7 +1,8 @@
-"""Faults that somebody types while the devices are simulated, a line each: `ni unplug for_s=2`."""
+"""What is typed while the devices are simulated, a line each: a fault, `ni unplug for_s=2`, or `hang 2`, a known mass."""
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 import tomllib
@@ -9,7 +10,8 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivers.simulators.faults import Fault, Faults
+    from drivers.simulators.faults import Fault
+    from drivers.simulators.world import World
 
 
 def typed_fault(line: str) -> Fault:
@@ -18,7 +20,9 @@ def typed_fault(line: str) -> Fault:
 
     words = line.split()
     if len(words) < 2:
-        raise ValueError(f"{line.strip()!r} is no fault, expected a device and its fault, such as `ni unplug for_s=2`")
+        raise ValueError(
+            f"{line.strip()!r} is no fault, expected a device and its fault, such as `ni unplug for_s=2`, or `hang 2`"
+        )
     device, fault, *keys = words
     try:
         given = tomllib.loads("\n".join(keys))
@@ -29,26 +33,47 @@ def typed_fault(line: str) -> Fault:
     return fault_from_dict({**given, "device": device, "fault": fault})
 
 
-def obey(lines: Iterable[str], faults: Faults, say: Callable[[str], None]) -> None:
-    """Lets happen what the lines say, each from its moment on, and answers each in a sentence."""
+def typed_mass(line: str) -> float:
+    """Kilograms after `hang`. Raises ValueError in one sentence."""
+    _, *words = line.split()
+    try:
+        mass = float(words[0]) if len(words) == 1 else math.nan
+    except ValueError:
+        mass = math.nan
+    if not 0 <= mass < math.inf:
+        raise ValueError(
+            f"{line.strip()!r} is not understood, expected kilograms: `hang 2`, or `hang 0`, the empty cell"
+        )
+    return mass
+
+
+def obey(lines: Iterable[str], world: World, say: Callable[[str], None]) -> None:
+    """Carry out each line and answer it in a sentence."""
     for line in lines:
         if not line.strip():
             continue
         try:
-            fault = typed_fault(line)
+            say(_obeyed(line, world))
         except ValueError as error:
             say(str(error))
-            continue
-        faults.inject(fault)
-        say(f"{fault.fault} of {fault.device} in {fault.at_s:g} s, for {fault.for_s:g} s")
 
 
-def obey_in_a_thread(lines: Iterable[str] | None, faults: Faults, say: Callable[[str], None]) -> threading.Thread:
+def _obeyed(line: str, world: World) -> str:
+    if line.split(maxsplit=1)[0] == "hang":
+        mass = typed_mass(line)
+        world.hang(mass)
+        return f"{mass:g} kg on the load cell, until the next capture begins"
+    fault = typed_fault(line)
+    world.faults.inject(fault)
+    return f"{fault.fault} of {fault.device} in {fault.at_s:g} s, for {fault.for_s:g} s"
+
+
+def obey_in_a_thread(lines: Iterable[str] | None, world: World, say: Callable[[str], None]) -> threading.Thread:
     """A thread that ends with the lines, or where there is nothing to read them from."""
 
     def listen() -> None:
         try:
-            obey(lines or (), faults, say)
+            obey(lines or (), world, say)
         except (OSError, ValueError):  # a terminal that belongs to somebody else, or a standard input that is closed
             return
 

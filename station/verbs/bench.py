@@ -24,7 +24,7 @@ def simulate(
 ) -> None:
     """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C.
 
-    While they run, a line such as `ni unplug for_s=2` lets that fault happen now.
+    While they run, the line `hang 2` hangs 2 kg on the load cell, and `ni unplug for_s=2` lets that fault happen now.
     """
     from station.bench.simulation import serve_until_stopped
     from station.config import load_config
@@ -64,7 +64,7 @@ def record(
     donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
     speed: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Follow the clock of `station simulate`, at so many times the wall's pace at most."),
+        typer.Option(min=0.1, help="Pace of `station simulate`: world seconds per wall second, at most."),
     ] = None,
     rrd: Rrd = None,
     rerun: Rerun = False,
@@ -76,7 +76,7 @@ def record(
     from station.bench.bench_clock import BenchClock
     from station.bench.daemon import Daemon, View
     from station.bench.live import LiveView
-    from station.bench.simulation import clock_port
+    from station.bench.simulation import clock_port, serves_simulated
     from station.clock import Clock, RealClock
     from station.config import load_config
     from station.protocol import TrialSpec
@@ -86,7 +86,7 @@ def record(
     settings, spec = load_config(config), TrialSpec(cuff, test, repeat, donning)
     with ExitStack() as stack:
         clock: Clock = RealClock()
-        if speed is not None:
+        if speed is not None or serves_simulated(settings):
             clock = stack.enter_context(BenchClock(clock_port(settings), speed))
         views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff or 'load cell'} {test} {repeat}"))]
         if rrd is not None or rerun:

@@ -8,9 +8,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from drivers.simulators.faults import Faults
+from drivers.simulators.settings import Settings
+from drivers.simulators.world import World
 from station.bench.typed_faults import obey, obey_in_a_thread, typed_fault
 
 
@@ -27,15 +29,35 @@ def test_a_line_is_a_fault_of_the_plan_now() -> None:
 
 
 def test_each_line_happens_or_is_answered_in_a_sentence() -> None:
-    faults, said = Faults(lambda: 7.0), list[str]()
+    world, said = World(Settings(), None), list[str]()
+    world.clock.advance(7.0)
+    faults = world.faults
     lines = ["ni freeze\n", "\n", "ni\n", "ni fire\n", "ni unplug for_s=soon\n", "sync glitch at_s=1\n"]
-    obey(lines, faults, said.append)
+    obey(lines, world, said.append)
     assert [(one.begin, one.end) for one in faults.of("ni", "freeze", "unplug")] == [(7.0, 8.0)]
     assert faults.of("sync", "glitch")[0].begin == 8.0
     assert said[0] == "freeze of ni in 0 s, for 1 s"
     assert "expected a device and its fault" in said[1]
     assert "ni has no fault 'fire'" in said[2]
     assert "expected keys of a fault plan such as for_s=2" in said[3]
+
+
+def test_a_known_mass_is_hung_from_the_cell_until_the_next_capture_begins() -> None:
+    world, said = World(Settings(), None), list[str]()
+    rig = world.cell_force(np.array([world.now()]))[0]
+    obey(["hang 2\n"], world, said.append)
+    assert world.cell_force(np.array([world.now()]))[0] == pytest.approx(2 * 9.80665)
+    obey(["hang\n", "hang -1\n", "hang 1 2\n", "hang nan\n", "hang 0\n"], world, said.append)
+    assert world.cell_force(np.array([world.now()]))[0] == 0.0
+    assert said[0] == "2 kg on the load cell, until the next capture begins"
+    assert all("expected kilograms" in refused for refused in said[1:5])
+    world.clock.advance(1.0)
+    world.start_capture()
+    assert world.cell_force(np.array([world.now()]))[0] == pytest.approx(rig, abs=0.1)
+    assert world.cell_force(np.array([world.now() - 0.5]))[0] == 0.0, "what hung before the capture hung"
+    world.clock.advance(1.0)
+    world.hang(3)
+    assert world.capture.end <= world.now() + 0.01, "who hangs a mass ends the capture"
 
 
 def test_a_standard_input_that_cannot_be_read_is_nothing_to_speak_of() -> None:
@@ -45,7 +67,7 @@ def test_a_standard_input_that_cannot_be_read_is_nothing_to_speak_of() -> None:
 
     said: list[str] = []
     for lines in (None, unreadable()):
-        thread = obey_in_a_thread(lines, Faults(lambda: 0.0), said.append)
+        thread = obey_in_a_thread(lines, World(Settings(), None), said.append)
         thread.join(10.0)
         assert not thread.is_alive() and said == []
 

@@ -1,0 +1,41 @@
+"""A known mass that a person hangs from the load cell in the place of the rig, still, by a hook without weight.
+
+Does not imitate: the swing of a mass that was just hung.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simulators.settings import STANDARD_GRAVITY
+
+Floats = NDArray[np.float64]
+
+
+class HungMass:
+    """What hung from the cell, and when. Times are world seconds."""
+
+    def __init__(self) -> None:
+        self._times = [-math.inf]
+        self._forces = [math.nan]  # [N]; NaN: the rig
+
+    def hang(self, mass_kg: float, now: float) -> None:
+        """The mass hangs in the place of the rig; 0: the empty cell."""
+        self._change(mass_kg * STANDARD_GRAVITY, now)
+
+    def take_off(self, now: float) -> None:
+        """The rig is back."""
+        if not math.isnan(self._forces[-1]):
+            self._change(math.nan, now)
+
+    def force(self, t: Floats, rig: Floats) -> Floats:
+        """(n,) [N] on the cell at t (n,), where the rig alone would pull with rig (n,)."""
+        hung = np.array(self._forces)[np.searchsorted(self._times, t, side="right") - 1]
+        return np.where(np.isnan(hung), rig, hung)
+
+    def _change(self, force: float, now: float) -> None:
+        self._times.append(now)
+        self._forces.append(force)

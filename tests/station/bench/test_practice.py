@@ -1,0 +1,148 @@
+"""README's walk on the simulated bench: weighing, and a calibration that arms in the middle of a capture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.simulators.bench import Bench
+from recordings.reader import open_recording
+from station.bench.bench_clock import BenchClock
+from station.bench.daemon import Daemon
+from station.bench.session import Snapshot, State
+from station.config import StationConfig, parse_config
+from station.protocol import TrialSpec
+from tests.station.command import Ran
+
+CONFIG = """
+[daq]
+grpc_target = "127.0.0.1:{ni}"
+[mocap]
+port = {qtm}
+[bounce]
+mass_kg = 2.5
+marker = "weight"
+[simulation.ports]
+clock = {clock}
+[cuffs.waist]
+anchor_markers = ["anchor_1", "anchor_2", "anchor_3"]
+cuff_markers = ["cuff_1"]
+"""
+BOUNCE = {"mass_kg": 2.5, "bounce_s": 8.0}
+STATIC = {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}
+
+
+class Sentences:
+    """A view that keeps what the trial said in each state."""
+
+    def __init__(self) -> None:
+        self.said: dict[State, list[str]] = {}
+
+    def offer(self, item: object) -> None: ...
+
+    def show(self, snapshot: Snapshot) -> None:
+        said = self.said.setdefault(snapshot.state, [])
+        if snapshot.sentence not in said:
+            said.append(snapshot.sentence)
+
+
+def written(bench: Bench, folder: Path) -> Path:
+    path = folder / "station.toml"
+    path.write_text(CONFIG.format(**bench.ports))
+    return path
+
+
+def config_for(bench: Bench) -> StationConfig:
+    daq = {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"}
+    return parse_config(
+        {"daq": daq, "mocap": {"port": bench.ports["qtm"]}, "bounce": {"mass_kg": 2.5, "marker": "weight"}}, "t"
+    )
+
+
+@pytest.mark.parametrize("into_the_capture_s", [0.1, 5.0, 10.9])
+def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole(
+    simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path, into_the_capture_s: float
+) -> None:
+    bench = simulated_bench(bounce=BOUNCE)
+    bench.world.select_trial(None, "bounce")
+    bench.world.start_capture()
+    bench.clock.advance(into_the_capture_s)
+    view = Sentences()
+    with BenchClock(bench.ports["clock"]) as clock:
+        result = Daemon(config_for(bench), clock, [view]).record(tmp_path, TrialSpec(None, "bounce", 1))
+    assert result.accepted and not result.lost_samples and result.path is not None
+    assert "the sync line is high" in " ".join(view.said[State.ARMED])
+    assert open_recording(result.path).load("/markers").sample_numbers[0] == 1
+    assert open_recording(result.path).load("/sync").values[0] < 0.5, "nothing of the earlier capture is in the file"
+    assert station("info", result.path).code == 0
+
+
+def test_the_calibration_of_the_readme_s_walk_is_used_by_the_fit(
+    simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path
+) -> None:
+    bench = simulated_bench(speed=40.0, bounce={**BOUNCE, "bounce_s": 28.0}, protocol={"static": STATIC})
+    bench.world.select_trial(None, "bounce")
+    config, monday = written(bench, tmp_path), tmp_path / "monday"
+    bench.world.start_capture()
+    assert station("record", "--config", config, "--session", monday, "--test", "bounce").code == 0
+    bench.world.select_trial("waist", "static")
+    record = station("record", "--config", config, "--session", monday, "--cuff", "waist", "--test", "static")
+    assert record.code == 0, record.err
+    fit = station("fit", monday)
+    assert fit.code == 0, fit.err
+    cuffs = json.loads((monday / "cuffs.json").read_text())
+    assert list(cuffs["calibration"]["sources"]) == ["test-bounce_run-1.mcap"]
+    assert cuffs["calibration"]["gain_is_used"] and not cuffs["rejected"]
+
+
+def test_a_known_mass_on_the_simulated_cell_reads_what_it_weighs(
+    simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path
+) -> None:
+    bench = simulated_bench(speed=5.0, bounce=BOUNCE)
+    bench.world.select_trial(None, "bounce")
+    config, weighs = written(bench, tmp_path), ("check", "--session", tmp_path / "monday", "--known-mass")
+    bench.world.hang(0)
+    assert station(*weighs, 0, "--config", config).code == 0
+    bench.world.hang(2)
+    good = station(*weighs, 2, "--config", config)
+    assert good.code == 0, good.out
+    assert "expected 19.61" in good.out
+    bench.world.hang(2.1)
+    assert station(*weighs, 2, "--config", config).code == 1
+    assert bench.world.capture is None, "who weighs gives nobody cause to start a capture"
+
+
+def test_record_follows_the_clock_of_a_simulated_bench_that_serves_its_configuration_and_of_no_other(
+    simulated_bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    from station.bench.simulation import serves_simulated
+    from station.config import load_config
+
+    bench, other = simulated_bench(), simulated_bench()
+    assert serves_simulated(load_config(written(bench, tmp_path)))
+    ports = {**bench.ports, "clock": other.ports["clock"]}
+    (tmp_path / "station.toml").write_text(CONFIG.format(**ports))
+    assert not serves_simulated(load_config(tmp_path / "station.toml"))
+    ports = {**bench.ports, "clock": bench.ports["qtm"]}
+    (tmp_path / "station.toml").write_text(CONFIG.format(**ports))
+    assert not serves_simulated(load_config(tmp_path / "station.toml")), "what answers there is no clock"
+
+
+def test_the_operator_begins_the_next_capture_some_seconds_after_the_last(
+    simulated_bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    bench = simulated_bench(bounce=BOUNCE)
+    bench.world.select_trial(None, "bounce")
+    end = bench.world.start_capture().end
+    with BenchClock(bench.ports["clock"]) as clock:
+        Daemon(config_for(bench), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
+    assert bench.world.capture.start - end >= simulator_delay()
+
+
+def simulator_delay() -> float:
+    from drivers.simulators.settings import Settings
+
+    return Settings().operator.delay_s
