@@ -5,6 +5,9 @@ from __future__ import annotations
 from station.bench.pre_roll import LATENESS_S
 from station.bench.sync_line import Edge
 
+ARMED = "armed, waiting for the sync edge"
+ALREADY_CAPTURING = "armed, and the sync line is high: stop the running capture, or check the line's polarity"
+
 
 class Falls:
     """The latest fall, and the mocap system's latest word on its captures. All times are station seconds."""

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 from fitting.timing.sync_line import BOUNCE
 from recordings.samples import Event, Item, Loss, Samples, Stream
-from station.bench.falls import Falls
+from station.bench.falls import ALREADY_CAPTURING, ARMED, Falls
 from station.bench.first_frame import FirstFrame
 from station.bench.hearing import SILENCE_S, Hearing
 from station.bench.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
@@ -31,10 +31,6 @@ LONGEST_CLOSING_S = 15.0
 """Station seconds after which closing waits no longer at all, though a backlog still comes in."""
 SHORT_S = 0.1
 """Station seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
-
-
-ARMED = "armed, waiting for the sync edge"
-ALREADY_CAPTURING = "armed, and the sync line is high: stop the running capture, or check the line's polarity"
 
 
 class State(Enum):
@@ -67,7 +63,10 @@ class TrialRules:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The trial at a moment, for views. left_s: station seconds until an armed trial gives up; 0 in other states."""
+    """The trial at a moment, for views. left_s: station seconds until an armed trial gives up; 0 in other states.
+
+    edge_device_ns is the sync edge by the clock of /sync, None before it.
+    """
 
     state: State
     sentence: str
@@ -78,6 +77,7 @@ class Snapshot:
     marks: int = 0
     streams: tuple[Stream, ...] = ()
     left_s: float = 0.0
+    edge_device_ns: int | None = None
 
 
 class TrialSession:
@@ -128,6 +128,7 @@ class TrialSession:
             self.marks,
             self._streams,
             max(0.0, self._rules.timeout_s - waited) if self.state is State.ARMED else 0.0,
+            self._edge_device_ns if self.has_edge else None,
         )
 
     def arm(self, streams: Sequence[Stream], device_of: Mapping[str, str] | None = None) -> None:

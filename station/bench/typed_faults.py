@@ -1,4 +1,4 @@
-"""What is typed while the devices are simulated, a line each: a fault, `ni unplug for_s=2`, or `hang 2`, a known mass."""
+"""What is typed while the devices are simulated: `ni unplug for_s=2`, a fault, or `hang 2`, a known mass."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 INK, FORCE, DISPLACEMENT = "#2c3640", "#0b4f9e", "#a83a00"
-DISPLACEMENT_AXIS, FORCE_AXIS, TIME_AXIS = "displacement [mm]", "force [N]", "time [s]"
+DISPLACEMENT_AXIS, FORCE_AXIS, TIME_AXIS = "displacement [mm]", "force [N]", "time from the sync edge [s]"
 LINE_WIDTH = 3
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
@@ -84,9 +85,9 @@ def _in_words(masses: tuple[float, ...]) -> str:
 
 
 def _masses(words: str) -> tuple[float, ...]:
-    """Kilograms between blanks. Raises DeskRefusal."""
+    """Kilograms between blanks, with a decimal point or comma. Raises DeskRefusal."""
     try:
-        return tuple(float(word) for word in words.replace(";", " ").split())
+        return tuple(float(word.replace(",", ".")) for word in re.sub(r";|,(?=\s|$)", " ", words).split())
     except ValueError as error:
         raise DeskRefusal(f"the load steps are {words!r}, expected kilograms between blanks, like 1.53 1.53") from error
 

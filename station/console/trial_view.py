@@ -119,9 +119,8 @@ def show_running(desk: Desk, live: Live, act: Callable[..., Any], acts: Acts) ->
         slow.text = slow_of(said)
         slow.set_visibility(bool(slow.text))
         words.text = "\n".join(list(live.words)[-SHOWN_WORDS:])
-        over_time.run_chart_method(
-            "setOption", {"series": [{"data": _last(live.force)}, {"data": _last(live.displacement)}]}
-        )
+        curves = [_last(live.from_edge(curve)) for curve in (live.force, live.displacement)]
+        over_time.run_chart_method("setOption", {"series": [{"data": curve} for curve in curves]})
         loop.run_chart_method("setOption", {"series": [{"data": _against(live)}]})
 
     return tick

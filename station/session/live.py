@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +32,13 @@ class Live:
     @property
     def cue(self) -> Cue:
         return self.guide.cue()
+
+    def from_edge(self, points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Points of a curve with their time from the sync edge; before it, from now."""
+        kept = list(points)
+        edge_s = self.latest.get("edge_s")
+        zero_s = kept[-1][0] if edge_s is None and kept else edge_s or 0.0
+        return [(round(t - zero_s, 4), value) for t, value in kept]
 
     @property
     def unseen_alarm(self) -> str | None:

@@ -94,6 +94,7 @@ class Telemetry(BackgroundView):
             "waited_s": shown.waited_s,
             "left_s": shown.left_s,
             "recorded_s": shown.recorded_s,
+            "edge_s": self._edge_s(),
             "lost_samples": shown.lost_samples,
             "marks": shown.marks,
             "dropped": self.dropped,
@@ -108,6 +109,13 @@ class Telemetry(BackgroundView):
             "seen": self._seen,
             "words": self._since.words,
         }
+
+    def _edge_s(self) -> float | None:
+        """When the sync edge was; None before it."""
+        edge_ns, offset_ns = self._snapshot.edge_device_ns, self._offset_ns.get("/sync")
+        if edge_ns is None or offset_ns is None or self._first_host_ns is None:
+            return None
+        return (edge_ns + offset_ns - self._first_host_ns) * 1e-9
 
     def _take(self, item: Item) -> None:
         if isinstance(item, Event):

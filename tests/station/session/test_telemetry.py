@@ -11,6 +11,9 @@ import pytest
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.session import Snapshot, State
+from station.protocol import TrialSpec
+from station.session.guide import StaticGuide
+from station.session.live import Live
 from station.session.live_displacement import LiveDisplacement
 from station.session.telemetry import Telemetry
 
@@ -148,3 +151,24 @@ def test_a_view_that_nobody_reads_drops_and_says_how_much(tmp_path: Path) -> Non
     for _ in range(2100):
         told.view.offer(Event("note", "x", 0, "QTM"))
     assert told.line()["dropped"] == 100
+
+
+def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
+    told = Told(tmp_path)
+    numbers = np.arange(4000, 5000, dtype=np.uint64)
+    sync = Samples("/sync", numbers, numbers.astype(np.int64) * 1_000_000, 5_004_000_000, np.zeros((1000, 1)))
+    assert told.line(force(4.0, 1.0, 0.1), sync)["edge_s"] is None
+    shown = Snapshot(State.RECORDING, "recording", 4.9, 0.0, 3.0, 2, 1, STREAMS, edge_device_ns=4_250_000_000)
+    told.view.show(shown)
+    said = told.line()
+    live = Live(TrialSpec("hand", "static", 1), StaticGuide((), 1.0))
+    live.latest = said
+    at_edge_s = said["edge_s"]
+    assert live.from_edge([(at_edge_s - 0.5, 1.0), (at_edge_s, 2.0), (at_edge_s + 1.5, 3.0)]) == [
+        (-0.5, 1.0),
+        (0.0, 2.0),
+        (1.5, 3.0),
+    ]
+    assert at_edge_s == pytest.approx(-0.749), "a quarter of a second into a block whose last sample came at time 0"
+    live.latest = {**said, "edge_s": None}
+    assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]

@@ -1,0 +1,19 @@
+from __future__ import annotations
+
+import pytest
+
+from station.console.setup_view import _masses
+from station.session.desk import DeskRefusal
+
+
+@pytest.mark.parametrize(
+    "typed", ["1.53 2 0.5", "1,53 2 0,5", "1.53, 2, 0.5", "1,53; 2; 0,5", "1,53;2;0,5", "1,53, 2, 0,5,"]
+)
+def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
+    assert _masses(typed) == (1.53, 2.0, 0.5)
+
+
+@pytest.mark.parametrize("typed", ["1,53,2", "1.5 kg", "1.5.3"])
+def test_what_could_be_read_in_two_senses_is_refused(typed: str) -> None:
+    with pytest.raises(DeskRefusal, match="expected kilograms between blanks"):
+        _masses(typed)
