@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -152,11 +152,20 @@ def read_trials(
     return calibrate_trials(found)
 
 
-def read_alone(path: Path, protocol: SessionProtocol | None = None) -> TrialReading:
-    """Reads one recording of any kind, not yet calibrated by bounces. Raises ProtocolFileError as read_trials does."""
+def read_alone(
+    path: Path,
+    protocol: SessionProtocol | None = None,
+    correct: Callable[[Manifest], Manifest] | None = None,
+) -> TrialReading:
+    """Reads one recording of any kind, not yet calibrated by bounces. Raises ProtocolFileError as read_trials does.
+
+    correct gives its manifest as it should read, where the recording is of another trial than it was recorded as.
+    """
     recording, collector = None, TrackCollector(path)
     try:
         recording = open_recording(path, collector.take)
+        if correct is not None:
+            recording = replace(recording, manifest=correct(recording.manifest))
         trial = _read(path, recording, collector)
     except (UnusableTrial, RecordingError) as error:
         return RejectedTrial(path.name, str(error), _begun(recording))

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 from fitting.bushing import bushing_force
+from fitting.protocol_file import read_protocol
 from fitting.result import SessionFit
 from fitting.session import fit_session
-from fitting.trial import RejectedTrial, TrialReading, read_trials
+from fitting.trial import RejectedTrial, Trial, TrialReading, read_alone, read_trials
 from recordings.errors import RecordingError
+from recordings.manifest import Manifest
 from recordings.reader import open_recording
 from station.bench.known_mass import inherited, listed, read_checks
-from station.journal import read_journal
+from station.journal import Assignment, Journal, read_journal
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
@@ -45,10 +48,12 @@ def fit_session_folder(
     paths = recordings_in(folder)
     if not paths:
         raise SessionError(f"{folder} holds no recording (*.mcap); record a trial into it first")
-    redone = read_journal(folder).redone
+    journal = read_journal(folder)
+    redone = journal.redone
     counting = [path for path in paths if path.name not in redone]
-    trials, rejected = read_trials(_counted(counting, "reading trials", progress), readings)
-    rejected += tuple(_set_aside(path, redone[path.name]) for path in paths if path.name in redone)
+    assigned = {path.name: _read_assigned(path, journal) for path in counting if path.name in journal.assignments}
+    trials, rejected = read_trials(_counted(counting, "reading trials", progress), {**readings, **assigned})
+    rejected += tuple(_set_aside(path, journal) for path in paths if path.name in redone)
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         reasons = reasons or "there are only bounce trials; record a cuff, too"
@@ -69,13 +74,34 @@ def _write_bushings(folder: Path, fitted: SessionFit) -> None:
             write_whole(folder / f"bushing_{name}.xml", bushing_force(fit))
 
 
-def _set_aside(path: Path, reason: str) -> RejectedTrial:
+def _set_aside(path: Path, journal: Journal) -> RejectedTrial:
     """A recording that the operator redid. Its cuff was loaded all the same, and may have migrated in it."""
+    given = journal.assignments.get(path.name)
     try:
         manifest = open_recording(path).manifest
     except RecordingError:
         manifest = None
-    return RejectedTrial(path.name, f"set aside by the operator: {reason}", manifest)
+    if manifest is not None and given is not None:
+        manifest = _as_assigned(manifest, given)
+    return RejectedTrial(path.name, f"set aside by the operator: {journal.redone[path.name]}", manifest)
+
+
+def _read_assigned(path: Path, journal: Journal) -> TrialReading:
+    """A recording as the trial that the operator assigned it to, with a note on what it was recorded as."""
+    given, recorded_as = journal.assignments[path.name], ""
+
+    def correct(manifest: Manifest) -> Manifest:
+        nonlocal recorded_as
+        recorded_as = f"{manifest.cuff.name if manifest.cuff else 'load cell'}, {manifest.test}, {manifest.repeat}"
+        return _as_assigned(manifest, given)
+
+    reading = read_alone(path, read_protocol(path.parent), correct)
+    note = f"assigned to this trial by the operator; recorded as {recorded_as}"
+    return replace(reading, notes=(*reading.notes, note)) if isinstance(reading, Trial) else reading
+
+
+def _as_assigned(manifest: Manifest, given: Assignment) -> Manifest:
+    return replace(manifest, cuff=given.cuff, test=given.test, repeat=given.repeat, donning=given.donning)
 
 
 def _counted(paths: Sequence[Path], what: str, progress: Progress) -> Iterator[Path]:

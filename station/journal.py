@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
+from recordings.manifest import CuffSite
 from station.file_lock import locked
 from station.protocol import TrialSpec
 
@@ -68,8 +69,23 @@ class Recorded:
 
 
 @dataclass(frozen=True)
+class Assignment:
+    """The trial that a recording really is of, where it was recorded as another one."""
+
+    cuff: CuffSite
+    test: Literal["static", "dynamic"]
+    repeat: int
+    donning: str
+
+
+@dataclass(frozen=True)
 class Journal:
-    """All that the lines say so far; verdicts and the names of marks go by the recording's file name."""
+    """All that the lines say so far; verdicts and the names of marks go by the recording's file name.
+
+    recorded    as assigned by the operator, where it was recorded as another trial;  assignments  by file name
+    verdicts    in the order in which they were given;  a decision that was undone is not among them
+    begun       UTC of the setup, as in the file; empty without one
+    """
 
     setup: Setup | None = None
     recorded: tuple[Recorded, ...] = ()
@@ -77,6 +93,8 @@ class Journal:
     marks: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
     donnings: Mapping[str, int] = field(default_factory=dict)  # cuff → how often it was donned anew
     skipped: frozenset[TrialSpec] = frozenset()  # trials of the plan that are not recorded
+    assignments: Mapping[str, Assignment] = field(default_factory=dict)
+    begun: str = ""
 
     @property
     def redone(self) -> dict[str, str]:
@@ -136,30 +154,72 @@ def write_skipped(folder: Path, spec: TrialSpec) -> None:
     _append(folder, "skipped", cuff=spec.cuff, test=spec.test, repeat=spec.repeat, donning=spec.donning)
 
 
+def write_undone(folder: Path, file: str, *, donned_cuff: str | None = None) -> None:
+    """The last decision on a recording is taken back, and with it the donning of donned_cuff that followed it."""
+    _append(folder, "undone", file=file, donned_cuff=donned_cuff)
+
+
+def write_assigned(folder: Path, file: str, assignment: Assignment) -> None:
+    """The recording is of another trial than the one that it was recorded as; the file itself stays as it is."""
+    _append(folder, "assigned", file=file, **asdict(assignment))
+
+
 def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
     """The journal and one line more."""
     kind = entry.pop("kind")
-    entry.pop("at")
+    at = str(entry.pop("at"))
     name = str(entry.get("file", "-"))
     if PureWindowsPath(name).name != name:  # both separators and the drive: what it names stays in the folder
         raise ValueError(name)
     if kind == "setup":
         masses = tuple(entry.pop("step_masses_kg", ()))
-        return replace(journal, setup=Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}, step_masses_kg=masses))
+        setup = Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}, step_masses_kg=masses)
+        return replace(journal, setup=setup, begun=journal.begun or at)
     if kind == "recorded":
         return replace(journal, recorded=(*journal.recorded, Recorded(**entry)))
     if kind == "verdict" and entry["choice"] in get_args(Choice):
         verdict = Verdict(entry["choice"], entry["reason"])
-        return replace(journal, verdicts={**journal.verdicts, entry["file"]: verdict})
+        return replace(journal, verdicts=_without(journal.verdicts, entry["file"]) | {entry["file"]: verdict})
     if kind == "mark":
         named = {**journal.marks.get(entry["file"], {}), int(entry["number"]): str(entry["name"])}
         return replace(journal, marks={**journal.marks, entry["file"]: named})
+    return _with_change_of_plan(journal, kind, entry)
+
+
+def _with_change_of_plan(journal: Journal, kind: str, entry: dict[str, Any]) -> Journal:
     if kind == "skipped":
         return replace(journal, skipped=journal.skipped | {TrialSpec(**entry)})
     if kind == "donned":
         cuff = str(entry["cuff"])
         return replace(journal, donnings={**journal.donnings, cuff: journal.donnings.get(cuff, 0) + 1})
+    file = entry["file"]
+    if kind == "undone":
+        donnings, cuff = dict(journal.donnings), entry["donned_cuff"]
+        if cuff is not None:
+            donnings[cuff] -= 1
+        return replace(journal, verdicts=_without(journal.verdicts, file), donnings=donnings)
+    if kind == "assigned":
+        given = _assignment_from(entry)
+        recorded = tuple(_as_assigned(trial, given) if trial.file == file else trial for trial in journal.recorded)
+        return replace(journal, recorded=recorded, assignments={**journal.assignments, file: given})
     raise ValueError(kind)
+
+
+def _assignment_from(entry: dict[str, Any]) -> Assignment:
+    cuff, test = entry["cuff"], entry["test"]
+    name, site = str(cuff["name"]), cuff["site"]
+    if PureWindowsPath(name).name != name or site not in ("arm", "waist") or test not in ("static", "dynamic"):
+        raise ValueError(name)
+    markers = (tuple(map(str, cuff[f"{part}_markers"])) for part in ("anchor", "cuff", "rope"))
+    return Assignment(CuffSite(name, site, *markers), test, int(entry["repeat"]), str(entry["donning"]))
+
+
+def _without(verdicts: Mapping[str, Verdict], file: str) -> dict[str, Verdict]:
+    return {name: verdict for name, verdict in verdicts.items() if name != file}
+
+
+def _as_assigned(trial: Recorded, given: Assignment) -> Recorded:
+    return replace(trial, cuff=given.cuff.name, test=given.test, repeat=given.repeat, donning=given.donning)
 
 
 def _append(folder: Path, kind: str, **said: Any) -> None:

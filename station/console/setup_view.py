@@ -11,7 +11,8 @@ from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
 from station.journal import Setup
-from station.session.desk import Desk, DeskRefusal, looks_like_a_name
+from station.session.desk import Desk, DeskRefusal
+from station.session.plan_check import looks_like_a_name
 
 
 def show(desk: Desk, act: Callable[..., Any]) -> None:
@@ -97,8 +98,8 @@ def _sessions(desk: Desk, act: Callable[..., Any]) -> None:
     there = desk.sessions()
     if not there:
         ui.label("no session yet").classes("text-xl opacity-70")
-    for setup, folder in there[:8]:
-        _resumption(desk, act, setup, folder)
+    for listed in there[:8]:
+        _resumption(desk, act, listed.setup, listed.folder)
 
 
 def _resumption(desk: Desk, act: Callable[..., Any], setup: Setup, folder: Path) -> None:

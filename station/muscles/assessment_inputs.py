@@ -13,7 +13,7 @@ import numpy as np
 from fitting.cuffs_file import read_cuffs
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, NotIdentified
-from fitting.uncertainty import NORMAL_95
+from fitting.uncertainty import NORMAL_95, Estimate
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 from solver.loads import ExternalForce
 from solver.model import Model, ModelError, with_point_mass
@@ -116,6 +116,16 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
         if fit.tensors is not None and (fit.tensors.stiffness or fit.tensors.damping):
             _ensure_is_worn_as(TENSOR, fit.name)
     return [_drawable(fit) for fit in worn]
+
+
+NO_SHIFT = "migration is not identified: assessed as if the cuff did not migrate"
+
+
+def without_shift(fit: CuffFit) -> CuffFit:
+    """The cuff without migration, and with a note of it, where migration is all that is missing; else as it is."""
+    if fit.missing != ("migration",):
+        return fit
+    return replace(fit, migration=Estimate(0.0, 0.0, (0.0, 0.0)), notes=(*fit.notes, NO_SHIFT))
 
 
 def wearable(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, CuffFit], dict[str, str]]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fitting.result import QUANTITIES, CuffFit
 from fitting.uncertainty import Estimate
 from solver.assessment import Assessment, Curve, Figure
+from station.muscles.assessment_inputs import NO_SHIFT
 from station.muscles.emg import MeasuredReduction
 
 Plain = dict[str, Any]
@@ -97,7 +98,11 @@ def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
         return _number(Figure(estimate.value, estimate.ci95 if estimate.ci95[0] < estimate.ci95[1] else None))
 
     return {
-        fit.name: {"site": fit.site, **{key: number(getattr(fit, name)) for name, key in QUANTITIES.items()}}
+        fit.name: {
+            "site": fit.site,
+            **{key: number(getattr(fit, name)) for name, key in QUANTITIES.items()},
+            **({"assumed": NO_SHIFT} if NO_SHIFT in fit.notes else {}),
+        }
         for fit in cuffs
     }
 

@@ -67,3 +67,25 @@ def order_of(plan: Agenda, pause_s: float) -> str:
     if plan.has_pause:
         return f"Let the wearer rest for {pause_s:.0f} s"
     return "Rope slack, wearer at ease"
+
+
+def redo_loses_migration(recorded: Recorded, journal: Journal) -> bool:
+    """Whether the donning's migration stays unknown if this recording is redone without donning the cuff anew.
+
+    The cuff may have migrated in it, and migration counts from the first static trial of a donning.
+    """
+    static = [
+        trial.file
+        for trial in journal.recorded
+        if (trial.cuff, trial.test, trial.donning) == (recorded.cuff, "static", recorded.donning)
+    ]
+    return recorded.cuff is not None and static[:1] == [recorded.file]
+
+
+def donning_is_open(recorded: Recorded, journal: Journal) -> bool:
+    """Whether the cuff was donned anew after this recording was redone, and nothing was recorded on it since."""
+    if recorded.cuff is None or journal.verdicts[recorded.file].choice != "redo":
+        return False
+    donned = journal.donnings.get(recorded.cuff, 0)
+    later = [trial for trial in journal.recorded if (trial.cuff, trial.donning) == (recorded.cuff, str(1 + donned))]
+    return recorded.donning == str(donned) and not later

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import re
 import shutil
 import tempfile
 import time
@@ -16,42 +15,38 @@ from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from station.bench.check import Line, look_at_bench
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import (
     JOURNAL_FILE,
+    Assignment,
     Choice,
     Journal,
-    JournalError,
     Recorded,
     Setup,
     read_journal,
+    write_assigned,
     write_donned,
     write_mark,
     write_setup,
     write_skipped,
+    write_undone,
     write_verdict,
 )
 from station.protocol import TrialSpec
 from station.session.adoption import adopt_recordings
-from station.session.agenda import Agenda, agenda
-from station.session.guide import Ceilings, FreeStaticGuide, Guide, StaticGuide, SwingGuide
+from station.session.agenda import Agenda, agenda, donning_is_open
+from station.session.guide import Ceilings, guide_for
 from station.session.judgement import Judgement, be_ready, judge_recording, unjudged
+from station.session.listing import ListedSession, list_sessions
 from station.session.live import Live
+from station.session.plan_check import fault_of, masses_of, plan_in_words
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.trial_process import TrialProcess
 from station.session.worker import Worker
-
-SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
-NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
-
-
-def looks_like_a_name(subject: str) -> bool:
-    """Three letters in a row and no digit, as in Maria or de Vries; a code has a digit in it."""
-    return NAME.fullmatch(subject.strip()) is not None
 
 
 class DeskRefusal(Exception):
@@ -78,7 +73,7 @@ class Desk:
         self.judgement: Judgement | None = None
         self.summary: Summary | None = None
         self.message = self.progress = ""
-        self.is_judging = False
+        self.is_judging = self.is_ending = False
         self._decided_s = -math.inf
         self._read: tuple[tuple[int, int], Journal] | None = None
         self._trial: TrialProcess | None = None
@@ -123,20 +118,9 @@ class Desk:
     def begin(self, setup: Setup, *, is_rehearsal: bool = False, folder: Path | None = None) -> None:
         """Opens a session, by default in the folder of its name; one that is there already goes on where it was."""
         self._refuse_while_running()
-        if not SUBJECT.fullmatch(setup.subject):
-            raise DeskRefusal(
-                f"the subject is {setup.subject!r}, expected a code of letters and digits, like P01: it becomes part "
-                "of file names"
-            )
-        if not SUBJECT.fullmatch(setup.number):
-            raise DeskRefusal(f"the session is {setup.number!r}, expected letters and digits, like 1 or monday")
-        unknown = [cuff for cuff in setup.cuffs if cuff not in self.config.cuffs]
-        if unknown or not setup.cuffs:
-            raise DeskRefusal(
-                f"no cuff {', '.join(unknown) or 'is chosen'}; the configuration has {', '.join(self.config.cuffs)}"
-            )
-        if not all(mass > 0 for mass in setup.step_masses_kg):
-            raise DeskRefusal(f"the load steps are {setup.step_masses_kg} kg, expected masses above 0")
+        fault = fault_of(setup, self.config)
+        if fault is not None:
+            raise DeskRefusal(fault)
         folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
         if before is not None and self._plan_in_words(before) != self._plan_in_words(setup):
@@ -157,7 +141,7 @@ class Desk:
 
     def _open(self, folder: Path, *, is_rehearsal: bool) -> None:
         self.folder, self.is_rehearsal, self.judgement, self.summary = folder, is_rehearsal, None, None
-        self.message, self._read = "", None
+        self.message, self._read, self.is_ending = "", None, False
 
     def leave(self) -> None:
         """Closes the session; nothing is kept of a rehearsal."""
@@ -166,17 +150,9 @@ class Desk:
             shutil.rmtree(self.folder, ignore_errors=True)
         self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
 
-    def sessions(self) -> list[tuple[Setup, Path]]:
+    def sessions(self) -> list[ListedSession]:
         """Those that are there to go on with, the last one first."""
-        found = []
-        for path in self.config.session.folder.glob(f"*/{JOURNAL_FILE}"):
-            try:
-                setup = read_journal(path.parent).setup
-            except JournalError:
-                continue
-            if setup is not None:
-                found.append((path.stat().st_mtime, setup, path.parent))
-        return [(setup, folder) for _, setup, folder in sorted(found, key=lambda each: -each[0])]
+        return list_sessions(self.config.session.folder)
 
     async def preflight(self) -> list[Line]:
         """What answers at the bench, and what does not."""
@@ -184,13 +160,25 @@ class Desk:
         lines: list[Line] = await self.in_worker(look_at_bench, self.config, self.config.session.folder)
         return lines
 
+    async def end_early(self) -> None:
+        """The session ends with what exists; a running trial is ended cleanly first, its recording counts."""
+        if self.folder is None:
+            raise DeskRefusal("no session is open")
+        self.is_ending = True
+        if self._trial is not None:
+            await self._trial.stop()
+
+    def resume_plan(self) -> None:
+        """Back from an early end: the plan goes on where it was."""
+        self.is_ending, self.summary, self.message = False, None, ""
+
     async def finish(self) -> None:
         """Fit, assessment and report of the session; a minute or two."""
         if self.folder is None or self.progress:
             raise DeskRefusal("it is being done already" if self.progress else "no session is open")
         self.progress = "fitting, assessing and writing the report: a minute or two"
         try:
-            self.summary = await self.in_worker(summarise, self.folder)
+            self.summary, self.message = await self.in_worker(summarise, self.folder), ""
         except SummaryError as error:
             self.message = str(error)
         except Exception as error:  # a fault of ours is told too; what was recorded and decided is stored
@@ -217,7 +205,7 @@ class Desk:
             raise DeskRefusal("every trial of the plan is accepted; the session is complete")
         spec = replace(plan.spec, name=self._name())
         self.message, self.judgement = "", None
-        self.live = Live(spec, self._guide(spec))
+        self.live = Live(spec, guide_for(spec.test, self._session_config.protocol))
         try:
             await asyncio.to_thread(self._prepare, plan)
             self._trial = await TrialProcess.start(
@@ -258,7 +246,37 @@ class Desk:
         write_verdict(self.folder, plan.undecided.file, choice, reason)
         if is_donned_anew and plan.undecided.cuff is not None:
             write_donned(self.folder, plan.undecided.cuff)
-        self.judgement, self.message, self._decided_s = None, "", time.monotonic()
+        self._forget_fit()
+        self._decided_s = time.monotonic()
+
+    def undo(self, file: str = "") -> None:
+        """Takes a decision back, the last one unless a file is given: its recording waits for a decision again.
+
+        If nothing was recorded since the cuff was donned anew with that decision, the donning is taken back, too.
+        """
+        self._refuse_while_running()
+        journal = self.journal
+        file = file or next(reversed(list(journal.verdicts)), "")
+        recorded = next((trial for trial in journal.recorded if trial.file == file), None)
+        if self.folder is None or recorded is None or file not in journal.verdicts:
+            raise DeskRefusal("no decision to undo: no recording of this session was kept or redone")
+        write_undone(self.folder, file, donned_cuff=recorded.cuff if donning_is_open(recorded, journal) else None)
+        self._forget_fit()
+
+    def assign(self, file: str, cuff: str, test: Literal["static", "dynamic"], repeat: int) -> None:
+        """The recording is of another trial of the plan than it was recorded as, in the donning that is worn now."""
+        self._refuse_while_running()
+        journal, setup = self.journal, self.journal.setup
+        recorded = next((trial for trial in journal.recorded if trial.file == file), None)
+        if self.folder is None or setup is None or recorded is None:
+            raise DeskRefusal(f"{file} is no recording of this session")
+        if recorded.cuff is None:
+            raise DeskRefusal("a bounce calibrates the load cell and is no trial of a cuff; it cannot be assigned")
+        if cuff not in setup.cuffs or not 1 <= repeat <= setup.repeats:
+            raise DeskRefusal(f"the plan has no {cuff}, {test}, repeat {repeat}; it has {self._plan_in_words(setup)}")
+        donning = recorded.donning if cuff == recorded.cuff else str(1 + journal.donnings.get(cuff, 0))
+        write_assigned(self.folder, file, Assignment(self.config.cuff_site(cuff), test, repeat, donning))
+        self._forget_fit()
 
     def redo_last(self, reason: str, *, is_donned_anew: bool = False) -> Recorded:
         """Sets aside the recording that was accepted last, while no other waits: its trial is the next one again."""
@@ -302,6 +320,11 @@ class Desk:
             task.cancel()
         self._worker.close()
 
+    def _forget_fit(self) -> None:
+        """What was fitted holds no longer."""
+        self.judgement = self.summary = None
+        self.message = ""
+
     # -- inside --------------------------------------------------------------------------------------------------
 
     def _refuse_while_running(self) -> None:
@@ -314,28 +337,16 @@ class Desk:
         keep = {"test": "{test}", "cuff": "{cuff}", "run": "{run}"}
         return self.config.session.file_name.format(subject=setup.subject, session=setup.number, **keep)
 
-    def _masses(self, setup: Setup) -> tuple[float, ...]:
-        return setup.step_masses_kg or self.config.protocol.step_masses_kg
-
     def _plan_in_words(self, setup: Setup) -> str:
-        masses = " + ".join(f"{mass:g}" for mass in self._masses(setup))
-        return f"{setup.repeats} repeats of {', '.join(setup.cuffs)}" + (f" and steps of {masses} kg" if masses else "")
+        return plan_in_words(setup, self.config)
 
     @property
     def _session_config(self) -> StationConfig:
         """The configuration with the load steps of this session, which the fit checks and every recording tells."""
         setup = self.journal.setup
         assert setup is not None  # noqa: S101  (an agenda has one)
-        protocol = self.config.protocol.model_copy(update={"step_masses_kg": self._masses(setup)})
+        protocol = self.config.protocol.model_copy(update={"step_masses_kg": masses_of(setup, self.config)})
         return self.config.model_copy(update={"protocol": protocol})
-
-    def _guide(self, spec: TrialSpec) -> Guide:
-        protocol = self._session_config.protocol
-        if spec.test == "static" and protocol.step_masses_kg:
-            return StaticGuide(protocol.step_masses_kg, protocol.hold_s)
-        if spec.test == "static":
-            return FreeStaticGuide(protocol.hold_s)
-        return SwingGuide("bounce the weight" if spec.test == "bounce" else "pull the spring", protocol.swing_s)
 
     def _prepare(self, plan: Agenda) -> None:
         """Tells simulated devices what a person would do at the bench before this trial."""

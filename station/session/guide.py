@@ -14,6 +14,9 @@ from typing import Protocol
 
 import numpy as np
 
+from recordings.manifest import TestKind
+from station.config import Protocol as ProtocolSection
+
 STANDARD_GRAVITY = 9.80665
 WINDOW_S = 1.0
 """The force of so many last seconds tells whether it rests."""
@@ -58,6 +61,14 @@ class Guide(Protocol):
         ...
 
     def cue(self) -> Cue: ...
+
+
+def guide_for(test: TestKind, protocol: ProtocolSection) -> Guide:
+    if test == "static" and protocol.step_masses_kg:
+        return StaticGuide(protocol.step_masses_kg, protocol.hold_s)
+    if test == "static":
+        return FreeStaticGuide(protocol.hold_s)
+    return SwingGuide("bounce the weight" if test == "bounce" else "pull the spring", protocol.swing_s)
 
 
 class RecentForce:

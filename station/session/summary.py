@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitting.cuffs_file import CuffsFileError
-from fitting.result import NotIdentified
+from fitting.result import CuffFit
 from fitting.uncertainty import Estimate
 from station.fit import SessionError, fit_session_folder
 from station.interval import bracketed, of_cuff
@@ -27,10 +27,7 @@ class Summary:
 
 
 def summarise(folder: Path) -> Summary:
-    """Writes cuffs.json, assessment.json and report.html into the session's folder."""
-    from station.muscles.assess import assess_file
-    from station.muscles.assessment_inputs import AssessmentInputs, InputError
-    from station.muscles.findings import findings
+    """Writes cuffs.json, assessment.json and report.html into the session's folder, of the trials that there are."""
     from station.report.page import write_report
 
     try:
@@ -47,13 +44,28 @@ def summarise(folder: Path) -> Summary:
         }
         for name, cuff in fitted.cuffs.items()
     )
-    try:
-        assessed = assess_file(AssessmentInputs(folder / "cuffs.json"), folder, DRAWS)
-        said = tuple(findings(assessed.assessment))
-    except (NotIdentified, CuffsFileError, InputError) as error:
-        said = (f"no assessment: {error}",)
+    said = _assess_what_is_there(folder, fitted.cuffs)
     write_report(folder, fitted)
     return Summary(rows, said)
+
+
+def _assess_what_is_there(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[str, ...]:
+    """assessment.json of the cuffs that can be worn; what was found, and what is left out or assumed, by name."""
+    from solver.motion import MotionError
+    from solver.wearing.suit import SuitError
+    from station.muscles.assess import assess_cuffs, write_assessment
+    from station.muscles.assessment_inputs import NO_SHIFT, AssessmentInputs, InputError, wearable, without_shift
+    from station.muscles.findings import findings
+
+    worn, left_out = wearable({name: without_shift(cuff) for name, cuff in cuffs.items()})
+    remarks = [f"{name}: {NO_SHIFT}" for name, cuff in worn.items() if NO_SHIFT in cuff.notes]
+    remarks += [f"not in the assessment: {reason}" for reason in left_out.values()]
+    try:
+        assessed = assess_cuffs(worn, AssessmentInputs(folder / "cuffs.json"), draws=DRAWS)
+    except (SuitError, MotionError, InputError) as error:
+        return (*remarks, f"no assessment: {error}")
+    write_assessment(assessed, folder)
+    return (*remarks, *findings(assessed.assessment))
 
 
 def _words(estimate: Estimate | None, scale: float = 1.0) -> str:

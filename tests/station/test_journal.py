@@ -3,22 +3,28 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
+from recordings.manifest import CuffSite
 from station.journal import (
     JOURNAL_FILE,
+    Assignment,
     Journal,
     JournalError,
     Recorded,
     Setup,
     Verdict,
     read_journal,
+    write_assigned,
     write_donned,
     write_mark,
     write_recorded,
     write_setup,
+    write_undone,
     write_verdict,
 )
 
@@ -50,6 +56,33 @@ def test_the_later_verdict_counts_and_the_earlier_stays_in_the_file(tmp_path: Pa
     write_verdict(tmp_path, "a.mcap", "accept", "on second thought")
     assert read_journal(tmp_path).redone == {}
     assert (tmp_path / JOURNAL_FILE).read_text().count('"kind": "verdict"') == 2
+
+
+def test_a_decision_that_is_undone_is_none_and_takes_its_donning_along(tmp_path: Path) -> None:
+    write_verdict(tmp_path, "a.mcap", "redo", "the wearer moved")
+    write_donned(tmp_path, "hand")
+    write_verdict(tmp_path, "b.mcap", "accept", "")
+    write_undone(tmp_path, "a.mcap", donned_cuff="hand")
+    journal = read_journal(tmp_path)
+    assert list(journal.verdicts) == ["b.mcap"]
+    assert journal.donnings == {"hand": 0} and journal.redone == {}
+
+
+def test_an_assigned_recording_is_of_the_other_trial(tmp_path: Path) -> None:
+    write_recorded(tmp_path, TRIAL)
+    given = Assignment(CuffSite("elbow", "arm", ("a", "b", "c"), ("d",)), "dynamic", 2, "1")
+    write_assigned(tmp_path, "a.mcap", given)
+    journal = read_journal(tmp_path)
+    assert journal.assignments == {"a.mcap": given}
+    assert journal.recorded == (replace(TRIAL, cuff="elbow", test="dynamic", repeat=2),)
+
+
+def test_a_session_tells_when_it_began(tmp_path: Path) -> None:
+    before = datetime.now(UTC)
+    write_setup(tmp_path, SETUP)
+    write_recorded(tmp_path, TRIAL)
+    begun = datetime.fromisoformat(read_journal(tmp_path).begun)
+    assert before - timedelta(seconds=1) <= begun <= datetime.now(UTC)
 
 
 def test_a_redo_wants_a_reason(tmp_path: Path) -> None:

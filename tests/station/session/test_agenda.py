@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from station.journal import Journal, Recorded, Setup, Verdict
-from station.session.agenda import Agenda, agenda
+from station.session.agenda import Agenda, agenda, redo_loses_migration
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 2, has_bounce=False)
 ACCEPT, REDO = Verdict("accept", ""), Verdict("redo", "slipped")
@@ -99,3 +99,15 @@ def test_after_the_last_trial_nothing_comes(session) -> None:
     made = [(recorded("hand", test, 1), ACCEPT) for test in ("static", "dynamic")]
     plan = session(*made, setup=setup)
     assert plan.spec is None and len(plan.done) == 2
+
+
+def test_only_the_first_static_trial_of_a_donning_takes_migration_along() -> None:
+    first, dynamic, second = (
+        recorded("hand", "static", 1),
+        recorded("hand", "dynamic", 1),
+        recorded("hand", "static", 2),
+    )
+    other = recorded("hand", "static", 1, donning="2")
+    journal = Journal(SETUP, (first, dynamic, second, other))
+    assert [redo_loses_migration(trial, journal) for trial in journal.recorded] == [True, False, False, True]
+    assert not redo_loses_migration(recorded("hand", "static", 1, run=2), journal), "lost already"

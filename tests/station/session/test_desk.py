@@ -16,9 +16,10 @@ from station.bench.simulation import SimulatedBench
 from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
-from station.session.desk import Desk, DeskRefusal, looks_like_a_name
+from station.session.desk import Desk, DeskRefusal
 from station.session.guide import Ceilings, FreeStaticGuide
 from station.session.live import Live
+from station.session.plan_check import looks_like_a_name
 from tests.station.console.served import write_config
 from tests.station.session.benched import simulated_bench
 from tests.timeout import scaled_timeout
@@ -108,7 +109,7 @@ def test_a_session_goes_on_another_hour_as_it_was_planned(desk: Desk) -> None:
     plan = desk.agenda
     assert plan is not None and len(plan.done) == 1
     assert plan.spec is not None and plan.spec.test == "dynamic"
-    assert [setup for setup, _ in desk.sessions()] == [SETUP]
+    assert [(listed.setup, listed.done, listed.trials) for listed in desk.sessions()] == [(SETUP, 1, 2)]
     assert name in desk.journal.verdicts
 
 
@@ -187,6 +188,56 @@ def test_the_trial_that_was_accepted_last_is_redone_on_second_thoughts(desk: Des
     assert desk.journal.redone == {name: "it slipped"}
 
 
+def test_a_decision_is_undone_and_the_recording_waits_again(desk: Desk) -> None:
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    desk.decide("accept", "")
+    desk.undo()
+    assert desk.agenda is not None and desk.agenda.undecided is not None and desk.agenda.undecided.file == name
+    desk.decide("redo", "it slipped", is_donned_anew=True)
+    assert desk.agenda.spec is not None and desk.agenda.spec.donning == "2"
+    desk.undo()
+    assert desk.journal.donnings == {"hand": 0}, "the cuff was not donned anew"
+    desk.decide("accept", "")
+    assert [trial.test for trial in desk.agenda.done] == ["static"]
+    with pytest.raises(DeskRefusal, match="no decision to undo"):
+        desk.undo("another.mcap")
+
+
+def test_a_donning_with_a_recording_in_it_stays(desk: Desk) -> None:
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    desk.decide("redo", "it slipped", is_donned_anew=True)
+    assert desk.folder is not None
+    write_recorded(desk.folder, Recorded("b.mcap", "hand", "static", 1, "2", True, 0, ""))
+    desk.undo(name)
+    assert desk.journal.donnings == {"hand": 1}
+
+
+def test_a_recording_is_assigned_to_another_trial_of_the_plan(desk: Desk) -> None:
+    desk.begin(SETUP)
+    name = put_recording(desk)
+    desk.decide("accept", "")
+    with pytest.raises(DeskRefusal, match="the plan has no hand, dynamic, repeat 2; it has 1 repeats of hand"):
+        desk.assign(name, "hand", "dynamic", 2)
+    with pytest.raises(DeskRefusal, match=r"b\.mcap is no recording of this session"):
+        desk.assign("b.mcap", "hand", "dynamic", 1)
+    desk.assign(name, "hand", "dynamic", 1)
+    plan = desk.agenda
+    assert plan is not None and [trial.test for trial in plan.done] == ["dynamic"]
+    assert plan.spec is not None and plan.spec.test == "static"
+
+
+def test_a_session_ends_early_and_goes_on(desk: Desk) -> None:
+    with pytest.raises(DeskRefusal, match="no session is open"):
+        run(desk.end_early())
+    desk.begin(SETUP)
+    run(desk.end_early())
+    assert desk.is_ending
+    desk.resume_plan()
+    assert not desk.is_ending and desk.agenda is not None and desk.agenda.spec is not None
+
+
 def test_what_cannot_be_done_now_is_a_sentence(desk: Desk) -> None:
     for work, words in ((desk.arm, "no session is open"), (desk.stop, "no trial"), (desk.mark, "no trial")):
         with pytest.raises(DeskRefusal, match=words):
@@ -249,7 +300,7 @@ def test_a_broken_journal_is_not_among_the_sessions(desk: Desk) -> None:
     write_setup(folder / "sub-P01_ses-1", SETUP)
     (folder / "sub-P02_ses-1").mkdir()
     (folder / "sub-P02_ses-1" / "session.jsonl").write_text("what?\n")
-    assert [setup.subject for setup, _ in desk.sessions()] == ["P01"]
+    assert [listed.setup.subject for listed in desk.sessions()] == ["P01"]
 
 
 def test_devices_that_are_not_ready_are_a_sentence_on_the_page(desk: Desk) -> None:

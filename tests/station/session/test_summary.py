@@ -1,12 +1,21 @@
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from station.muscles.assessment_inputs import InputError
+from station.fit import fit_session_folder
+from station.journal import Assignment, write_assigned, write_verdict
+from station.muscles.assessment_inputs import NO_SHIFT, InputError
 from station.session.summary import SummaryError, summarise
 from tests.station.foreign import static_and_dynamic
+
+
+def record_hand(folder: Path) -> None:
+    for truth in static_and_dynamic():
+        truth.record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
 
 
 def test_a_session_whose_cuff_no_suit_wears_still_has_its_table_and_report(
@@ -15,13 +24,50 @@ def test_a_session_whose_cuff_no_suit_wears_still_has_its_table_and_report(
     def refuse(*_: object) -> None:
         raise InputError("the cuff hand has the law creep")
 
-    monkeypatch.setattr("station.muscles.assess.assess_file", refuse)
-    for truth in static_and_dynamic():
-        truth.record(tmp_path / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
+    monkeypatch.setattr("station.muscles.assessment_inputs.worn_cuffs", refuse)
+    monkeypatch.setattr("station.muscles.assess.worn_cuffs", refuse)
+    record_hand(tmp_path)
     summary = summarise(tmp_path)
     assert [row["cuff"] for row in summary.rows] == ["hand"]
-    assert summary.findings == ("no assessment: the cuff hand has the law creep",)
+    assert summary.findings == (
+        "not in the assessment: the cuff hand has the law creep",
+        "no assessment: the cuff hand has the law creep",
+    )
     assert (tmp_path / "report.html").is_file() and (tmp_path / "cuffs.json").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_cuff_without_migration_is_assessed_without_shift_and_named(tmp_path: Path) -> None:
+    """An earlier static recording of the donning was redone without donning the cuff anew."""
+    record_hand(tmp_path)
+    static, _ = static_and_dynamic()
+    earlier = replace(static.manifest, start_utc_ns=static.manifest.start_utc_ns - 10**11)
+    replace(static, manifest=earlier).record(tmp_path / "cuff-hand_test-static_run-0.mcap")
+    write_verdict(tmp_path, "cuff-hand_test-static_run-0.mcap", "redo", "the wearer coughed")
+    summary = summarise(tmp_path)
+    assert summary.rows[0]["migration [mm]"] == "not identified"
+    assert summary.findings[0] == f"hand: {NO_SHIFT}"
+    assessed = json.loads((tmp_path / "assessment.json").read_text())
+    hand = assessed["cuffs"]["hand"]
+    assert hand["migration_m"] == {"value": 0.0, "ci95": None} and hand["assumed"] == NO_SHIFT
+    both, yielding = (assessed["at_rigid_optimum"]["hand"][condition] for condition in ("both", "visco_elastic"))
+    assert both["value"] == pytest.approx(yielding["value"], rel=1e-9), "no shift"
+    assert NO_SHIFT in (tmp_path / "report.html").read_text()
+
+
+def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Path) -> None:
+    record_hand(tmp_path)
+    site = static_and_dynamic()[0].manifest.cuff
+    assert site is not None
+    for test in ("static", "dynamic"):
+        given = Assignment(replace(site, name="elbow"), test, 2, "1")
+        write_assigned(tmp_path, f"cuff-hand_test-{test}_run-1.mcap", given)
+    fitted = fit_session_folder(tmp_path, None)
+    assert list(fitted.cuffs) == ["elbow"]
+    static = fitted.cuffs["elbow"].trials[0]
+    assert (static.test, static.repeat, static.state) == ("static", 2, "used")
+    assert "assigned to this trial by the operator; recorded as hand, static, 1" in static.notes
 
 
 def test_an_empty_session_is_a_sentence(tmp_path: Path) -> None:
