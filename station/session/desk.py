@@ -123,9 +123,9 @@ class Desk:
             raise DeskRefusal(fault)
         folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
-        if before is not None and self._plan_in_words(before) != self._plan_in_words(setup):
+        if before is not None and (planned := plan_in_words(before, self.config)) != plan_in_words(setup, self.config):
             raise DeskRefusal(
-                f"session {setup.number} of {setup.subject} was planned with {self._plan_in_words(before)}; resume it "
+                f"session {setup.number} of {setup.subject} was planned with {planned}; resume it "
                 "as it is or give this one another session number"
             )
         if before is None:
@@ -273,7 +273,8 @@ class Desk:
         if recorded.cuff is None:
             raise DeskRefusal("a bounce calibrates the load cell and is no trial of a cuff; it cannot be assigned")
         if cuff not in setup.cuffs or not 1 <= repeat <= setup.repeats:
-            raise DeskRefusal(f"the plan has no {cuff}, {test}, repeat {repeat}; it has {self._plan_in_words(setup)}")
+            planned = plan_in_words(setup, self.config)
+            raise DeskRefusal(f"the plan has no {cuff}, {test}, repeat {repeat}; it has {planned}")
         donning = recorded.donning if cuff == recorded.cuff else str(1 + journal.donnings.get(cuff, 0))
         write_assigned(self.folder, file, Assignment(self.config.cuff_site(cuff), test, repeat, donning))
         self._forget_fit()
@@ -336,9 +337,6 @@ class Desk:
         assert setup is not None  # noqa: S101  (an agenda has one)
         keep = {"test": "{test}", "cuff": "{cuff}", "run": "{run}"}
         return self.config.session.file_name.format(subject=setup.subject, session=setup.number, **keep)
-
-    def _plan_in_words(self, setup: Setup) -> str:
-        return plan_in_words(setup, self.config)
 
     @property
     def _session_config(self) -> StationConfig:
