@@ -44,6 +44,7 @@ from station.session.judgement import Judgement, be_ready, judge_recording, unju
 from station.session.listing import ListedSession, list_sessions
 from station.session.live import Live
 from station.session.plan_check import fault_of, masses_of, plan_in_words
+from station.session.simulated_hands import SimulatedHands
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.trial_process import TrialProcess
 from station.session.worker import Worker
@@ -64,7 +65,7 @@ class Desk:
         clock_port: int | None = None,
     ) -> None:
         """bench: simulated devices of its own; clock_port: the clock of a simulated bench that runs elsewhere."""
-        self.config, self.speed, self._bench = config, speed, bench
+        self.config, self.speed = config, speed
         self._clock_port = clock_port if bench is None else bench.clock_port
         self.folder: Path | None = None
         self.is_rehearsal = False
@@ -81,7 +82,7 @@ class Desk:
         self._tasks: set[asyncio.Task[None]] = set()
         self._worker = Worker()
         self._ceilings = Ceilings(config.safety.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s)
-        self._prepared: TrialSpec | None = None
+        self._hands = SimulatedHands(bench, config.protocol.pause_s) if bench is not None else None
 
     # -- the session ---------------------------------------------------------------------------------------------
 
@@ -207,7 +208,8 @@ class Desk:
         self.message, self.judgement = "", None
         self.live = Live(spec, guide_for(spec.test, self._session_config.protocol))
         try:
-            await asyncio.to_thread(self._prepare, plan)
+            if self._hands is not None:
+                await asyncio.to_thread(self._hands.prepare, plan)
             self._trial = await TrialProcess.start(
                 self._session_config, self.folder, spec, self._clock_port, self.speed
             )
@@ -345,18 +347,6 @@ class Desk:
         assert setup is not None  # noqa: S101  (an agenda has one)
         protocol = self.config.protocol.model_copy(update={"step_masses_kg": masses_of(setup, self.config)})
         return self.config.model_copy(update={"protocol": protocol})
-
-    def _prepare(self, plan: Agenda) -> None:
-        """Tells simulated devices what a person would do at the bench before this trial."""
-        spec = plan.spec
-        if self._bench is None or spec is None:
-            return
-        if plan.is_new_cuff:
-            self._bench.tell({"don": spec.cuff})
-        elif plan.has_pause and self._prepared != spec:
-            self._bench.tell({"pause_s": self.config.protocol.pause_s})
-        self._prepared = spec
-        self._bench.tell({"trial": {"cuff": spec.cuff, "test": spec.test}})
 
     async def _follow(self, trial: TrialProcess) -> None:
         live = self.live
