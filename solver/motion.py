@@ -124,9 +124,14 @@ def write_table(
 ) -> None:
     """Write time [s] and values (frames, names) with a column per name, and notes above them, a line each.
 
-    A .csv has its notes behind a #, anything else OpenSim's header.
+    A .csv has its notes behind a #, anything else OpenSim's header. In the latter a value that is not finite is a
+    MotionError, because OpenSim's Storage stops reading at it in silence.
     """
     is_csv = path.suffix == ".csv"
+    if not is_csv and not np.isfinite(values).all():
+        raise MotionError(
+            f"{path.name} should hold finite numbers, where OpenSim stops reading at any other; leave it out"
+        )
     separator = "," if is_csv else "\t"
     lines = [f"{'# ' * is_csv}{name}={note}" for name, note in (notes or {}).items()]
     if not is_csv:

@@ -3,39 +3,48 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.quality import UnusableTrial
-from fitting.trial import read_trial
 from recordings.errors import RecordingError
 from recordings.exchange.c3d import write_c3d
 from recordings.exchange.parquet import write_parquet
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
-from solver.motion import write_table
 from station.files.export_bids import write_bids
+from station.files.export_loads import write_loads
 from station.files.one_clock import ExportRefused, OneClock, read_on_one_clock
-from station.files.pull import pull_on_cuff
 from station.progress import Progress, silent
 from station.whole_file import drafted, write_whole
 
 
-def export_recordings(
-    paths: Sequence[Path], to: str, output: Path, subject: str, progress: Progress = silent
-) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Writes every recording that can be exported: the files that were written, and sentences why others were not.
+@dataclass(frozen=True)
+class Exported:
+    """The files that were written; in sentences, what a reader should know, and why recordings were left out."""
 
-    Raises ExportRefused where there is nothing but such sentences.
+    paths: tuple[Path, ...]
+    notes: tuple[str, ...]
+    refused: tuple[str, ...]
+
+
+def export_recordings(
+    paths: Sequence[Path], to: str, output: Path, subject: str, progress: Progress = silent, *, fills_gaps: bool = False
+) -> Exported:
+    """Write every recording that can be exported; fills_gaps is for mot and sto, which else come in gap-free pieces.
+
+    Raises ExportRefused where there is none.
     """
     written: list[Path] = []
+    notes: list[str] = []
     refused: list[str] = []
     for_bids: list[OneClock] = []
     for done, path in enumerate(paths):
@@ -44,6 +53,11 @@ def export_recordings(
             trial = read_on_one_clock(path)
             if to == "bids":
                 for_bids.append(trial)
+            elif to in LOADS:
+                stem, suffix = output / path.stem, f".{to}"
+                loads = write_loads(trial, stem, suffix, fills_gaps=fills_gaps)
+                written += [*loads.files, _sidecar(trial, stem, suffix, "m", loads.files, {"gaps": loads.gaps})]
+                notes += loads.notes
             else:
                 written += WRITERS[to](trial, output / path.stem)
         except (ExportRefused, RecordingError) as error:
@@ -53,7 +67,7 @@ def export_recordings(
         written += write_bids(for_bids, output, subject)
     if not written:
         raise ExportRefused("; ".join(refused) or "there is no recording to export")
-    return tuple(written), tuple(refused)
+    return Exported(tuple(written), tuple(notes), tuple(refused))
 
 
 def _tables(separator: str, suffix: str, trial: OneClock, stem: Path) -> Iterable[Path]:
@@ -85,22 +99,6 @@ def _trc(trial: OneClock, stem: Path) -> Iterable[Path]:
     return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
 
 
-def _loads(suffix: str, trial: OneClock, stem: Path) -> Iterable[Path]:
-    """The rope's pull on the cuff as OpenSim's external force: vector, point and no torque, in the mocap frame."""
-    if trial.manifest.cuff is None:
-        raise ExportRefused(f"{trial.path.name} is a bounce: it has no cuff on which its force would act")
-    try:
-        force, point = pull_on_cuff(read_trial(trial.path))
-    except UnusableTrial as error:
-        raise ExportRefused(f"{trial.path.name} does not tell the direction of its force: {error}") from error
-    parts = ("cuff_force_v", "cuff_force_p", "cuff_torque_")
-    path = _beside(stem, f"_force{suffix}")
-    with drafted(path) as draft:
-        values = np.column_stack((force, point, np.zeros_like(force)))
-        write_table(draft, [f"{part}{axis}" for part in parts for axis in "xyz"], trial.line.force_time, values)
-    return [path, _sidecar(trial, stem, suffix, "m", [path])]
-
-
 def _c3d(trial: OneClock, stem: Path) -> Iterable[Path]:
     """Force interpolated to a whole multiple of the frame rate: the format has no other analog clock."""
     line, markers = trial.line, trial.markers
@@ -112,13 +110,12 @@ def _c3d(trial: OneClock, stem: Path) -> Iterable[Path]:
     return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
 
 
+LOADS = ("mot", "sto")
 WRITERS: dict[str, Callable[[OneClock, Path], Iterable[Path]]] = {
     "csv": partial(_tables, ",", ".csv"),
     "tsv": partial(_tables, "\t", ".tsv"),
     "parquet": _parquet,
     "trc": _trc,
-    "mot": partial(_loads, ".mot"),
-    "sto": partial(_loads, ".sto"),
     "c3d": _c3d,
 }
 
@@ -134,9 +131,16 @@ def _marker_columns(trial: OneClock) -> dict[str, NDArray[np.float64]]:
     return columns
 
 
-def _sidecar(trial: OneClock, stem: Path, suffix: str, length_unit: str, files: Sequence[Path]) -> Path:
+def _sidecar(
+    trial: OneClock,
+    stem: Path,
+    suffix: str,
+    length_unit: str,
+    files: Sequence[Path],
+    more: Mapping[str, Any] = MappingProxyType({}),
+) -> Path:
     path = _beside(stem, f"{suffix}.json")
-    content = {"files": [file.name for file in files], **_description(trial, length_unit)}
+    content = {"files": [file.name for file in files], **more, **_description(trial, length_unit)}
     write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     return path
 

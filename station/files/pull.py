@@ -1,4 +1,4 @@
-"""The rope's pull on the cuff as a vector in the mocap frame, for programs that apply it to a body."""
+"""Direction and point of the rope's pull on the cuff in the mocap frame, for programs that apply it to a body."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fitting.trial import Trial
 
 
 def pull_on_cuff(trial: Trial) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Force (n, 3) [N] on the cuff, and the middle of its markers (n, 3) [m], at the trial's force times.
+    """Direction (n, 3) of the force on the cuff, and the middle of its markers (n, 3) [m], at the trial's force times.
 
     Along the rope where it has markers, else along the direction in which the cuff yields, which turns with the
     anchor; NaN between frames that do not show it. Raises UnusableTrial where the anchor defines no frame.
@@ -28,7 +28,7 @@ def pull_on_cuff(trial: Trial) -> tuple[NDArray[np.float64], NDArray[np.float64]
     seen = np.isfinite(cuff[..., 0])
     count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
     middle = np.where(seen[..., None], cuff, 0.0).sum(axis=1) / count[:, None]
-    return trial.force[:, None] * direction, _at(trial.force_time, trial.marker_time, middle)
+    return direction, _at(trial.force_time, trial.marker_time, middle)
 
 
 def _at(time: NDArray[np.float64], frames: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -44,16 +44,26 @@ def ensure_writable(path: Path) -> None:
         raise TableError(f"the output should end in {', '.join(SUFFIXES)} and is {path.name}; choose one of these")
 
 
-def write_solved(path: Path, solved: SolvedMotion) -> None:
-    """Write all columns with the notes beside them, in the format that the suffix names."""
+def write_solved(path: Path, solved: SolvedMotion) -> str | None:
+    """Write all columns with the notes beside them, in the format that the suffix names; a .sto holds finite numbers.
+
+    Returns a sentence on what a .sto had to leave out, None where that is nothing.
+    """
     ensure_writable(path)
     columns = tuple(solved_columns(solved))
-    with drafted(path) as draft:
-        if draft.suffix == ".parquet":
+    if path.suffix == ".parquet":
+        with drafted(path) as draft:
             _write_parquet(draft, solved, columns)
-        else:
-            values = np.column_stack([column.values for column in columns])
-            write_table(draft, [column.name for column in columns], solved.solution.time, values, solved.notes)
+        return None
+    names, values, time = [column.name for column in columns], _stack(columns), solved.solution.time
+    is_kept, left_out = np.ones(len(time), dtype=bool), ""
+    if path.suffix == ".sto":
+        columns, is_kept, left_out = _finite(columns, np.isfinite(solved.solution.effort), time)
+        names, values = [column.name for column in columns], _stack(columns)
+    notes = {**solved.notes, "left_out": left_out} if left_out else solved.notes
+    with drafted(path) as draft:
+        write_table(draft, names, time[is_kept], values[is_kept], notes)
+    return f"{path.name} leaves out {left_out}, where OpenSim would stop reading" if left_out else None
 
 
 def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
@@ -82,6 +92,23 @@ def reserve_unit(solved: SolvedMotion, coordinate: int) -> str:
 
 def _columns(names: list[str] | tuple[str, ...], unit: str, values: Array) -> Iterator[Column]:
     return (Column(name, unit, column) for name, column in zip(names, values.T, strict=True))
+
+
+def _stack(columns: tuple[Column, ...]) -> Array:
+    return np.column_stack([column.values for column in columns])
+
+
+def _finite(
+    columns: tuple[Column, ...], is_solved: NDArray[np.bool_], time: Array
+) -> tuple[tuple[Column, ...], NDArray[np.bool_], str]:
+    """The columns that are finite in all solved frames, which frames are finite in these, and what else there was."""
+    kept = tuple(column for column in columns if np.isfinite(column.values[is_solved]).all())
+    is_kept: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(_stack(kept)), axis=1)
+    dropped = [column.name for column in columns if column not in kept]
+    parts = [f"the columns {', '.join(dropped)}"] if dropped else []
+    if not is_kept.all():
+        parts.append(f"{int((~is_kept).sum())} of {len(time)} frames, the first at {time[np.argmin(is_kept)]:g} s")
+    return kept, is_kept, " and ".join(parts)
 
 
 def _suffix(unit: str) -> str:

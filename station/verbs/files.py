@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import Condition, ConfigPath, FormatOption, Rerun, Rrd, Speed, Test, print_result, say
+
+if TYPE_CHECKING:
+    from station.files.export_trial import Exported
 
 ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids"]
 
@@ -134,6 +137,9 @@ def export(
     output: Annotated[
         Path | None, typer.Option(help="Folder to write into; default: the recordings' own. With --osim: the file.")
     ] = None,
+    fill_gaps: Annotated[
+        bool, typer.Option("--fill-gaps", help="mot, sto: fill where a marker is hidden, along straight lines.")
+    ] = False,
     subject: Annotated[str, typer.Option(help="For BIDS, where the recording's name has no sub-.")] = "01",
     osim: Annotated[bool, typer.Option("--osim", help="Instead: a model that wears the suit, for OpenSim.")] = False,
     model: Annotated[str, typer.Option(help='With --osim: an .osim file, or "bundled".')] = "bundled",
@@ -146,33 +152,40 @@ def export(
 ) -> None:
     """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
     from solver.wearing.suit import BUNDLED_SUIT
+    from station.files.export_trial import Exported
     from station.files.one_clock import WrongExport
     from station.muscles.export_model import SuitToExport, write_suited_model
     from station.progress import busy
 
-    written: tuple[Path, ...]
-    refused: tuple[str, ...] = ()
+    if fill_gaps and to not in ("mot", "sto"):
+        raise WrongExport("--fill-gaps is for --to mot and --to sto; the other formats mark what is missing")
     if not osim:
-        written, refused = _export_recordings(file, session, to, output, subject)
+        done = _export_recordings(file, session, to, output, subject, fills_gaps=fill_gaps)
     elif output is None or file is not None or session is not None or to is not None:
         raise WrongExport("an export with --osim needs --output, and no FILE, --session or --to; see --help")
     else:
         with busy("writing the model"):
             write_suited_model(SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m), output)
-        written = (output,)
-    for sentence in refused:
+        done = Exported((output,), (), ())
+    for sentence in (*done.notes, *done.refused):
         say(sentence)
     if format == "json":
-        print(json.dumps({"written": [str(path) for path in written], "refused": refused}, indent=2))
+        content = {"written": [str(path) for path in done.paths], "notes": done.notes, "refused": done.refused}
+        print(json.dumps(content, indent=2))
     else:
-        print("\n".join(map(str, written)))
-    raise typer.Exit(LOSSY if refused else DONE)
+        print("\n".join(map(str, done.paths)))
+    raise typer.Exit(LOSSY if done.refused else DONE)
 
 
 def _export_recordings(
-    file: Path | None, session: Path | None, to: ExportFormat | None, output: Path | None, subject: str
-) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """The files that were written, and sentences why others were not."""
+    file: Path | None,
+    session: Path | None,
+    to: ExportFormat | None,
+    output: Path | None,
+    subject: str,
+    *,
+    fills_gaps: bool,
+) -> Exported:
     from rich.console import Console
 
     from station.files.export_trial import export_recordings
@@ -189,6 +202,6 @@ def _export_recordings(
     where = output or (source.parent if file is not None else source)
     if len(paths) == 1:
         with busy(f"exporting {paths[0].name}"):
-            return export_recordings(paths, to, where, subject)
+            return export_recordings(paths, to, where, subject, fills_gaps=fills_gaps)
     with progress_bars(Console(stderr=True)) as progress:
-        return export_recordings(paths, to, where, subject, progress)
+        return export_recordings(paths, to, where, subject, progress, fills_gaps=fills_gaps)

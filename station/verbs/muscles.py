@@ -56,7 +56,9 @@ def rmr(
     say(f"filter: {solved.notes['filter']}")
     for sentence in unsolved_in_words(solved.solution):
         say(sentence)
-    write_solved(output, solved)
+    left_out = write_solved(output, solved)
+    if left_out is not None:
+        say(left_out)
     print(output)
     if plot is not None:
         from station.report.rmr_figures import draw_solved

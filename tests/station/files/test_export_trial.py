@@ -49,10 +49,10 @@ def trial(static: Path) -> Trial:
 
 def export(static: Path, to: str, output: Path) -> dict[str, Path]:
     """What was written, by the end of its name after the recording's."""
-    written, refused = export_recordings([static], to, output, "01")
-    assert not refused
+    done = export_recordings([static], to, output, "01")
+    assert not done.refused
     assert not list(output.glob(".*")), "no draft is left"
-    return {path.name.removeprefix(static.stem): path for path in written}
+    return {path.name.removeprefix(static.stem): path for path in done.paths}
 
 
 def again(force: Path, mocap: Path, session: Path, test: str = "static") -> Path:
@@ -161,41 +161,6 @@ def test_parquet_has_units_in_its_fields_and_null_where_a_marker_is_missing(
     assert json.loads(force.schema.metadata[b"station"])["test"] == "static"
 
 
-@pytest.mark.parametrize("suffix", ["mot", "sto"])
-def test_the_force_is_a_pull_along_the_way_that_the_cuff_yields(
-    static: Path, trial: Trial, tmp_path: Path, suffix: str
-) -> None:
-    path = export(static, suffix, tmp_path)[f"_force.{suffix}"]
-    lines = path.read_text(encoding="utf-8").splitlines()
-    head = lines.index("endheader")
-    assert lines[0] == path.stem and f"nRows={len(trial.force)}" in lines and "inDegrees=no" in lines
-    assert lines[head + 1].split("\t")[:5] == [
-        "time",
-        "cuff_force_vx",
-        "cuff_force_vy",
-        "cuff_force_vz",
-        "cuff_force_px",
-    ]
-    rows = np.array([line.split("\t") for line in lines[head + 2 :]], dtype=float)
-    assert rows[:, 0] == pytest.approx(trial.force_time, rel=1e-9)
-    is_seen = np.isfinite(rows[:, 4])
-    assert np.abs(np.linalg.norm(rows[:, 1:4], axis=1) - np.abs(trial.force)).max() < 1e-6
-    loaded = rows[trial.force > 60, 1:4].mean(axis=0)
-    assert loaded / np.linalg.norm(loaded) == pytest.approx([0.36, 0.48, 0.80], abs=0.02), "as the experiment pulls"
-    assert 490 <= (~is_seen).sum() <= 530, "the point is unknown while the cuff's marker is hidden"
-    assert rows[is_seen, 4:7][0] == pytest.approx(trial.positions(("cuff_1",))[0, 0], abs=1e-3)
-    assert not rows[:, 7:].any()
-
-
-@pytest.mark.oracle
-@pytest.mark.parametrize("suffix", ["mot", "sto"])
-def test_opensim_reads_the_force_as_a_table(static: Path, tmp_path: Path, trial: Trial, suffix: str) -> None:
-    opensim = pytest.importorskip("opensim")
-    table = opensim.TimeSeriesTable(str(export(static, suffix, tmp_path)[f"_force.{suffix}"]))
-    assert table.getNumRows() == len(trial.force)
-    assert table.getColumnLabels()[:3] == ("cuff_force_vx", "cuff_force_vy", "cuff_force_vz")
-
-
 def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path, trial: Trial, tmp_path: Path) -> None:
     first, second = sorted(session.glob("*.mcap"))
     for path in (first, second, second):
@@ -231,14 +196,14 @@ def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path,
 def test_names_of_the_console_become_entities(static: Path, tmp_path: Path) -> None:
     named = tmp_path / "sub-P3_ses-monday_task-static_acq-hand_run-1.mcap"
     named.write_bytes(static.read_bytes())
-    written, _ = export_recordings([named], "bids", tmp_path / "out", "01")
+    written = export_recordings([named], "bids", tmp_path / "out", "01").paths
     folder = tmp_path / "out" / "sub-P3" / "ses-monday" / "motion"
     assert folder / "sub-P3_ses-monday_task-static_tracksys-omc_acq-hand_run-1_motion.tsv" in written
 
 
 def test_the_same_recording_gives_the_same_bytes(static: Path, tmp_path: Path) -> None:
     for to in ("csv", "bids"):
-        once, twice = (export_recordings([static], to, tmp_path / name, "01")[0] for name in ("a", "b"))
+        once, twice = (export_recordings([static], to, tmp_path / name, "01").paths for name in ("a", "b"))
         assert [path.read_bytes() for path in once] == [path.read_bytes() for path in twice]
 
 

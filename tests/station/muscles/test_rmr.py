@@ -124,10 +124,24 @@ def test_opensim_reads_the_sto(infeasible: SolvedMotion, tmp_path: Path) -> None
     write_solved(tmp_path / "raise.sto", infeasible)
     table = opensim.TimeSeriesTable(str(tmp_path / "raise.sto"))
     assert list(table.getColumnLabels()) == list(values(infeasible))
-    np.testing.assert_allclose(table.getIndependentColumn(), infeasible.solution.time, atol=1e-9)
+    is_solved = np.isfinite(infeasible.solution.effort)
+    np.testing.assert_allclose(table.getIndependentColumn(), infeasible.solution.time[is_solved], atol=1e-9)
     for name, column in values(infeasible).items():
-        np.testing.assert_allclose(table.getDependentColumn(name).to_numpy(), column, rtol=1e-9)
+        np.testing.assert_allclose(table.getDependentColumn(name).to_numpy(), column[is_solved], rtol=1e-9)
     assert table.getTableMetaDataString("filter") == infeasible.notes["filter"]
+
+
+def test_opensims_storage_reads_every_row_of_the_sto(station, motion: Path, infeasible, tmp_path: Path) -> None:
+    opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
+    lost = int(np.isnan(infeasible.solution.effort).sum())
+    sentence = write_solved(tmp_path / "raise.sto", infeasible)
+    assert sentence is not None and f"{lost} of 13 frames, the first at" in sentence
+    assert opensim.Storage(str(tmp_path / "raise.sto")).getSize() == 13 - lost
+    out = tmp_path / "loose.sto"
+    ran = station("rmr", "--motion", motion, "--every", 100, "--no-glenoid", "--output", out)
+    assert ran.code == 0
+    assert "loose.sto leaves out the columns cone_slack_n" in ran.err
+    assert opensim.Storage(str(out)).getSize() == 7
 
 
 def test_infeasible_frames_are_told_with_the_smallest_violation(infeasible: SolvedMotion) -> None:
