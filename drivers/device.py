@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from recordings.samples import Item, Stream
+from recordings.samples import DeviceIdentity, Item, Stream
 
 HostClock = Callable[[], int]
 """Returns UTC in nanoseconds; the station's clock, given to a driver when it is made."""
@@ -31,6 +31,11 @@ class Device(Protocol):
     @property
     def streams(self) -> tuple[Stream, ...]:
         """What it sends; known once open() returned."""
+        ...
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """What it says of itself, also about being simulated; known once open() returned."""
         ...
 
     def read(self, timeout_s: float) -> Sequence[Item]:

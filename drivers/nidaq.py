@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.device import HostClock
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
-from recordings.samples import Item, Loss, Samples, Stream
+from recordings.samples import DeviceIdentity, Item, Loss, Samples, Stream
 
 # nidaqmx.error_codes.DAQmxErrors
 TIMED_OUT = -200284
@@ -36,6 +36,7 @@ BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB
 LARGEST_READ_S = 10.0
 
 T = TypeVar("T")
+U = TypeVar("U")
 Volts = NDArray[np.float64]  # (channels, n)
 
 
@@ -74,6 +75,7 @@ class NiDaq:
         self._task: Any = None
         self._reader: Any = None
         self._streams: tuple[Stream, ...] = ()
+        self._identity = DeviceIdentity(self.name, "", None)
         self._next_number = 0
         self._zero_ns = 0
         self._next_read_s = 0.0
@@ -85,6 +87,10 @@ class NiDaq:
     @property
     def streams(self) -> tuple[Stream, ...]:
         return self._streams
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self._identity
 
     def open(self) -> None:
         import grpc
@@ -208,6 +214,8 @@ class NiDaq:
         device = Device(self._device, grpc_options=options)
         product = self._ask(lambda: str(device.product_type), "")
         serial_number = self._ask(lambda: f"{device.serial_num:08X}", "")  # as NI MAX prints it
+        text = " ".join([*product.split(), *(["serial number", serial_number] if serial_number else [])])
+        self._identity = DeviceIdentity(self.name, text, self._ask(lambda: bool(device.is_simulated), None))
         return tuple(
             Stream(
                 name=stream,
@@ -282,7 +290,7 @@ class NiDaq:
         self._next_number += count
         return count
 
-    def _ask(self, question: Callable[[], T], otherwise: T) -> T:
+    def _ask(self, question: Callable[[], T], otherwise: U) -> T | U:
         """For what is nice to know, and not worth refusing a device over."""
         try:
             return question()

@@ -9,7 +9,7 @@ from drivers.capture_note import CaptureNote
 from drivers.device import HostClock, Received
 from drivers.errors import DeviceLost
 from drivers.qualisys_conversation import Conversation, Wishes
-from recordings.samples import Item, Stream
+from recordings.samples import DeviceIdentity, Item, Stream
 
 
 class Qualisys:
@@ -51,6 +51,10 @@ class Qualisys:
     @property
     def streams(self) -> tuple[Stream, ...]:
         return self._conversation.streams if self._conversation else ()
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self._conversation.identity if self._conversation else DeviceIdentity(self.name, "", None)
 
     def open(self) -> None:
         self.close()

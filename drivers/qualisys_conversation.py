@@ -16,7 +16,7 @@ from drivers.device import HostClock, Received
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.inbox import Inbox
 from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, decode_parameters, readable
-from recordings.samples import Event, Item, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Stream
 
 PROTOCOL_VERSION = "1.25"
 CONNECT_TIMEOUT_S = 2.5
@@ -64,6 +64,7 @@ class Conversation:
         self._resumed: tuple[Stream, ...] = past.streams if past else ()
         self._wishes = wishes
         self._name = wishes.name
+        self.identity = DeviceIdentity(wishes.name, "", None)
         self._opened: Future[None] = Future()
         self._loop = asyncio.new_event_loop()
         self._client = QTMProtocol(loop=self._loop, on_event=self._on_event, on_disconnect=self._on_disconnect)
@@ -163,6 +164,8 @@ class Conversation:
         try:
             async with asyncio.timeout(self._wishes.timeout_s(CONNECT_TIMEOUT_S)):
                 await self._connect()
+            step = "QTM version"
+            self.identity = await self._ask_identity()
             if self._wishes.has_control:
                 step = "control"
                 await self._take_control()
@@ -193,6 +196,14 @@ class Conversation:
         """As qtm_rt.connect() does; that one ignores its time-out, returns None and leaves the socket open."""
         await self._loop.create_connection(lambda: self._guard, self._wishes.host, self._wishes.port)
         await self._client.set_version(PROTOCOL_VERSION)
+
+    async def _ask_identity(self) -> DeviceIdentity:
+        """QTM's answer to QTMVersion; a simulated one says there that it is."""
+        try:
+            answer = _words(await self._connection.qtm_version())
+        except self._refusal:
+            return DeviceIdentity(self._name, "", None)
+        return DeviceIdentity(self._name, answer, "simulat" in answer.lower())
 
     async def _take_control(self) -> None:
         await self._connection.take_control(self._wishes.password)
@@ -382,6 +393,7 @@ _BUSY = {
 }
 _PASSING = ("camera_settings_changed", "capture_saved", "trigger")  # events that are no state
 _ADVICE = {
+    "QTM version": "check QTM",
     "protocol version": f"it may have ten clients already, or not speak version {PROTOCOL_VERSION}",
     "control": "correct mocap.password, release control elsewhere, or save and close QTM's measurement",
     "settings": "open a measurement in QTM",
@@ -389,6 +401,7 @@ _ADVICE = {
 }
 
 
-def _words(error: Any) -> str:
-    """What QTM said."""
-    return error.value.decode("utf-8", "replace") if isinstance(error.value, bytes) else str(error.value)
+def _words(said: Any) -> str:
+    """What QTM answered, or refused with."""
+    value = getattr(said, "value", said)
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from drivers.device import CaptureControl, Device, HostClock, Received, Resumable, StreamingDevice
 from drivers.errors import DeviceError, DeviceLost
-from recordings.samples import Event, Item, Loss, Samples, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 PATIENCE_S = 10.0  # of the clock that is given; after it the device is lost for good
 FIRST_PAUSE_S = 0.1
@@ -57,6 +57,10 @@ class Reconnecting:
     @property
     def streams(self) -> tuple[Stream, ...]:
         return self.device.streams
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self.device.identity
 
     @property
     def received(self) -> Received | None:

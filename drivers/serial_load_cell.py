@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.device import HostClock, Received
 from drivers.errors import DeviceLost, DeviceUnavailable
-from recordings.samples import Event, Item, Loss, Samples, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 LineFormat = Literal["usb220", "usb520"]
 
@@ -51,11 +51,11 @@ FORMATS: dict[LineFormat, tuple[str, str, Callable[[bytes], float | None]]] = {
 class SerialLoadCell:
     """Streams /force in the unit the line carries: "lbf" (USB220 writes lbs) or "g", both of force.
 
-    The wire carries neither numbers nor time. Lines are numbered from 0 as they come, and device time is the host's
-    at arrival. A garbled line takes a number and is reported as a Loss("garbled"); the rest of the line that was
-    under way when the port was opened is not counted. Where no line comes for QUIET_S an event "silent" says so, once.
-    Resumed after a loss, the numbers jump by ten for each second of
-    the host's clock. port is anything pyserial takes: COM3, /dev/ttyUSB0, socket://host:port.
+    The wire carries neither numbers nor time nor who sends; the identity is that of the USB adapter, if any.
+    Lines are numbered from 0 as they come, and device time is the host's at arrival. A garbled line takes a number and
+    is reported as a Loss("garbled"); the rest of the line that was under way when the port was opened is not counted.
+    Where no line comes for QUIET_S an event "silent" says so, once. Resumed after a loss, the numbers jump by ten for
+    each second of the host's clock. port is anything pyserial takes: COM3, /dev/ttyUSB0, socket://host:port.
     """
 
     def __init__(self, *, port: str, baud_rate: int, line_format: LineFormat, host_clock: HostClock) -> None:
@@ -67,6 +67,7 @@ class SerialLoadCell:
         self._port: Any = None
         self._tcp_port, self._received = 0, 0
         self._streams: tuple[Stream, ...] = ()
+        self._identity = DeviceIdentity(self.name, "", None)
 
     @property
     def name(self) -> str:
@@ -81,8 +82,13 @@ class SerialLoadCell:
     def streams(self) -> tuple[Stream, ...]:
         return self._streams
 
+    @property
+    def identity(self) -> DeviceIdentity:
+        return self._identity
+
     def open(self) -> None:
         self._open_port()
+        self._identity = _identity_of_port(self.name, self._port_name)
         self._next_number = 0
         self._last_time_ns = self._counted_until_ns = self._host_clock()
         source = f"{self._product} on {self._port_name}"
@@ -184,6 +190,19 @@ class SerialLoadCell:
             items.append(Samples("/force", numbers, device_time_ns, host_time_ns, values))
             self._last_time_ns = host_time_ns
         return items
+
+
+def _identity_of_port(name: str, port: str) -> DeviceIdentity:
+    """What the port's USB adapter tells the operating system; other ports tell nothing."""
+    from serial.tools import list_ports
+
+    ports: Any = list_ports
+    found = next((info for info in ports.comports() if info.device == port and info.vid is not None), None)
+    if found is None:
+        return DeviceIdentity(name, "", None)
+    number = f"serial number {found.serial_number}" if found.serial_number else ""
+    words = (found.manufacturer or "", found.product or "", number)
+    return DeviceIdentity(name, " ".join(word for word in words if word), False)
 
 
 def _tcp_port(port: Any) -> int:

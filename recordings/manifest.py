@@ -5,8 +5,9 @@ And, written after the last of them, how the trial ended.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cache
 from pathlib import PureWindowsPath
 from typing import Any, Literal
@@ -14,8 +15,33 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from recordings.errors import RecordingError
+from recordings.samples import DeviceIdentity
 
 TestKind = Literal["static", "dynamic", "bounce"]
+
+
+class DataOrigin(StrEnum):
+    """Whether samples come from instruments or from simulated devices."""
+
+    MEASURED = "measured"
+    SIMULATED = "simulated"
+    UNKNOWN = "unknown"
+
+    @classmethod
+    def of_devices(cls, devices: Iterable[DeviceIdentity]) -> DataOrigin:
+        """By what the devices of a trial said of themselves: simulated if any of them is."""
+        said = {device.is_simulated for device in devices}
+        if True in said:
+            return cls.SIMULATED
+        return cls.MEASURED if said == {False} else cls.UNKNOWN
+
+    @classmethod
+    def joined(cls, origins: Iterable[DataOrigin]) -> DataOrigin:
+        """Of a result that several recordings went into: simulated if any of them is."""
+        found = set(origins)
+        if cls.SIMULATED in found:
+            return cls.SIMULATED
+        return cls.MEASURED if found == {cls.MEASURED} else cls.UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -84,6 +110,7 @@ class Manifest:
     imported trial without a sync line it is "declared" (the clocks of two files were said to read the same at
     origin_s, session time 0) or "one_clock" (both streams are of one file and one clock).
     effective_config is the whole configuration that was in force, as plain data; versions maps package to version.
+    devices is what each device said of itself; empty in imported recordings and in those of older stations.
     """
 
     cuff: CuffSite | None
@@ -99,6 +126,12 @@ class Manifest:
     origin_s: float = 0.0
     effective_config: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    devices: tuple[DeviceIdentity, ...] = ()
+
+    @property
+    def origin(self) -> DataOrigin:
+        """Measured or simulated, by what the devices said of themselves."""
+        return DataOrigin.of_devices(self.devices)
 
     @property
     def begins_at_edge(self) -> bool:

@@ -32,6 +32,20 @@ class Stream:
 
 
 @dataclass(frozen=True)
+class DeviceIdentity:
+    """What a device says of itself when it is opened.
+
+    name          the device as errors name it: "NI Dev1"
+    text          product, serial number or version, in the device's own words; "" where the wire carries none
+    is_simulated  what it says of being simulated; None where it cannot tell
+    """
+
+    name: str
+    text: str
+    is_simulated: bool | None
+
+
+@dataclass(frozen=True)
 class Samples:
     """A block of consecutive samples of one stream.
 

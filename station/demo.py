@@ -16,6 +16,7 @@ from solver.motion import MotionError
 from solver.wearing.suit import SuitError
 from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
+from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.config import StationConfig, parse_config
 from station.exit_code import DONE, LOSSY
@@ -144,6 +145,6 @@ def _prepare(
 
 def _free_folder() -> Path:
     number = 1
-    while any((folder := Path("demo" if number == 1 else f"demo-{number}")).glob("*")):
+    while any((folder := Path(SIMULATED_FOLDER, "demo" if number == 1 else f"demo-{number}")).glob("*")):
         number += 1
     return folder

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
-from recordings.manifest import CuffSite
+from recordings.manifest import CuffSite, DataOrigin
 from station.file_lock import locked
 from station.protocol import TrialSpec
 
@@ -56,7 +56,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What became of one trial, by the recorder's own account; file is its name in the session's folder."""
+    """What became of one trial, by the recorder's own account; file is its name in the session's folder.
+
+    origin is measured or simulated, as its devices said; unknown in the journals of older stations.
+    """
 
     file: str
     cuff: str | None
@@ -66,6 +69,7 @@ class Recorded:
     accepted: bool
     lost_samples: int
     sentence: str
+    origin: str = DataOrigin.UNKNOWN
 
 
 @dataclass(frozen=True)

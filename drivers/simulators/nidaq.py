@@ -355,7 +355,7 @@ class _Service(NiDAQmxServicer):
     @_rpc
     def GetDeviceAttributeBool(self, request: Any) -> Any:
         self._known_device(request)
-        values = {0x2984: False, 0x2985: True}  # analog, digital trigger
+        values = {0x2984: False, 0x2985: True, 0x22CA: True}  # analog, digital trigger; is simulated
         return wire.GetDeviceAttributeBoolResponse(value=_attribute(request, values))
 
     @_rpc

@@ -284,7 +284,7 @@ class _Server:
         return f"Version set to {version}"
 
     def _on_qtmversion(self, _client: Client, _rest: str) -> str:
-        return "QTM Version is 2024.3 (build 17700)"
+        return "QTM Version is 2024.3 (build 17700), simulated"
 
     def _on_byteorder(self, _client: Client, _rest: str) -> str:
         return "Byte order is little endian"

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fitting.calibration import full_scale
-from recordings.samples import Samples, Stream
+from recordings.samples import DeviceIdentity, Samples, Stream
 from station.bench.daemon import MakeDevices
 from station.bench.devices import devices_for
 from station.bench.disk import bytes_free, bytes_needed
@@ -42,6 +42,7 @@ class Answers:
     def __init__(self, clock: Clock) -> None:
         self.errors: dict[str, str] = {}
         self.streams: dict[str, Stream] = {}
+        self.identities: dict[str, DeviceIdentity] = {}
         self._clock = clock
         self._count: dict[str, int] = {}
         self._span: dict[str, tuple[int, int]] = {}
@@ -53,6 +54,7 @@ class Answers:
             self.errors[message.device] = str(message.error)
         elif isinstance(message, Opened):
             self.streams |= {stream.name: stream for stream in message.streams}
+            self.identities[message.device] = message.identity
         else:
             for item in message.items:
                 if isinstance(item, Samples) and len(item.values):
@@ -161,7 +163,9 @@ def listen(
 
 
 def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
-    lines = [Line(name, name not in answers.errors, answers.errors.get(name, "answers")) for name in names]
+    lines = [
+        Line(name, name not in answers.errors, answers.errors.get(name) or _answer(answers, name)) for name in names
+    ]
     for stream in answers.streams.values():
         rate = answers.rate_hz(stream.name)
         if stream.name == "/markers" and rate == 0:
@@ -170,6 +174,15 @@ def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
             good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
             lines.append(Line(stream.name, good, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}"))
     return lines
+
+
+def _answer(answers: Answers, name: str) -> str:
+    """That it answers, and what it says of itself."""
+    identity = answers.identities.get(name)
+    if identity is None:
+        return "answers"
+    words = f"answers: {identity.text}" if identity.text else "answers"
+    return f"{words}; it says that it is SIMULATED" if identity.is_simulated else words
 
 
 def _force_line(answers: Answers, config: StationConfig) -> list[Line]:

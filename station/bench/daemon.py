@@ -14,13 +14,14 @@ from typing import Protocol
 from drivers.device import Device
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.errors import RecordingError
-from recordings.manifest import BounceRig, CuffSite, Manifest, Outcome
-from recordings.samples import Item
+from recordings.manifest import BounceRig, CuffSite, DataOrigin, Manifest, Outcome
+from recordings.samples import DeviceIdentity, Item
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
 from station.bench.disk import DiskWatch, bytes_free, bytes_needed
 from station.bench.feed import Delivered, Feeds, Gone, Opened
 from station.bench.session import POST_ROLL_S, Snapshot, State, TrialRules, TrialSession
+from station.bench.session_folder import why_mixed
 from station.bench.stepped_feed import SteppedFeeds
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
@@ -55,8 +56,11 @@ class TrialResult:
     accepted: bool
     lost_samples: int
     sentence: str
+    origin: DataOrigin = DataOrigin.UNKNOWN
 
 
+WhyNotHere = Callable[[Path, Sequence[DeviceIdentity]], str]
+"""Session's folder and what its devices say of themselves → why they may not be recorded into it, or ""."""
 MakeDevices = Callable[[StationConfig, CuffSite | BounceRig | None, Clock, Path], list[Device]]
 
 
@@ -70,9 +74,10 @@ class Daemon:
         views: Sequence[View] = (),
         make_devices: MakeDevices = devices_for,
         post_roll_s: float = POST_ROLL_S,
+        why_not_here: WhyNotHere = why_mixed,
     ) -> None:
         self._config, self._clock, self._views, self._make_devices = config, clock, views, make_devices
-        self._post_roll_s = post_roll_s
+        self._post_roll_s, self._why_not_here = post_roll_s, why_not_here
         self._stops_asked = 0
         self._marks_asked: SimpleQueue[None] = SimpleQueue()
         self.left_behind: list[str] = []  # devices whose thread never came back
@@ -135,10 +140,14 @@ class Daemon:
     ) -> TrialResult:
         streams = [stream for one in opened for stream in one.streams]
         device_of = {stream.name: one.device for one in opened for stream in one.streams}
+        devices = tuple(one.identity for one in opened)
+        if why_not := self._why_not_here(folder, devices):
+            raise TrialRefused(why_not)
         _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
-        writer = RecordingWriter(path, self._manifest(spec, run, subject), streams)
+        manifest = self._manifest(spec, run, subject, devices)
+        writer = RecordingWriter(path, manifest, streams)
         rules = TrialRules(
             self._config.daq.start,
             self._config.sync.threshold_v,
@@ -155,13 +164,13 @@ class Daemon:
         self._show(session)
         if not session.has_edge:
             writer.discard()
-            return TrialResult(None, False, 0, session.sentence)
+            return TrialResult(None, False, 0, session.sentence, manifest.origin)
         accepted = session.state is State.CLOSED
         try:
             writer.close(Outcome(accepted, session.state.value, session.sentence))
         except RecordingError as error:
-            return TrialResult(path, False, session.lost_samples, str(error))
-        return TrialResult(path, accepted, session.lost_samples, session.sentence)
+            return TrialResult(path, False, session.lost_samples, str(error), manifest.origin)
+        return TrialResult(path, accepted, session.lost_samples, session.sentence, manifest.origin)
 
     def _run(self, session: TrialSession, feeds: Feeds | SteppedFeeds, disk: DiskWatch) -> None:
         is_in_control = self._config.mocap.control == "start"
@@ -208,7 +217,9 @@ class Daemon:
         for view in self._views:
             view.show(session.snapshot())
 
-    def _manifest(self, spec: TrialSpec, run: int, subject: CuffSite | BounceRig) -> Manifest:
+    def _manifest(
+        self, spec: TrialSpec, run: int, subject: CuffSite | BounceRig, devices: tuple[DeviceIdentity, ...]
+    ) -> Manifest:
         return Manifest(
             cuff=subject if isinstance(subject, CuffSite) else None,
             bounce=subject if isinstance(subject, BounceRig) else None,
@@ -222,6 +233,7 @@ class Daemon:
             start_utc_ns=self._clock.wall_utc_ns(),
             effective_config=self._config.model_dump(mode="json"),
             versions=installed_versions(),
+            devices=devices,
         )
 
 

@@ -10,7 +10,7 @@ from queue import Empty, Full, Queue, SimpleQueue
 
 from drivers.device import CaptureControl, Device
 from drivers.errors import DeviceError, DeviceLost
-from recordings.samples import Item, Stream
+from recordings.samples import DeviceIdentity, Item, Stream
 
 READ_TIMEOUT_S = 0.1
 POLL_S = 0.02
@@ -22,6 +22,7 @@ MOST_WAITING = 2000
 class Opened:
     device: str
     streams: tuple[Stream, ...]
+    identity: DeviceIdentity
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class DeviceFeed:
     def _run(self) -> None:
         try:
             self.device.open()
-            self._deliver(Opened(self.device.name, self.device.streams))
+            self._deliver(Opened(self.device.name, self.device.streams, self.device.identity))
             self._serve()
             self._carry_out_requests()
         except DeviceError as error:

@@ -33,6 +33,7 @@ STYLE = """
 .body--dark .nicegui-link { color: #9cc2ff; }
 .body--dark canvas { filter: invert(1) hue-rotate(180deg); }
 """
+SIMULATED_BANNER = "SIMULATED DATA: no measurement of a person"
 KEYS = {
     "a": "arm",
     "m": "mark",
@@ -69,6 +70,8 @@ class _Page:
                 ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').on(
                     "click", js_handler="() => Quasar.Dark.toggle()"
                 )
+            self._simulated = ui.label(SIMULATED_BANNER).classes("w-full text-center text-2xl bg-warning p-1")
+            self._simulated.mark("simulated").set_visibility(self._desk.is_simulated)
         self._body()  # empty until the first tick, which comes once the page is connected: what is typed before is lost
         ui.keyboard(on_key=self._on_key, ignore=["input", "select", "textarea"])
         ui.timer(REFRESH_S, self._tick)
@@ -123,6 +126,7 @@ class _Page:
 
     def _tick(self) -> None:
         desk, plan = self._desk, self._desk.agenda
+        self._simulated.set_visibility(desk.is_simulated)
         waits = plan.undecided.file if plan and plan.undecided else None
         stands = (
             desk.folder,

@@ -19,6 +19,7 @@ from urllib.parse import parse_qs
 from nicegui import app, ui
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
+from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, simulator_settings
 from station.config import StationConfig, parse_config
 from station.console.page import show_page
@@ -107,7 +108,7 @@ def serve(
         if is_simulated:
             settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
             bench = stack.enter_context(SimulatedBench(settings, speed or 1.0, seed))
-            config = _in_control(bench.pointed_at(config))
+            config = _for_practice(bench.pointed_at(config))
         followed = None if is_simulated or speed is None else clock_port(config)
         desk = Desk(config, speed or 1.0, bench, followed)
         stack.callback(desk.close)
@@ -145,10 +146,11 @@ def _end(*_: object) -> NoReturn:
     sys.exit(0)
 
 
-def _in_control(config: StationConfig) -> StationConfig:
-    """There is nobody at a simulated mocap PC: the station starts and stops the captures."""
+def _for_practice(config: StationConfig) -> StationConfig:
+    """The station starts and stops the captures, as nobody is at a simulated mocap PC; sessions go to their folder."""
     data = config.model_dump(mode="json")
     data["mocap"]["control"] = "start"
+    data["session"]["folder"] = str(config.session.folder / SIMULATED_FOLDER)
     return parse_config(data, "the simulated bench")
 
 

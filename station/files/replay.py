@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recordings.errors import RecordingError
-from recordings.manifest import Manifest
+from recordings.manifest import DataOrigin, Manifest
 from recordings.reader import Recording, open_recording
-from recordings.samples import Event, Item, Loss, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Loss, Stream
 from station.bench.bench_clock import BLOCK_S
 from station.bench.daemon import Daemon, TrialResult, View
 from station.bench.session import Snapshot
@@ -77,6 +77,14 @@ class RecordedDevice:
     @property
     def streams(self) -> tuple[Stream, ...]:
         return self._recording.streams
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """What the recorded devices said of themselves."""
+        manifest = self._recording.manifest
+        is_simulated = {DataOrigin.SIMULATED: True, DataOrigin.MEASURED: False, DataOrigin.UNKNOWN: None}
+        texts = "; ".join(f"{device.name}: {device.text}" for device in manifest.devices)
+        return DeviceIdentity(self.name, f"replayed, {texts}", is_simulated[manifest.origin])
 
     def open(self) -> None:
         self._items = _delivered(self._recording)

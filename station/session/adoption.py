@@ -42,4 +42,5 @@ def _account_of(path: Path) -> Recorded:
     cuff = manifest.cuff.name if manifest.cuff else None
     is_accepted = not words and outcome is not None and outcome.accepted
     said = words or (outcome.sentence if outcome else "")
-    return Recorded(path.name, cuff, manifest.test, manifest.repeat, manifest.donning, is_accepted, 0, said)
+    place = (cuff, manifest.test, manifest.repeat, manifest.donning)
+    return Recorded(path.name, *place, is_accepted, 0, said, manifest.origin)

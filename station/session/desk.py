@@ -17,7 +17,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from recordings.manifest import DataOrigin
 from station.bench.check import Line, look_at_bench
+from station.bench.session_folder import SIMULATED_FOLDER, is_for_simulated
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import (
@@ -48,6 +50,11 @@ from station.session.simulated_hands import SimulatedHands
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.trial_process import TrialProcess
 from station.session.worker import Worker
+
+
+def _rehearsal_folder() -> Path:
+    """Its parent goes with it. Nothing of it is kept, so that any devices may be rehearsed with."""
+    return Path(tempfile.mkdtemp(prefix="rehearsal-")) / SIMULATED_FOLDER
 
 
 class DeskRefusal(Exception):
@@ -101,6 +108,15 @@ class Desk:
         return self._read[1]
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether the bench is simulated, or this session's folder is for simulated data, or holds some."""
+        is_in_its_place = self.folder is not None and not self.is_rehearsal and is_for_simulated(self.folder)
+        recorded = self.journal.recorded
+        return (
+            self._bench is not None or is_in_its_place or any(each.origin == DataOrigin.SIMULATED for each in recorded)
+        )
+
+    @property
     def agenda(self) -> Agenda | None:
         journal = self.journal
         if self.folder is None or journal.setup is None:
@@ -122,7 +138,7 @@ class Desk:
         fault = fault_of(setup, self.config)
         if fault is not None:
             raise DeskRefusal(fault)
-        folder = Path(tempfile.mkdtemp(prefix="rehearsal-")) if is_rehearsal else folder or self.folder_of(setup)
+        folder = _rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
         if before is not None and (planned := plan_in_words(before, self.config)) != plan_in_words(setup, self.config):
             raise DeskRefusal(
@@ -148,7 +164,7 @@ class Desk:
         """Closes the session; nothing is kept of a rehearsal."""
         self._refuse_while_running()
         if self.is_rehearsal and self.folder is not None:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            shutil.rmtree(self.folder.parent, ignore_errors=True)
         self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
 
     def sessions(self) -> list[ListedSession]:

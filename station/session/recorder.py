@@ -21,6 +21,7 @@ from typing import Any, NoReturn
 
 from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
+from station.bench.session_folder import why_not_here
 from station.clock import Clock, RealClock
 from station.config import StationConfig, parse_config
 from station.journal import Recorded, write_recorded
@@ -55,7 +56,7 @@ def _record(
         bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port, speed))
         clock: Clock = bench_clock or RealClock()
         telemetry = stack.enter_context(Telemetry(sys.stdout, site, config.calibration(), folder, bench_clock))
-        daemon = Daemon(config, clock, [telemetry])
+        daemon = Daemon(config, clock, [telemetry], why_not_here=why_not_here)
         threading.Thread(target=_obey, args=(daemon,), name="wishes", daemon=True).start()
         result = daemon.record(folder, spec)
     recorded = _account(spec, result)
@@ -67,7 +68,15 @@ def _record(
 def _account(spec: TrialSpec, result: TrialResult) -> Recorded:
     file = result.path.name if result.path else ""
     return Recorded(
-        file, spec.cuff, spec.test, spec.repeat, spec.donning, result.accepted, result.lost_samples, result.sentence
+        file,
+        spec.cuff,
+        spec.test,
+        spec.repeat,
+        spec.donning,
+        result.accepted,
+        result.lost_samples,
+        result.sentence,
+        result.origin,
     )
 
 

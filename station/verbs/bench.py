@@ -76,6 +76,7 @@ def record(
     from station.bench.bench_clock import BenchClock
     from station.bench.daemon import Daemon, View
     from station.bench.live import LiveView
+    from station.bench.session_folder import why_not_here
     from station.bench.simulation import clock_port, serves_simulated
     from station.clock import Clock, RealClock
     from station.config import load_config
@@ -93,7 +94,7 @@ def record(
             from station.rerun.log import open_rerun
 
             views += open_rerun(stack, rrd, rerun, settings.cuffs[cuff].rope_markers if cuff in settings.cuffs else ())
-        daemon = Daemon(settings, clock, views)
+        daemon = Daemon(settings, clock, views, why_not_here=why_not_here)
         _stop_on_signals(daemon)
         try:
             result = daemon.record(session, spec, duration)

@@ -43,17 +43,21 @@ def replay(
     from tempfile import TemporaryDirectory
 
     from recordings.reader import open_recording
-    from station.bench.daemon import View
+    from station.bench.daemon import TrialRefused, View
     from station.bench.live import LiveView
+    from station.bench.session_folder import why_not_here
     from station.clock import RealClock
     from station.files.replay import replay as play_back
     from station.rerun.log import open_rerun
     from station.rerun.scene import log_scene
 
     with ExitStack() as stack:
+        manifest = open_recording(file).manifest
+        if session is not None and (why_not := why_not_here(session, manifest.devices)):
+            raise TrialRefused(why_not)
         folder = session or Path(stack.enter_context(TemporaryDirectory()))
         views: list[View] = [stack.enter_context(LiveView(RealClock(), file.stem))]
-        subject = open_recording(file).manifest.cuff
+        subject = manifest.cuff
         logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
         result = play_back(file, folder, speed, [*views, *logs])
         for log in logs:

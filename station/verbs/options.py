@@ -28,6 +28,7 @@ Paths = Annotated[
     Literal["faithful", "geodesic"],
     typer.Option(help="How muscles lie on surfaces: as in OpenSim, or on geodesics (docs/paths.md)."),
 ]
+SIMULATED_DATA = "simulated data: the devices say that they are simulated"
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
 
 
@@ -43,6 +44,8 @@ class Freedom(StrEnum):
 def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -> None:  # noqa: A002
     """What became of a trial: the sentence to stderr, and to stdout the file's path, or all of it as JSON."""
     say(result.sentence)
+    if result.origin == "simulated":
+        say(SIMULATED_DATA)
     path = str(result.path) if result.path is not None and is_kept else None
     if format == "json":
         print(json.dumps({**asdict(result), "path": path}, indent=2, ensure_ascii=False))

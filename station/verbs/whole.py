@@ -11,7 +11,7 @@ from station.verbs.options import ConfigPath, Seed, say
 
 
 def demo(
-    output: Annotated[Path | None, typer.Option(help="Folder for the session; default: demo, or demo-2, …")] = None,
+    output: Annotated[Path | None, typer.Option(help="Folder of the session; default: simulated/demo.")] = None,
     speed: Annotated[
         float | None,
         typer.Option(min=0.1, help="Pace of the simulated world, at most; default: as fast as it is handled."),

@@ -76,5 +76,9 @@ def two(number: int) -> bytes:
 
 def proper(command: bytes) -> bytes:
     """The answers of a QTM that begins to stream with frame 1."""
-    answers = {b"version": packet(COMMAND, b"Version set to 1.25\0"), b"getparameters": packet(XML, PARAMETERS)}
+    answers = {
+        b"version": packet(COMMAND, b"Version set to 1.25\0"),
+        b"qtmversion": packet(COMMAND, b"QTM Version is 2.17 (build 3900)\0"),
+        b"getparameters": packet(XML, PARAMETERS),
+    }
     return answers.get(command.split()[0], two(1))

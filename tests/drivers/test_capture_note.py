@@ -78,7 +78,7 @@ def test_a_qtm_that_somebody_else_has_busy_is_left_alone(state: bytes, words: st
 
     with OtherQtm(busy) as qtm, pytest.raises(DeviceUnavailable, match=words):
         driver(qtm.port, control="start").open()
-    assert asked == [b"version", b"takecontrol", b"getstate"], "nothing was stopped, saved or made new"
+    assert asked == [b"version", b"qtmversion", b"takecontrol", b"getstate"], "nothing was stopped, saved or made new"
 
 
 def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from drivers.errors import DeviceError, DeviceLost
-from recordings.samples import Event, Item, Samples, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Samples, Stream
 from station.clock import Clock
 
 Levels = Callable[[np.ndarray], np.ndarray]
@@ -21,6 +21,7 @@ class FakeDaq:
     def __init__(self, clock: Clock, capture: FakeCapture, fails: DeviceError | None = None) -> None:
         self.name = "NI Fake1"
         self.streams = tuple(Stream(n, "V", (n[1:],), 1000.0, self.name) for n in ("/force", "/sync"))
+        self.identity = DeviceIdentity(self.name, "", None)
         self.is_open = False
         self.hangs_on_read = False
         self.lost_after: int | None = None
@@ -77,6 +78,7 @@ class FakeMocap:
     def __init__(self, clock: Clock, capture: FakeCapture) -> None:
         self.name = "QTM fake"
         self.streams = (Stream("/markers", "mm", ("anchor_1", "cuff_1"), 100.0, self.name),)
+        self.identity = DeviceIdentity(self.name, "", None)
         self._clock, self._capture, self._sent, self._told = clock, capture, 0, 0
 
     def open(self) -> None:

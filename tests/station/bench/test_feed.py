@@ -7,7 +7,7 @@ import pytest
 
 import station.bench.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
-from recordings.samples import Event, Item, Stream
+from recordings.samples import DeviceIdentity, Event, Item, Stream
 from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
 
 
@@ -16,6 +16,7 @@ class Scripted:
 
     name = "scripted"
     streams: tuple[Stream, ...] = ()
+    identity = DeviceIdentity("scripted", "", None)
 
     def __init__(self, script: Sequence[Sequence[Item] | Exception], refuses: Exception | None = None) -> None:
         self._script, self._refuses = list(script), refuses
@@ -50,7 +51,7 @@ def test_what_a_device_delivers_arrives_in_order() -> None:
     inbox = Inbox()
     feed = DeviceFeed(Scripted([[events[0]], [], events[1:]]), inbox)
     feed.start()
-    assert inbox.get(timeout=5) == Opened("scripted", ())
+    assert inbox.get(timeout=5) == Opened("scripted", (), Scripted.identity)
     assert inbox.get(timeout=5) == Delivered("scripted", [events[0]])
     assert inbox.get(timeout=5) == Delivered("scripted", events[1:])
     feed.ask_to_stop()

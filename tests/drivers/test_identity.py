@@ -1,0 +1,119 @@
+"""What each device says of itself, asked over its own wire."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from serial.tools import list_ports
+
+from drivers.nidaq import NiDaq
+from drivers.serial_load_cell import SerialLoadCell
+from drivers.simulators.nidaq import NiDaqSimulator
+from drivers.simulators.serial_load_cell import SerialLoadCellSimulator
+from recordings.samples import DeviceIdentity
+from tests.drivers.other_qtm import OtherQtm, packet, proper
+from tests.drivers.simulated_qtm import driver, opened, simulator
+from tests.drivers.stand_in_world import StandInWorld
+
+
+@pytest.fixture
+def world() -> StandInWorld:
+    return StandInWorld()
+
+
+def nidaq(server: NiDaqSimulator, world: StandInWorld) -> NiDaq:
+    return NiDaq(
+        device="Dev1", sync_channel="ai1", sample_rate_hz=1000, host_clock=world.utc_ns, grpc_target=server.target
+    )
+
+
+def ask_nidaq(world: StandInWorld) -> DeviceIdentity:
+    server = NiDaqSimulator(world)
+    server.start()
+    device = nidaq(server, world)
+    try:
+        device.open()
+        return device.identity
+    finally:
+        device.close()
+        server.stop()
+        world.clock.stop()
+
+
+def test_the_simulated_daq_says_so_through_ni_s_own_property(world: StandInWorld) -> None:
+    assert ask_nidaq(world) == DeviceIdentity("NI Dev1", "USB-6008 serial number 01C0FFEE", True)
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_a_daq_is_believed_what_it_says(world: StandInWorld, monkeypatch: pytest.MonkeyPatch, said: bool) -> None:
+    """NI's property is DAQmx_Dev_IsSimulated, 0x22CA in NIDAQmx.h, whatever device answers."""
+    from nidaqmx._stubs import nidaqmx_pb2 as wire
+
+    from drivers.simulators import nidaq as server
+
+    asked: list[int] = []
+
+    def answer(_service: object, request: object, _context: object) -> object:
+        asked.append(request.attribute_raw)  # type: ignore[attr-defined]
+        return wire.GetDeviceAttributeBoolResponse(value=said)
+
+    monkeypatch.setattr(server._Service, "GetDeviceAttributeBool", answer)
+    assert ask_nidaq(world).is_simulated is said
+    assert 0x22CA in asked
+
+
+def test_a_daq_server_that_does_not_know_the_question_leaves_it_open(
+    world: StandInWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import grpc
+
+    from drivers.simulators import nidaq as server
+
+    def answer(_service: object, _request: object, context: grpc.ServicerContext) -> object:
+        return context.abort(grpc.StatusCode.UNIMPLEMENTED, "")
+
+    monkeypatch.setattr(server._Service, "GetDeviceAttributeBool", answer)
+    assert ask_nidaq(world).is_simulated is None
+
+
+def test_the_simulated_qtm_says_so_in_its_version() -> None:
+    with simulator() as qtm, opened(driver(qtm.port)) as device:
+        assert device.identity.is_simulated is True
+        assert device.identity.text.startswith("QTM Version is ")
+
+
+def test_another_qtm_is_believed_what_its_version_says() -> None:
+    with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
+        assert device.identity == DeviceIdentity(device.name, "QTM Version is 2.17 (build 3900)", False)
+
+
+def test_a_qtm_that_refuses_the_question_leaves_it_open() -> None:
+    refusal = packet(0, b"Parse error\0")
+    with (
+        OtherQtm(lambda command: refusal if command == b"qtmversion" else proper(command)) as qtm,
+        opened(driver(qtm.port)) as device,
+    ):
+        assert device.identity == DeviceIdentity(device.name, "", None)
+
+
+def test_a_serial_line_says_nothing_and_its_usb_adapter_who_it_is(
+    world: StandInWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    indicator = SerialLoadCellSimulator(world)
+    indicator.start()
+    device = SerialLoadCell(port=indicator.url, baud_rate=9600, line_format="usb220", host_clock=world.utc_ns)
+    try:
+        device.open()
+        assert device.identity == DeviceIdentity(device.name, "", None)
+        device.close()
+        adapter = SimpleNamespace(
+            device=indicator.url, vid=0x0403, manufacturer="FUTEK", product="USB220", serial_number="812345"
+        )
+        monkeypatch.setattr(list_ports, "comports", lambda: [adapter])
+        device.open()
+        assert device.identity == DeviceIdentity(device.name, "FUTEK USB220 serial number 812345", False)
+    finally:
+        device.close()
+        indicator.stop()
+        world.clock.stop()
