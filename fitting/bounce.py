@@ -27,7 +27,7 @@ from fitting.quality import UnusableTrial
 from fitting.spline import Spline, grounded, solve_banded
 from fitting.timing.clocks import LagUncertainty
 from fitting.uncertainty import Repeat, combine
-from recordings.manifest import BounceRig
+from recordings.manifest import BounceRig, DataOrigin
 
 GRAVITY = 9.80665
 WINDOW_CYCLES = 4
@@ -57,6 +57,7 @@ class BounceTrial:
     force_time, force  (n,) s, N by the configured scale
     marker_time, position  (frames,) s, (frames, 3) m in the mocap frame, NaN where the marker was not seen
     lag             as configured, and what is not known of it
+    origin          measured or simulated, as the devices said of themselves
     """
 
     rig: BounceRig
@@ -70,6 +71,7 @@ class BounceTrial:
     marker_time: NDArray[np.float64]
     position: NDArray[np.float64]
     lag: LagUncertainty
+    origin: DataOrigin = DataOrigin.UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ def calibrate(trials: Sequence[BounceTrial]) -> tuple[Calibration | None, dict[s
         middle=float(np.mean([fit.oscillation.middle for fit in found])),
         recorded_utc_ns=max(trial.start_utc_ns for trial in used),
         sources={trial.file: trial.sha256 for trial in used},
+        origin=DataOrigin.joined(trial.origin for trial in used),
         notes=tuple(f"{trial.file}: {note}" for trial, fit in zip(used, found, strict=True) for note in fit.notes),
     )
     return calibration, refused

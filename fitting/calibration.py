@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.uncertainty import Estimate
-from recordings.manifest import LoadCell
+from recordings.manifest import DataOrigin, LoadCell
 
 STANDARD_GRAVITY = 9.80665
 MAX_GAIN_ERROR = 0.05
@@ -27,6 +27,7 @@ class Calibration:
     middle   [s] session time for which the lag was found
     recorded_utc_ns  host's UTC at the arming of the newest: how old the calibration is
     sources  file → SHA-256
+    origin   measured or simulated
     notes    what a reader should know
     """
 
@@ -37,6 +38,7 @@ class Calibration:
     recorded_utc_ns: int
     sources: Mapping[str, str]
     notes: tuple[str, ...] = ()
+    origin: DataOrigin = DataOrigin.UNKNOWN
 
     @property
     def is_gain_believed(self) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
 from fitting.uncertainty import NORMAL_95, Estimate
+from recordings.manifest import DataOrigin
 
 
 class CuffsFileError(Exception):
@@ -51,10 +52,19 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
         verdicts=_verdicts_of(cuff),
         covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
         sources=cuff.get("sources", {}),
+        origin=_origin_of(cuff),
         notes=tuple(cuff.get("notes", ())),
         diagnostics=cuff.get("diagnostics", {}),
         energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
     )
+
+
+def _origin_of(cuff: Mapping[str, Any]) -> DataOrigin:
+    """Unknown where the file was written by hand, or by an older station."""
+    try:
+        return DataOrigin(cuff.get("origin", DataOrigin.UNKNOWN))
+    except ValueError:
+        return DataOrigin.UNKNOWN
 
 
 def _verdicts_of(cuff: Mapping[str, Any]) -> tuple[Verdict, ...]:

@@ -22,6 +22,7 @@ from fitting.static.migration import fit_migration
 from fitting.static.stiffness import StaticFit, StiffnessFit, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
+from recordings.manifest import DataOrigin
 
 TESTS = ("static", "dynamic")
 MIN_LOADS = 3
@@ -86,12 +87,14 @@ def fit_donning(
         notes=_notes(stiffness, list(swings.values()))
         + interval_notes(None if judged[1][1] else estimates[1])
         + held_load_notes(held, stiffness)
+        + _mixed(trials)
         + _migration_notes(all_static, before),
         held=plain_held_loads(held, stiffness),
         diagnostics=_diagnostics(stiffness, list(swings.values())),
         energy=_energy(list(swings.values())),
         complex_stiffness=_complex_stiffness(list(swings.values()), trials[0]),
         tensors=_tensors(list(every.values()), swings),
+        origin=DataOrigin.joined(_origins(trials)),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
 
@@ -128,6 +131,21 @@ def _tensors(trials: Sequence[ReducedTrial], swings: Mapping[str, DampingFit]) -
 
 def _calibrated_by(trials: Sequence[Trial]) -> dict[str, str]:
     return {file: sha for trial in trials if trial.calibration for file, sha in trial.calibration.sources.items()}
+
+
+def _origins(trials: Sequence[Trial]) -> Iterator[DataOrigin]:
+    """Of the trials and of the bounces that calibrate them."""
+    for trial in trials:
+        yield trial.origin
+        if trial.calibration is not None:
+            yield trial.calibration.origin
+
+
+def _mixed(trials: Sequence[Trial]) -> tuple[str, ...]:
+    simulated = [trial.file for trial in trials if trial.origin is DataOrigin.SIMULATED]
+    if not simulated or set(_origins(trials)) == {DataOrigin.SIMULATED}:
+        return ()
+    return (f"fitted from simulated and other recordings together; simulated: {', '.join(simulated)}",)
 
 
 def _lag(trials: Sequence[Trial]) -> Lag:
@@ -271,6 +289,7 @@ def _list_trials(
                 swing=damping.get(file),
                 sync=trial.sync,
                 zero_drift=trial.zero_drift,
+                origin=trial.origin,
                 migration=fit_migration([reduced[file].plateaus]) if is_used else None,
             )
         )

@@ -30,6 +30,7 @@ from fitting.spatial.tensor import Tensors, plain_tensor
 from fitting.timing.sync_certificate import SyncCertificate
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import Estimate
+from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
@@ -106,6 +107,7 @@ class TrialFit:
 
     The estimates are from this trial alone, None where it says nothing; swing is all that a dynamic one says.
     sync        what the edges of the sync line are worth, None without one
+    origin      measured or simulated, as the devices said of themselves
     zero_drift  [N] of the force at rest from start to end, None where the trial does not rest at both
     """
 
@@ -123,6 +125,7 @@ class TrialFit:
     swing: DampingFit | None = None
     sync: SyncCertificate | None = None
     zero_drift: float | None = None
+    origin: DataOrigin = DataOrigin.UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,7 @@ class CuffFit:
     energy      J that the cuff takes in a cycle of the dynamic trials
     complex_stiffness  K* in bands of frequency from all dynamic trials
     classes     how laws richer than a spring and a damper compare;  diagnosis: checks and what may be wrong
+    origin      of the recordings that were used: simulated if any of them is, unknown where the figures were given
     tensors     K and C in three dimensions, or why there are none
                 (these four are not read back from cuffs.json)
     """
@@ -163,6 +167,7 @@ class CuffFit:
     classes: ModelComparison | None = None
     diagnosis: Diagnosis | None = None
     tensors: Tensors | None = None
+    origin: DataOrigin = DataOrigin.UNKNOWN
 
     @property
     def verdict(self) -> str:
@@ -214,6 +219,11 @@ class SessionFit:
         """Each cuff as last donned."""
         return {name: list(fits.values())[-1] for name, fits in self.donnings.items()}
 
+    @property
+    def origin(self) -> DataOrigin:
+        """Simulated if any cuff's is."""
+        return DataOrigin.joined(fit.origin for fits in self.donnings.values() for fit in fits.values())
+
     def to_json(self) -> str:
         """The text of cuffs.json; the same fit gives the same bytes."""
         cuffs = {
@@ -224,7 +234,12 @@ class SessionFit:
             for name, fit in self.cuffs.items()
         }
         rejected = [{"file": trial.file, "reason": trial.reason} for trial in self.rejected]
-        plain = {"cuffs": cuffs, "rejected": rejected, "calibration": plain_calibration(self.calibration)}
+        plain = {
+            "origin": self.origin,
+            "cuffs": cuffs,
+            "rejected": rejected,
+            "calibration": plain_calibration(self.calibration),
+        }
         return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -250,6 +265,7 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         **dict.fromkeys(doubtful, plain_estimate(None)),
         "not_identified": {key: figures[key] for key in doubtful},
         "verdict": fit.verdict,
+        "origin": fit.origin,
         "site": fit.site,
         "donning": fit.donning,
         "covariance": fit.covariance.tolist(),
@@ -298,6 +314,7 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
         "state": trial.state,
         "reason": trial.reason,
         "notes": list(trial.notes),
+        "origin": trial.origin,
         "sync": plain_sync(trial.sync),
         "zero_drift_n": trial.zero_drift,
         **_plain_estimates(trial),

@@ -22,7 +22,7 @@ from fitting.timing.sync_certificate import SyncCertificate, certify
 from fitting.timing.thinned import thinned
 from fitting.timing.timeline import lay_out, setting
 from recordings.errors import RecordingError
-from recordings.manifest import CuffSite, Manifest, TestKind
+from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
 from recordings.reader import Recording, Track, TrackCollector, open_recording
 from recordings.samples import Event
 
@@ -51,6 +51,7 @@ class Trial:
     step_masses     kg, the weights of a static test in the order they were to be hung on; empty if nobody said
     step_times      s, when the load changed, where the session's protocol.toml says so; None to find them
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
+    origin          measured or simulated, as the devices said of themselves
     is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
     notes           what a reader should know before believing it
     """
@@ -80,6 +81,7 @@ class Trial:
     step_times: tuple[float, ...] | None = None
     force_gaps: tuple[tuple[float, float], ...] = ()
     frame_gaps: tuple[tuple[float, float], ...] = ()
+    origin: DataOrigin = DataOrigin.UNKNOWN
     is_whole: bool = True
     notes: tuple[str, ...] = ()
 
@@ -275,6 +277,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         step_masses=tuple(float(mass) for mass in setting(manifest, "protocol").get("step_masses_kg", ())),
         force_gaps=line.force_gaps,
         frame_gaps=line.frame_gaps,
+        origin=manifest.origin,
         is_whole=not line.force_gaps and not line.frame_gaps,
         notes=line.notes + quality.zero_notes(drift, float(np.ptp(line.force))),
     )
@@ -305,4 +308,5 @@ def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha
         marker_time=line.marker_time,
         position=line.markers[:, 0],
         lag=line.lag,
+        origin=manifest.origin,
     )

@@ -12,6 +12,7 @@ from fitting.published_method import PublishedFit
 from fitting.result import CuffFit, SessionFit
 from fitting.spatial.directions import ELSEWHERE
 from fitting.uncertainty import NORMAL_95, Estimate
+from recordings.manifest import DataOrigin
 from solver.assessment import Assessment, Figure
 from solver.optimise import Optimised
 from station.interval import between, digits_of, of_cuff, plus_minus, rounded
@@ -22,6 +23,8 @@ Truth = Mapping[str, Mapping[str, float]]
 
 def print_cuffs(fitted: SessionFit, console: Console) -> None:
     """One row per cuff as last donned, then what could not be used and what should be known."""
+    if fitted.origin is DataOrigin.SIMULATED:
+        console.print("SIMULATED data: the devices of the recordings said that they are simulated")
     console.print(cuff_table(fitted.cuffs))
     console.print(_calibrated(fitted), highlight=False)
     for name, donnings in fitted.donnings.items():

@@ -21,6 +21,7 @@ STYLE = """
 .figure { font-size: clamp(2.6rem, 6.6vw, 7rem); line-height: 1; font-weight: 500; font-variant-numeric: tabular-nums; }
 .alarm { background: #b71c1c; color: white; font-size: clamp(2rem, 5vw, 5rem); font-weight: 800; }
 .nicegui-header { padding: 4px 16px; }
+.nicegui-header.simulated { background: var(--q-warning) !important; }
 .q-btn { font-size: 1.5rem; text-transform: none; }
 .q-table th, .q-table tbody td { font-size: 1.3rem; padding: 6px 8px; }
 .q-field, .q-field__native, .q-field__label, .q-toggle__label, .q-chip { font-size: 1.3rem; }
@@ -33,7 +34,6 @@ STYLE = """
 .body--dark .nicegui-link { color: #9cc2ff; }
 .body--dark canvas { filter: invert(1) hue-rotate(180deg); }
 """
-SIMULATED_BANNER = "SIMULATED DATA: no measurement of a person"
 KEYS = {
     "a": "arm",
     "m": "mark",
@@ -62,16 +62,16 @@ class _Page:
         self._acts: dict[str, Callable[[], Awaitable[None] | None]] = {}
 
     def build(self) -> None:
-        with ui.header(elevated=True).classes("items-center justify-between"):
-            self._where = ui.label().classes("text-2xl")
+        with ui.header(elevated=True).classes("items-center justify-between") as self._header:
+            with ui.row().classes("items-center gap-3 no-wrap text-xl"):
+                self._simulated = ui.label("SIMULATED DATA").classes("text-weight-bold")
+                self._where = ui.label()
             with ui.row().classes("items-center"):
                 self._sound = ui.switch("sound").props("dark color=orange").mark("sound")
                 self._sound.tooltip("a tone and the words of every new step; an alarm sounds in any case")
                 ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').on(
                     "click", js_handler="() => Quasar.Dark.toggle()"
                 )
-            self._simulated = ui.label(SIMULATED_BANNER).classes("w-full text-center text-2xl bg-warning p-1")
-            self._simulated.mark("simulated").set_visibility(self._desk.is_simulated)
         self._body()  # empty until the first tick, which comes once the page is connected: what is typed before is lost
         ui.keyboard(on_key=self._on_key, ignore=["input", "select", "textarea"])
         ui.timer(REFRESH_S, self._tick)
@@ -127,6 +127,7 @@ class _Page:
     def _tick(self) -> None:
         desk, plan = self._desk, self._desk.agenda
         self._simulated.set_visibility(desk.is_simulated)
+        self._header.classes(add="simulated") if desk.is_simulated else self._header.classes(remove="simulated")
         waits = plan.undecided.file if plan and plan.undecided else None
         stands = (
             desk.folder,

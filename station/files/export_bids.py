@@ -50,6 +50,7 @@ def _named(trial: OneClock, subject: str) -> BidsTrial:
             "TaskDescription": f"{manifest.test} test, repeat {manifest.repeat} of donning {manifest.donning}",
             "SourceRecording": trial.path.name,
             "SourceSHA256": trial.sha256,
+            "DataOrigin": manifest.origin,
             "ForceLagUncertainty": line.lag.total(float(line.marker_time[-1]) / 2),
         },
     )

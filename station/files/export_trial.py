@@ -153,6 +153,8 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
     return {
         "recording": trial.path.name,
         "sha256": trial.sha256,
+        "origin": manifest.origin,
+        "devices": [vars(device) for device in manifest.devices],
         "cuff": None if manifest.cuff is None else vars(manifest.cuff),
         "test": manifest.test,
         "repeat": manifest.repeat,

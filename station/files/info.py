@@ -14,7 +14,7 @@ from fitting.quality import UnusableTrial
 from fitting.timing.sync_certificate import SyncCertificate, certify
 from fitting.timing.thinned import Thinning
 from recordings.contents import Contents, sum_up
-from recordings.manifest import LoadCell
+from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file
 from recordings.recovery import recover
 from station.exit_code import DONE, LOSSY
@@ -26,7 +26,13 @@ def show_contents(path: Path, as_json: bool) -> int:
     with busy(f"reading {path.name}"):
         contents, certificate, sentence = _read(path)
     if as_json:
-        plain = {**json.loads(contents.to_json()), "sync": plain_sync(certificate), "sync_sentence": sentence}
+        origin = contents.manifest.origin if contents.manifest else DataOrigin.UNKNOWN
+        plain = {
+            **json.loads(contents.to_json()),
+            "origin": origin,
+            "sync": plain_sync(certificate),
+            "sync_sentence": sentence,
+        }
         print(json.dumps(plain, indent=2, ensure_ascii=False))
     else:
         _print_tables(contents, Console(markup=False))
@@ -74,6 +80,7 @@ def _print_tables(contents: Contents, console: Console) -> None:
             f"{subject}, {manifest.test}, repeat {manifest.repeat}, run {manifest.run}",
             highlight=False,
         )
+        console.print(_origin_in_words(manifest), highlight=False, soft_wrap=True)
         console.print(_cell_in_words(manifest.load_cell), highlight=False)
     words = "no outcome: the recording was cut" if outcome is None else f"{outcome.state}: {outcome.sentence}"
     console.print(words, highlight=False)
@@ -87,6 +94,17 @@ def _print_tables(contents: Contents, console: Console) -> None:
         console.print(f"gap in {gap.stream}: {gap.count} samples from {gap.first_missing} on, {gap.cause}", style="red")
     for sentence in contents.missing:
         console.print(sentence, style="red", highlight=False)
+
+
+def _origin_in_words(manifest: Manifest) -> str:
+    """Measured or simulated, and what each device said of itself."""
+    said = "; ".join(f"{device.name}: {device.text or 'tells nothing of itself'}" for device in manifest.devices)
+    words = {
+        DataOrigin.SIMULATED: "SIMULATED data",
+        DataOrigin.MEASURED: "measured data",
+        DataOrigin.UNKNOWN: "measured or simulated: not recorded",
+    }[manifest.origin]
+    return f"{words} ({said})" if said else words
 
 
 def _cell_in_words(cell: LoadCell) -> str:

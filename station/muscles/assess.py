@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fitting.result import CuffFit
+from recordings.manifest import DataOrigin
 from solver.assessment import Assessment, assess
 from solver.redundancy import RedundancyOptions
 from station.muscles.assessment_inputs import AssessmentInputs, ensure_folder, read_cuffs_to_wear, worn_cuffs
@@ -42,6 +43,11 @@ class AssessedSuit:
     beside: tuple[str, Assessment] | None
     emg: tuple[MeasuredReduction, ...]
     inputs: dict[str, str]
+
+    @property
+    def origin(self) -> DataOrigin:
+        """Of the cuffs' data: simulated if any of them is."""
+        return DataOrigin.joined(fit.origin for fit in self.cuffs)
 
 
 def assess_cuffs(
@@ -101,7 +107,11 @@ def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progre
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     """assessment.json and, for the figures, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
-    plain: dict[str, Any] = {"cuffs": plain_cuffs(assessed.cuffs), **plain_assessment(assessed.assessment)}
+    plain: dict[str, Any] = {
+        "origin": assessed.origin,
+        "cuffs": plain_cuffs(assessed.cuffs),
+        **plain_assessment(assessed.assessment),
+    }
     if assessed.beside:
         what, other = assessed.beside
         plain["beside"] = {"motion": what, **plain_assessment(other)}

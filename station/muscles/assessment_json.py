@@ -100,6 +100,7 @@ def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
     return {
         fit.name: {
             "site": fit.site,
+            "origin": fit.origin,
             **{key: number(getattr(fit, name)) for name, key in QUANTITIES.items()},
             **({"assumed": NO_SHIFT} if NO_SHIFT in fit.notes else {}),
         }

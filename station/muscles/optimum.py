@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from recordings.manifest import DataOrigin
 from solver.cuff import by_site
 from solver.optimise import Freedom, Optimised, TriedSuit, optimise
 from solver.wearing.suit import PARTS, Suit, suit_toml
@@ -38,7 +39,8 @@ def optimise_file(
     suit.toml is the best with the fitted cuffs, robust_suit.toml that on average over the draws, if there are any.
     """
     ensure_folder(output)
-    arms, waists = by_site(worn_cuffs(read_cuffs_to_wear(inputs.cuffs, inputs.chosen), inputs.chosen))
+    cuffs = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
+    arms, waists = by_site(worn_cuffs(cuffs, inputs.chosen))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"
         raise InputError(f"a suit is optimised for one arm cuff at a time and there are {names}; choose one by --cuff")
@@ -58,6 +60,7 @@ def optimise_file(
     )
     plain = {
         "condition": condition,
+        "origin": DataOrigin.joined(cuffs[cuff.name].origin for cuff in (*arms, *waists)),
         "cuff": arms[0].name,
         "free": ["rest_length", *free],
         **_plain_suits(found),

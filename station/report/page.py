@@ -18,6 +18,7 @@ from fitting.curves import TrialCurves
 from fitting.result import CuffFit, SessionFit
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
+from recordings.manifest import DataOrigin
 from station.fit import fit_session_folder, recordings_in
 from station.interval import bracketed, digits_of, of_cuff, rounded
 from station.progress import Progress, silent
@@ -98,6 +99,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
             folder=folder.resolve().name,
             cuffs=[CuffSection(fit, truth.get(name, {}), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
+            origin=_origin(cuffs, assessment),
             missing=_json_of(folder / MISSING_FILE) or (),
             trials=[trial for fit in cuffs.values() for trial in fit.trials],
             rejected=fitted.rejected if fitted else (),
@@ -109,6 +111,14 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     path = folder / "report.html"
     write_whole(path, page)
     return path
+
+
+def _origin(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] | None) -> DataOrigin:
+    """Of all that the page shows."""
+    found = [fit.origin for fit in cuffs.values()]
+    if assessment and assessment.get("origin") in list(DataOrigin):
+        found.append(DataOrigin(assessment["origin"]))
+    return DataOrigin.joined(found)
 
 
 def _cuffs_of(folder: Path) -> dict[str, CuffFit]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import Condition, Freedom, Paths, say
+from station.verbs.options import SIMULATED_DATA, Condition, Freedom, Paths, say
 
 CuffsFile = Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")]
 BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")]
@@ -101,6 +101,8 @@ def assess(
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         assessed = assess_file(inputs, output, draws, progress)
     write_report(output)
+    if assessed.origin == "simulated":
+        say(SIMULATED_DATA)
     Console(markup=False).print(assessment_table(assessed.assessment))
     for sentence in findings(assessed.assessment):
         say(sentence)

@@ -58,12 +58,14 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
     assessed = assess_cuffs(fitted.cuffs, inputs, most_frames=12, most_rest_lengths=16, draws=0)
     write_assessment(assessed, session)
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
+    assert plain["origin"] == json.loads((session / "cuffs.json").read_text(encoding="utf-8"))["origin"] == "simulated"
     assert assessed.assessment.unsolved == 0
     assert plain["at_rigid_optimum"]["rigid"]["value"] < 1, "a suit with rigid cuffs saves effort at its rest length"
     assert set(plain["optimum"]) == {"rigid", "hand", "tube", "elbow"}
 
     page = write_report(session, fitted).read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 7 * 4 + 3 * 3 + 1, "seven a cuff, three more an arm cuff, one of all"
+    assert page.count('<p class="banner">Simulated data.') == 1
     assert "http://" not in page and "https://" not in page, "self-contained"
 
 

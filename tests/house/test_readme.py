@@ -30,11 +30,11 @@ QUICKER = {
 PLAN = """
 every = 100
 [vary]
-cuffs = "monday/cuffs.json"
+cuffs = "simulated/monday/cuffs.json"
 cuff = "hand"
 condition = "rigid"
 """
-STATIC = "monday/cuff-hand_test-static_run-1.mcap"
+STATIC = "simulated/monday/cuff-hand_test-static_run-1.mcap"
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
@@ -149,6 +149,7 @@ def test_every_example_of_the_readme_runs_in_its_order(tmp_path: Path) -> None:
                     hang(simulator, words[-1])
                 desk.provide(words)
                 desk.run(words)
-    assert (tmp_path / "monday" / "report.html").is_file()
-    assert "calibration" in json.loads((tmp_path / "monday" / "cuffs.json").read_text()), "the bounce is used"
+    monday = tmp_path / "simulated" / "monday"
+    assert (monday / "report.html").is_file()
+    assert "calibration" in json.loads((monday / "cuffs.json").read_text()), "the bounce is used"
     assert {words[0] for words in examples()} >= {"simulate", "record", "fit", "assess", "report"}

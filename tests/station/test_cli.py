@@ -132,7 +132,7 @@ def test_a_replay_is_told_as_json(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     ran = station("replay", path, "--session", tmp_path / "again", "--speed", "20", "--format", "json")
     result = json.loads(ran.out)
-    assert set(result) == {"path", "accepted", "lost_samples", "sentence"}
+    assert set(result) == {"path", "accepted", "lost_samples", "sentence", "origin"}
     assert Path(result["path"]).is_file() and result["sentence"] in ran.err
     assert json.loads(station("replay", path, "--speed", "20", "--format", "json").out)["path"] is None
 

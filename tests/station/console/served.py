@@ -24,7 +24,7 @@ hold_s = {hold_s}
 step_masses_kg = [2.0, 2.0, 2.0]
 
 [session]
-folder = "sessions"
+folder = "{sessions}"
 
 [cuffs.hand]
 anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
@@ -52,10 +52,13 @@ def write_config(
     swing_s: float = 12.0,
     ni: int = 9,
     qtm: int = 9,
+    sessions: str = "sessions",
 ) -> Path:
     """A station.toml with its devices at these ports of this machine; sessions go into the folder it is used in."""
     path = folder / "station.toml"
-    path.write_text(CONFIG.format(migration_m=migration_m, hold_s=hold_s, swing_s=swing_s, ni=ni, qtm=qtm))
+    path.write_text(
+        CONFIG.format(migration_m=migration_m, hold_s=hold_s, swing_s=swing_s, ni=ni, qtm=qtm, sessions=sessions)
+    )
     return path
 
 

@@ -88,7 +88,7 @@ def begin(page: Page, subject: str = "P01") -> None:
 
 
 def the_recording(folder: Path, file: str = "sub-P01_ses-1_task-static_acq-hand_run-1.mcap") -> Contents:
-    return contents_of(folder / "sessions" / "sub-P01_ses-1" / file)
+    return contents_of(folder / "sessions" / "simulated" / "sub-P01_ses-1" / file)
 
 
 def assert_whole(contents: Contents) -> None:
@@ -99,6 +99,10 @@ def assert_whole(contents: Contents) -> None:
 def drawn(page: Page) -> str:
     """The first curve's picture as it is now."""
     return str(page.locator("canvas").first.evaluate("canvas => canvas.toDataURL()"))
+
+
+def says_simulated(page: Page) -> None:
+    expect(page.get_by_text("SIMULATED DATA", exact=True)).to_be_visible(timeout=patience_ms())
 
 
 def seen(page: Page, words: str | re.Pattern[str]) -> None:
@@ -119,8 +123,10 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         page.reload()
         page.get_by_label("Subject code").fill("Maria")
         seen(page, "this looks like a name")
+        says_simulated(page)
         page.get_by_role("button", name="Check the bench").click()
         seen(page, "NI Dev1: answers")
+        seen(page, "it says that it is SIMULATED")
         seen(page, "disk:")
         page.get_by_label("Subject code").fill("P01")
         page.screenshot(path=pictures / "console-set-up.png")
@@ -132,9 +138,11 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         page.keyboard.press("m")
         seen(page, re.compile(r"take weight \d off"))
         assert drawn(page) != before, "the curves move"
+        says_simulated(page)
         page.screenshot(path=pictures / "console-trial.png")
 
         seen(page, "the cuff slipped by 30 mm in this trial")
+        says_simulated(page)
         page.screenshot(path=pictures / "console-redo.png")
         assert unreadable(page) == []
         page.get_by_label("mark 1 was").fill("coughed")
@@ -150,13 +158,14 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
 
         page.get_by_role("button", name="Fit, assess and report (f)").click()
         page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
+        says_simulated(page)
         page.screenshot(path=pictures / "console-end.png")
         assert unreadable(page) == []
         assert asked and all(url.startswith((console.address, "data:", "blob:")) for url in asked), "nothing from afar"
         report = page.request.get(f"{console.address}report")
-        assert report.ok and "hand" in report.text()
+        assert report.ok and "hand" in report.text() and "Simulated data" in report.text()
 
-    session = tmp_path / "sessions" / "sub-P01_ses-1"
+    session = tmp_path / "sessions" / "simulated" / "sub-P01_ses-1"
     lines = [json.loads(line) for line in (session / "session.jsonl").read_text().splitlines()]
     assert [line["kind"] for line in lines] == [
         *("setup", "recorded", "mark", "verdict", "donned", "recorded", "verdict", "recorded", "verdict")
@@ -232,7 +241,7 @@ def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser
     """The bench is one that does not end with the console, at the wall's pace; its clock waits for the recorder."""
     with simulated_bench(tmp_path, speed=1.0, test="static", hold_s=2.0) as (bench, _):
         ports = bench.ready["ports"]
-        config = write_config(tmp_path, hold_s=2.0, ni=ports["ni"], qtm=ports["qtm"])
+        config = write_config(tmp_path, hold_s=2.0, ni=ports["ni"], qtm=ports["qtm"], sessions="sessions/simulated")
         config.write_text(f"{config.read_text()}[simulation.ports]\nclock = {ports['clock']}\n")
         with ServedConsole(config, "--speed", "1") as console:
             page = open_page(browser, console.address)
@@ -244,6 +253,7 @@ def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser
         with ServedConsole(config, "--speed", "1") as console:
             page = open_page(browser, console.address)
             page.get_by_role("button", name="P01, session 1: hand").click()
+            says_simulated(page)
             seen(page, "Keep (k)")
             page.keyboard.press("k")
             seen(page, "next: hand: dynamic, repeat 1")
