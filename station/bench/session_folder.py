@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -30,6 +31,11 @@ def why_not_here(folder: Path, devices: Sequence[DeviceIdentity]) -> str:
 def is_for_simulated(folder: Path) -> bool:
     """Whether sessions of simulated data may be recorded into the folder."""
     return SIMULATED_FOLDER in folder.resolve().parts
+
+
+def rehearsal_folder() -> Path:
+    """A folder for any devices, of which nothing is kept; its parent is to be deleted with it."""
+    return Path(tempfile.mkdtemp(prefix="rehearsal-")) / SIMULATED_FOLDER
 
 
 def why_mixed(folder: Path, devices: Sequence[DeviceIdentity]) -> str:

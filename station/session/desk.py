@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import math
 import shutil
-import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
@@ -19,7 +18,7 @@ from typing import Any, Literal
 
 from recordings.manifest import DataOrigin
 from station.bench.check import Line, look_at_bench
-from station.bench.session_folder import SIMULATED_FOLDER, is_for_simulated
+from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import (
@@ -50,11 +49,6 @@ from station.session.simulated_hands import SimulatedHands
 from station.session.summary import Summary, SummaryError, summarise
 from station.session.trial_process import TrialProcess
 from station.session.worker import Worker
-
-
-def _rehearsal_folder() -> Path:
-    """Its parent goes with it. Nothing of it is kept, so that any devices may be rehearsed with."""
-    return Path(tempfile.mkdtemp(prefix="rehearsal-")) / SIMULATED_FOLDER
 
 
 class DeskRefusal(Exception):
@@ -110,11 +104,9 @@ class Desk:
     @property
     def is_simulated(self) -> bool:
         """Whether the bench is simulated, or this session's folder is for simulated data, or holds some."""
-        is_in_its_place = self.folder is not None and not self.is_rehearsal and is_for_simulated(self.folder)
-        recorded = self.journal.recorded
-        return (
-            self._bench is not None or is_in_its_place or any(each.origin == DataOrigin.SIMULATED for each in recorded)
-        )
+        is_marked = any(each.origin == DataOrigin.SIMULATED for each in self.journal.recorded)
+        is_in_place = self.folder is not None and not self.is_rehearsal and is_for_simulated(self.folder)
+        return self._clock_port is not None or is_marked or is_in_place
 
     @property
     def agenda(self) -> Agenda | None:
@@ -138,7 +130,7 @@ class Desk:
         fault = fault_of(setup, self.config)
         if fault is not None:
             raise DeskRefusal(fault)
-        folder = _rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
+        folder = rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
         if before is not None and (planned := plan_in_words(before, self.config)) != plan_in_words(setup, self.config):
             raise DeskRefusal(
