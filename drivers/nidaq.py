@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.device import HostClock
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.nidaq_session import DaqSession
 from recordings.samples import DeviceIdentity, Item, Loss, Samples, Stream
 
 # nidaqmx.error_codes.DAQmxErrors
@@ -28,10 +29,10 @@ NO_SUCH_CHANNEL = {-200170}
 NO_TRANSFER = {-50405}  # of the USB-600x, after minutes or hours; only unplugging it helps
 
 CONNECT_TIMEOUT_S = 3.0
-RELEASED_AFTER_S = 3.0  # a server may take that long to notice that the client which holds the device was killed
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
 RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would hold the caller for ever
+POSITION_LOOKS = 20  # one every 1 / READS_PER_S
 BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB
 LARGEST_READ_S = 10.0
 
@@ -44,8 +45,9 @@ class NiDaq:
     """Streams /force and /sync, in volts; only /sync where the load cell is on another wire (no force_channel).
 
     Sample numbers count from 0 at the start of the task and device time is number ÷ the device's sample rate.
-    start "pfi0" begins at the rising edge on PFI0, "sync_edge" at once. After an overrun the task is restarted, and
-    after a loss it may be resumed; the numbers then jump by what the host's clock says was missed.
+    start "pfi0" begins at the rising edge on PFI0, "sync_edge" at once. After an overrun the task is restarted; the
+    numbers then jump by what the host's clock says was missed. After a lost connection the task, which runs on in NI's
+    server, is read on, and the numbers are its own; where it is gone, a new one begins as after an overrun.
     """
 
     def __init__(
@@ -71,12 +73,14 @@ class NiDaq:
         self._timeout_scale = timeout_scale
         self._host_clock = host_clock
         self._vendor_errors: tuple[type[Exception], ...] = ()
-        self._channel: Any = None
+        self._session: DaqSession | None = None
         self._task: Any = None
         self._reader: Any = None
         self._streams: tuple[Stream, ...] = ()
         self._identity = DeviceIdentity(self.name, "", None)
         self._next_number = 0
+        self._start_number = 0  # of the task's sample 0
+        self._is_started = False
         self._zero_ns = 0
         self._next_read_s = 0.0
 
@@ -102,18 +106,23 @@ class NiDaq:
         self._streams = ()
         self._next_number = 0
         self._zero_ns = sys.maxsize  # when sample 0 was taken, by the block that came with the least delay
-        give_up_s = time.monotonic() + RELEASED_AFTER_S
-        while True:
-            try:
-                return self._begin_or_close()
-            except DeviceUnavailable as error:
-                if _code(error.__cause__) not in IN_USE or time.monotonic() > give_up_s:
-                    raise
-            time.sleep(0.1)
+        self._session = DaqSession(
+            self._device,
+            self._grpc_target,
+            RPC_DEADLINE_S * self._timeout_scale,
+            CONNECT_TIMEOUT_S * self._timeout_scale,
+        )
+        with contextlib.ExitStack() as undo:
+            undo.callback(self.close)
+            self._session.claim()
+            self._connect_and(self._begin)
+            undo.pop_all()
 
     def resume(self) -> None:
-        self.close()
-        self._begin_or_close()
+        session = self._opened
+        self._task = self._reader = None
+        session.disconnect()
+        self._connect_and(self._continue_or_begin)
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         task, reader = self._task, self._reader  # close() may come from the daemon's watchdog meanwhile
@@ -123,71 +132,84 @@ class NiDaq:
         time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.monotonic()))
         self._next_read_s = time.monotonic() + 1 / READS_PER_S
         try:
-            volts = self._read_volts(task, reader, max(0.0, deadline_s - time.monotonic()))
-            return self._samples(volts) if volts.size else []
+            while not (volts := self._read_volts(task, reader, max(0.0, deadline_s - time.monotonic()))).size:
+                if time.monotonic() >= deadline_s:
+                    return []
+                time.sleep(max(0.0, min(1 / READS_PER_S, deadline_s - time.monotonic())))
+            return self._samples(volts)
         except self._vendor_errors as error:
             if _code(error) in OVERRUN:
                 return self._restart(task)
             raise self._lost(error) from error
 
     def close(self) -> None:
-        task, channel = self._task, self._channel
-        self._task = self._channel = self._reader = None
-        for resource in (task, channel):
-            if resource is not None:
-                with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
-                    resource.close()
+        """A task that cannot be reached stays in its server, and is cleared when the device is opened again."""
+        session, task = self._session, self._task
+        self._session = self._task = self._reader = None
+        if session is None:
+            return
+        if task is not None:
+            with contextlib.suppress(*self._vendor_errors):
+                session.close(task)
+        session.disconnect()
+        session.release()
 
-    def _begin_or_close(self) -> None:
-        with contextlib.ExitStack() as undo:
-            undo.callback(self.close)
-            try:
-                self._begin()
-            except self._vendor_errors as error:
-                raise self._refusal(error) from error
-            undo.pop_all()
+    @property
+    def _opened(self) -> DaqSession:
+        session = self._session  # close() may come from the daemon's watchdog meanwhile
+        if session is None:
+            raise DeviceLost(f"{self.name} is closed; open it first")
+        return session
 
-    def _begin(self) -> None:
-        options = self._connect()
-        self._configure(options)
-        self._streams = self._streams or self._describe(options)
-        self._task.start()
-        self._count_missed(self._host_clock())
-        self._tells_available = self._ask(lambda: int(self._task.in_stream.avail_samp_per_chan), -1) >= 0
+    def _connect_and(self, start: Callable[[DaqSession], None]) -> None:
+        """Raises DeviceError."""
+        session = self._opened
+        try:
+            session.connect()
+            start(session)
+        except self._vendor_errors as error:
+            raise self._refusal(error) from error
         self._next_read_s = time.monotonic()
 
-    def _connect(self) -> Any:
-        """The gRPC session options nidaqmx asks for, None for the local driver."""
-        if self._grpc_target is None:
-            return None
-        import grpc
-        import nidaqmx
+    def _begin(self, session: DaqSession) -> None:
+        """A new task, once the one that was left in the server is cleared."""
+        self._is_started = False
+        if (left := session.attach()) is not None:
+            session.clear(left)
+        self._task = task = session.create()
+        self._configure(task)
+        self._streams = self._streams or self._describe(session.options)
+        task.start()
+        self._count_missed(self._host_clock())
+        self._start_number = self._next_number
+        self._tells_available = self._ask(lambda: int(task.in_stream.avail_samp_per_chan), -1) >= 0
+        self._is_started = True
 
-        self._channel = _channel_with_deadline(self._grpc_target, self._deadline_s)
-        try:
-            grpc.channel_ready_future(self._channel).result(timeout=self._connect_timeout_s)
-        except grpc.FutureTimeoutError as error:
-            raise DeviceUnavailable(
-                f"{self.name} expected an NI gRPC device server at {self._grpc_target}, and none answered within "
-                f"{self._connect_timeout_s:g} s; start it, or correct daq.grpc_target"
-            ) from error
-        return nidaqmx.GrpcSessionOptions(self._channel, "")
+    def _continue_or_begin(self, session: DaqSession) -> None:
+        task = session.attach() if self._is_started and self._tells_available else None
+        position = self._position_of(task) if task is not None else None
+        if position is None or self._start_number + position < self._next_number:
+            return self._begin(session)
+        self._task, self._reader = task, _reader_of(task)
+        self._next_number = self._start_number + position
+        return None
 
-    @property
-    def _connect_timeout_s(self) -> float:
-        return CONNECT_TIMEOUT_S * self._timeout_scale
+    def _position_of(self, task: Any) -> int | None:
+        """Samples per channel that were read from the task, once no call that was lost reads any more; None where it
+        cannot be read on."""
+        position = -1
+        for _ in range(POSITION_LOOKS):
+            before, position = position, self._ask(lambda: int(task.in_stream.curr_read_pos), -1)
+            if position < 0:
+                return None
+            if position == before:
+                return position
+            time.sleep(1 / READS_PER_S)
+        return None
 
-    @property
-    def _deadline_s(self) -> float:
-        """Of every call [wall s]."""
-        return RPC_DEADLINE_S * self._timeout_scale
-
-    def _configure(self, options: Any) -> None:
+    def _configure(self, task: Any) -> None:
         from nidaqmx.constants import AcquisitionType, Edge, TerminalConfiguration
-        from nidaqmx.stream_readers import AnalogMultiChannelReader
-        from nidaqmx.task import Task
 
-        self._task = task = Task(grpc_options=options)
         for _, channel, range_v in self._inputs:
             task.ai_channels.add_ai_voltage_chan(
                 f"{self._device}/{channel}",
@@ -203,8 +225,7 @@ class NiDaq:
         if self._start == "pfi0" and not self._has_begun:
             task.triggers.start_trigger.cfg_dig_edge_start_trig(f"/{self._device}/PFI0", trigger_edge=Edge.RISING)
         self._true_rate_hz = float(self._ask(lambda: task.timing.samp_clk_rate, 0.0)) or self._rate_hz
-        self._reader = AnalogMultiChannelReader(task.in_stream)
-        self._reader.verify_array_shape = False  # costs a round trip per read
+        self._reader = _reader_of(task)
         self._block = max(1, round(self._true_rate_hz / READS_PER_S))
         self._buffer = np.empty(len(self._inputs) * max(1, int(LARGEST_READ_S * self._true_rate_hz)))
 
@@ -229,10 +250,16 @@ class NiDaq:
         )
 
     def _read_volts(self, task: Any, reader: Any, timeout_s: float) -> Volts:
-        """All that is there, else the first block to come, else nothing."""
+        """All that is there, which may be nothing.
+
+        No read waits in the server for samples: a reply that is lost with the connection would take them along. Only a
+        server that cannot tell what is there is asked for the first block to come.
+        """
         channels = len(self._inputs)
         if self._tells_available:
             available = int(task.in_stream.avail_samp_per_chan)
+            if not available:
+                return self._buffer[:0].reshape(channels, 0)
         else:
             available = self._due(self._host_clock()) - self._next_number
         count = min(available if available > 0 else self._block, self._buffer.size // channels)
@@ -268,6 +295,7 @@ class NiDaq:
         host_time_ns = self._host_clock()
         first_missing = self._next_number
         count = self._count_missed(host_time_ns)
+        self._start_number = self._next_number
         last_device_time_ns = round(max(first_missing - 1, 0) * 1e9 / self._true_rate_hz)
         return [
             Loss(stream.name, "overrun", first_missing, count, last_device_time_ns, host_time_ns)
@@ -336,7 +364,11 @@ class NiDaq:
 
 _UNAVAILABLE = (
     (NO_SUCH_DEVICE, "is not there", "plug it in, or correct daq.device"),
-    (IN_USE, "is in use by another program", "close that program"),
+    (
+        IN_USE,
+        "is in use by another program",
+        "close that program; where none runs, a task of a dead one is left: restart NI's device server",
+    ),
     (NO_TRANSFER, "transfers nothing", "unplug it and plug it in again"),
 )
 
@@ -354,14 +386,9 @@ def _words(error: Exception) -> str:
     return " ".join(text.split()).rstrip(".")[:300] or type(error).__name__
 
 
-def _channel_with_deadline(target: str, deadline_s: float) -> Any:
-    """A gRPC channel on which every call ends within deadline_s."""
-    import grpc
+def _reader_of(task: Any) -> Any:
+    from nidaqmx.stream_readers import AnalogMultiChannelReader
 
-    class Deadline(grpc.UnaryUnaryClientInterceptor):
-        def intercept_unary_unary(self, continuation: Any, client_call_details: Any, request: Any) -> Any:
-            return continuation(client_call_details._replace(timeout=deadline_s), request)
-
-    # A proxy named in the environment would be asked for the loopback address, too.
-    channel = grpc.insecure_channel(target, options=[("grpc.enable_http_proxy", 0)])
-    return grpc.intercept_channel(channel, Deadline())
+    reader = AnalogMultiChannelReader(task.in_stream)
+    reader.verify_array_shape = False  # costs a round trip per read
+    return reader

@@ -22,6 +22,14 @@ settings.load_profile("house")
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 
 
+@pytest.fixture(autouse=True, scope="session")
+def no_claims_in_the_home_folder(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
+    """What the tests note of DAQ sessions is no business of the user who runs them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("drivers.nidaq_session.FOLDER", str(tmp_path_factory.mktemp("claims")))
+        yield
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--hardware", action="store_true", help="run the contract tests against the bench as well")
     parser.addoption("--pictures", metavar="DIR", help="where the tests in a browser leave their screenshots")

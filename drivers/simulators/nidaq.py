@@ -1,6 +1,6 @@
 """An NI gRPC Device Server with one USB-6008, for unmodified nidaqmx: the wire; usb6008.py is the instrument.
 
-A session whose client has said nothing for two seconds gives way to a new one, so that a killed client can come back.
+daq_sessions.py keeps the sessions. The death of a client ends none of them, as in NI's server.
 
 Does not imitate: every other service and instrument of the real server, TLS, RPCs beyond continuous clocked voltage
 input (they are answered UNIMPLEMENTED); and what usb6008.py lists.
@@ -32,6 +32,7 @@ from nidaqmx.error_codes import DAQmxErrors
 from nidaqmx.utils import unflatten_channel_string
 from session_pb2 import Session
 
+from drivers.simulators.daq_sessions import DaqSessions, SessionRefused
 from drivers.simulators.settings import DaqClock
 from drivers.simulators.usb6008 import (
     DIFFERENTIAL_INPUTS,
@@ -43,7 +44,6 @@ from drivers.simulators.usb6008 import (
 )
 
 TIMED_OUT = -200284
-NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
 EVENT_POLL_S = 0.1
 FROZEN_GLANCE_S = 0.002  # wall
 DRIVER_VERSION = {0x1272: 25, 0x1923: 0, 0x2F22: 0}  # major, minor, update
@@ -122,7 +122,7 @@ class NiDaqSimulator:
             task.may_overrun = True
 
     def stop(self) -> None:
-        self._service.clear()
+        self._service.sessions.clear_all()
         self._server.stop(grace=None).wait()
 
 
@@ -134,12 +134,14 @@ def _rpc(method: Callable[[_Service, Any], Any]) -> Callable[[_Service, Any, grp
         self.wait_while_frozen(context)
         try:
             return method(self, request)
+        except SessionRefused as error:
+            return context.abort(error.status, str(error))
         except DaqmxError as error:
             metadata = [("ni-error", str(error.code))]
             if method.__name__.startswith("Read"):
                 metadata.append(("ni-samps-per-chan-read", "0"))
             context.set_trailing_metadata(tuple(metadata))
-            context.abort(grpc.StatusCode.UNKNOWN, f"{error}\n\nStatus Code: {error.code}")
+            return context.abort(grpc.StatusCode.UNKNOWN, f"{error}\n\nStatus Code: {error.code}")
 
     return answer
 
@@ -147,13 +149,7 @@ def _rpc(method: Callable[[_Service, Any], Any]) -> Callable[[_Service, Any, grp
 class _Service(NiDAQmxServicer):
     def __init__(self, device: Usb6008) -> None:
         self._device = device
-        self._tasks: dict[str, AcquisitionTask] = {}
-        self._unnamed = 0
-
-    def clear(self) -> None:
-        """Ends every task, and with it the calls that wait for one."""
-        for name in list(self._tasks):
-            self._tasks.pop(name).stop()
+        self.sessions = DaqSessions(device)
 
     def wait_while_frozen(self, context: grpc.ServicerContext) -> None:
         """Returns at once unless the server is frozen; a call that its client has given up does not happen later."""
@@ -163,24 +159,14 @@ class _Service(NiDAQmxServicer):
             time.sleep(FROZEN_GLANCE_S)
 
     def _task(self, request: Any) -> AcquisitionTask:
-        task = self._tasks.get(request.task.name)
-        if task is None:
-            raise DaqmxError(*NO_SUCH_TASK)
-        task.ensure_alive()
-        task.hear()
-        return task
+        return self.sessions.find(request.task.name)
 
     # --- A task's life
 
     @_rpc
     def CreateTask(self, request: Any) -> Any:
-        name = request.session_name
-        if not name:
-            name, self._unnamed = f"_unnamedTask<{self._unnamed}>", self._unnamed + 1
-        is_new = name not in self._tasks
-        if is_new:
-            self._tasks[name] = AcquisitionTask(self._device, name)
-        return wire.CreateTaskResponse(task=Session(name=name), new_session_initialized=is_new)
+        task, is_new = self.sessions.create(request.session_name, request.initialization_behavior)
+        return wire.CreateTaskResponse(task=Session(name=task.name), new_session_initialized=is_new)
 
     @_rpc
     def CreateAIVoltageChan(self, request: Any) -> Any:
@@ -227,11 +213,18 @@ class _Service(NiDAQmxServicer):
 
     @_rpc
     def ClearTask(self, request: Any) -> Any:
-        task = self._tasks.pop(request.task.name, None)  # also one whose device is gone
-        if task is None:
-            raise DaqmxError(*NO_SUCH_TASK)
-        task.stop()
+        self.sessions.clear(request.task.name)
         return wire.ClearTaskResponse()
+
+    @_rpc
+    def IsTaskDone(self, request: Any) -> Any:
+        return wire.IsTaskDoneResponse(is_task_done=not self._task(request).is_running)
+
+    @_rpc
+    def ResetDevice(self, request: Any) -> Any:
+        self._known_device(request)
+        self._device.reset()
+        return wire.ResetDeviceResponse()
 
     # --- Samples
 
@@ -254,10 +247,10 @@ class _Service(NiDAQmxServicer):
         )
 
     def RegisterEveryNSamplesEvent(self, request: Any, context: Any) -> Iterator[Any]:
-        task = self._tasks[request.task.name]
+        task = self.sessions.find(request.task.name)
         context.send_initial_metadata(())  # the client blocks on it
         due = request.n_samples
-        while context.is_active() and self._tasks.get(request.task.name) is task:
+        while context.is_active() and self.sessions.holds(task):
             try:
                 has_come = task.wait_until_acquired(due, EVENT_POLL_S)
             except DaqmxError:  # the device is gone, and the client's next call is told so
@@ -279,7 +272,7 @@ class _Service(NiDAQmxServicer):
 
     @_rpc
     def GetTaskAttributeString(self, request: Any) -> Any:
-        task = self._task(request)
+        task = self.sessions.find(request.task.name, must_live=False)  # what it is called is asked of no device
         names = ", ".join(channel.name for channel in task.inputs)
         value = _attribute(request, {0x1276: task.name, 0x1273: names})
         return wire.GetTaskAttributeStringResponse(value=value)
@@ -293,6 +286,12 @@ class _Service(NiDAQmxServicer):
             0x31E8: task.available,  # what "all available" means to a continuous task
         }
         return wire.GetReadAttributeUInt32Response(value=_attribute(request, questions)())
+
+    @_rpc
+    def GetReadAttributeUInt64(self, request: Any) -> Any:
+        task = self._task(request)
+        values = {0x1221: task.position, 0x192A: task.acquired()}  # current read position, total acquired
+        return wire.GetReadAttributeUInt64Response(value=_attribute(request, values))
 
     @_rpc
     def GetReadAttributeString(self, request: Any) -> Any:

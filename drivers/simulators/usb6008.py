@@ -1,7 +1,7 @@
 """The instrument behind the NI server: a USB-6008's converter, crystal and buffer, sampling one World.
 
 Does not imitate: single-ended inputs, on-demand and finite acquisition, digital lines, counter and analog outputs,
-input impedance, settling and crosstalk between channels, delays of the USB bus.
+input impedance, settling and crosstalk between channels, delays of the USB bus, the restart of an aborted task.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ TRIGGER_V = 2.5
 TRIGGER_GRID_S = 1e-4  # how finely the trigger line is watched
 LONGEST_SLEEP_S = 0.02  # wall, while waiting for samples
 NEARLY_FULL = 0.8  # of the buffer
-ABANDONED_AFTER_S = 2.0  # wall, without a word from the client
 
 # The faults of the "ni" device, as NI words them.
 OVERWRITTEN = {
@@ -47,6 +46,7 @@ DEADLY = {
     "unplug": (-200045, "Device was removed or is not present, and the task was aborted."),
     "transfer_aborted": (-50405, "No transfer is in progress because the transfer was aborted by the client."),
 }
+ABORTED = (-88709, "The task was aborted: its device was reset.")
 REFUSALS = {
     "refuse": (-50103, "The specified resource is reserved. The operation could not be completed as specified."),
     "transfer_aborted": DEADLY["transfer_aborted"],
@@ -152,7 +152,7 @@ class Usb6008:
         return Input(physical_channel, range_v, self._wiring.get(channel, np.zeros_like), random)
 
     def reserve(self, task: AcquisitionTask) -> None:
-        """Makes it the running task; one that its client has left alone gives way."""
+        """Makes it the running task. Raises where another one runs, also one whose client is dead."""
         with self._lock:
             other = self._running
             if other is task:
@@ -162,19 +162,23 @@ class Usb6008:
                 if self.world.faults.active("ni", kind):
                     raise DaqmxError(code, text)
             if other is not None:
-                if not other.is_abandoned:
-                    raise DaqmxError(
-                        -200022,
-                        "Resource requested by this task has already been reserved by a different task.\n\n"
-                        f"Device: {self.name}",
-                    )
-                other.stop()
+                raise DaqmxError(
+                    -200022,
+                    "Resource requested by this task has already been reserved by a different task.\n\n"
+                    f"Device: {self.name}",
+                )
             self._running = task
 
     def release(self, task: AcquisitionTask) -> None:
         with self._lock:
             if self._running is task:
                 self._running = None
+
+    def reset(self) -> None:
+        """Aborts the running task, whoever started it."""
+        with self._lock:
+            if self._running is not None:
+                self._running.abort()
 
     @property
     def is_streaming(self) -> bool:
@@ -197,7 +201,7 @@ class AcquisitionTask:
         self._watched_until: float | None = None  # world seconds; None while the task is stopped
         self._started_at: float | None = None  # world seconds of sample 0; None while the trigger is awaited
         self._position = 0
-        self._heard_at = time.monotonic()
+        self._was_aborted = False
         self.may_overrun = False
 
     @property
@@ -207,15 +211,24 @@ class AcquisitionTask:
             return self.acquired() - self._position > NEARLY_FULL * self.buffer_size
 
     @property
-    def is_abandoned(self) -> bool:
-        return time.monotonic() - self._heard_at > ABANDONED_AFTER_S
+    def is_running(self) -> bool:
+        """Whether it was started and not stopped; a task that waits for its trigger is running."""
+        return self._watched_until is not None
 
-    def hear(self) -> None:
-        """Its client is alive."""
-        self._heard_at = time.monotonic()
+    @property
+    def position(self) -> int:
+        """Samples per channel that were read since the start."""
+        return self._position
+
+    def abort(self) -> None:
+        """Stops it for good, as a reset of its device does."""
+        self._was_aborted = True
+        self.stop()
 
     def ensure_alive(self) -> None:
         """Raises what a task says for ever once its device was taken from under it."""
+        if self._was_aborted:
+            raise DaqmxError(*ABORTED)
         for kind, (code, text) in DEADLY.items():
             if self._device.world.faults.has_begun("ni", kind, since=self._made_at):
                 raise DaqmxError(code, text)
@@ -280,7 +293,6 @@ class AcquisitionTask:
                 left_s = deadline_s - time.monotonic() if timeout_s >= 0 else LONGEST_SLEEP_S
                 if left_s <= 0 or self._watched_until is None:
                     return False
-                self.hear()  # who waits is alive
                 due_s = missing / self.rate_hz / (self._device.world.speed or math.inf)
                 self._changed.wait(min(left_s, max(due_s, 1e-3), LONGEST_SLEEP_S))
             return True

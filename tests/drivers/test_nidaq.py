@@ -218,9 +218,8 @@ def test_a_pfi0_task_that_is_resumed_waits_for_no_other_edge(server: NiDaqSimula
 
 
 def test_a_device_that_another_program_has_reserved_is_refused_when_it_is_opened(
-    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
+    server: NiDaqSimulator, world: StandInWorld
 ) -> None:
-    monkeypatch.setattr("drivers.nidaq.RELEASED_AFTER_S", 0.0)
     world.faults.inject(Fault("ni", "refuse", at_s=0.0, for_s=1e6))
     error = refusal(driver(server, world))
     assert isinstance(error, DeviceUnavailable)
@@ -292,25 +291,6 @@ def test_an_unknown_channel_is_refused(server: NiDaqSimulator, world: StandInWor
     error = refusal(driver(server, world, force_channel="ai9"))
     assert isinstance(error, DeviceMisconfigured)
     assert "ai9" in str(error)
-
-
-def test_a_device_that_another_program_reads_is_refused(
-    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("drivers.simulators.usb6008.ABANDONED_AFTER_S", 60.0)
-    monkeypatch.setattr("drivers.nidaq.RELEASED_AFTER_S", 0.3)
-    with opened(driver(server, world)):
-        error = refusal(driver(server, world))
-    assert isinstance(error, DeviceUnavailable)
-    assert "in use" in str(error)
-
-
-def test_a_device_that_a_killed_program_still_holds_is_waited_for(
-    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("drivers.simulators.usb6008.ABANDONED_AFTER_S", 0.5)
-    with opened(driver(server, world)), opened(driver(server, world)) as second:
-        assert read_until(second, lambda items: bool(blocks(items, "/force")))
 
 
 def test_a_computer_without_the_driver_is_told_what_to_install(server: NiDaqSimulator, world: StandInWorld) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -151,7 +152,8 @@ def _daemon(folder: Path, ni: int, qtm: int) -> subprocess.Popen[bytes]:
     arguments = ["--config", config, "--session", folder, "--cuff", "hand", "--test", "static", "--repeat", "1"]
     with (folder / "stderr.txt").open("wb") as words:
         command = [sys.executable, "-c", RECORD, "record", *map(str, arguments)]
-        return subprocess.Popen(command, stderr=words)  # noqa: S603
+        home = {"HOME": str(folder.parent), "USERPROFILE": str(folder.parent)}  # of all rounds
+        return subprocess.Popen(command, stderr=words, env={**os.environ, **home})  # noqa: S603
 
 
 def _wait_for(claim: Callable[[], bool], daemons: Sequence[subprocess.Popen[Any]], folders: Sequence[Path]) -> None:

@@ -165,15 +165,17 @@ def test_one_task_runs_at_a_time(world: StandInWorld) -> None:
     assert device.is_streaming
 
 
-def test_a_task_whose_client_is_gone_gives_way(world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reset_of_the_device_aborts_the_running_task_for_good(world: StandInWorld) -> None:
     device = instrument(world)
     left, new = task_on(device, "ai0"), task_on(device, "ai0")
     left.start()
-    monkeypatch.setattr("drivers.simulators.usb6008.ABANDONED_AFTER_S", 0.0)
+    device.reset()
     new.start()
     world.advance(0.1)
-    assert left.acquired() == 0
     assert new.acquired() > 0
+    with pytest.raises(DaqmxError) as caught:
+        left.ensure_alive()
+    assert code_of(caught) == -88709
 
 
 def test_more_than_10_000_samples_a_second_in_all_are_refused(world: StandInWorld) -> None:

@@ -66,6 +66,7 @@ class Recorder:
             "clock_port": clock_port,
             "speed": None,
         }
+        self._home = str(folder.parent)  # what a recorder that is killed leaves there is the next one's
 
     def __enter__(self) -> Recorder:
         self.child = subprocess.Popen(
@@ -73,7 +74,8 @@ class Recorder:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+            env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+            | {"HOME": self._home, "USERPROFILE": self._home},
         )
         if self._begins_at_once:
             self.begin()

@@ -1,0 +1,209 @@
+"""Where NI-DAQmx runs a task: on this computer, or as a session of an NI gRPC Device Server.
+
+Such a server keeps a session, and its task keeps the device, until the task is cleared or the device is reset; the
+death of a client ends nothing (ni/grpc-device, source/server/session_repository.cpp). Our session therefore has a name,
+which is noted on this computer until its task is cleared, so that the next program can attach to what a dead one left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import uuid
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from drivers.errors import DeviceUnavailable
+
+FOLDER = ".cuffstation"
+"""In the user's home: the note of each device's session. A folder for temporary files may be emptied by a restart of
+this computer, and the server runs on."""
+
+NOTED_NAME = re.compile(r"cuffstation_[0-9a-f]{32}")
+
+
+class SessionClaim:
+    """The right of one program on this computer to our session for a device.
+
+    The operating system frees the lock of a program that dies: who holds it may clear the task of the noted name. What
+    other computers and other programs have in the server has other names and is never touched.
+    """
+
+    def __init__(self, server: str, device: str) -> None:
+        self._owner = f"NI {device} at {server}"
+        key = re.sub(r"[^A-Za-z0-9.]", "_", f"daq_{server}_{device}")
+        self._folder = Path.home() / FOLDER
+        self._note = self._folder / f"{key}.session"
+        self._lock = FileLock(self._folder / f"{key}.lock", timeout=0, thread_local=False)
+        self.name = ""
+
+    def acquire(self) -> None:
+        """Raises DeviceUnavailable where another program on this computer has it."""
+        try:
+            self._folder.mkdir(exist_ok=True)
+            self._lock.acquire()
+            self.name = self._noted_name() or f"cuffstation_{uuid.uuid4().hex}"
+        except Timeout as error:
+            raise DeviceUnavailable(
+                f"{self._owner} is in use by another recording on this computer; wait for its end, or end it"
+            ) from error
+        except (OSError, NotImplementedError) as error:
+            raise DeviceUnavailable(
+                f"{self._owner}: no lock can be had in {self._folder} ({error}); make this folder writable"
+            ) from error
+
+    def note(self) -> None:
+        """To be called before a session of this name is made."""
+        with contextlib.suppress(OSError):  # on a full disk the recording is told so, in its own words
+            self._note.write_text(self.name, encoding="ascii")
+
+    def erase(self) -> None:
+        """To be called when the session is closed."""
+        with contextlib.suppress(OSError):
+            self._note.unlink(missing_ok=True)
+
+    def release(self) -> None:
+        self._lock.release()
+
+    def _noted_name(self) -> str:
+        try:
+            name = self._note.read_text(encoding="ascii")
+        except (FileNotFoundError, ValueError):
+            return ""
+        return name if NOTED_NAME.fullmatch(name) else ""
+
+
+class DaqSession:
+    """Makes tasks on one device; target None is the local NI-DAQmx, which ends the tasks of a dead program itself.
+
+    Every call to a server ends within deadline_s wall seconds. Methods raise the errors of nidaqmx and grpc, and
+    DeviceUnavailable.
+    """
+
+    def __init__(self, device: str, target: str | None, deadline_s: float, connect_timeout_s: float) -> None:
+        self._device, self._target = device, target
+        self._deadline_s, self._connect_timeout_s = deadline_s, connect_timeout_s
+        self._claim = SessionClaim(target, device) if target else None
+        self._channel: Any = None
+        self._local_task: Any = None
+
+    def claim(self) -> None:
+        """Raises DeviceUnavailable where another program on this computer uses the device through the server."""
+        if self._claim is not None:
+            self._claim.acquire()
+
+    def connect(self) -> None:
+        if self._target is None:
+            return
+        import grpc
+
+        self._channel = _channel_with_deadline(self._target, self._deadline_s)
+        try:
+            grpc.channel_ready_future(self._channel).result(timeout=self._connect_timeout_s)
+        except grpc.FutureTimeoutError as error:
+            raise DeviceUnavailable(
+                f"NI {self._device} expected an NI gRPC device server at {self._target}, and none answered within "
+                f"{self._connect_timeout_s:g} s; start it, or correct daq.grpc_target"
+            ) from error
+
+    @property
+    def options(self) -> Any:
+        """What nidaqmx wants for everything but our task; None for the local driver."""
+        import nidaqmx
+
+        return None if self._channel is None else nidaqmx.GrpcSessionOptions(self._channel, "")
+
+    def attach(self) -> Any:
+        """The task that we, or a program that died, left in the server; None where there is none."""
+        import grpc
+        from nidaqmx import SessionInitializationBehavior
+        from nidaqmx.errors import RpcError
+
+        try:
+            return self._task(SessionInitializationBehavior.ATTACH_TO_SERVER_SESSION) if self._claim else None
+        except RpcError as error:
+            if error.rpc_code != grpc.StatusCode.FAILED_PRECONDITION:
+                raise
+            return None
+
+    def create(self) -> Any:
+        from nidaqmx import SessionInitializationBehavior
+        from nidaqmx.task import Task
+
+        if self._claim is None:
+            self._local_task = Task()
+            return self._local_task
+        self._claim.note()
+        return self._task(SessionInitializationBehavior.INITIALIZE_SERVER_SESSION)
+
+    def close(self, task: Any) -> None:
+        """Ends our task."""
+        self._local_task = None
+        task.close()
+        if self._claim is not None:
+            self._claim.erase()
+
+    def clear(self, task: Any) -> None:
+        """Ends a task that was attached to.
+
+        Where NI-DAQmx cannot clear it, and it was acquiring, the device is reset: as long as our task acquired, no
+        other program had the device. A device that is in use for any other reason is never reset.
+        """
+        from nidaqmx.errors import DaqError
+        from nidaqmx.system.device import Device
+
+        was_acquiring = _is_acquiring(task)
+        try:
+            task.close()
+        except DaqError:
+            if was_acquiring:
+                Device(self._device, grpc_options=self.options).reset_device()
+
+    def disconnect(self) -> None:
+        """Leaves a session in the server as it is; a task of the local driver ends."""
+        from nidaqmx.errors import Error
+
+        task, self._local_task = self._local_task, None
+        if task is not None:
+            with contextlib.suppress(Error):
+                task.close()
+        channel, self._channel = self._channel, None
+        if channel is not None:
+            channel.close()
+
+    def release(self) -> None:
+        if self._claim is not None:
+            self._claim.release()
+
+    def _task(self, behavior: Any) -> Any:
+        from nidaqmx import GrpcSessionOptions
+        from nidaqmx.task import Task
+
+        name = self._claim.name if self._claim else ""
+        options = GrpcSessionOptions(self._channel, name, initialization_behavior=behavior)
+        return Task(name, grpc_options=options)
+
+
+def _is_acquiring(task: Any) -> bool:
+    """Whether samples have come from the task and it has not ended."""
+    from nidaqmx.errors import Error
+
+    try:
+        return not task.is_task_done() and task.in_stream.total_samp_per_chan_acquired > 0
+    except Error:
+        return False
+
+
+def _channel_with_deadline(target: str, deadline_s: float) -> Any:
+    """A gRPC channel on which every call ends within deadline_s."""
+    import grpc
+
+    class Deadline(grpc.UnaryUnaryClientInterceptor):
+        def intercept_unary_unary(self, continuation: Any, client_call_details: Any, request: Any) -> Any:
+            return continuation(client_call_details._replace(timeout=deadline_s), request)
+
+    # A proxy named in the environment would be asked for the loopback address, too.
+    channel = grpc.insecure_channel(target, options=[("grpc.enable_http_proxy", 0)])
+    return grpc.intercept_channel(channel, Deadline())

@@ -1,0 +1,243 @@
+"""What a dead client leaves in NI's server, and what is not ours there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import grpc
+import nidaqmx
+import numpy as np
+import pytest
+from nidaqmx.constants import AcquisitionType, TerminalConfiguration
+
+from drivers import nidaq
+from drivers.errors import DeviceUnavailable
+from drivers.nidaq import NiDaq
+from drivers.reconnecting import Reconnecting
+from drivers.simulators.faults import Fault
+from drivers.simulators.nidaq import NiDaqSimulator, _Service
+from drivers.simulators.settings import DaqClock
+from drivers.simulators.usb6008 import DaqmxError
+from recordings.samples import Event, Item, Loss, Samples
+from tests.drivers.contract import blocks
+from tests.drivers.fault_bench import unaccounted
+from tests.drivers.stand_in_world import StandInWorld
+from tests.drivers.tcp_proxy import TcpProxy
+from tests.timeout import scaled_timeout
+
+
+@pytest.fixture
+def world() -> StandInWorld:
+    return StandInWorld(is_standing=True)
+
+
+@pytest.fixture
+def server(world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> Iterator[NiDaqSimulator]:
+    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(1.0))
+    server = NiDaqSimulator(world, clock=DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0))
+    server.start()
+    yield server
+    server.stop()
+
+
+def driver(port: int, world: StandInWorld) -> NiDaq:
+    return NiDaq(
+        device="Dev1",
+        force_channel="ai0",
+        sync_channel="ai1",
+        sample_rate_hz=1000.0,
+        host_clock=world.utc_ns,
+        grpc_target=f"127.0.0.1:{port}",
+    )
+
+
+def die(device: NiDaq) -> None:
+    """What the death of its program does: the connection goes, the operating system frees the lock."""
+    session, device._session, device._task = device._session, None, None
+    assert session is not None
+    session.disconnect()
+    session.release()
+
+
+def reads_ten_samples(device: NiDaq, world: StandInWorld) -> bool:
+    world.advance(0.01)
+    return any(len(block.sample_numbers) >= 10 for block in blocks(list(device.read(0.1)), "/force"))
+
+
+@pytest.fixture
+def other_program(server: NiDaqSimulator) -> Iterator[Any]:
+    """A program of another make that acquires from the same device."""
+    with grpc.insecure_channel(server.target) as channel:
+        task = nidaqmx.Task(grpc_options=nidaqmx.GrpcSessionOptions(channel, ""))
+        task.ai_channels.add_ai_voltage_chan("Dev1/ai0", terminal_config=TerminalConfiguration.DIFF)
+        task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.CONTINUOUS)
+        yield task
+        task.close()
+
+
+def test_the_task_of_a_dead_program_is_cleared_by_the_next_one(server: NiDaqSimulator, world: StandInWorld) -> None:
+    for _ in range(20):
+        device = driver(server.port, world)
+        device.open()
+        assert reads_ten_samples(device, world)
+        die(device)
+        assert server.is_streaming, "the server keeps what a dead client held"
+    device.open()
+    assert reads_ten_samples(device, world)
+    device.close()
+    assert not server.is_streaming
+
+
+def test_a_device_that_another_program_reads_is_refused_and_never_reset(
+    server: NiDaqSimulator, world: StandInWorld, other_program: Any
+) -> None:
+    left = driver(server.port, world)
+    left.open()
+    die(left)
+    device = driver(server.port, world)
+    device.open()  # clears what was left
+    device.close()
+    other_program.start()
+    for _ in range(3):
+        with pytest.raises(
+            DeviceUnavailable, match=r"in use by another program \(NI error -200022\); close that program"
+        ):
+            device.open()
+    world.advance(0.1)
+    assert len(other_program.read(100)) == 100
+
+
+def test_another_recording_on_this_computer_is_refused_and_the_first_goes_on(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    first, second = driver(server.port, world), driver(server.port, world)
+    first.open()
+    with pytest.raises(DeviceUnavailable, match="in use by another recording on this computer"):
+        second.open()
+    assert reads_ten_samples(first, world)
+    first.close()
+    second.open()
+    assert reads_ten_samples(second, world)
+    second.close()
+
+
+def test_a_device_whose_task_cannot_be_cleared_is_reset_where_our_own_task_held_it(
+    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = driver(server.port, world)
+    left.open()
+    assert reads_ten_samples(left, world)
+    die(left)
+    monkeypatch.setattr(_Service, "ClearTask", forget_the_session_and_fail)
+    device = driver(server.port, world)
+    device.open()
+    assert reads_ten_samples(device, world)
+    monkeypatch.undo()
+    device.close()
+
+
+def test_a_task_that_cannot_be_cleared_and_did_not_acquire_resets_nothing(
+    server: NiDaqSimulator, world: StandInWorld, other_program: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other_program.start()
+    device = driver(server.port, world)
+    monkeypatch.setattr(_Service, "ClearTask", forget_the_session_and_fail)
+    for _ in range(2):  # the first attempt leaves a task that never started
+        with pytest.raises(DeviceUnavailable, match="-200022"):
+            device.open()
+    monkeypatch.undo()
+    world.advance(0.1)
+    assert len(other_program.read(100)) == 100
+
+
+def test_a_task_that_goes_on_behind_a_broken_link_is_read_on_without_a_loss(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    with ExitStack() as stack:
+        proxy = stack.enter_context(TcpProxy(server.port))
+        device = Reconnecting(driver(proxy.port, world), world.utc_ns, patience_s=scaled_timeout(30.0))
+        stack.callback(device.close)
+        device.open()
+        items = read_beyond(device, world, 0.5)
+        for _ in range(20):
+            proxy.refuse()
+            world.advance(0.5)  # seconds in which nobody hears the device
+            items += read_until_lost(device)
+            proxy.listen()
+            items += read_beyond(device, world, 0.1)
+    numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/force")])
+    np.testing.assert_array_equal(numbers, np.arange(len(numbers)))
+    assert len(numbers) > 20 * 600
+    assert not [item for item in items if isinstance(item, Loss)]
+    assert [item.kind for item in items if isinstance(item, Event)] == ["connection_lost", "connection_restored"] * 20
+
+
+def test_samples_whose_reply_was_lost_with_the_link_are_counted_to_the_sample(
+    server: NiDaqSimulator, world: StandInWorld
+) -> None:
+    with ExitStack() as stack:
+        proxy = stack.enter_context(TcpProxy(server.port))
+        device = Reconnecting(driver(proxy.port, world), world.utc_ns, patience_s=scaled_timeout(30.0))
+        stack.callback(device.close)
+        device.open()
+        items = read_beyond(device, world, 0.5)
+        world.advance(1.0)
+        proxy.on_data = lambda data: proxy.reset() if len(data) > 4000 else None  # a thousand samples of two channels
+        items += read_until_lost(device)
+        proxy.on_data = lambda data: None
+        items += read_beyond(device, world, 0.1)
+    losses = [item for item in items if isinstance(item, Loss)]
+    assert [(loss.stream, loss.cause) for loss in losses] == [("/force", "disconnected"), ("/sync", "disconnected")]
+    assert losses[0].count == 1000
+    assert unaccounted(items, "/force") == unaccounted(items, "/sync") == []
+    first = next(block for block in blocks(items, "/force") if block.sample_numbers[0] > losses[0].first_missing)
+    assert first.values[0, 0] == pytest.approx(1.0 + 0.01 * first.device_time_ns[0] * 1e-9, abs=0.02)
+
+
+def test_a_task_that_died_behind_a_broken_link_is_begun_anew(server: NiDaqSimulator, world: StandInWorld) -> None:
+    with ExitStack() as stack:
+        proxy = stack.enter_context(TcpProxy(server.port))
+        device = Reconnecting(driver(proxy.port, world), world.utc_ns, patience_s=scaled_timeout(30.0))
+        stack.callback(device.close)
+        device.open()
+        items = read_beyond(device, world, 0.5)
+        proxy.refuse()
+        world.faults.inject(Fault("ni", "unplug", at_s=0.0, for_s=0.2))
+        world.advance(0.5)
+        items += read_until_lost(device)
+        proxy.listen()
+        items += read_beyond(device, world, 0.1)
+    loss = next(item for item in items if isinstance(item, Loss))
+    assert loss.count == pytest.approx(599, abs=2)
+    assert unaccounted(items, "/force") == []
+
+
+def read_until_lost(device: Reconnecting) -> list[Item]:
+    items: list[Item] = []
+    give_up_s = time.monotonic() + scaled_timeout(20.0)
+    while not any(isinstance(item, Event) and item.kind == "connection_lost" for item in items):
+        assert time.monotonic() < give_up_s, "the loss of the link was not noticed"
+        items += device.read(0.1)
+    return items
+
+
+def read_beyond(device: Reconnecting, world: StandInWorld, seconds: float) -> list[Item]:
+    """Lets so many seconds pass, and reads until their samples are there."""
+    world.advance(seconds)
+    items: list[Item] = []
+    give_up_s = time.monotonic() + scaled_timeout(20.0)
+    while not any(isinstance(item, Samples) for item in items):
+        assert time.monotonic() < give_up_s, f"no samples came, only {items}"
+        items += device.read(0.1)
+    return items
+
+
+def forget_the_session_and_fail(service: _Service, request: Any, context: grpc.ServicerContext) -> None:
+    """As NI's server does where NI-DAQmx cannot clear a task: the session is removed first."""
+    service.sessions._tasks.pop(request.task.name, None)
+    error = DaqmxError(-200088, "Task specified is invalid or does not exist.")
+    context.set_trailing_metadata((("ni-error", str(error.code)),))
+    context.abort(grpc.StatusCode.UNKNOWN, str(error))
