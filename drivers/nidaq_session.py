@@ -65,7 +65,11 @@ class SessionClaim:
             self._note.unlink(missing_ok=True)
 
     def release(self) -> None:
-        self._lock.release()
+        """Leaves no file behind but the note of a session that was not closed."""
+        if self._lock.is_locked:
+            with contextlib.suppress(OSError):  # Windows deletes no file that is open
+                Path(self._lock.lock_file).unlink(missing_ok=True)
+            self._lock.release()
 
     def _noted_name(self) -> str:
         try:

@@ -51,7 +51,7 @@ CASES = (
     _case("ni", "transfer_aborted", 0.2, "disconnected", LOST_AND_FOUND),
     _case("ni", "unplug", 0.4, "disconnected", LOST_AND_FOUND),
     _case("ni", "refuse", 0.1),  # who streams already does not notice
-    _case("ni", "freeze", 3.0, "disconnected", LOST_AND_FOUND),
+    _case("ni", "freeze", 3.0, events=LOST_AND_FOUND),  # the task runs on, and is read on
     _case("qtm", "skip_frames", 0.05, "skipped"),
     _case("qtm", "drop_labels", 0.2, events=("camera_settings_changed", "labels_lost")),
     _case("qtm", "reorder_labels", 0.2, events=("camera_settings_changed",)),

@@ -24,6 +24,7 @@ from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import blocks, read_until
+from tests.drivers.fault_bench import unaccounted
 from tests.timeout import scaled_timeout
 
 SPEED = 30.0
@@ -213,7 +214,10 @@ def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
         items += read_until(device, lambda items, stream=stream: bool(blocks(items, stream)))  # type: ignore[misc]
         device.close()
         assert any(is_event(item, "connection_restored") for item in items)
-        assert any(isinstance(item, Loss) and item.cause == "disconnected" for item in items)
+        assert unaccounted(items, stream) == []
+        # QTM drops the frames that nobody takes; NI's task keeps its samples, and is read on.
+        is_lost = any(isinstance(item, Loss) and item.cause == "disconnected" for item in items)
+        assert is_lost or device is ni
     assert child.end() == 0
 
 

@@ -22,9 +22,10 @@ from tests.station.console.benched import Recorder, has_recorded, simulated_benc
 
 @pytest.mark.parametrize("kills", [1, pytest.param(20, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])
 def test_the_trial_after_a_killed_recorder_is_recorded(tmp_path: Path, kills: int) -> None:
-    with simulated_bench(tmp_path / "bench", swing_s=3.0) as (bench, config):
+    with simulated_bench(tmp_path / "bench", swing_s=60.0) as (bench, config):
         for kill in range(kills):
             with Recorder(config, tmp_path / "monday", bench.clock_port) as killed:
+                killed.let_go()
                 killed.until(has_recorded(0.1 * kill))
                 killed.child.kill()
                 killed.child.wait()
