@@ -11,6 +11,7 @@ from typing import Protocol
 from drivers.simulators.control import ControlServer
 from drivers.simulators.faults import Fault
 from drivers.simulators.operator import Operator
+from drivers.simulators.qtm_discovery import QtmDiscovery
 from drivers.simulators.qualisys import QualisysSimulator
 from drivers.simulators.settings import Settings
 from drivers.simulators.world import World
@@ -72,6 +73,8 @@ class Bench:
             qtm = QualisysSimulator(self.world, port=wanted.qtm)
             self._run("qtm", qtm)
             watched.append(lambda: qtm.is_streaming)
+            if wanted.discovery is not None:
+                self._start_discovery(wanted.discovery, qtm.port)
         if wanted.serial is not None:
             from drivers.simulators.serial_load_cell import SerialLoadCellSimulator
 
@@ -84,6 +87,12 @@ class Bench:
             control.start()
             self._running.callback(control.stop)
             self.ports["clock"] = control.port
+
+    def _start_discovery(self, port: int, qtm_port: int) -> None:
+        discovery = QtmDiscovery(qtm_port, port)
+        discovery.start()
+        self._running.callback(discovery.stop)
+        self.ports["discovery"] = discovery.port
 
     def sent(self) -> dict[str, dict[int, int | None]]:
         """Bytes that each device has sent unasked, by the client's port; None where the connection was closed."""

@@ -3,7 +3,7 @@
 Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, and timestamps count from that frame.
 With a preview, frames flow between captures too; their numbers begin anew with every capture and every preview.
 
-Does not imitate: the ports of other versions and byte orders, discovery, UDP and OSC, components other than labelled 3D
+Does not imitate: the ports of other versions and byte orders, UDP and OSC, components other than labelled 3D
 with and without residuals, changing settings but by a fault, triggers, transfer of files, calibration,
 real time from file, delays of QTM's own processing, labels that change without an event.
 """
@@ -16,11 +16,12 @@ import struct
 import threading
 from collections import deque
 from concurrent.futures import Future
-from xml.sax.saxutils import escape
 
 from drivers.simulators.marker_frames import COMPONENTS, Camera
 from drivers.simulators.qtm_client import Client, FrameSubscription
+from drivers.simulators.qtm_discovery import QTM_VERSION
 from drivers.simulators.qtm_faults import QtmFaults
+from drivers.simulators.qtm_parameters import parameters_xml
 from drivers.simulators.world import Capture, World
 
 ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
@@ -284,7 +285,7 @@ class _Server:
         return f"Version set to {version}"
 
     def _on_qtmversion(self, _client: Client, _rest: str) -> str:
-        return "QTM Version is 2024.3 (build 17700), simulated"
+        return f"QTM Version is {QTM_VERSION}"
 
     def _on_byteorder(self, _client: Client, _rest: str) -> str:
         return "Byte order is little endian"
@@ -293,7 +294,11 @@ class _Server:
         client.send(EVENT, bytes([self._state]))
 
     def _on_getparameters(self, client: Client, wanted: str) -> None:
-        client.send_text(XML, self._parameters(wanted.lower().split()))
+        labels = [label for label, _ in self._trouble.labels(self._told_until)]
+        xml = parameters_xml(wanted.lower().split(), VERSIONS[-1], self._mocap.rate_hz, labels)
+        if xml is None:
+            raise _RefusedError("Parse error")
+        client.send_text(XML, xml)
 
     def _on_streamframes(self, client: Client, wanted: str) -> None:
         """The answer is the first frame, or no-more-data while nothing flows."""
@@ -312,10 +317,12 @@ class _Server:
             client.send_bytes(self._trouble.packets(frame, component.lower(), 1))
 
     def _on_takecontrol(self, client: Client, password: str) -> str:
-        if password != self._mocap.password:
+        if self._mocap.password not in ("", password):  # with none required, any will do
             raise _RefusedError("Wrong or missing password")
-        if self.master not in (None, client):
-            raise _RefusedError("127.0.0.1 is already master")
+        if self.master is client:
+            return "You are already master"
+        if self.master is not None:
+            raise _RefusedError(f"127.0.0.1 ({self.master.port}) is already master")
         self.master = client
         return "You are now master"
 
@@ -384,17 +391,3 @@ class _Server:
         if frequency:
             divisor = round(self._mocap.rate_hz / frequency)
         return FrameSubscription(words[1], max(divisor, 1))
-
-    def _parameters(self, wanted: list[str]) -> str:
-        """The XML of GetParameters."""
-        names = [label for label, _ in self._trouble.labels(self._told_until)]
-        labels = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65280</RGBColor></Label>" for name in names)
-        blocks = {
-            "general": f"<General><Frequency>{self._mocap.rate_hz:g}</Frequency></General>",
-            "3d": f"<The_3D><AxisUpwards>+Z</AxisUpwards><CalibrationTime>2026.01.01 12:00:00</CalibrationTime>"
-            f"<Labels>{len(names)}</Labels>{labels}</The_3D>",
-        }
-        chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
-        if not chosen:
-            raise _RefusedError("Parse error")
-        return f"<QTM_Parameters_Ver_{VERSIONS[-1]}>{chosen}</QTM_Parameters_Ver_{VERSIONS[-1]}>"

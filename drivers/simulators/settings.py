@@ -194,12 +194,13 @@ class Operator(_Section):
 
 
 class Ports(_Section):
-    """TCP ports on 127.0.0.1, the last that of the world's clock; 0 takes a free one, null leaves the device out."""
+    """Ports on 127.0.0.1; 0 takes a free one, null leaves it out. clock is the world's, discovery QTM's over UDP."""
 
     ni: int | None = 0
     qtm: int | None = 0
     serial: int | None = 0
     clock: int | None = 0
+    discovery: int | None = None
 
 
 class Settings(_Section):

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 NI_PORT = 31763
 """Where NI's own gRPC device server listens unless told otherwise."""
+QTM_PORT, DISCOVERY_PORT = 22223, 22226
+"""QTM's own, over TCP and UDP."""
 LOOPBACK = ("127.0.0.1", "localhost")
 PROBE_TIMEOUT_S = 2.0
 
@@ -115,6 +117,7 @@ def simulator_settings(config: StationConfig) -> dict[str, Any]:
         "amplifier": {"capacity_kg": cell.capacity_kg, "full_scale_v": cell.full_scale_v},
         "protocol": {"repeats": config.protocol.repeats, "static": {"hold_s": config.protocol.hold_s + 1.0}},
         "serial": {"line_format": cell.line_format},
+        "mocap": {"password": config.mocap.password},
     }
     if config.protocol.step_masses_kg:
         follows["protocol"]["static"]["step_masses_kg"] = config.protocol.step_masses_kg
@@ -149,6 +152,8 @@ def serve_until_stopped(
     try:
         ports = {"ports": {"ni": _port(config.daq.grpc_target, NI_PORT), "qtm": config.mocap.port}}
         ports["ports"] |= {"serial": _port(config.load_cell.port, 0), "clock": clock_port(config)}
+        if config.mocap.port == QTM_PORT:
+            ports["ports"]["discovery"] = DISCOVERY_PORT
         settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
         with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
             world = bench.world

@@ -220,6 +220,16 @@ def test_only_one_client_is_master_and_only_with_the_password() -> None:
         assert not qtm.is_controlled
 
 
+def test_where_no_password_is_required_any_will_do() -> None:
+    async def ask(client: Client) -> None:
+        assert await client.rt.take_control("any") == b"You are now master"
+        with pytest.raises(QRTCommandException, match="You are already master"):
+            await client.rt.take_control("any")
+
+    with simulator() as qtm:
+        talk(qtm.port, ask)
+
+
 def test_commands_out_of_turn_are_refused_in_qtms_words() -> None:
     async def ask(client: Client) -> None:
         await client.rt.take_control("")

@@ -1,7 +1,12 @@
 from __future__ import annotations
 
+import time
+from contextlib import nullcontext
+
 import pytest
 
+from drivers.errors import DeviceMisconfigured
+from drivers.qualisys import Qualisys
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.config import parse_config
 
@@ -18,6 +23,17 @@ def test_what_the_simulation_section_says_wins_key_by_key() -> None:
     settings = simulator_settings(parse_config({"simulation": simulation, "protocol": {"repeats": 2}}, "t"))
     assert settings["protocol"] == {"repeats": 2, "static": {"hold_s": 2}}
     assert settings["amplifier"] == {"capacity_kg": 50, "full_scale_v": 5, "noise_v": 0}
+
+
+def test_the_simulated_qtm_requires_the_password_of_the_configuration() -> None:
+    config = parse_config({"mocap": {"password": "secret"}}, "t")
+    with SimulatedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, 30.0, 1) as bench:
+        port = bench.ready["ports"]["qtm"]
+        for password, refusal in (("guess", "Wrong or missing password"), ("secret", None)):
+            qtm = Qualisys(host="127.0.0.1", port=port, host_clock=time.time_ns, control="start", password=password)
+            with pytest.raises(DeviceMisconfigured, match=refusal) if refusal else nullcontext():
+                qtm.open()
+            qtm.close()
 
 
 def test_a_bench_answers_until_it_is_left_and_refuses_in_sentences() -> None:

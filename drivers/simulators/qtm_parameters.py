@@ -1,0 +1,21 @@
+"""QTM's settings as GetParameters gives them: general and 3D.
+
+Does not imitate: the settings of every other component, and most of those two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from xml.sax.saxutils import escape
+
+
+def parameters_xml(wanted: Sequence[str], version: str, rate_hz: float, labels: Sequence[str]) -> str | None:
+    """The XML of the settings that are wanted ("general", "3d", "all"); None where none of them is known."""
+    names = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65280</RGBColor></Label>" for name in labels)
+    blocks = {
+        "general": f"<General><Frequency>{rate_hz:g}</Frequency></General>",
+        "3d": f"<The_3D><AxisUpwards>+Z</AxisUpwards><CalibrationTime>2026.01.01 12:00:00</CalibrationTime>"
+        f"<Labels>{len(labels)}</Labels>{names}</The_3D>",
+    }
+    chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
+    return f"<QTM_Parameters_Ver_{version}>{chosen}</QTM_Parameters_Ver_{version}>" if chosen else None
