@@ -10,7 +10,8 @@ import io
 import os
 import re
 import sys
-from typing import NoReturn
+from importlib.metadata import version
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -38,6 +39,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _show_version(is_asked: bool) -> None:
+    if is_asked:
+        print(f"cuffstation {version('cuffstation')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _station(
+    _version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None: ...
+
+
 for place, verbs in WAY.items():
     for verb in verbs:
         app.command(verb.__name__.rstrip("_"), rich_help_panel=place)(verb)

@@ -28,9 +28,16 @@ class SessionError(Exception):
 def recordings_in(folder: Path) -> list[Path]:
     """The session's trial files; where one was recovered or completed, that file stands for its original."""
     files = sorted(folder.glob("*.mcap"))
-    better = [path for path in files if path.suffixes[-2:-1] in ([".recovered"], [".completed"])]
-    replaced = {path.with_suffix("").with_suffix(".mcap") for path in better}
+    replaced = {_original_of(path) for path in files if _is(path, "recovered") or _is(path, "completed")}
     return [path for path in files if path not in replaced]
+
+
+def originals_in(folder: Path) -> list[Path]:
+    """As recordings_in, but a recovered copy is left out where its original is: it holds nothing else."""
+    files = {path for path in folder.glob("*.mcap") if not _is(path, "completed")}
+    kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
+    completed = {_original_of(path): path for path in folder.glob("*.mcap") if _is(path, "completed")}
+    return sorted({completed.get(path, path) for path in kept} | set(completed.values()))
 
 
 def fit_session_folder(
@@ -65,6 +72,14 @@ def fit_session_folder(
         write_whole(output, fitted.to_json())
         _write_bushings(output.parent, fitted)
     return fitted
+
+
+def _is(path: Path, what: str) -> bool:
+    return path.suffixes[-2:-1] == [f".{what}"]
+
+
+def _original_of(path: Path) -> Path:
+    return path.with_suffix("").with_suffix(".mcap")
 
 
 def _write_bushings(folder: Path, fitted: SessionFit) -> None:

@@ -9,8 +9,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.background_view import BackgroundView
+from station.bench.live_displacement import LiveDisplacement
 from station.bench.session import Snapshot, State
 from station.clock import Clock
 
@@ -47,8 +49,18 @@ class StreamTally:
 class LiveView(BackgroundView):
     """A table that is drawn anew where there is a terminal; states, events and losses as lines in any case."""
 
-    def __init__(self, clock: Clock, title: str, console: Console | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        title: str,
+        console: Console | None = None,
+        load_cell: LoadCell | None = None,
+        cuff: CuffSite | None = None,
+    ) -> None:
         super().__init__("live view", REFRESH_S, BACKLOG)
+        self._load_cell, self._cuff = load_cell, cuff
+        self._displacement: LiveDisplacement | None = None
+        self._moved_mm: float | None = None
         self._clock, self._title = clock, title
         self._console = console or Console(stderr=True)
         self._snapshot = Snapshot(State.IDLE, "opening the devices")
@@ -76,10 +88,34 @@ class LiveView(BackgroundView):
     def _take(self, item: Item) -> None:
         if isinstance(item, Samples):
             self._tallies.setdefault(item.stream, StreamTally()).add(item)
+            if item.stream == "/markers":
+                self._follow_cuff(item)
         elif isinstance(item, Event):
             self._say(f"  {item.text}")
         elif isinstance(item, Loss):
             self._say(f"  lost {item.count} samples of {item.stream}: {item.cause}")
+
+    def _follow_cuff(self, frames: Samples) -> None:
+        labels = {stream.name: stream.labels for stream in self._snapshot.streams}.get(frames.stream, ())
+        if self._cuff is None or not len(frames.values) or len(labels) != frames.values.shape[1]:
+            return
+        if self._displacement is None:
+            self._displacement = LiveDisplacement(self._cuff, labels)
+        moved = self._displacement.take(frames.values)
+        self._moved_mm = float(moved[-1]) if np.isfinite(moved[-1]) else None
+
+    def _last(self, stream: str, tally: StreamTally) -> str:
+        """The last value: force in newtons beside what the device sent, frames with the cuff's displacement."""
+        if stream == "/force" and self._load_cell is not None and tally.last:
+            newtons = self._load_cell.polarity * self._load_cell.newtons_per_unit * float(tally.last)
+            return f"{newtons:+.1f} N ({tally.last} {self._unit(stream)})"
+        if stream == "/markers" and self._cuff is not None:
+            moved = "-" if self._moved_mm is None else f"{self._moved_mm:+.1f}"
+            return f"{moved} mm along the rope, {tally.last}"
+        return f"{tally.last} {self._unit(stream)}"
+
+    def _unit(self, stream: str) -> str:
+        return {one.name: one.unit for one in self._snapshot.streams}.get(stream, "") if stream != "/markers" else ""
 
     def _say(self, words: str) -> None:
         self._console.print(words, highlight=False, markup=False, soft_wrap=True)
@@ -93,7 +129,7 @@ class LiveView(BackgroundView):
         for heading in ("stream", "samples/s", "samples", "last"):
             table.add_column(heading, justify="left" if heading in ("stream", "last") else "right")
         for name, tally in sorted(self._tallies.items()):
-            table.add_row(name, f"{tally.rate(now):.0f}", str(tally.total), tally.last)
+            table.add_row(name, f"{tally.rate(now):.0f}", str(tally.total), self._last(name, tally).strip())
         lost = f"lost samples: {snapshot.lost_samples}"
         table.caption = lost + (f", view fell behind by {self.dropped}" if self.dropped else "")
         return table

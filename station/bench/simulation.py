@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from recordings.manifest import TestKind
 from station.bench.typed_faults import obey_in_a_thread
 from station.config import StationConfig, parse_config
+from station.exit_code import WRONG_USAGE
 from station.protocol import CUFF_TESTS
 
 if TYPE_CHECKING:
@@ -30,6 +31,12 @@ PROBE_TIMEOUT_S = 2.0
 
 class SimulationError(Exception):
     """The simulated bench did not start or did not answer; one sentence."""
+
+
+class WrongTrial(SimulationError):
+    """The command names a trial that the simulated bench does not have."""
+
+    exit_code = WRONG_USAGE
 
 
 class SimulatedBench:
@@ -157,10 +164,7 @@ def serve_until_stopped(
         settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
         with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
             world = bench.world
-            if test == "bounce":
-                world.select_trial(None, test)
-            elif cuff is not None or test is not None:
-                world.select_trial(cuff or world.trial.cuff, test or CUFF_TESTS[0])
+            _select(world, cuff, test)
             _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
             _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
             _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
@@ -172,6 +176,16 @@ def serve_until_stopped(
             _tell_captures(world, stopped, in_turn=cuff is not None and test is None)
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error
+
+
+def _select(world: World, cuff: str | None, test: TestKind | None) -> None:
+    try:
+        if test == "bounce":
+            world.select_trial(None, test)
+        elif cuff is not None or test is not None:
+            world.select_trial(cuff or world.trial.cuff, test or CUFF_TESTS[0])
+    except ValueError as error:
+        raise WrongTrial(f"the devices cannot be simulated: {error}") from error
 
 
 def _tell_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> None:

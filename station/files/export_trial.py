@@ -22,7 +22,8 @@ from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
-from station.files.one_clock import ExportRefused, OneClock, read_on_one_clock
+from station.files.export_raw import write_raw
+from station.files.one_clock import ExportRefused, NoCommonClock, OneClock, read_on_one_clock
 from station.progress import Progress, silent
 from station.whole_file import drafted, write_whole
 
@@ -60,6 +61,9 @@ def export_recordings(
                 notes += loads.notes
             else:
                 written += WRITERS[to](trial, output / path.stem)
+        except NoCommonClock as error:
+            raw, sentence = _without_clock(path, to, output, error)
+            written, refused = [*written, *raw], [*refused, sentence]
         except (ExportRefused, RecordingError) as error:
             refused.append(str(error))
     progress("exporting recordings", len(paths), len(paths))
@@ -68,6 +72,14 @@ def export_recordings(
     if not written:
         raise ExportRefused("; ".join(refused) or "there is no recording to export")
     return Exported(tuple(written), tuple(notes), tuple(refused))
+
+
+def _without_clock(path: Path, to: str, output: Path, error: NoCommonClock) -> tuple[list[Path], str]:
+    """What can be written of a recording whose streams have no common clock, and what there is to say of it."""
+    if to != "csv":
+        return [], f"{error}; --to csv gives the raw samples"
+    raw = write_raw(path, output / path.stem, str(error.__cause__))
+    return raw, f"{path.name} has no common clock, each stream is exported raw: {error.__cause__}"
 
 
 def _tables(separator: str, suffix: str, trial: OneClock, stem: Path) -> Iterable[Path]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -42,7 +44,15 @@ def show_contents(path: Path, as_json: bool) -> int:
 
 
 def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
-    """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing."""
+    """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing.
+
+    A file that is whole is left as it is, and its own path is printed.
+    """
+    survey = survey_file(path)
+    if not survey.damage and not survey.missing:
+        print(f"{path} is whole: there is nothing to recover", file=sys.stderr)
+        print(json.dumps(_recovered(path, path, True, ()), indent=2) if as_json else path)
+        return DONE
     with progress_bars(Console(stderr=True)) as progress:
         size = path.stat().st_size if path.is_file() else 0
         progress("recovering, kB", 0, size // 1000)
@@ -50,11 +60,14 @@ def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
     for sentence in report.sentences():
         print(sentence, file=sys.stderr)
     if as_json:
-        found = {"lossless": report.lossless, "missing": report.sentences()}
-        print(json.dumps({"source": str(report.source), "output": str(report.output), **found}, indent=2))
+        print(json.dumps(_recovered(report.source, report.output, report.lossless, report.sentences()), indent=2))
     else:
         print(report.output)
     return DONE if report.lossless and not report.damage else LOSSY
+
+
+def _recovered(source: Path, output: Path, lossless: bool, missing: Sequence[str]) -> dict[str, Any]:
+    return {"source": str(source), "output": str(output), "lossless": lossless, "missing": list(missing)}
 
 
 def _read(path: Path) -> tuple[Contents, SyncCertificate | None, str]:

@@ -28,6 +28,10 @@ class WrongExport(ExportRefused):
     exit_code = WRONG_USAGE
 
 
+class NoCommonClock(ExportRefused):
+    """The streams cannot be brought on one clock; what was sampled is there."""
+
+
 @dataclass(frozen=True)
 class OneClock:
     """One recording; time 0 is the sync edge, which was at edge_utc_ns by the station's clock.
@@ -62,7 +66,7 @@ def read_on_one_clock(path: Path) -> OneClock:
     try:
         line = lay_out(recording.manifest, tracks, labels)
     except UnusableTrial as error:
-        raise ExportRefused(f"{path.name} cannot be exported: {error}") from error
+        raise NoCommonClock(f"{path.name} cannot be exported: {error}") from error
     rate = tracks["/markers"].stream.rate_hz
     return OneClock(path, recording.manifest, labels, rate, line, _edge_utc_ns(recording.manifest, tracks, line))
 

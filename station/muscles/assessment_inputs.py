@@ -20,6 +20,7 @@ from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.paths import PathMode
 from solver.wearing.suit import BUNDLED_SUIT, Suit, read_suit
+from station.exit_code import WRONG_USAGE
 from station.muscles.emg import MeasuredReduction, read_emg
 from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes
 
@@ -30,6 +31,12 @@ HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itse
 
 class InputError(Exception):
     """Files that do not make an assessment; one sentence."""
+
+
+class UnknownCuff(InputError):
+    """The command names a cuff that the file does not hold."""
+
+    exit_code = WRONG_USAGE
 
 
 @dataclass(frozen=True)
@@ -103,7 +110,7 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
     """The chosen cuffs, or all, and the waist's. Raises InputError for one that is missing, or of another law."""
     missing = [name for name in chosen if name not in cuffs]
     if missing:
-        raise InputError(
+        raise UnknownCuff(
             f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
             "another"
         )

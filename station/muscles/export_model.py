@@ -12,7 +12,7 @@ from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
 from solver.wearing.suit import BUNDLED_SUIT, read_suit
 from solver.wearing.worn import Condition, Wearing
-from station.muscles.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
+from station.muscles.assessment_inputs import InputError, UnknownCuff, read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, model_of
 from station.whole_file import write_whole
 
@@ -44,6 +44,8 @@ def write_suited_model(worn: SuitToExport, output: Path) -> None:
 def _wearing(worn: SuitToExport, rest_length: float) -> Wearing:
     lengths = np.array([rest_length])
     if worn.cuffs is None:
+        if worn.cuff is not None:
+            raise UnknownCuff(f"the cuff {worn.cuff} needs a cuffs.json that holds it; name one by --cuffs")
         if worn.condition not in (None, "rigid"):
             raise InputError(f"the condition {worn.condition} needs cuffs, and none are given; name a cuffs.json")
         return Wearing("rigid", None, None, lengths)

@@ -23,8 +23,8 @@ from station.bench.background_view import BackgroundView
 from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live import StreamTally
+from station.bench.live_displacement import LiveDisplacement
 from station.bench.session import Snapshot, State
-from station.session.live_displacement import LiveDisplacement
 
 REFRESH_S = 0.05
 RATE_REFRESHES = 60

@@ -6,12 +6,18 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
 from station.verbs.options import ConfigPath, FormatOption, Rerun, Rrd, Seed, Speed, Test, print_result, say
+
+if TYPE_CHECKING:
+    from station.bench.live import LiveView
+    from station.clock import Clock
+    from station.config import StationConfig
+    from station.protocol import TrialSpec
 
 
 def simulate(
@@ -75,10 +81,9 @@ def record(
 
     from station.bench.bench_clock import BenchClock
     from station.bench.daemon import Daemon, View
-    from station.bench.live import LiveView
     from station.bench.session_folder import why_not_here
     from station.bench.simulation import clock_port, serves_simulated
-    from station.clock import Clock, RealClock
+    from station.clock import RealClock
     from station.config import load_config
     from station.protocol import TrialSpec
 
@@ -89,7 +94,7 @@ def record(
         clock: Clock = RealClock()
         if speed is not None or serves_simulated(settings):
             clock = stack.enter_context(BenchClock(clock_port(settings), speed))
-        views: list[View] = [stack.enter_context(LiveView(clock, f"{cuff or 'load cell'} {test} {repeat}"))]
+        views: list[View] = [stack.enter_context(_live_view(settings, clock, spec))]
         if rrd is not None or rerun:
             from station.rerun.log import open_rerun
 
@@ -105,6 +110,14 @@ def record(
     if left_behind:
         _leave(code, left_behind)
     raise typer.Exit(code)
+
+
+def _live_view(config: StationConfig, clock: Clock, spec: TrialSpec) -> LiveView:
+    from station.bench.live import LiveView
+
+    title = f"{spec.cuff or 'load cell'} {spec.test} {spec.repeat}"
+    site = config.cuff_site(spec.cuff) if spec.cuff in config.cuffs else None
+    return LiveView(clock, title, load_cell=config.calibration(), cuff=site)
 
 
 def _stop_on_signals(daemon: Any) -> None:

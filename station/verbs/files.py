@@ -56,8 +56,9 @@ def replay(
         if session is not None and (why_not := why_not_here(session, manifest.devices)):
             raise TrialRefused(why_not)
         folder = session or Path(stack.enter_context(TemporaryDirectory()))
-        views: list[View] = [stack.enter_context(LiveView(RealClock(), file.stem))]
         subject = manifest.cuff
+        live = LiveView(RealClock(), file.stem, load_cell=manifest.load_cell, cuff=subject)
+        views: list[View] = [stack.enter_context(live)]
         logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
         result = play_back(file, folder, speed, [*views, *logs])
         for log in logs:
@@ -194,13 +195,13 @@ def _export_recordings(
 
     from station.files.export_trial import export_recordings
     from station.files.one_clock import ExportRefused, WrongExport
-    from station.fit import recordings_in
+    from station.fit import originals_in
     from station.progress import busy, progress_bars
 
     source = file or session
     if source is None or (file is not None and session is not None) or to is None:
         raise WrongExport("an export needs either a FILE or --session, and --to, or else --osim; see --help")
-    paths = [source] if file is not None else recordings_in(source)
+    paths = [source] if file is not None else originals_in(source)
     if not paths:
         raise ExportRefused(f"{source} holds no recording (*.mcap); give the folder of a session")
     where = output or (source.parent if file is not None else source)

@@ -25,7 +25,11 @@ def rmr(
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
     effort: Annotated[Path | None, typer.Option(help="Weights, and reserves of your own: .toml.")] = None,
-    no_glenoid: Annotated[bool, typer.Option(help="Without keeping the joint reaction inside the glenoid.")] = False,
+    glenoid: Annotated[
+        bool,
+        typer.Option("--glenoid/--no-glenoid", help="Keep the joint reaction inside the glenoid."),
+    ] = True,
+    no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
     glenoid_aspect: Annotated[float, typer.Option(min=0.1, max=10.0, help="Its width across, over along.")] = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
     joint: Annotated[str, typer.Option(help="Whose reaction it is.")] = "GlenoHumeral",
@@ -49,7 +53,9 @@ def rmr(
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
-    options = RedundancyOptions(not no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint, path_mode=paths)
+    options = RedundancyOptions(
+        glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint, path_mode=paths
+    )
     inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz or None, start, end, every)
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         solved = solve_muscles(inputs, cut, options, progress)

@@ -60,14 +60,16 @@ def serve(
 
 def judge(
     file: Annotated[Path, typer.Argument(help="A recording in its session's folder.")],
-    redo: Annotated[str, typer.Option(help="It does not count, and this is why; without it, it counts.")] = "",
+    redo: Annotated[str | None, typer.Option(help="It does not count, and this is why; without it, it counts.")] = None,
 ) -> None:
     """Let a recording count, or set it aside with the reason; the session's journal keeps both."""
     from station.journal import write_verdict
 
     if not file.is_file() or file.suffix != ".mcap":
         raise typer.BadParameter(f"there is no recording {file}")
-    write_verdict(file.parent, file.name, "redo" if redo else "accept", redo)
+    if redo is not None and not redo.strip():
+        raise typer.BadParameter("--redo needs the reason why the recording does not count, and it is empty")
+    write_verdict(file.parent, file.name, "redo" if redo else "accept", redo or "")
     say(f"{file.name} {'is set aside' if redo else 'counts'}; `station fit` goes by it")
 
 

@@ -5,7 +5,8 @@ import io
 import numpy as np
 from rich.console import Console
 
-from recordings.samples import Event, Loss, Samples
+from recordings.manifest import CuffSite, LoadCell
+from recordings.samples import Event, Loss, Samples, Stream
 from station.bench.live import BACKLOG, LiveView
 from station.bench.session import Snapshot, State
 from station.clock import ManualClock
@@ -52,3 +53,28 @@ def test_an_armed_trial_shows_level_time_left_and_how_to_cancel() -> None:
     with view:
         pass
     assert "armed  for 12 s, 48 s left, Ctrl-C cancels  sync 0.31 V" in out.getvalue()
+
+
+def test_a_trial_shows_newtons_and_the_cuff_s_displacement_beside_what_the_devices_sent() -> None:
+    labels = ("anchor_1", "anchor_2", "anchor_3", "cuff_1", "rope_1", "rope_2")
+    streams = (Stream("/force", "V", ("force",), 1000.0, "NI"), Stream("/markers", "mm", labels, 100.0, "QTM"))
+    numbers = np.arange(40, dtype=np.uint64)
+    frames = np.zeros((40, 6, 4), np.float32)
+    frames[:, :, :3] = [[0, 0, 0], [100, 0, 0], [0, 100, 0], [50, 50, 50], [60, 50, 50], [160, 50, 50]]
+    frames[30:, 3:, 0] += 7.5
+    out = io.StringIO()
+    view = LiveView(
+        ManualClock(),
+        "hand static 1",
+        Console(file=out, force_terminal=True, width=200),
+        LoadCell("daq", 100.0, -1),
+        CuffSite("hand", "arm", labels[:3], ("cuff_1",), labels[4:]),
+    )
+    view.show(Snapshot(State.RECORDING, "recording", streams=streams))
+    view.offer(Samples("/force", numbers, numbers.astype(np.int64), 0, np.full((40, 1), -0.25)))
+    for part in np.split(numbers, [30]):
+        view.offer(Samples("/markers", part, part.astype(np.int64), 0, frames[part]))
+    with view:
+        pass
+    assert "+25.0 N (-0.250 V)" in out.getvalue()
+    assert "+7.5 mm along the rope, 6 of 6 markers seen" in out.getvalue()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import gzip
 import json
 from collections.abc import Iterator
@@ -243,5 +244,43 @@ def test_a_recording_without_a_common_clock_is_refused_and_leaves_nothing(static
     low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
     path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
     with pytest.raises((ExportRefused, RecordingError), match="cannot be exported: the sync line never rises"):
-        export_recordings([path], "csv", tmp_path / "out", "01")
+        export_recordings([path], "parquet", tmp_path / "out", "01")
     assert not (tmp_path / "out").exists()
+
+
+def test_csv_gives_the_raw_samples_where_the_sync_line_is_bad(station, tmp_path: Path) -> None:
+    truth = static_and_dynamic()[0]
+    low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
+    path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
+    ran = station("export", path, "--to", "csv", "--output", tmp_path / "out")
+    assert ran.code == 3 and "low.mcap has no common clock, each stream is exported raw: the sync line" in ran.err
+    written = {Path(line).name: Path(line) for line in ran.out.split()}
+    assert set(written) == {"low_force_raw.csv", "low_sync_raw.csv", "low_markers_raw.csv", "low_raw.csv.json"}
+    titles, *rows = csv.reader(written["low_force_raw.csv"].read_text().splitlines())
+    force = truth.tracks["/force"]
+    assert titles == ["sample_number", "device_time_s", "arrived_utc_ns", "force_v"]
+    assert [int(row[0]) for row in rows] == force.sample_numbers.tolist()
+    np.testing.assert_array_equal([float(row[3]) for row in rows], force.values[:, 0])
+    titles, *rows = csv.reader(written["low_markers_raw.csv"].read_text().splitlines())
+    markers = truth.tracks["/markers"].values[..., :3]
+    assert titles[3:6] == [f"{truth.tracks['/markers'].stream.labels[0]}_{axis}_mm" for axis in "xyz"]
+    np.testing.assert_array_equal(
+        np.array([[float(word or "nan") for word in row[3:]] for row in rows], np.float32),
+        markers.reshape(len(markers), -1),
+    )
+    sidecar = json.loads(written["low_raw.csv.json"].read_text())
+    assert sidecar["files"]["low_force_raw.csv"]["unit"] == "V" and "sync line" in sidecar["clock"]
+    assert "--to csv gives the raw samples" in station("export", path, "--to", "trc", "--output", tmp_path / "o").err
+
+
+def test_a_recovered_copy_never_replaces_its_original_in_an_export(station, static: Path, tmp_path: Path) -> None:
+    original = tmp_path / static.name
+    original.write_bytes(static.read_bytes())
+    (tmp_path / f"{static.stem}.recovered.mcap").write_bytes(static.read_bytes())
+    ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
+    assert ran.code == 0
+    names = {Path(line).name for line in ran.out.split()}
+    assert names == {f"{static.stem}{end}" for end in ("_force.csv", "_markers.csv", ".csv.json")}
+    original.unlink()
+    ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
+    assert all(".recovered" in Path(line).name for line in ran.out.split()), "alone it stands for it"

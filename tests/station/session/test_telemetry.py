@@ -10,11 +10,11 @@ import pytest
 
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.bench.live_displacement import LiveDisplacement
 from station.bench.session import Snapshot, State
 from station.protocol import TrialSpec
 from station.session.guide import StaticGuide
 from station.session.live import Live
-from station.session.live_displacement import LiveDisplacement
 from station.session.telemetry import Telemetry
 
 ANCHOR = ("anchor_1", "anchor_2", "anchor_3")

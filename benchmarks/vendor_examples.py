@@ -1,0 +1,132 @@
+"""The vendors' own example programs, unchanged, at the simulated devices: which of them run.
+
+    python -m benchmarks.vendor_examples FOLDER [FOLDER …]
+
+FOLDER is yours: the folder `examples` of NI's nidaqmx-python or of Qualisys's Python SDK, of the version you use. Every
+program in it that imports nidaqmx or qtm_rt runs in a process and an empty folder of its own, with its calls led to a
+simulated bench of its own (vendor_program.py). Passed has a program that ends without an error, or that goes on for
+ever and has printed something: 1 and Enter are typed after 3 s, and it is ended after 20 s. What failed
+shows its last line.
+Most that fail ask for what a USB-6008 does not have, or for what the simulators say that they do not imitate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.simulators.bench import Bench
+from drivers.simulators.settings import settings_from_dict
+
+ENTER_AFTER_S = 3.0
+ENDED_AFTER_S = 20.0
+DISCOVERY_PORT = 22226  # qtm_rt asks at no other
+IMPORTS = {name: re.compile(rf"^\s*(import|from) {name}", re.MULTILINE) for name in ("nidaqmx", "qtm_rt")}
+ERROR = re.compile(r"[\w.]*(Error|Exception|Exit|error)\b.*: ")
+
+
+@dataclass(frozen=True)
+class Ran:
+    """How a program ended. last_line: of what it printed, or of its error."""
+
+    has_passed: bool
+    last_line: str
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
+    folders = parser.parse_args(arguments).folders
+    passed = count = 0
+    for folder in folders:
+        for program, package in programs(folder):
+            ran = run(program, package)
+            count, passed = count + 1, passed + ran.has_passed
+            verdict = "passed" if ran.has_passed else "failed"
+            print(f"{verdict}  {program.relative_to(folder)}  {ran.last_line}", flush=True)
+    print(f"{passed} of {count} passed")
+    return 0 if count else 2
+
+
+def programs(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Every program below the folder that imports a vendor's package, with the package's name."""
+    for path in sorted(folder.rglob("*.py")):
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        package = next((name for name, imports in IMPORTS.items() if imports.search(text)), None)
+        if package is not None:
+            yield path, package
+
+
+def run(program: Path, package: str, enter_after_s: float = ENTER_AFTER_S, ended_after_s: float = ENDED_AFTER_S) -> Ran:
+    """One program at a bench of its own: a person starts a capture, or the program does where it takes control."""
+    text = program.read_text(encoding="utf-8-sig", errors="replace")
+    ports = {"ni": None, "discovery": DISCOVERY_PORT} if package == "qtm_rt" else {"qtm": None}
+    has_person = "TakeControl" not in text and "take_control" not in text
+    settings: dict[str, Any] = {
+        "operator": {"capture": "auto" if has_person else "remote", "delay_s": 0.5},
+        "mocap": {"has_preview": True},
+        "ports": {"serial": None, "clock": None, **ports},
+    }
+    with tempfile.TemporaryDirectory() as folder, Bench(settings_from_dict(settings), speed=1.0) as bench:
+        if package == "qtm_rt":
+            return _run_at(bench.ports["qtm"], program, package, folder, enter_after_s, ended_after_s)
+        trigger = threading.Timer(enter_after_s / 2, bench.world.start_capture)  # the sync line is wired to PFI 0
+        trigger.start()
+        try:
+            return _run_at(bench.ports["ni"], program, package, folder, enter_after_s, ended_after_s)
+        finally:
+            trigger.cancel()
+            trigger.join()
+
+
+def _run_at(port: int, program: Path, package: str, folder: str, enter_after_s: float, ended_after_s: float) -> Ran:
+    words = [sys.executable, "-u", "-m", "benchmarks.vendor_program", package, str(port), str(program.resolve())]
+    root = str(Path(__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": root, "MPLBACKEND": "agg", "PYTHONIOENCODING": "utf-8"}
+    with tempfile.TemporaryFile() as said:
+        child = subprocess.Popen(  # noqa: S603  (the user's own folder)
+            words, cwd=folder, env=environment, stdin=subprocess.PIPE, stdout=said, stderr=subprocess.STDOUT
+        )
+        code = _end_of(child, enter_after_s, ended_after_s)
+        said.seek(0)
+        lines = [line.strip() for line in said.read().decode("utf-8", "replace").splitlines() if line.strip()]
+    raised = [line for line in lines if ERROR.match(line)]
+    last = (raised if raised and code != 0 else lines or ["printed nothing"])[-1]
+    if code is None:
+        return Ran(bool(lines) and not any(line.startswith("Traceback") for line in lines), f"(goes on) {last}")
+    return Ran(code == 0, last)
+
+
+def _end_of(child: subprocess.Popen[bytes], enter_after_s: float, ended_after_s: float) -> int | None:
+    """Its exit code; None where it was ended. Types 1 and Enter once meanwhile."""
+    if child.stdin is None:
+        raise ValueError("the program has no standard input")
+    try:
+        return child.wait(enter_after_s)
+    except subprocess.TimeoutExpired:
+        with suppress(OSError):
+            child.stdin.write(b"1\n")
+            child.stdin.flush()
+    try:
+        return child.wait(ended_after_s - enter_after_s)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+        return None
+    finally:
+        with suppress(OSError):
+            child.stdin.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

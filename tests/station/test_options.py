@@ -1,0 +1,81 @@
+"""Options and exit codes that are the same in every verb."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from tests.station.command import assert_one_sentence
+from tests.station.test_cli import CONFIG, trial_file
+
+
+def test_the_version_is_shown(station) -> None:
+    ran = station("--version")
+    assert (ran.code, ran.out.split()) == (0, ["cuffstation", version("cuffstation")])
+
+
+def test_a_recording_is_not_set_aside_without_a_reason(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    for reason in ("", "  "):
+        ran = station("judge", path, "--redo", reason)
+        assert ran.code == 2 and "needs the reason" in " ".join(ran.err.split())
+    assert not (tmp_path / "session.jsonl").exists()
+    assert station("judge", path).code == 0
+
+
+def test_of_a_whole_file_nothing_is_to_recover(station, tmp_path: Path) -> None:
+    path = trial_file(tmp_path)
+    ran = station("recover", path)
+    assert ran.code == 0 and ran.out.strip() == str(path) and "nothing to recover" in ran.err
+    report = json.loads(station("recover", path, "--format", "json").out)
+    assert (report["output"], report["lossless"], report["missing"]) == (str(path), True, [])
+    assert [file.name for file in tmp_path.glob("*.mcap")] == [path.name]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", "--config", CONFIG],
+        ["record", "--config", CONFIG, "--session", "here", "--test", "static"],
+        ["import", "--config", CONFIG, "--session", "here", "--test", "static", "--force", "a.csv", "--mocap", "a.tsv"],
+        ["assess", "--cuffs", "cuffs.json", "--output", "here"],
+        ["optimise", "--cuffs", "cuffs.json", "--output", "here"],
+        ["export", "--osim", "--output", "suited.osim"],
+        ["export", "--osim", "--output", "suited.osim", "--cuffs", "cuffs.json"],
+        ["sweep", "plan.toml", "--output", "here"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_an_unknown_cuff_is_wrong_usage_in_every_verb(
+    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cuffs.json").write_text('{"cuffs": {}}')
+    (tmp_path / "plan.toml").write_text('every = 100\n[vary]\ncuffs = "cuffs.json"\ncuff = "knee"\n')
+    ports = '[daq]\ngrpc_target = "127.0.0.1:0"\n[mocap]\nport = 0\n'
+    (tmp_path / "none.toml").write_text(
+        ports + '[cuffs.hand]\nanchor_markers = ["a", "b", "c"]\ncuff_markers = ["d"]\n'
+    )
+    words = ["none.toml" if word == CONFIG else word for word in words]
+    ran = station(*words, *(() if words[0] == "sweep" else ("--cuff", "knee")))
+    assert_one_sentence(ran, 2, "knee")
+
+
+@pytest.mark.parametrize(("given", "has_glenoid"), [((), True), (("--glenoid",), True), (("--no-glenoid",), False)])
+def test_the_glenoid_has_a_name_either_way(
+    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], has_glenoid: bool
+) -> None:
+    asked = []
+
+    def solve(_inputs: object, _cut: object, options: object, _progress: object) -> None:
+        asked.append(options)
+        raise OSError(0, "enough")
+
+    monkeypatch.setattr("station.muscles.rmr.solve_muscles", solve)
+    for older in ((), ("--no-no-glenoid",)):
+        station("rmr", "--output", tmp_path / "out.csv", *given, *older)
+        assert asked.pop().has_glenoid_cone == (has_glenoid or bool(older)), "the option of before is still accepted"
+    assert "--no-no-glenoid" not in station("rmr", "--help").out
