@@ -54,6 +54,7 @@ class Placement:
 class Coordinate:
     """A generalised coordinate [rad or m] with its default value and the range (lowest, highest) its author gave.
 
+    Inverse kinematics keeps one that is clamped within its range; nothing else does.
     A coordinate is coupled that is neither an angle nor a distance, as one that bends and slides a joint at once.
     """
 
@@ -61,6 +62,7 @@ class Coordinate:
     motion: Literal["rotation", "translation", "coupled"]
     default: float
     range: tuple[float, float]
+    is_clamped: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ def move_bodies(
             move = moves[0]  # taken anew each time: a record alone does not keep its memory
             parent, child = poses[frame, joint["parent"]], poses[frame, joint["child"]]
             move_joint(joint, functions, coordinates[frame], speeds[frame], move)
-            _place(joint, move, parent, child)
+            place_child(joint, move, parent, child)
             _carry(joint, move, speeds[frame], parent["bias"], child["bias"], velocity, screws[frame])
         for body in range(bodies):
             pose, spin = poses[frame, body], read(velocity[body])
@@ -39,7 +39,7 @@ def move_bodies(
 
 
 @compiled
-def _place(joint: Record, move: Record, parent: Record, child: Record) -> None:
+def place_child(joint: Record, move: Record, parent: Record, child: Record) -> None:
     """The child. Leaves the axes of the joint's frame in the parent in move["base"], and its place in "base_place"."""
     base, turned = move["base"], move["room"]
     product(parent["rotation"], joint["rotation_in_parent"], base)
@@ -58,7 +58,7 @@ def _carry(joint: Record, move: Record, u: Array, carried: Array, bias: Array, v
     spin, glide = ORIGIN, ORIGIN
     for k in range(joint["count"]):
         coordinate = joint["coordinates"][k]
-        w, v = _in_ground(base, place, move["screws"][k])
+        w, v = screw_in_ground(base, place, move["screws"][k])
         write(screws[coordinate], w)
         write(screws[coordinate, 3:], v)
         spin, glide = along(spin, u[coordinate], w), along(glide, u[coordinate], v)
@@ -66,13 +66,13 @@ def _carry(joint: Record, move: Record, u: Array, carried: Array, bias: Array, v
     w, v = read(before), read(before[3:])
     write(after, add(w, spin))
     write(after[3:], add(v, glide))
-    turning, pushing = _in_ground(base, place, move["bias"])
+    turning, pushing = screw_in_ground(base, place, move["bias"])
     write(bias, add(add(read(carried), turning), cross(w, spin)))
     write(bias[3:], add(add(read(carried[3:]), pushing), add(cross(w, glide), cross(v, spin))))
 
 
 @compiled
-def _in_ground(base: Array, place: Vector, screw: Array) -> tuple[Vector, Vector]:
+def screw_in_ground(base: Array, place: Vector, screw: Array) -> tuple[Vector, Vector]:
     """A screw about the origin of a frame, in it, turned and moved to the ground's axes and origin."""
     w, v = turn(base, read(screw)), turn(base, read(screw[3:]))
     return w, add(v, cross(place, w))

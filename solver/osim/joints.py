@@ -164,4 +164,5 @@ def _kind(name: str, axes: list[Element]) -> Kind:
 def _coordinate(element: Element, kind: Kind) -> Coordinate:
     element.require("prescribed", "false")
     low, high = element.numbers("range", 2, "-10 10")
-    return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)))
+    is_clamped = element.word("clamped", "false") == "true"
+    return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)), is_clamped)

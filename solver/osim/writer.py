@@ -105,7 +105,8 @@ def add_joint(
     owned = add(made, "coordinates")
     for coordinate in coordinates:
         its = add(owned, "Coordinate", coordinate.name)
-        add_values(its, default_value=coordinate.default, range=coordinate.range, clamped="false")
+        add_values(its, default_value=coordinate.default, range=coordinate.range)
+        add_values(its, clamped="true" if coordinate.is_clamped else "false")
     frames = add(made, "frames")
     for offset, (path, placement) in zip(offsets, sides, strict=True):
         frame = add(frames, "PhysicalOffsetFrame", offset)

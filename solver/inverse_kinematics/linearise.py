@@ -1,0 +1,326 @@
+"""Cost, gradient and Hessian of the least squares of markers, and rows of the constraints; one frame, compiled.
+
+    f(q) = ½ Σ w_m |p_m(q) − x_m|² + ½ Σ w_k (q_k − v_k)²,   g(q) = 0,   L = f + λ·g
+
+with w_m divided by the sum over the markers that are visible. Σ w JᵀJ is the mass matrix of point masses w at the
+markers, so it comes from composite bodies (Featherstone 2008, ch. 6.2); what it lacks of the Hessian of L is
+
+    Σ_m f_m · ∂²p_m/∂q_k∂q_l,   f = w r at the markers, ± λ at the two points of a constraint,
+
+which needs no more of the bodies beyond a joint than F = Σ f and N = Σ f pᵀ.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.compiled import compiled
+from solver.inverse_kinematics.skeleton import PoseWorkspace, Skeleton, point_in_ground
+from solver.model import CoordinateCoupler, Model, PointConstraint
+from solver.moving.functions import derivatives
+from solver.moving.tables import Functions, Indices, pack_functions
+from solver.vectors import Vector, add, cross, dot, read, scale, subtract, turn_back, write
+
+Array = NDArray[np.float64]
+
+
+class MarkerTable(NamedTuple):
+    """Of each marker its body, its location (3,) [m] in it, and its weight."""
+
+    body: Indices
+    location: Array
+    weight: Array
+
+
+class ConstraintTable(NamedTuple):
+    """Point constraints, three rows each, then couplers, a row each: q_dependent = function(q_independent)."""
+
+    body: Indices
+    location: Array
+    dependent: Indices
+    independent: Indices
+    functions: Functions
+
+
+class LeastSquares(NamedTuple):
+    """What `linearise` fills.
+
+    points       (markers, 3) in ground [m]
+    hessian      (coordinates, coordinates): Gauss–Newton's part, Σ w JᵀJ + diag(w_k)
+    gradient     (coordinates,) of f
+    gap          (rows,) g(q);  rows (rows, coordinates) its derivatives
+    mass, first, second   (bodies,) Σ w, (bodies, 3) Σ w p, (bodies, 3, 3) Σ w p pᵀ over the markers of each body
+    force, turned         (bodies, 3) F and (bodies, 3, 3) N
+    """
+
+    points: Array
+    hessian: Array
+    gradient: Array
+    gap: Array
+    rows: Array
+    mass: Array
+    first: Array
+    second: Array
+    force: Array
+    turned: Array
+
+
+def constraints_of(model: Model) -> ConstraintTable:
+    """Locks are no rows: their coordinates are given."""
+    points = [each for each in model.constraints if isinstance(each, PointConstraint)]
+    couplers = [each for each in model.constraints if isinstance(each, CoordinateCoupler)]
+    return ConstraintTable(
+        np.array([[each.body_1, each.body_2] for each in points], dtype=np.int64).reshape(-1, 2),
+        np.array([[each.location_1, each.location_2] for each in points]).reshape(-1, 2, 3),
+        np.array([each.dependent for each in couplers], dtype=np.int64),
+        np.array([each.independent for each in couplers], dtype=np.int64),
+        pack_functions([each.function for each in couplers]),
+    )
+
+
+def allocate_least_squares(model: Model, markers: int, constraints: ConstraintTable) -> LeastSquares:
+    count, bodies = len(model.coordinates), len(model.bodies)
+    rows = 3 * len(constraints.body) + len(constraints.dependent)
+    return LeastSquares(
+        np.zeros((markers, 3)),
+        np.zeros((count, count)),
+        np.zeros(count),
+        np.zeros(rows),
+        np.zeros((rows, count)),
+        np.zeros(bodies),
+        np.zeros((bodies, 3)),
+        np.zeros((bodies, 3, 3)),
+        np.zeros((bodies, 3)),
+        np.zeros((bodies, 3, 3)),
+    )
+
+
+@compiled
+def evaluate_cost(
+    markers: MarkerTable, seen: Array, share: Array, pull: Array, value: Array, q: Array, work: PoseWorkspace
+) -> float:
+    """f at a pose. seen (markers, 3) x; share (markers,) w_m over their sum, 0 for one that is hidden; pull
+    (coordinates,) w_k, value (coordinates,) v_k.
+    """
+    cost = 0.0
+    for m in range(len(share)):
+        if share[m] > 0.0:
+            point = point_in_ground(work.poses[markers.body[m]], markers.location[m])
+            left = subtract(point, read(seen[m]))
+            cost += share[m] * dot(left, left)
+    for k in range(len(q)):
+        cost += pull[k] * (q[k] - value[k]) ** 2
+    return 0.5 * cost
+
+
+@compiled
+def evaluate_gap(constraints: ConstraintTable, q: Array, work: PoseWorkspace, gap: Array) -> float:
+    """Fill gap (rows,) and return Σ |g|."""
+    row, total = 0, 0.0
+    for c in range(len(constraints.body)):
+        one = point_in_ground(work.poses[constraints.body[c, 0]], constraints.location[c, 0])
+        two = point_in_ground(work.poses[constraints.body[c, 1]], constraints.location[c, 1])
+        write(gap[row:], subtract(one, two))
+        row += 3
+    for c in range(len(constraints.dependent)):
+        wanted, _, _ = derivatives(constraints.functions, c, q[constraints.independent[c]])
+        gap[row] = q[constraints.dependent[c]] - wanted
+        row += 1
+    for i in range(row):
+        total += abs(gap[i])
+    return total
+
+
+@compiled
+def linearise(
+    skeleton: Skeleton,
+    markers: MarkerTable,
+    seen: Array,
+    share: Array,
+    pull: Array,
+    value: Array,
+    q: Array,
+    work: PoseWorkspace,
+    system: LeastSquares,
+) -> None:
+    """Fill points, hessian and gradient, and force and turned with f = w r, at the pose of `work`."""
+    _clear(system)
+    for m in range(len(share)):
+        body = markers.body[m]
+        point = point_in_ground(work.poses[body], markers.location[m])
+        write(system.points[m], point)
+        if share[m] > 0.0:
+            _add_mass(system, body, share[m], point)
+            add_force(system, body, scale(share[m], subtract(point, read(seen[m]))), point)
+    gather(skeleton, system)
+    for k in range(len(q)):
+        joint = skeleton.joint_of[k]
+        if joint < 0:
+            system.gradient[k], system.hessian[k, k] = pull[k] * (q[k] - value[k]), pull[k]
+            continue
+        body = skeleton.joints[joint]["child"]
+        w, v = read(work.screws[k]), read(work.screws[k, 3:])
+        moment = _moment(system.turned[body])
+        system.gradient[k] = dot(w, moment) + dot(v, read(system.force[body])) + pull[k] * (q[k] - value[k])
+        linear, angular = _momentum(system, body, w, v)
+        for j in range(len(q)):
+            if skeleton.moves[body, j]:
+                entry = dot(read(work.screws[j]), angular) + dot(read(work.screws[j, 3:]), linear)
+                system.hessian[j, k] = system.hessian[k, j] = entry
+    for k in range(len(q)):
+        if skeleton.joint_of[k] >= 0:
+            system.hessian[k, k] += pull[k]
+
+
+@compiled
+def fill_constraint_rows(
+    skeleton: Skeleton, constraints: ConstraintTable, q: Array, work: PoseWorkspace, system: LeastSquares
+) -> None:
+    """Fill rows: each body is taken at its own point, for the gap may still be open."""
+    row = 0
+    for c in range(len(constraints.body)):
+        for k in range(len(q)):
+            column = (0.0, 0.0, 0.0)
+            w, v = read(work.screws[k]), read(work.screws[k, 3:])
+            for side in range(2):
+                body = constraints.body[c, side]
+                if skeleton.moves[body, k]:
+                    point = point_in_ground(work.poses[body], constraints.location[c, side])
+                    moved = add(v, cross(w, point))
+                    column = add(column, moved) if side == 0 else subtract(column, moved)
+            for a in range(3):
+                system.rows[row + a, k] = column[a]
+        row += 3
+    for c in range(len(constraints.dependent)):
+        independent = constraints.independent[c]
+        _, slope, _ = derivatives(constraints.functions, c, q[independent])
+        for k in range(len(q)):
+            system.rows[row, k] = 0.0
+        system.rows[row, constraints.dependent[c]] = 1.0
+        system.rows[row, independent] -= slope
+        row += 1
+
+
+@compiled
+def add_curvature(
+    skeleton: Skeleton,
+    constraints: ConstraintTable,
+    multipliers: Array,
+    q: Array,
+    work: PoseWorkspace,
+    system: LeastSquares,
+) -> None:
+    """Add to the Hessian what makes it that of L; after linearise and differentiate_screws at the same pose."""
+    row = 0
+    for c in range(len(constraints.body)):
+        pushed = read(multipliers[row:])
+        for side in range(2):
+            body = constraints.body[c, side]
+            point = point_in_ground(work.poses[body], constraints.location[c, side])
+            _push(skeleton, system, body, pushed if side == 0 else scale(-1.0, pushed), point)
+        row += 3
+    for c in range(len(constraints.dependent)):
+        independent = constraints.independent[c]
+        _, _, curvature = derivatives(constraints.functions, c, q[independent])
+        system.hessian[independent, independent] -= multipliers[row] * curvature
+        row += 1
+    for k in range(len(q)):
+        joint = skeleton.joint_of[k]
+        if joint < 0:
+            continue
+        body = skeleton.joints[joint]["child"]
+        force, moment = read(system.force[body]), _moment(system.turned[body])
+        carried = _carried(system.turned[body], force, read(work.screws[k]), read(work.screws[k, 3:]))
+        for j in range(len(q)):
+            if not skeleton.moves[body, j]:
+                continue
+            entry = dot(read(work.screws[j]), carried)
+            if skeleton.joint_of[j] == joint:  # both orders of a pair come by, and each adds its half
+                change = work.changes[k, skeleton.place_of[j]]
+                entry = 0.5 * (entry + dot(read(change), moment) + dot(read(change[3:]), force))
+            system.hessian[j, k] += entry
+            system.hessian[k, j] += entry
+
+
+@compiled
+def _carried(turned: Array, force: Vector, w: Vector, v: Vector) -> Vector:
+    """t in Σ f·(w′ × (v + w × p)) = w′·t: how a screw (w, v) changes when a rotation w′ nearer to the ground carries it
+    along.
+    """
+    trace = turned[0, 0] + turned[1, 1] + turned[2, 2]
+    return subtract(add(cross(v, force), turn_back(turned, w)), scale(trace, w))
+
+
+@compiled
+def gather(skeleton: Skeleton, system: LeastSquares) -> None:
+    """What belongs to a body is added to the body that carries it, from the outermost inwards."""
+    for j in range(len(skeleton.joints) - 1, -1, -1):
+        child, parent = skeleton.joints[j]["child"], skeleton.joints[j]["parent"]
+        system.mass[parent] += system.mass[child]
+        for a in range(3):
+            system.first[parent, a] += system.first[child, a]
+            system.force[parent, a] += system.force[child, a]
+            for b in range(3):
+                system.second[parent, a, b] += system.second[child, a, b]
+                system.turned[parent, a, b] += system.turned[child, a, b]
+
+
+@compiled
+def _push(skeleton: Skeleton, system: LeastSquares, body: int, force: Vector, point: Vector) -> None:
+    """A force on a body, after gather: on all that carry it too."""
+    add_force(system, body, force, point)
+    for j in range(len(skeleton.joints) - 1, -1, -1):
+        if skeleton.joints[j]["child"] == body:
+            body = skeleton.joints[j]["parent"]
+            add_force(system, body, force, point)
+
+
+@compiled
+def add_force(system: LeastSquares, body: int, force: Vector, point: Vector) -> None:
+    for a in range(3):
+        system.force[body, a] += force[a]
+        for b in range(3):
+            system.turned[body, a, b] += force[a] * point[b]
+
+
+@compiled
+def _add_mass(system: LeastSquares, body: int, mass: float, point: Vector) -> None:
+    system.mass[body] += mass
+    for a in range(3):
+        system.first[body, a] += mass * point[a]
+        for b in range(3):
+            system.second[body, a, b] += mass * point[a] * point[b]
+
+
+@compiled
+def _momentum(system: LeastSquares, body: int, w: Vector, v: Vector) -> tuple[Vector, Vector]:
+    """Linear and angular momentum about the ground origin of the masses beyond a joint that move by a screw (w, v)."""
+    first, second = read(system.first[body]), system.second[body]
+    linear = add(scale(system.mass[body], v), cross(w, first))
+    trace = second[0, 0] + second[1, 1] + second[2, 2]
+    turned = (
+        second[0, 0] * w[0] + second[0, 1] * w[1] + second[0, 2] * w[2],
+        second[1, 0] * w[0] + second[1, 1] * w[1] + second[1, 2] * w[2],
+        second[2, 0] * w[0] + second[2, 1] * w[1] + second[2, 2] * w[2],
+    )
+    return linear, add(cross(first, v), subtract(scale(trace, w), turned))
+
+
+@compiled
+def _moment(turned: Array) -> Vector:
+    """Σ p × f out of N = Σ f pᵀ."""
+    return (turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1])
+
+
+@compiled
+def _clear(system: LeastSquares) -> None:
+    system.hessian[:] = 0.0
+    system.gradient[:] = 0.0
+    system.mass[:] = 0.0
+    system.first[:] = 0.0
+    system.second[:] = 0.0
+    system.force[:] = 0.0
+    system.turned[:] = 0.0

@@ -1,0 +1,200 @@
+"""Inverse kinematics: the coordinates whose model markers lie nearest to the observed ones, frame by frame.
+
+The problem is OpenSim's (InverseKinematicsTool, Simbody's Assembler), solved to its optimum; OpenSim stops before it.
+
+    minimise  ½ Σ w_m |p_m(q) − x_m|² / Σ w_m  +  ½ Σ w_k (q_k − v_k)²     over the markers visible in a frame
+    so that   points that a constraint joins coincide, coupled coordinates follow, locked ones stay at their values,
+              and clamped ones stay in their range
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solver.inverse_kinematics.frame import Bounds, FrameWorkspace, Problem
+from solver.inverse_kinematics.linearise import MarkerTable, allocate_least_squares, constraints_of
+from solver.inverse_kinematics.skeleton import allocate_pose, skeleton_of
+from solver.model import CoordinateLock, Marker, Model, ModelError
+
+Array = NDArray[np.float64]
+
+MOST_ROUNDS = 60
+
+
+class FrameOutcome(StrEnum):
+    """What became of a frame."""
+
+    SOLVED = "solved"
+    NOT_CONVERGED = "not_converged"
+    GAP_OPEN = "gap_open"
+    NO_MARKERS = "no_markers"
+
+
+OUTCOMES = (FrameOutcome.SOLVED, FrameOutcome.NOT_CONVERGED, FrameOutcome.GAP_OPEN, FrameOutcome.NO_MARKERS)
+"""In the order of frame.py's codes."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingTasks:
+    """What a posture is to follow.
+
+    markers             of the model, in the order of the observed ones
+    weights             (markers,) w_m ≥ 0; only their ratios matter
+    coordinate_weights  w_k [m²/rad²] by the name of a coordinate; beside mean squares of millimetres 1e-4 is strong
+    coordinate_targets  v_k [rad or m] by name, one value or one of each frame; the coordinate's default where absent
+    """
+
+    markers: tuple[Marker, ...]
+    weights: Array
+    coordinate_weights: Mapping[str, float] = field(default_factory=dict)
+    coordinate_targets: Mapping[str, ArrayLike] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class InverseKinematics:
+    """Postures that follow markers; NaN in a frame whose outcome is NO_MARKERS.
+
+    coordinates   q (frames, coordinates) [rad or m]
+    residuals     (frames, markers) [m] distance of each marker from its observation, NaN where it is hidden
+    gap           (frames,) [m or rad] largest violation of a constraint
+    cost          (frames,) [m²]
+    multipliers   λ (frames, rows) of the constraints, which the covariance needs
+    outcomes      (frames,) of FrameOutcome;  rounds (frames,) iterations
+    """
+
+    coordinates: Array
+    residuals: Array
+    gap: Array
+    cost: Array
+    multipliers: Array
+    outcomes: tuple[FrameOutcome, ...]
+    rounds: NDArray[np.int64]
+
+    @property
+    def unsolved(self) -> int:
+        """Number of frames that are not SOLVED."""
+        return sum(outcome is not FrameOutcome.SOLVED for outcome in self.outcomes)
+
+
+def solve_inverse_kinematics(
+    model: Model,
+    observed: Array,
+    tasks: TrackingTasks,
+    start: Array | None = None,
+    most_rounds: int = MOST_ROUNDS,
+) -> InverseKinematics:
+    """Postures of all frames, each sought from the one before; the first from `start` (coordinates,) [rad or m].
+
+    observed (frames, markers, 3) [m] in ground, NaN where a marker is hidden. Without a start the first frame begins
+    at the model's assembled default posture. A coordinate that no visible marker moves keeps its value. Raises
+    ModelError where shapes, names or weights do not fit.
+    """
+    _ensure_fits(observed, tasks)
+    start = assemble(model) if start is None else np.array(start, dtype=np.float64)
+    problem = build_problem(model, tasks)
+    return _solve(model, problem, observed, _targets(model, tasks, len(observed)), start, most_rounds)
+
+
+def assemble(model: Model, wanted: Array | None = None) -> Array:
+    """q (coordinates,) nearest to those wanted, by default the model's own, that meet the constraints [rad or m].
+
+    Nearest in Σ (q − wanted)², as OpenSim assembles. Raises ModelError where no posture meets them.
+    """
+    wanted = model.default_coordinates if wanted is None else np.array(wanted, dtype=np.float64)
+    everywhere = dict.fromkeys(model.coordinate_names, 1.0)
+    problem = build_problem(model, TrackingTasks((), np.zeros(0), everywhere))
+    found = _solve(model, problem, np.zeros((1, 0, 3)), wanted[None], wanted.copy(), MOST_ROUNDS)
+    if found.outcomes[0] is not FrameOutcome.SOLVED:
+        raise ModelError(
+            f"the constraints of {model.name} cannot be met near the default posture, {found.gap[0]:.3g} m or rad "
+            "remain; check its constraints and locked coordinates"
+        )
+    posture: Array = found.coordinates[0]
+    return posture
+
+
+def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
+    """The tables of the compiled solver."""
+    count = len(model.coordinates)
+    lowest, highest = np.full(count, -np.inf), np.full(count, np.inf)
+    for k, coordinate in enumerate(model.coordinates):
+        if coordinate.is_clamped:
+            lowest[k], highest[k] = coordinate.range
+    is_locked = np.zeros(count, dtype=np.bool_)
+    is_locked[[each.coordinate for each in _locks(model)]] = True
+    pull = np.zeros(count)
+    for name, weight in tasks.coordinate_weights.items():
+        pull[model.coordinate_index(name)] = weight
+    markers = MarkerTable(
+        np.array([marker.body for marker in tasks.markers], dtype=np.int64),
+        np.array([marker.location for marker in tasks.markers]).reshape(-1, 3),
+        np.array(tasks.weights, dtype=np.float64),
+    )
+    return Problem(skeleton_of(model), markers, constraints_of(model), Bounds(lowest, highest, is_locked), pull)
+
+
+def allocate_frame(model: Model, problem: Problem) -> FrameWorkspace:
+    markers, count = len(problem.markers.weight), len(model.coordinates)
+    system = allocate_least_squares(model, markers, problem.constraints)
+    size = count + len(system.gap)
+    return FrameWorkspace(
+        allocate_pose(model),
+        system,
+        np.zeros(markers),
+        np.zeros(len(system.gap)),
+        np.zeros(count, dtype=np.int64),
+        np.zeros((size, size)),
+        np.zeros(size, dtype=np.int64),
+        np.zeros(size),
+        np.zeros(count),
+        np.zeros((count, count)),
+        np.zeros(1, dtype=np.bool_),
+    )
+
+
+def _solve(
+    model: Model, problem: Problem, observed: Array, values: Array, start: Array, most_rounds: int
+) -> InverseKinematics:
+    from solver.inverse_kinematics.sequence import solve_frames  # the compiler behind it takes a while to import
+
+    for lock in _locks(model):
+        start[lock.coordinate] = lock.value
+    work = allocate_frame(model, problem)
+    frames, markers = observed.shape[:2]
+    found = np.zeros((frames, len(start)))
+    multipliers, residuals = np.zeros((frames, len(work.multipliers))), np.zeros((frames, markers))
+    gap, cost, outcome = np.zeros(frames), np.zeros(frames), np.zeros((frames, 2), dtype=np.int64)
+    results = (found, multipliers, residuals, gap, cost, outcome)
+    seen = np.ascontiguousarray(observed, dtype=np.float64)
+    solve_frames(problem, seen, np.ascontiguousarray(values), most_rounds, start, work, results)
+    outcomes = tuple(OUTCOMES[code] for code in outcome[:, 0])
+    return InverseKinematics(found, residuals, gap, cost, multipliers, outcomes, outcome[:, 1])
+
+
+def _locks(model: Model) -> Sequence[CoordinateLock]:
+    return [each for each in model.constraints if isinstance(each, CoordinateLock)]
+
+
+def _targets(model: Model, tasks: TrackingTasks, frames: int) -> Array:
+    """v (frames, coordinates)."""
+    targets = np.tile(model.default_coordinates, (frames, 1))
+    for name, value in tasks.coordinate_targets.items():
+        targets[:, model.coordinate_index(name)] = value
+    return targets
+
+
+def _ensure_fits(observed: Array, tasks: TrackingTasks) -> None:
+    count = len(tasks.markers)
+    if observed.ndim != 3 or observed.shape[1:] != (count, 3) or tasks.weights.shape != (count,):
+        raise ModelError(
+            f"expected observed markers of shape (frames, {count}, 3) and {count} weights, found {observed.shape} and "
+            f"{tasks.weights.shape}"
+        )
+    weights = np.concatenate([tasks.weights, list(tasks.coordinate_weights.values())])
+    if not np.isfinite(weights).all() or weights.min(initial=0.0) < 0.0:
+        raise ModelError("weights of markers and coordinates should be finite and not negative; correct the tasks")

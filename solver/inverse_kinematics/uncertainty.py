@@ -1,0 +1,98 @@
+"""How far marker noise moves the coordinates that inverse kinematics finds.
+
+At the optimum the Lagrangian's gradient vanishes, so observations that change by dx move the posture by dq = S dx with
+
+    S = P⁺ Jᵀ W,   P⁺ = Z (Zᵀ ∇²L Z)⁻¹ Zᵀ,   Z the directions that the constraints leave
+
+and Cov q = Σ_m σ_m² S_m S_mᵀ. The Hessian is exact: with Gauss–Newton's part alone the standard deviations are wrong
+by a factor of 3 to 4 where residuals are centimetres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, allocate_frame, build_problem
+from solver.model import Model, ModelError
+
+Array = NDArray[np.float64]
+
+LEAST_CURVATURE = 1e-9  # m²/rad²: a marker with a tenth of the weight, 0.1 mm from the axis
+HELD_ABOVE = 1e-4  # square of a coordinate's part in a direction without curvature
+MIN_FRAMES = 5
+"""Of which the noise of a marker is estimated."""
+
+
+@dataclass(frozen=True, eq=False)
+class PostureUncertainty:
+    """Of every frame, from independent marker noise.
+
+    covariance           (frames, coordinates, coordinates) [rad or m]², NaN where a frame has no posture
+    standard_deviation   (frames, coordinates) [rad or m]; infinite where no marker holds the coordinate
+    is_held              (frames, coordinates) whether the visible markers, tasks or locks determine the coordinate
+    """
+
+    covariance: Array
+    standard_deviation: Array
+    is_held: NDArray[np.bool_]
+
+
+def posture_uncertainty(
+    model: Model, observed: Array, tasks: TrackingTasks, solution: InverseKinematics, noise: ArrayLike
+) -> PostureUncertainty:
+    """Uncertainty of a solution; noise is the standard deviation of a marker along each axis [m], one for all or
+    (markers,). observed and tasks are those that were solved.
+    """
+    from solver.inverse_kinematics.sensitivity import fill_sensitivities  # the compiler takes a while to import
+
+    problem = build_problem(model, tasks)
+    frames, count = solution.coordinates.shape
+    sigma = np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(tasks.markers),))
+    if not (np.isfinite(sigma).all() and sigma.min(initial=0.0) >= 0.0):
+        raise ModelError("the noise of each marker should be finite and not negative [m]")
+    rows = np.zeros((frames, solution.multipliers.shape[1], count))
+    hessians, spread = np.zeros((frames, count, count)), np.zeros((frames, count, count))
+    work = allocate_frame(model, problem)
+    results = (hessians, rows, spread)
+    seen = np.ascontiguousarray(observed, dtype=np.float64)
+    fill_sensitivities(problem, seen, solution.coordinates, solution.multipliers, sigma**2, work, results)
+    q, bounds = solution.coordinates, problem.bounds
+    is_fixed = bounds.is_locked | (q <= bounds.lowest) | (q >= bounds.highest)
+    response, loose = _response(hessians, rows, is_fixed)
+    covariance = response @ spread @ response
+    covariance[np.isnan(q[:, 0])] = np.nan
+    is_held = np.diagonal(loose, axis1=1, axis2=2) < HELD_ABOVE
+    variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)
+    return PostureUncertainty(covariance, np.where(is_held, np.sqrt(variance), np.inf), is_held)
+
+
+def estimate_marker_noise(observed: Array) -> Array:
+    """(markers,) standard deviation per axis [m] of white noise, from third differences of (frames, markers, 3).
+
+    Motion of less than a tenth of the frame rate hardly enters. NaN for a marker that is never seen in 5 frames in a
+    row.
+    """
+    third = np.diff(observed, n=3, axis=0)
+    is_seen = np.isfinite(third)
+    count = is_seen.sum(axis=(0, 2))
+    squares = np.where(is_seen, third, 0.0) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        noise: Array = np.sqrt(squares.sum(axis=(0, 2)) / count / 20.0)  # 20 = 1² + 3² + 3² + 1²
+    return np.where(count >= 3 * (MIN_FRAMES - 3), noise, np.nan)
+
+
+def _response(hessians: Array, rows: Array, is_fixed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """P⁺ (frames, coordinates, coordinates), and the projector onto what neither curvature nor constraints hold."""
+    free = (~is_fixed).astype(np.float64)
+    kept = rows * free[:, None, :]
+    identity = np.eye(rows.shape[-1])
+    projector = free[:, :, None] * (identity - np.linalg.pinv(kept, rcond=1e-10) @ kept) * free[:, None, :]
+    curvatures, directions = np.linalg.eigh(projector @ hessians @ projector)
+    is_curved = np.abs(curvatures) > LEAST_CURVATURE
+    inverse = np.divide(1.0, curvatures, out=np.zeros_like(curvatures), where=is_curved)
+    transposed = np.swapaxes(directions, 1, 2)
+    curved = (directions * is_curved[:, None, :]) @ transposed
+    return (directions * inverse[:, None, :]) @ transposed, projector - curved
