@@ -1,25 +1,21 @@
-"""C3D through ezc3d: markers and analog channels in one file and on one clock.
+"""C3D read by ezc3d: markers and analog channels in one file and on one clock.
 
 The format wants the analog rate to be a whole multiple of the frame rate.
 """
 
 from __future__ import annotations
 
-import errno
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import ezc3d
 import numpy as np
-from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile
+from recordings.exchange.c3d_layout import EXPORT_AGAIN, read_c3d_layout
 from recordings.exchange.lengths import millimetres
-from recordings.exchange.tables import MarkerTable, SignalTable, require_labels
-
-BYTES_PER_VALUE = 4
+from recordings.exchange.tables import MarkerTable, SignalTable, distinct_labels
 
 
 def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
@@ -28,10 +24,11 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
     point = c3d["parameters"]["POINT"]
     labels = _texts(point, "LABELS")
     data, residuals = c3d["data"]["points"], c3d["data"]["meta_points"]["residuals"]
-    if not data.shape[2] or not labels:
-        raise ForeignFile(f"{path} holds no markers ({data.shape[1]} points, {data.shape[2]} frames)")
-    named = [i for i, label in enumerate(labels) if label and not label.startswith("*")]
-    require_labels(tuple(labels[i] for i in named), str(path))
+    _, points, frames = data.shape
+    if not frames or not points or not labels:
+        raise ForeignFile(f"{path} holds no markers ({points} points, {frames} frames)")
+    named = [i for i, label in enumerate(labels[:points]) if label and not label.startswith("*")]
+    names, notes = distinct_labels([labels[i] for i in named], str(path))
     rate = _rate(point, path)
     scale = millimetres(unit or (_texts(point, "UNITS") or [""])[0], str(path))
     positions = scale * np.moveaxis(data[:3, named], 0, 2).transpose(1, 0, 2)
@@ -39,7 +36,7 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
     missing = np.isnan(positions).any(axis=-1) | (residual < 0)
     positions[missing], residual = np.nan, np.where(missing, np.nan, scale * residual)
     time = (_first_frame(c3d) + np.arange(data.shape[2])) / rate
-    return MarkerTable(tuple(labels[i] for i in named), rate, time, positions, residual)
+    return MarkerTable(names, rate, time, positions, residual, notes)
 
 
 def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
@@ -60,47 +57,21 @@ def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
     )
 
 
-def write_c3d(
-    path: Path, markers: MarkerTable, signals: Mapping[str, NDArray[np.float64]], units: Mapping[str, str]
-) -> None:
-    """Markers in mm and signals (frames × whole number,) that begin with the first frame, each as an analog channel.
-
-    A missing marker has residual −1, as the format has it. C3D counts frames from 1: times begin anew with the file.
-    Raises OSError where the disk does not hold it all: the package writes what it can and says nothing.
-    """
-    frames = len(markers.time_s)
-    c3d: Any = ezc3d.c3d()  # type: ignore[no-untyped-call]
-    missing = markers.missing
-    points = np.ones((4, len(markers.labels), frames))
-    points[:3] = np.where(missing[..., None], np.nan, markers.positions).transpose(2, 1, 0)
-    parameters = c3d["parameters"]
-    parameters["POINT"]["RATE"]["value"] = [markers.rate_hz]
-    parameters["POINT"]["LABELS"]["value"] = list(markers.labels)
-    parameters["POINT"]["DESCRIPTIONS"]["value"] = [""] * len(markers.labels)
-    parameters["POINT"]["UNITS"]["value"] = ["mm"]
-    c3d["data"]["points"] = points
-    c3d["data"]["meta_points"]["residuals"] = np.where(missing, -1.0, markers.residuals).T[None]
-    c3d["data"]["meta_points"]["camera_masks"] = np.zeros((7, len(markers.labels), frames), dtype=bool)
-    samples = max((len(values) for values in signals.values()), default=frames)
-    parameters["ANALOG"]["RATE"]["value"] = [markers.rate_hz * (samples // frames)]
-    parameters["ANALOG"]["LABELS"]["value"] = list(signals)
-    parameters["ANALOG"]["DESCRIPTIONS"]["value"] = [""] * len(signals)
-    parameters["ANALOG"]["UNITS"]["value"] = [units[name] for name in signals]
-    parameters["ANALOG"]["SCALE"]["value"] = [1.0] * len(signals)
-    parameters["ANALOG"]["OFFSET"]["value"] = [0] * len(signals)
-    c3d["data"]["analogs"] = np.reshape(list(signals.values()), (1, len(signals), samples))
-    c3d.write(str(path))
-    if path.stat().st_size < BYTES_PER_VALUE * (points.size + c3d["data"]["analogs"].size):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-
-
 def _open(path: Path) -> Any:
+    """The file as ezc3d reads it. Its own sentences are meant for its maintainers, and are not passed on."""
     if not path.is_file():
         raise ForeignFile(f"{path} cannot be read: there is no such file")
+    layout = read_c3d_layout(path)
     try:
-        return ezc3d.c3d(str(path))  # type: ignore[no-untyped-call]
+        c3d = ezc3d.c3d(str(path))  # type: ignore[no-untyped-call]
     except Exception as error:  # the package raises what its C++ throws: OSError, RuntimeError, MemoryError, IndexError
-        raise ForeignFile(f"{path} cannot be read as C3D: {' '.join(str(error).split())}") from error
+        raise ForeignFile(
+            f"{path} cannot be read as C3D: it is damaged, or its parameters do not keep to the format; {EXPORT_AGAIN}"
+        ) from error
+    _, points, frames = c3d["data"]["points"].shape
+    _, channels, samples = c3d["data"]["analogs"].shape
+    layout.require_agreement(points, channels * samples // max(frames, 1), frames)
+    return c3d
 
 
 def _texts(group: Any, name: str) -> list[str]:

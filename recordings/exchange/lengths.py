@@ -5,6 +5,14 @@ from __future__ import annotations
 from recordings.errors import ForeignFile
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+SPELLED_OUT = {
+    "millimeter": "mm",
+    "millimetre": "mm",
+    "centimeter": "cm",
+    "centimetre": "cm",
+    "meter": "m",
+    "metre": "m",
+}
 
 
 def millimetres(unit: str, where: str) -> float:
@@ -12,7 +20,8 @@ def millimetres(unit: str, where: str) -> float:
 
     Raises ForeignFile for a unit of which nobody knows.
     """
-    known = MILLIMETRES.get(unit.strip().lower() or "mm")
+    told = unit.strip().lower() or "mm"
+    known = MILLIMETRES.get(SPELLED_OUT.get(told.removesuffix("s"), told))
     if known is None:
         raise ForeignFile(f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; give --mocap-unit")
     return known

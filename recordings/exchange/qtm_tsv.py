@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile
 from recordings.exchange.lengths import millimetres
-from recordings.exchange.tables import MarkerTable, require_labels, settle_times, without_origin
+from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
 from recordings.exchange.text import read_lines, read_numbers, write_row
 
 KEY = re.compile(r"[A-Z][A-Z0-9_]+$")
@@ -30,8 +30,7 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
             f"{path} has no line MARKER_NAMES, expected QTM's export of 3D trajectories as TSV with its header; "
             "tick Include TSV header in QTM's export settings"
         )
-    labels = tuple(header["MARKER_NAMES"])
-    require_labels(labels, f"{path}, MARKER_NAMES,")
+    labels, notes = distinct_labels(header["MARKER_NAMES"], f"{path}, MARKER_NAMES,")
     _require_count(header, "NO_OF_MARKERS", len(labels), "names", path)
     rows, widest = lines[first:], max((line.count("\t") + 1 for line in lines[first:]), default=0)
     _require_count(header, "NO_OF_FRAMES", len(rows), "holds", path)
@@ -39,7 +38,7 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
     values = read_numbers(rows, "\t", range(extra + 3 * len(labels)), path, first + 1)
     positions = without_origin(millimetres(unit, str(path)) * values[:, extra:].reshape(len(rows), len(labels), 3))
     rate, time = _time(values[:, :extra], header, str(path), first + 1)
-    return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]))
+    return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]), notes)
 
 
 def write_qtm_tsv(table: MarkerTable) -> str:

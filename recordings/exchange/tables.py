@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ class MarkerTable:
     time_s     (frames,) strictly rising; without a time in the file frame n stands at (n − 1)/rate_hz
     positions  (frames, markers, 3) float64 mm in the mocap frame, NaN where a marker was missing
     residuals  (frames, markers) mm, 0 where the file tells none
+    notes      sentences on what was read otherwise than the file says
     """
 
     labels: tuple[str, ...]
@@ -27,6 +28,7 @@ class MarkerTable:
     time_s: NDArray[np.float64]
     positions: NDArray[np.float64]
     residuals: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
 
     @property
     def missing(self) -> NDArray[np.bool_]:
@@ -77,6 +79,24 @@ def require_labels(labels: tuple[str, ...], where: str) -> None:
         raise ForeignFile(f"{where} names no markers; export the labelled trajectories")
     if twice is not None:
         raise ForeignFile(f"{where} names the marker {twice!r} twice; give each trajectory a label of its own")
+
+
+def distinct_labels(labels: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Labels of which one that stands twice is numbered, RTHI#1 and RTHI#2, and a note where there is one.
+
+    Which of the two is meant is for the operator to say: neither keeps the name. Raises ForeignFile as require_labels.
+    """
+    twice = [label for label in dict.fromkeys(labels) if label and labels.count(label) > 1]
+    numbered = tuple(
+        f"{label}#{labels[: i + 1].count(label)}" if label in twice else label for i, label in enumerate(labels)
+    )
+    require_labels(numbered, where)
+    if not twice:
+        return numbered, ()
+    return numbered, (
+        f"{where} names more than one marker {', '.join(twice)}: they are numbered {twice[0]}#1, {twice[0]}#2 in the "
+        f"file's order; --label {twice[0]}#1={twice[0]} chooses one",
+    )
 
 
 def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:

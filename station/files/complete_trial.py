@@ -54,7 +54,7 @@ def complete_trial(path: Path, source: MarkerSource) -> Imported:
     output = completed_path(path)
     files = f"{path.name} and {source.path.name}"
     write_recording(output, recording.manifest, streams, items, recording.outcome, files)
-    return Imported(output, tuple(_notes(live, export, numbers)))
+    return Imported(output, (*export.notes, *_notes(live, export, numbers)))
 
 
 def _captured(recording: Recording) -> Track:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import RecordingError
-from recordings.exchange.c3d import write_c3d
+from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.parquet import write_parquet
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns

@@ -99,7 +99,7 @@ def import_trial(
     path = session / spec.file_name(run)
     items = [origin, *_items(laid, force, markers, start_utc_ns)]
     write_recording(path, manifest, streams, items, Outcome(True, "closed", f"imported from {files}"), files)
-    return Imported(path, laid.notes)
+    return Imported(path, (*markers.notes, *laid.notes))
 
 
 def with_lag(config: StationConfig, lag_s: float | None, lag_sd_s: float | None) -> StationConfig:

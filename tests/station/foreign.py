@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings.exchange.c3d import write_c3d
+from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.tables import MarkerTable

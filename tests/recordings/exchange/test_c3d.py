@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from recordings.errors import ForeignFile
-from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals, write_c3d
+from recordings.exchange.c3d import read_c3d_markers, read_c3d_signals
+from recordings.exchange.c3d_writer import write_c3d
+from recordings.exchange.tables import MarkerTable
+from tests.recordings.exchange.raw_c3d import CHANNELS, POSITIONS, SCALE, write_raw_c3d
 from tests.recordings.exchange.walk import FRAMES, same, walk
 
 FORCE = np.sin(np.arange(10 * FRAMES) / 7)
@@ -69,7 +72,7 @@ def test_files_that_are_none_are_refused_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ForeignFile, match="there is no such file"):
         read_c3d_markers(tmp_path / "none.c3d")
     (tmp_path / "text.c3d").write_text("NO_OF_FRAMES\t3\n" * 100, encoding="utf-8")
-    with pytest.raises(ForeignFile, match=r"text\.c3d cannot be read as C3D"):
+    with pytest.raises(ForeignFile, match=r"text\.c3d does not begin as a C3D file does"):
         read_c3d_markers(tmp_path / "text.c3d")
     write_c3d(tmp_path / "silent.c3d", walk(), {}, {})
     with pytest.raises(ForeignFile, match="holds no analog channel"):
@@ -93,3 +96,80 @@ def test_every_cut_of_a_file_is_a_sentence_or_what_was_in_it(file: Path, tmp_pat
         except ForeignFile:
             continue
         assert len(read.labels) == 3
+
+
+def test_labels_beyond_the_points_are_of_nothing(tmp_path: Path) -> None:
+    # as in c3d.org's samples 01 and 08: 30 labels for 26 points
+    read = read_c3d_markers(write_raw_c3d(tmp_path / "more.c3d", ["a", "b", "c", "late", "later"]))
+    assert read.labels == ("a", "b", "c")
+    assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
+    fewer = read_c3d_markers(write_raw_c3d(tmp_path / "fewer.c3d", ["a", "b"]))
+    assert fewer.labels == ("a", "b")
+
+
+def test_a_label_that_stands_twice_is_numbered_and_told_of(tmp_path: Path) -> None:
+    read = read_c3d_markers(write_raw_c3d(tmp_path / "twice.c3d", ["RTHI", "RKNE", "RTHI"]))
+    assert read.labels == ("RTHI#1", "RKNE", "RTHI#2")
+    assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
+    (note,) = read.notes
+    assert "more than one marker RTHI" in note and "--label RTHI#1=RTHI" in note
+
+
+def test_frames_that_the_header_lays_out_otherwise_are_not_read(tmp_path: Path) -> None:
+    # as in c3d.org's sample 28: the parameters know of no analog values, and every frame after the first is shifted
+    file = write_raw_c3d(tmp_path / "shifted.c3d", used_analog=0)
+    with pytest.raises(ForeignFile, match="contradicts itself: its header counts 3 points and 8 analog values"):
+        read_c3d_markers(file)
+    with pytest.raises(ForeignFile, match="contradicts itself"):
+        read_c3d_signals(file, ["f1"])
+
+
+def test_a_header_that_counts_channels_is_overruled_by_the_file_s_size(tmp_path: Path) -> None:
+    # as in c3d.org's sample 24
+    read = read_c3d_markers(write_raw_c3d(tmp_path / "channels.c3d", header_analog=CHANNELS))
+    assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
+
+
+def test_a_file_that_lost_its_end_is_cut(tmp_path: Path) -> None:
+    file = write_raw_c3d(tmp_path / "cut.c3d")
+    file.write_bytes(file.read_bytes()[:-10])
+    with pytest.raises(ForeignFile, match="announces 60 frames and holds 59"):
+        read_c3d_markers(file)
+
+
+@pytest.mark.parametrize("place", [512 + 4, 512 + 40, 512 + 100])
+def test_sentences_are_ours(tmp_path: Path, place: int) -> None:
+    with pytest.raises(ForeignFile, match="was written on an SGI computer"):
+        read_c3d_markers(write_raw_c3d(tmp_path / "sgi.c3d", processor=86))
+    file = write_raw_c3d(tmp_path / "damaged.c3d")
+    raw = bytearray(file.read_bytes())
+    raw[place : place + 40] = b"\x7f" * 40
+    file.write_bytes(raw)
+    with pytest.raises(ForeignFile) as caught:
+        read_c3d_markers(file)
+    for word in ("GitHub", "ignoreBadFormatting", "iostream", "parameterIdx"):
+        assert word not in str(caught.value)
+
+
+@pytest.mark.parametrize("frames", [FRAMES, 70_000])
+def test_a_second_reader_finds_markers_and_a_single_channel(tmp_path: Path, frames: int) -> None:
+    c3d = pytest.importorskip("c3d", reason="needs the package c3d: install the extra test")
+    turns = -(-frames // FRAMES)
+    whole = walk()
+    positions, residuals = (np.concatenate([part] * turns)[:frames] for part in (whole.positions, whole.residuals))
+    table = MarkerTable(whole.labels, whole.rate_hz, np.arange(frames) / 100, positions, residuals)
+    force = np.resize(FORCE, 10 * frames)
+    write_c3d(tmp_path / "one.c3d", table, {"force_n": force}, {"force_n": "N"})
+    points, channels = [], []
+    with (tmp_path / "one.c3d").open("rb") as file:
+        reader = c3d.Reader(file)
+        for _, seen, analog in reader.read_frames(copy=True):
+            points.append(seen)
+            channels.append(analog[0])
+    found = np.array(points)
+    missing = found[..., 3] < 0
+    assert (missing == table.missing).all()
+    assert found[~missing][:, :3] == pytest.approx(positions[~missing], abs=1e-3)
+    assert found[~missing][:, 3] == pytest.approx(residuals[~missing], abs=0.5 * abs(float(reader.point_scale)))
+    assert np.concatenate(channels) == pytest.approx(force, abs=1e-6)
+    assert [label.strip() for label in reader.point_labels] == list(table.labels)

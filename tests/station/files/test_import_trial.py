@@ -12,6 +12,7 @@ import pytest
 from fitting.result import CuffFit
 from fitting.trial import read_trial, read_trials
 from recordings.contents import contents_of
+from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.reader import open_recording, read_manifest
@@ -246,6 +247,23 @@ def ask(station, static: tuple[Path, Path], session: Path, *words: object) -> Ra
 def test_the_verb_prints_the_path_and_says_nothing_else(station, static: tuple[Path, Path], tmp_path: Path) -> None:
     ran = ask(station, static, tmp_path / "s")
     assert (ran.code, ran.out.strip(), ran.err) == (0, str(tmp_path / "s" / "cuff-hand_test-static_run-1.mcap"), "")
+
+
+def test_a_marker_that_stands_twice_is_chosen_by_label(station, pair, static, tmp_path: Path) -> None:
+    markers = pair[0].markers
+    doubled = replace(
+        markers,
+        labels=(*markers.labels, "cuff_1"),
+        positions=np.concatenate([markers.positions, markers.positions[:, -1:] + 500.0], axis=1),
+        residuals=np.concatenate([markers.residuals, markers.residuals[:, -1:]], axis=1),
+    )
+    write_c3d(tmp_path / "twice.c3d", doubled, {}, {})
+    files = static[0], tmp_path / "twice.c3d"
+    refused = ask(station, files, tmp_path / "s")
+    assert_one_sentence(refused, 1, "has no marker cuff_1", "cuff_1#1, cuff_1#2", "--label THEIRS=OURS")
+    ran = ask(station, files, tmp_path / "s", "--label", "cuff_1#1=cuff_1")
+    assert ran.code == 0
+    assert "more than one marker cuff_1" in ran.err
 
 
 def test_markers_are_renamed_as_they_are_said_to_be(station, static: tuple[Path, Path], tmp_path: Path) -> None:
