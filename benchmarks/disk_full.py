@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.recordings.failing_disks import Claim, disk_with_room, write_trial
+from tests.recordings.failing_disks import Claim, disk_with_room, write_trial, write_trial_on_disk_that_goes
 
 SECONDS = 20.0
 PLACES = 200
@@ -33,6 +33,7 @@ def main() -> None:
         rooms = [size * i // PLACES for i in range(PLACES)]
         _row("disk full (ENOSPC), pretended", [_pretended(folder, room, errno.ENOSPC) for room in rooms])
         _row("volume gone (EIO), pretended", [_pretended(folder, room, errno.EIO) for room in rooms])
+        _row("the disk goes with its cache (EROFS), pretended", [_goes(folder, room) for room in rooms])
         _row("fsync fails (EIO), pretended", [_fails_to_sync(folder, good) for good in range(20)])
         if sys.platform != "win32":
             _row("limit to the file's size (EFBIG)", [_limited(folder, room) for room in rooms])
@@ -49,6 +50,10 @@ def _row(what: str, claims: list[Claim]) -> None:
 
 def _pretended(folder: Path, room: int, error: int) -> Claim:
     return _claim(folder, lambda path: write_trial(path, SECONDS, disk_with_room(room, error)))
+
+
+def _goes(folder: Path, room: int) -> Claim:
+    return _claim(folder, lambda path: write_trial_on_disk_that_goes(path, SECONDS, room, errno.EROFS))
 
 
 def _fails_to_sync(folder: Path, good: int) -> Claim:

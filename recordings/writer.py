@@ -31,7 +31,7 @@ SYNC_AFTER_S = 0.8
 
 @dataclass(frozen=True)
 class Stored:
-    """What of one stream is safely with the operating system."""
+    """What of one stream is safely with the operating system; after a failed write, what is known to be on the disk."""
 
     samples: int
     last_sample_number: int
@@ -50,7 +50,8 @@ class RecordingWriter:
 
     The owner calls write() for every item in the order of arrival, and flush_if_due() at least every 0.1 s also when
     nothing arrives: the bounds on loss count on it. An item is stored when `stored` says so, not before. The first
-    failed write is final: it raises WriteFailed naming the last stored samples, and so does every call after it.
+    failed write is final: it raises WriteFailed naming the last samples that a good fsync put on the disk, and so does
+    every call after it.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class RecordingWriter:
         self._failure: WriteFailed | None = None
         self._latest_ns = manifest.start_utc_ns  # host time of messages that have none of their own
         self._flush_due_s = self._sync_due_s = math.inf
+        self._size = 0  # bytes of the file at the last flush
         try:
             self._file = create(path)
         except FileExistsError as error:
@@ -102,7 +104,10 @@ class RecordingWriter:
 
     @property
     def stored(self) -> Mapping[str, Stored]:
-        """By stream, what is with the operating system: a kill of this process cannot take it back."""
+        """By stream, what is with the operating system: a kill of this process cannot take it back.
+
+        Once a write or an fsync has failed, what the last good fsync put on the disk: the cache may be gone.
+        """
         return dict(self._stored)
 
     def describe(self, stream: Stream) -> None:
@@ -152,21 +157,21 @@ class RecordingWriter:
                 self._put(stream)
             samples = {name: written.samples for name, written in self._written.items()}
             self._put(replace(outcome, messages=dict(self._counts), samples=samples))
+            self._flush()  # looks whether the file is whole before its end is written
             with self._writing():
                 self._mcap.finish()  # type: ignore[no-untyped-call]
             self._flush_and_sync()
-            if not self._path.exists():
-                raise WriteFailed(
-                    f"{self._path} was moved away while it was written; all of it is whole in the file where it is now"
-                )
+            self._ensure_at_its_path()
         finally:
             self._release()
 
     def discard(self) -> None:
-        """Releases and deletes the file, where nothing worth keeping was recorded."""
+        """Releases and deletes the file, where nothing worth keeping was recorded; never another one of its name."""
+        is_at_its_path = self._is_at_its_path
         self._release()
         try:
-            self._path.unlink(missing_ok=True)
+            if is_at_its_path:
+                self._path.unlink(missing_ok=True)
         except OSError as error:
             raise RecordingError(f"{self._path} cannot be deleted: {error.strerror or error}") from error
 
@@ -207,7 +212,9 @@ class RecordingWriter:
 
     def _flush(self) -> None:
         with self._writing():
+            self._ensure_whole()
             self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._size = self._file.tell()
         self._flush_due_s = math.inf
         self._stored = dict(self._written)
 
@@ -220,14 +227,37 @@ class RecordingWriter:
     def _sync_to_disk(self, sync: Callable[[int], None]) -> None:
         sync(self._file.fileno())
         if os.fstat(self._file.fileno()).st_nlink == 0:  # every write to it goes well, and into nothing
-            raise FileNotFoundError(errno.ENOENT, "it was deleted while it was written")
+            raise _ContentLost(errno.ENOENT, "it was deleted while it was written")
+
+    def _ensure_whole(self) -> None:
+        """Raises where the file is shorter than what was written: further writes would leave a hole of zeros."""
+        size = os.fstat(self._file.fileno()).st_size
+        if size < self._size:
+            raise _ContentLost(errno.EIO, f"another program cut it from {self._size} to {size} bytes")
+
+    def _ensure_at_its_path(self) -> None:
+        """Raises WriteFailed where the name does not lead to what was written."""
+        if not self._path.exists():
+            raise WriteFailed(
+                f"{self._path} was moved away while it was written; all of it is whole in the file where it is now"
+            )
+        if not self._is_at_its_path:
+            raise WriteFailed(
+                f"{self._path} is another file now: the recording was moved away while it was written, and is whole "
+                "where it is now; look for it before you record the trial again"
+            )
+
+    @property
+    def _is_at_its_path(self) -> bool:
+        try:
+            return os.path.samestat(self._path.stat(), os.fstat(self._file.fileno()))
+        except FileNotFoundError:
+            return False
 
     def _look_at_disk(self) -> None:
-        """What it could not keep was never stored, and nobody knows what it has of all since the last good fsync."""
         if self._disk.is_busy:
             return
         if self._disk.failure is not None:
-            self._stored = {} if isinstance(self._disk.failure, FileNotFoundError) else self._synced
             with self._writing():
                 raise self._disk.failure
         self._synced = self._syncing
@@ -240,6 +270,7 @@ class RecordingWriter:
         try:
             yield
         except Exception as error:
+            self._stored = {} if isinstance(error, _ContentLost) else self._synced
             self._failure = WriteFailed(self._failure_sentence(error))
             raise self._failure from error
 
@@ -256,3 +287,7 @@ class RecordingWriter:
         with suppress(OSError):
             self._file.close()
         self._failure = self._failure or WriteFailed(f"{self._path} is closed and takes no more")
+
+
+class _ContentLost(OSError):
+    """What was written, and synced, is not in the file any more."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,6 +31,24 @@ class DiskThatFills(io.FileIO):
         if not written and len(data):
             raise OSError(self._error, "no more room" if self._error == errno.ENOSPC else "volume gone")
         return written
+
+
+class DiskThatGoes(DiskThatFills):
+    """A file whose disk goes with its cache when its room is used up: what was not synced is not there any more."""
+
+    def __init__(self, path: Path, room: int, error: int) -> None:
+        super().__init__(path, room, error)
+        self._synced_bytes = 0
+
+    def sync(self, _: int) -> None:
+        self._synced_bytes = os.fstat(self.fileno()).st_size
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        try:
+            return super().write(data)
+        except OSError:
+            self.truncate(self._synced_bytes)
+            raise
 
 
 def disk_with_room(room: int, error: int = errno.ENOSPC) -> Callable[[Path], BinaryIO]:
@@ -87,6 +106,20 @@ def write_trial(
         return None
     stored = {name: kept.samples for name, kept in writer.stored.items()}
     return Claim(sentence, returned, stored, _readable(path))
+
+
+def write_trial_on_disk_that_goes(path: Path, seconds: float, room: int, error: int) -> Claim | None:
+    """As write_trial(), on a disk that takes so many bytes and then goes."""
+    disks: list[DiskThatGoes] = []
+
+    def create(path: Path) -> BinaryIO:
+        disks.append(DiskThatGoes(path, room, error))
+        return io.BufferedWriter(disks[0])  # type: ignore[return-value]
+
+    def sync(file: int) -> None:
+        disks[0].sync(file)
+
+    return write_trial(path, seconds, create, sync)
 
 
 def _readable(path: Path) -> dict[str, int]:

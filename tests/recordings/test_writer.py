@@ -16,7 +16,7 @@ from recordings.manifest import Outcome
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples, Stream
 from recordings.writer import RecordingWriter, create_exclusively
-from tests.recordings.failing_disks import disk_with_room, write_trial
+from tests.recordings.failing_disks import disk_with_room, write_trial, write_trial_on_disk_that_goes
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -138,10 +138,28 @@ def test_a_disk_that_fails_to_sync_takes_back_what_it_was_given_since(tmp_path: 
     assert (claim.returned, claim.missing) == (0, 0)
 
 
+@pytest.mark.parametrize("room", range(2000, 40_000, 733))
+@pytest.mark.parametrize("error", [errno.EROFS, errno.EIO])
+def test_a_disk_that_goes_with_its_cache_takes_back_what_it_was_given_since_the_last_sync(
+    tmp_path: Path, room: int, error: int
+) -> None:
+    claim = write_trial_on_disk_that_goes(tmp_path / "a.mcap", 4.0, room, error)
+    assert claim is not None and claim.sentence
+    assert (claim.returned, claim.missing) == (0, 0)
+
+
+def test_what_was_synced_before_a_failed_write_is_still_claimed(tmp_path: Path) -> None:
+    claim = write_trial_on_disk_that_goes(tmp_path / "a.mcap", 4.0, 30_000, errno.EROFS)
+    assert claim is not None
+    assert claim.stored["/force"] == claim.kept["/force"] > 1000
+    assert f"last stored samples are /force {claim.stored['/force'] - 1}," in claim.sentence
+
+
 def test_the_first_failed_write_is_final_and_names_the_last_stored_samples(tmp_path: Path) -> None:
     path, wall = tmp_path / "a.mcap", WallClock()
     room = len(record(tmp_path / "whole.mcap", []).read_bytes()) + 3000
-    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, create=disk_with_room(room))
+    create = disk_with_room(room)
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, create=create, background=lambda work: work())
     failures = 0
     stored = {}
     for i in range(60):
@@ -218,6 +236,47 @@ def test_a_recording_that_is_moved_while_it_is_written_goes_on_and_is_told_at_it
         writer.close(ACCEPTED)
     moved = open_recording(tmp_path / "tuesday" / "a.mcap")
     assert moved.complete and len(moved.load("/force").values) == 200
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows moves no open file")
+def test_another_file_under_its_name_is_no_recording_and_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    for end in ("close", "discard"):
+        writer = RecordingWriter(path, MANIFEST, STREAMS)
+        writer.write(scalars("/force", 0, 100))
+        path.rename(tmp_path / f"{end}.mcap")
+        path.write_bytes(b"precious")
+        if end == "close":
+            with pytest.raises(WriteFailed, match=r"a\.mcap is another file now: .* is whole where it is now"):
+                writer.close(ACCEPTED)
+        else:
+            writer.discard()
+        assert path.read_bytes() == b"precious"
+        path.unlink()
+    assert open_recording(tmp_path / "close.mcap").complete
+
+
+@pytest.mark.parametrize("size", [0, 3000])
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_recording_that_another_program_cuts_is_told_at_the_next_flush(
+    tmp_path: Path, size: int, goes_on: bool
+) -> None:
+    path, wall = tmp_path / "a.mcap", WallClock()
+    writer = RecordingWriter(path, MANIFEST, STREAMS, clock=wall, background=lambda work: work())
+    for i in range(20):
+        wall.now = 0.1 * i
+        writer.write(scalars("/force", 100 * i, 100))
+    os.truncate(path, size)
+    with pytest.raises(WriteFailed, match=rf"cut it from \d+ to {size} bytes\): the last stored samples are none"):
+        if goes_on:
+            writer.write(scalars("/force", 2000, 100))
+            wall.now = 2.2
+            writer.flush_if_due()
+        else:
+            writer.close(ACCEPTED)
+    assert not writer.stored
+    assert path.stat().st_size == size, "nothing is written behind a hole"
+    writer.discard()
 
 
 def test_a_disk_that_takes_its_time_holds_up_no_flush(tmp_path: Path) -> None:
