@@ -276,7 +276,8 @@ def test_a_recording_that_another_program_cuts_is_told_at_the_next_flush(
             writer.close(ACCEPTED)
     assert not writer.stored
     assert path.stat().st_size == size, "nothing is written behind a hole"
-    writer.discard()
+    if goes_on:
+        writer.discard()
 
 
 def test_a_disk_that_takes_its_time_holds_up_no_flush(tmp_path: Path) -> None:

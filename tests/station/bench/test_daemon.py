@@ -14,6 +14,7 @@ import pytest
 from drivers.device import Device
 from drivers.errors import DeviceUnavailable
 from recordings import writer
+from recordings.durability import BackgroundSync
 from recordings.manifest import CuffSite
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
@@ -190,6 +191,8 @@ def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good
     import resource
 
     monkeypatch.setattr(writer, "FLUSH_AFTER_S", 0.0)
+    monkeypatch.setattr(writer, "SYNC_AFTER_S", 0.0)
+    monkeypatch.setattr(BackgroundSync, "begin", BackgroundSync._run)  # at once, whatever the wall does
 
     told: list[str] = []
 
