@@ -179,12 +179,20 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
 
 
 def _ensure_even_time(path: Path, time: Array) -> None:
+    """Steps within 1 % of each other, or times that were even before they were printed with few decimals."""
     steps = np.diff(time)
     step = float(np.median(steps))
-    if step <= 0 or np.abs(steps - step).max() > 0.01 * step:
+    if step <= 0 or (np.abs(steps - step).max() > 0.01 * step and not _is_rounded_grid(time)):
         raise MotionError(
             f"{path.name} should be evenly sampled and has steps from {steps.min():g} to {steps.max():g} s; resample it"
         )
+
+
+def _is_rounded_grid(time: Array) -> bool:
+    """Whether times are those of an even grid, rounded to a decimal that is at most a tenth of a step: 60 Hz in ms."""
+    decimal = next((10.0**-digits for digits in range(10) if np.allclose(time, time.round(digits), 0, 1e-12)), 0.0)
+    grid = np.linspace(time[0], time[-1], len(time))
+    return decimal <= 0.1 * (grid[1] - grid[0]) and float(np.abs(time - grid).max()) <= 1.001 * decimal
 
 
 def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -41,14 +42,24 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
     return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]), notes)
 
 
-def write_qtm_tsv(table: MarkerTable) -> str:
-    """The text of such a file, with Frame and Time columns; a missing marker leaves its fields empty."""
+def write_qtm_tsv(table: MarkerTable, captured: datetime | None = None) -> str:
+    """The text of such a file, with Frame and Time columns; a missing marker leaves its fields empty.
+
+    Programs read the header by the places of its lines, so all of QTM's are there in its order. Cameras are not known
+    and count 0; so do analog channels, which stand in a file of their own.
+    """
     header = [
         f"NO_OF_FRAMES\t{len(table.time_s)}",
+        "NO_OF_CAMERAS\t0",
         f"NO_OF_MARKERS\t{len(table.labels)}",
         f"FREQUENCY\t{table.rate_hz:.12g}",
+        "NO_OF_ANALOG\t0",
+        "ANALOG_FREQUENCY\t0",
+        "DESCRIPTION\t--",
+        f"TIME_STAMP\t{captured:%Y-%m-%d, %H:%M:%S}" if captured else "TIME_STAMP\t--",
         "DATA_INCLUDED\t3D",
         "\t".join(("MARKER_NAMES", *table.labels)),
+        "\t".join(("TRAJECTORY_TYPES", *("Measured" for _ in table.labels))),
         "\t".join(("Frame", "Time", *(f"{label} {axis}" for label in table.labels for axis in "XYZ"))),
     ]
     numbers = np.rint(table.time_s * table.rate_hz).astype(np.int64) + 1

@@ -104,7 +104,7 @@ def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Zeros are how several programs write a marker that was not seen; no real one stands in the origin to the last bit.
     """
-    missing = np.isnan(positions).any(axis=2) | (positions == 0).all(axis=2)
+    missing = ~np.isfinite(positions).all(axis=2) | (positions == 0).all(axis=2)
     return np.where(missing[..., None], np.nan, positions)
 
 

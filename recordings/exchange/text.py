@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ from recordings.errors import ForeignFile
 
 MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
 """How programs write a value that is not there."""
+PRINTED_BY_C = re.compile(r"[+-]?(?:nan\(\w+\)|1\.#(?:ind|qnan|snan|inf)0*)", re.IGNORECASE)
+"""How Microsoft's C library has printed numbers that are none: -nan(ind), 1.#QNAN, -1.#IND0."""
 
 
 def read_lines(path: Path) -> list[str]:
@@ -50,7 +53,7 @@ def read_numbers(
         fields = (line.replace(",", ".") if is_decimal_comma else line).split(separator)
         for j, column in enumerate(columns):
             field = fields[column].strip().strip('"') if column < len(fields) else ""
-            if field.lower() in MISSING:
+            if field.lower() in MISSING or PRINTED_BY_C.fullmatch(field):
                 continue
             try:
                 values[i, j] = float(field)
@@ -59,6 +62,11 @@ def read_numbers(
                     f"{path}, line {first_line + i}, has {field!r} in column {column + 1}, expected a number"
                 ) from None
     return values
+
+
+def printed_by_c(lines: Sequence[str]) -> tuple[str, ...]:
+    """How numbers that are none are printed in these lines, where it is otherwise than by nan."""
+    return tuple(sorted({found for line in lines for found in PRINTED_BY_C.findall(line)}))
 
 
 def write_table(titles: Sequence[str], rows: Iterable[Sequence[float]], separator: str, missing: str = "") -> str:

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile
 from recordings.exchange.lengths import millimetres
-from recordings.exchange.tables import MarkerTable, require_labels, settle_times, without_origin
-from recordings.exchange.text import read_lines, read_numbers, write_row
+from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
+from recordings.exchange.text import printed_by_c, read_lines, read_numbers, write_row
 
 
-def read_trc(path: Path, unit: str = "") -> MarkerTable:
-    """unit, where given, overrides the file's. Raises ForeignFile where it is none, or not all of it is there."""
+def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> MarkerTable:
+    """unit, where given, overrides the file's. Raises ForeignFile where it is none, or not all of it is there.
+
+    A marker that is (0, 0, 0) in every frame was never seen, unless it is one of the tracked and the only such marker:
+    then the file's origin was put there.
+    """
     lines = read_lines(path)
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise ForeignFile(f"{path} does not begin with PathFileType and five lines of header, expected a TRC file")
     header = dict(zip(_fields(lines[1]), _fields(lines[2]), strict=False))
-    labels = tuple(_fields(lines[3])[2:])
-    require_labels(labels, str(path))
+    labels, notes = distinct_labels(_fields(lines[3])[2:], str(path))
     first = next((i for i in range(4, len(lines)) if lines[i].split("\t", 1)[0].strip().isdigit()), len(lines))
     rows = lines[first:]
-    for key, found, verb in (("NumMarkers", len(labels), "names"), ("NumFrames", len(rows), "holds")):
-        if header.get(key, str(found)).removesuffix(".0") != str(found):
-            raise ForeignFile(f"{path} announces {key} {header[key]} and {verb} {found}; export it again, whole")
+    _require_markers(header, len(labels), path)
+    notes += _notes(header, rows, path)
     values = read_numbers(rows, "\t", range(2 + 3 * len(labels)), path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))
-    positions = without_origin(scale * values[:, 2:].reshape(len(rows), len(labels), 3))
+    positions = scale * values[:, 2:].reshape(len(rows), len(labels), 3)
+    origin = _origin(positions, labels, tracked)
+    found = without_origin(positions)
+    if origin is not None:
+        found[:, origin] = 0.0
+        notes += (
+            f"{path} has {labels[origin]}, and no other marker, at (0, 0, 0) in every frame: it is taken for the "
+            "origin, not for missing",
+        )
     rate, time = settle_times(values[:, 0], values[:, 1], _rate(header, path), str(path), first + 1)
-    return MarkerTable(labels, rate, time, positions, np.zeros(positions.shape[:2]))
+    return MarkerTable(labels, rate, time, found, np.zeros(found.shape[:2]), notes)
 
 
 def write_trc(table: MarkerTable, name: str) -> str:
@@ -57,6 +68,34 @@ def write_trc(table: MarkerTable, name: str) -> str:
 
 def _fields(line: str) -> Sequence[str]:
     return [field.strip() for field in line.split("\t") if field.strip()]
+
+
+def _require_markers(header: dict[str, str], found: int, path: Path) -> None:
+    announced = header.get("NumMarkers", str(found)).removesuffix(".0")
+    if announced != str(found):
+        raise ForeignFile(f"{path} announces NumMarkers {announced} and names {found}; export it again, whole")
+
+
+def _notes(header: dict[str, str], rows: Sequence[str], path: Path) -> tuple[str, ...]:
+    """What is odd and readable. Raises ForeignFile where the last row is cut."""
+    notes: tuple[str, ...] = ()
+    announced, found = header.get("NumFrames", str(len(rows))).removesuffix(".0"), str(len(rows))
+    if announced != found:
+        if not rows or rows[-1].count("\t") < rows[0].count("\t") or not path.read_bytes().endswith((b"\n", b"\r")):
+            raise ForeignFile(f"{path} announces NumFrames {announced} and holds {found}; export it again, whole")
+        notes += (
+            f"{path} announces NumFrames {announced} and holds {found}: all that it holds are read; is it whole?",
+        )
+    printed = printed_by_c(rows)
+    if printed:
+        notes += (f"{path} writes {', '.join(printed)} where a value is missing, and is read so",)
+    return notes
+
+
+def _origin(positions: NDArray[np.float64], labels: Sequence[str], tracked: Collection[str]) -> int | None:
+    """Index of the marker that is the file's origin, if there is one."""
+    never_moved = np.flatnonzero((positions == 0).all(axis=(0, 2)))
+    return int(never_moved[0]) if len(never_moved) == 1 and labels[never_moved[0]] in tracked else None
 
 
 def _rate(header: dict[str, str], path: Path) -> float:

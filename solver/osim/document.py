@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.parsers.expat
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from solver.model import ModelError
 
 Array = NDArray[np.float64]
+
+BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,21 @@ class Element:
             raise self.refusal(f"should hold numbers, not '{text}'") from None
 
 
+def as_utf8(raw: bytes) -> bytes:
+    """The file in the encoding that it declares, UTF-8, also where single bytes of it are Latin-1.
+
+    OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares.
+    """
+    declared = re.match(rb"<\?xml[^>]*encoding=[\"']([^\"']+)", raw)
+    if raw.startswith(BYTE_ORDER_MARKS) or (declared and declared[1].lower() not in (b"utf-8", b"utf8")):
+        return raw
+    try:
+        raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1").encode("utf-8")
+    return raw
+
+
 def read_document(file: Path) -> Element:
     """The root element of an XML file; ModelError where there is none."""
     top = Element(file, 0, "", {})
@@ -112,7 +130,7 @@ def read_document(file: Path) -> Element:
     parser.EndElementHandler = lambda _tag: stack.pop()
     parser.CharacterDataHandler = text
     try:
-        parser.Parse(file.read_bytes(), True)
+        parser.Parse(as_utf8(file.read_bytes()), True)
     except OSError as error:
         raise ModelError(f"cannot read {file}: {error.strerror}; check the path") from error
     except xml.parsers.expat.ExpatError as error:

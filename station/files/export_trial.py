@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -87,7 +86,10 @@ def _tables(separator: str, suffix: str, trial: OneClock, stem: Path) -> Iterabl
     force, markers = _beside(stem, f"_force{suffix}"), _beside(stem, f"_markers{suffix}")
     write_whole(force, write_columns({"time_s": trial.line.force_time, "force_n": trial.line.force}, separator))
     is_qtm = suffix == ".tsv"
-    write_whole(markers, write_qtm_tsv(trial.markers) if is_qtm else write_columns(_marker_columns(trial), separator))
+    write_whole(
+        markers,
+        write_qtm_tsv(trial.markers, trial.edge) if is_qtm else write_columns(_marker_columns(trial), separator),
+    )
     return [force, markers, _sidecar(trial, stem, suffix, "mm" if is_qtm else "m", [force, markers])]
 
 
@@ -161,7 +163,6 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
     """Units, rates, calibration, clock and what is missing, for whoever has nothing but the exported files."""
     manifest, line = trial.manifest, trial.line
     missing = np.isnan(line.markers[..., 0])
-    edge = datetime.fromtimestamp(trial.edge_utc_ns // 1000 / 1e6, UTC)
     return {
         "recording": trial.path.name,
         "sha256": trial.sha256,
@@ -175,7 +176,7 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
         "clock": {
             "unit": "s",
             "zero": "the sync edge" if manifest.begins_at_edge else "the first frame of the imported files",
-            "zero_utc": edge.isoformat(),
+            "zero_utc": trial.edge.isoformat(),
             "force_lag_s": line.lag.value,
             "force_lag_sd_s": line.lag.total(float(line.marker_time[-1]) / 2),
         },

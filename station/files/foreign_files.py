@@ -123,7 +123,8 @@ def read_markers(source: MarkerSource, needed: Sequence[str]) -> MarkerTable:
         case ".c3d":
             table = read_c3d_markers(source.path, source.unit or "")
         case ".trc":
-            table = read_trc(source.path, source.unit or "")
+            renamed = [theirs for theirs, ours in source.names.items() if ours in needed]
+            table = read_trc(source.path, source.unit or "", [*needed, *renamed])
         case ".tsv" | ".txt":
             table = read_qtm_tsv(source.path, source.unit or "mm")
         case suffix:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 
@@ -45,6 +46,11 @@ class OneClock:
     frame_rate: float
     line: Timeline
     edge_utc_ns: int
+
+    @property
+    def edge(self) -> datetime:
+        """When the sync edge was, by the station's clock."""
+        return datetime.fromtimestamp(self.edge_utc_ns // 1000 / 1e6, UTC)
 
     @cached_property
     def sha256(self) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver.osim.document import as_utf8
 from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
 from solver.wearing.suit import BUNDLED_SUIT, read_suit
@@ -61,4 +62,4 @@ def _wearing(worn: SuitToExport, rest_length: float) -> Wearing:
 def _document(path: Path) -> Xml.Element:
     """The file's root with the comments of its author."""
     builder = Xml.TreeBuilder(insert_comments=True)
-    return Xml.fromstring(path.read_bytes(), Xml.XMLParser(target=builder))  # noqa: S314  (read_osim has read it)
+    return Xml.fromstring(as_utf8(path.read_bytes()), Xml.XMLParser(target=builder))  # noqa: S314  (read_osim has read it)

@@ -81,6 +81,34 @@ def test_a_malformed_file_gives_one_sentence(tmp_path, text, sentence):
         read_motion(path, model("a"))
 
 
+def printed(path, time, digits):
+    rows = "\n".join(f"{t:.{digits}f}\t0.5" for t in time)
+    path.write_text(f"motion\nendheader\ntime\ta\n{rows}\n")
+    return path
+
+
+ONE = model("a")
+
+
+@pytest.mark.parametrize(("rate", "digits"), [(60, 3), (60, 4), (97.8, 4), (120, 4), (29.97, 3)])
+def test_times_rounded_to_few_decimals_are_even(tmp_path, rate, digits):
+    motion = read_motion(printed(tmp_path / "m.mot", 2.0 + np.arange(300) / rate, digits), ONE)
+    assert differentiate(motion, None).interval == pytest.approx(1 / rate, rel=3e-4)
+
+
+@pytest.mark.parametrize("missing", [1, 20, 150, 298])
+def test_a_frame_that_is_missing_is_no_rounding(tmp_path, missing):
+    time = np.delete(np.arange(300) / 60, missing)
+    with pytest.raises(MotionError, match="should be evenly sampled"):
+        read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
+
+
+def test_steps_that_change_are_no_rounding(tmp_path):
+    time = np.cumsum(np.linspace(0.016, 0.018, 300))
+    with pytest.raises(MotionError, match="should be evenly sampled"):
+        read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
+
+
 def test_the_filter_has_the_published_gains():
     # two passes of order 4 at 3 Hz: half the amplitude at 3 Hz, 0.963 at 2 Hz
     assert gain(3.0) == pytest.approx(0.5, abs=0.005)

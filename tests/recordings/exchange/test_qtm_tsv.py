@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from tests.recordings.exchange.walk import FRAMES, same, walk
 HEADER = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t12\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nDESCRIPTION\t--\nDATA_INCLUDED\t3D\n"
 NAMES = "MARKER_NAMES\ta\tb\n"
 ROWS = ["1.5\t2\t3\t4\t5\t6", "1.6\t2\t3\t0.000\t0.000\t0.000", "1.7\t2\t3\t\t\t"]
+CAPTURED = datetime(2025, 3, 4, 12, 30, 1, tzinfo=UTC)
 EXPECTED_A = [1.5, 1.6, 1.7]
 
 
@@ -105,3 +107,23 @@ def test_a_name_that_stands_twice_is_numbered(tmp_path: Path) -> None:
     read = read_qtm_tsv(path)
     assert read.labels == ("a#1", "a#2")
     assert "--label a#1=a chooses one" in read.notes[0]
+
+
+def test_the_header_is_qtm_s_line_by_line(tmp_path: Path) -> None:
+    # the order that QTM's exports have in public data sets; some programs read the lines by their places
+    keys = [line.split("\t")[0] for line in write_qtm_tsv(walk(), CAPTURED).splitlines()[:12]]
+    assert keys == [
+        "NO_OF_FRAMES",
+        "NO_OF_CAMERAS",
+        "NO_OF_MARKERS",
+        "FREQUENCY",
+        "NO_OF_ANALOG",
+        "ANALOG_FREQUENCY",
+        "DESCRIPTION",
+        "TIME_STAMP",
+        "DATA_INCLUDED",
+        "MARKER_NAMES",
+        "TRAJECTORY_TYPES",
+        "Frame",
+    ]
+    assert "TIME_STAMP\t2025-03-04, 12:30:01\n" in write_qtm_tsv(walk(), CAPTURED)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +9,8 @@ import pytest
 from recordings.errors import ForeignFile
 from recordings.exchange.trc import read_trc, write_trc
 from tests.recordings.exchange.walk import FRAMES, same, walk
+
+MARKERS = Path(__file__).parents[3].parent / "shared" / "data" / "markers"
 
 
 def file(tmp_path: Path, text: str) -> Path:
@@ -31,10 +35,8 @@ def test_positions_are_in_the_unit_of_the_header_or_in_the_one_that_is_said(
     ("old", "new", "words"),
     [
         ("PathFileType", "Path", "does not begin with PathFileType"),
-        (f"\t{FRAMES}\t3\tmm", "\t41\t3\tmm", f"announces NumFrames 41 and holds {FRAMES}"),
         (f"\t{FRAMES}\t3\tmm", f"\t{FRAMES}\t4\tmm", "announces NumMarkers 4 and names 3"),
         ("\tmm\t", "\tfoot\t", "has positions in 'foot', expected mm, cm, m; give --mocap-unit"),
-        ("LElbowOut", "LShoulderTop", "names the marker 'LShoulderTop' twice"),
         ("\n7\t0.06\t", "\n7\tsoon\t", "line 13, has 'soon' in column 2"),
         ("\n7\t0.06\t", "\n7\t0.05\t", "has 0.05 s again in line 13"),
         ("100\t100\t", "fast\t100\t", "has DataRate 'fast'"),
@@ -45,6 +47,61 @@ def test_a_file_that_is_none_is_refused_in_a_sentence(tmp_path: Path, old: str, 
     assert old in text
     with pytest.raises(ForeignFile, match=words):
         read_trc(file(tmp_path, text.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize("announced", [41, 3514, 7])
+def test_a_stale_count_of_frames_is_told_of_and_every_frame_is_read(tmp_path: Path, announced: int) -> None:
+    # as in OpenSim's own bone-pin file, which announces 3514 frames and holds 1991
+    text = write_trc(walk(), "t").replace(f"\t{FRAMES}\t3\tmm", f"\t{announced}\t3\tmm", 1)
+    read = read_trc(file(tmp_path, text))
+    assert same(read, walk())
+    assert f"announces NumFrames {announced} and holds {FRAMES}" in read.notes[0]
+
+
+@pytest.mark.parametrize("cut", [3, 30])
+def test_a_file_that_ends_within_a_row_is_cut(tmp_path: Path, cut: int) -> None:
+    with pytest.raises(ForeignFile, match="announces NumFrames 41 and holds 40; export it again, whole"):
+        read_trc(file(tmp_path, write_trc(walk(), "t").replace(f"\t{FRAMES}\t3\tmm", "\t41\t3\tmm", 1)[:-cut]))
+
+
+@pytest.mark.parametrize("printed", ["-nan(ind)", "nan(snan)", "1.#QNAN", "-1.#IND00", "1.#INF", "NaN"])
+def test_what_c_prints_for_a_number_that_is_none_is_missing(tmp_path: Path, printed: str) -> None:
+    header, rows = write_trc(walk(), "t").split("\n\n")
+    rows = rows.replace("\t\t\t", f"\t{printed}\t{printed}\t{printed}")
+    assert printed in rows
+    read = read_trc(file(tmp_path, f"{header}\n\n{rows}"))
+    assert same(read, walk())
+    assert bool(read.notes) == (printed != "NaN")
+    assert not read.notes or printed in read.notes[0]
+
+
+def at_origin(*labels: str) -> str:
+    positions = walk().positions.copy()
+    for label in labels:
+        positions[:, walk().labels.index(label)] = 0.0
+    return write_trc(replace(walk(), positions=positions), "t")
+
+
+def test_the_only_marker_at_zero_in_every_frame_is_the_origin_where_it_is_tracked(tmp_path: Path) -> None:
+    path = file(tmp_path, at_origin("LShoulderTop"))
+    assert read_trc(path).missing[:, 0].all()
+    assert read_trc(path, tracked=["cuff_1"]).missing[:, 0].all()
+    read = read_trc(path, tracked=["LShoulderTop", "cuff_1"])
+    assert (read.positions[:, 0] == 0.0).all()
+    assert "LShoulderTop, and no other marker, at (0, 0, 0)" in read.notes[0]
+    both = read_trc(file(tmp_path, at_origin("LShoulderTop", "LElbowOut")), tracked=["LShoulderTop", "LElbowOut"])
+    assert both.missing[:, :2].all() and not both.notes
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not MARKERS.is_dir(), reason="needs the public marker files")
+@pytest.mark.parametrize("trial", ["FLX01", "ABD02", "SHRUG01"])
+def test_the_published_trials_have_their_origin_in_the_jugular_notch(trial: str) -> None:
+    tracked = re.findall('<IKMarkerTask name="([^"]+)"', (MARKERS / "ik_setup.xml").read_text())
+    read = read_trc(MARKERS / f"{trial}.trc", tracked=tracked)
+    assert "ij" in tracked
+    assert (read.positions[:, read.labels.index("ij")] == 0.0).all()
+    assert "ij, and no other marker" in read.notes[0]
 
 
 @pytest.mark.oracle

@@ -136,6 +136,18 @@ def test_bodies_carry_mass_and_the_whole_inertia_tensor(file: Path) -> None:
     assert np.array_equal(leaf.inertia, [[7, 0.1, 0.2], [0.1, 8, 0.3], [0.2, 0.3, 1]])
 
 
+def test_credits_in_latin_1_under_a_utf_8_header_are_read(tmp_path: Path) -> None:
+    # OpenSim prints the bytes of the credits as it found them, and reads them back
+    text = DOOR.replace('<Model name="door">', '<Model name="door"><credits>F. M\xfcller \x96 A. Ren\xe9</credits>')
+    (tmp_path / "door.osim").write_bytes(text.encode("latin-1"))
+    assert read_osim(tmp_path / "door.osim").name == "door"
+    (tmp_path / "utf16.osim").write_bytes(text.replace('encoding="UTF-8"', 'encoding="UTF-16"').encode("utf-16"))
+    assert read_osim(tmp_path / "utf16.osim").name == "door"
+    (tmp_path / "cut.osim").write_bytes(text.encode("latin-1")[:-200])
+    with pytest.raises(ModelError, match="is not well-formed XML"):
+        read_osim(tmp_path / "cut.osim")
+
+
 def test_a_joint_axis_is_a_unit_vector_with_the_line_that_drives_it(file: Path) -> None:
     model = _read(file, DOOR)
     joint = model.joint("swing")
