@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from recordings.samples import Event, Item, Samples
 from station.bench.background_view import BackgroundView
 from station.bench.session import Snapshot
-from station.rerun.layout import layout
+from station.rerun.device_times import DeviceTimes
+from station.rerun.layout import TIMELINE, Framed, layout
 from station.rerun.viewer import start_viewer
 
 REFRESH_S = 0.5
@@ -44,12 +45,16 @@ def open_rerun(stack: ExitStack, path: Path | None, has_viewer: bool, rope: tupl
 class RerunLog(BackgroundView):
     """A view that writes into an .rrd file, or into a viewer at an address; rope are the labels of its markers.
 
-    The timeline is the host's UTC: the last sample of a block lies at its arrival, those before by the device's clock.
+    There is one timeline, TIMELINE: every sample lies where its device's clock puts it, not where it arrived. The clock
+    of a stream is laid onto UTC by the block that was least delayed so far; from the sync edge on it stays, and frame 1
+    of the capture lies at the edge. edge_ns is then the edge on that timeline.
     """
 
     def __init__(self, sink: Path | str, rope: tuple[str, ...] = ()) -> None:
         super().__init__("rerun log", REFRESH_S, BACKLOG)
         self.stream = rr.RecordingStream("cuffstation")
+        self.stream.set_log_time_enabled(False)
+        self.stream.set_log_tick_enabled(False)
         if isinstance(sink, Path):
             self.stream.save(sink)
         else:
@@ -58,6 +63,8 @@ class RerunLog(BackgroundView):
         self._labels: tuple[str, ...] = ()
         self._pending: dict[str, Columns] = {}
         self._last_ns: dict[str, int] = {}
+        self._times = DeviceTimes()
+        self.framed: Framed | None = None  # what the view of the markers shows, once they were seen
         self.stream.send_blueprint(layout())
         self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)  # as QTM has it, unless told otherwise
         self.stream.log("markers", rr.Points3D.from_fields(radii=0.006), static=True)
@@ -65,7 +72,14 @@ class RerunLog(BackgroundView):
 
     def show(self, snapshot: Snapshot) -> None:
         """The state is told by the events already; the markers' names come with it."""
-        self._labels = {stream.name: stream.labels for stream in snapshot.streams}.get("/markers", ())
+        streams = {stream.name: stream for stream in snapshot.streams}
+        self._labels = streams["/markers"].labels if "/markers" in streams else ()
+        self._times.set_edge(snapshot.edge_device_ns, streams["/markers"].rate_hz if self._labels else 0.0)
+
+    @property
+    def edge_ns(self) -> int | None:
+        """The sync edge on the timeline [UTC, ns]; None before it."""
+        return self._times.edge_ns
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -85,10 +99,11 @@ class RerunLog(BackgroundView):
 
     def _take(self, item: Item) -> None:
         if isinstance(item, Event):
-            self.stream.set_time("host", timestamp=np.datetime64(item.host_time_ns, "ns"))
+            at_ns = self._times.edge_ns if item.kind == "sync_edge" else None
+            self.stream.set_time(TIMELINE, timestamp=np.datetime64(at_ns or item.host_time_ns, "ns"))
             self.stream.log("events", rr.TextLog(item.text))
         elif isinstance(item, Samples) and len(item.values):
-            times_ns = item.host_time_ns - item.device_time_ns[-1] + item.device_time_ns
+            times_ns = self._times.of(item)
             kept = self._thinned(item.stream, times_ns)
             if len(kept):
                 self._pending.setdefault(item.stream, []).append((times_ns[kept], item.values[kept]))
@@ -102,13 +117,18 @@ class RerunLog(BackgroundView):
 
     def _send_markers(self, times_ns: NDArray[np.int64], frames: NDArray[np.floating]) -> None:
         seen = np.isfinite(frames[:, :, 0])
-        points = rr.Points3D.columns(positions=frames[seen]).partition(lengths=seen.sum(axis=1))
+        names = self._labels if len(self._labels) == frames.shape[1] else tuple(map(str, range(frames.shape[1])))
+        labels = np.broadcast_to(np.array(names), seen.shape)[seen].tolist()
+        points = rr.Points3D.columns(positions=frames[seen], labels=labels).partition(lengths=seen.sum(axis=1))
         self._send("markers", times_ns, points)
+        if self.framed is None and seen.any():
+            self.framed = Framed.around(frames[seen])
+            self.stream.send_blueprint(layout(framed=self.framed))
         rope = frames[:, [number for number, label in enumerate(self._labels) if label in self._rope]]
         taut = np.isfinite(rope).all(axis=(1, 2))
         if rope.shape[1] > 1 and taut.any():
             self._send("rope", times_ns[taut], rr.LineStrips3D.columns(strips=rope[taut]))
 
     def _send(self, name: str, times_ns: NDArray[np.int64], columns: rr.ComponentColumnList) -> None:
-        times = rr.TimeColumn("host", timestamp=times_ns.astype("datetime64[ns]"))
+        times = rr.TimeColumn(TIMELINE, timestamp=times_ns.astype("datetime64[ns]"))
         self.stream.send_columns(name, indexes=[times], columns=columns)

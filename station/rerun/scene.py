@@ -15,7 +15,6 @@ from fitting.curves import TrialCurves
 from fitting.session import fit_session
 from fitting.trial import read_trial
 from recordings.reader import open_recording
-from recordings.samples import Event
 from solver.bundled import bundled_model
 from solver.kinematics import Postures, points_in_ground, postures
 from solver.model import ConditionalPathPoint, Model, PathPoint
@@ -24,7 +23,7 @@ from solver.raise_arm import raise_arm
 from solver.wearing.suit import SuitPoint, read_suit
 from station.muscles.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.muscles.sources import BUNDLED, named_hashes
-from station.rerun.layout import layout
+from station.rerun.layout import TIMELINE, Framed, layout
 
 Array = NDArray[np.float64]
 POINTS_A_SECOND = 25
@@ -40,24 +39,19 @@ IDLE, BUSY = np.array([60, 90, 160]), np.array([215, 40, 30])
 """Colours of a muscle at rest and at full activation."""
 
 
-def log_scene(stream: rr.RecordingStream, recording: Path) -> None:
-    """Adds the fit of one recording, and the model where its folder holds an assessment, at the trial's own times."""
-    edge_ns = _edge_host_ns(recording)
+def log_scene(stream: rr.RecordingStream, recording: Path, edge_ns: int | None, framed: Framed | None = None) -> None:
+    """Adds the fit of one recording, and the model where its folder holds an assessment, at the trial's own times.
+
+    edge_ns is the sync edge on the timeline, framed what the view of the markers shows.
+    """
+    edge_ns = open_recording(recording).manifest.start_utc_ns if edge_ns is None else edge_ns
     trial = read_trial(recording)
     curves = fit_session([trial]).curves.get(trial.file)
     if curves is not None:
         _log_fit(stream, curves, edge_ns)
     activity = _read_activity(recording.parent, bundled_model())
-    if activity is not None:
-        _log_body(stream, activity, edge_ns)
-    stream.send_blueprint(layout(has_fit=curves is not None, has_body=activity is not None))
-
-
-def _edge_host_ns(recording: Path) -> int:
-    for item in open_recording(recording).items():
-        if isinstance(item, Event) and item.kind == "sync_edge":
-            return item.host_time_ns
-    return open_recording(recording).manifest.start_utc_ns
+    body = _log_body(stream, activity, edge_ns) if activity is not None else None
+    stream.send_blueprint(layout(framed=framed, body=body, has_fit=curves is not None))
 
 
 def _log_fit(stream: rr.RecordingStream, curves: TrialCurves, edge_ns: int) -> None:
@@ -86,7 +80,7 @@ def _curve(
     at = (edge_ns + (time[::step] * 1e9).astype(np.int64)).astype("datetime64[ns]")
     stream.log(path, rr.SeriesLines(names=name, colors=look[0], widths=look[1]), static=True)
     stream.send_columns(
-        path, indexes=[rr.TimeColumn("host", timestamp=at)], columns=rr.Scalars.columns(scalars=values[::step])
+        path, indexes=[rr.TimeColumn(TIMELINE, timestamp=at)], columns=rr.Scalars.columns(scalars=values[::step])
     )
 
 
@@ -113,8 +107,12 @@ def _read_activity(folder: Path, model: Model) -> _Activity | None:
     return _Activity(time, activations) if is_drawn and first else None
 
 
-def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> None:
-    """The bundled body raising its arm, its muscles straight through the points they are fixed to (no wrapping)."""
+def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> Framed:
+    """The bundled body raising its arm, its muscles straight through the points they are fixed to (no wrapping).
+
+    Returns what a view of it is to show.
+    """
+    stream.log("body", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)  # as OpenSim's models
     model, suit = bundled_model(), read_suit()
     motion = differentiate(raise_arm(model))
     motion = thin(motion, max(1, round(len(motion.time) / (POINTS_A_SECOND * float(np.ptp(motion.time))))))
@@ -124,7 +122,7 @@ def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> 
     cord = np.stack([_suit_point(model, state, point) for point in (suit.waist, suit.shoulder, suit.arm)], axis=1)
     bones = [(joint.parent, joint.child) for joint in model.joints]
     for frame, time in enumerate(motion.time):
-        stream.set_time("host", timestamp=np.datetime64(edge_ns + int(time * 1e9), "ns"))
+        stream.set_time(TIMELINE, timestamp=np.datetime64(edge_ns + int(time * 1e9), "ns"))
         colours = (IDLE + strengths[frame][:, None] * (BUSY - IDLE)).astype(np.uint8)
         stream.log("body/muscles", rr.LineStrips3D([line[frame] for line in lines], colors=colours, radii=0.003))
         origins = state.origin_in_ground[frame]
@@ -135,6 +133,8 @@ def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> 
         stream.log(
             "body/cuffs", rr.Points3D(cord[frame, [0, 2]], colors=[30, 140, 60], radii=0.02, labels=["waist", "arm"])
         )
+    drawn = [state.origin_in_ground.reshape(-1, 3), *(line.reshape(-1, 3) for line in lines)]
+    return Framed.around(np.concatenate(drawn))
 
 
 def _muscle_points(model: Model, state: Postures, muscle: int) -> Array:

@@ -62,7 +62,7 @@ def replay(
         logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
         result = play_back(file, folder, speed, [*views, *logs])
         for log in logs:
-            log_scene(log.stream, file)
+            log_scene(log.stream, file, log.edge_ns, log.framed)
     print_result(result, format, is_kept=session is not None)
     raise typer.Exit(DONE if result.accepted and not result.lost_samples else LOSSY)
 

@@ -85,7 +85,7 @@ def test_the_calibration_of_the_readme_s_walk_is_used_by_the_fit(
 ) -> None:
     bench = simulated_bench(speed=40.0, bounce={**BOUNCE, "bounce_s": 28.0}, protocol={"static": STATIC})
     bench.world.select_trial(None, "bounce")
-    config, monday = written(bench, tmp_path), tmp_path / "monday"
+    config, monday = written(bench, tmp_path), tmp_path / "simulated" / "monday"
     bench.world.start_capture()
     assert station("record", "--config", config, "--session", monday, "--test", "bounce").code == 0
     bench.world.select_trial("waist", "static")
@@ -103,7 +103,7 @@ def test_a_known_mass_on_the_simulated_cell_reads_what_it_weighs(
 ) -> None:
     bench = simulated_bench(speed=5.0, bounce=BOUNCE)
     bench.world.select_trial(None, "bounce")
-    config, weighs = written(bench, tmp_path), ("check", "--session", tmp_path / "monday", "--known-mass")
+    config, weighs = written(bench, tmp_path), ("check", "--session", tmp_path / "simulated" / "monday", "--known-mass")
     bench.world.hang(0)
     assert station(*weighs, 0, "--config", config).code == 0
     bench.world.hang(2)

@@ -10,8 +10,11 @@ import rerun as rr
 from solver.bundled import bundled_model
 from station.muscles.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.muscles.sources import BUNDLED, named_hashes
+from station.rerun.layout import Framed
 from station.rerun.scene import log_scene
 from tests.station.foreign import static_and_dynamic
+
+EDGE_NS = 1_750_000_000_000_000_000
 
 
 def write_assessment(folder: Path, inputs: dict[str, str]) -> None:
@@ -28,7 +31,7 @@ def write_assessment(folder: Path, inputs: dict[str, str]) -> None:
 def scene_of(recording: Path) -> bytes:
     stream, file = rr.RecordingStream("test"), recording.with_suffix(".rrd")
     stream.save(file)
-    log_scene(stream, recording)
+    log_scene(stream, recording, EDGE_NS, Framed((0.1, 0.2, 1.2), 0.6))
     stream.disconnect()
     return file.read_bytes()
 
