@@ -8,7 +8,8 @@ from __future__ import annotations
 import grpc
 from session_pb2 import SessionInitializationBehavior as Behavior
 
-from drivers.simulators.usb6008 import AcquisitionTask, DaqmxError, Usb6008
+from drivers.simulators.acquisition_task import AcquisitionTask
+from drivers.simulators.usb6008 import DaqmxError, Usb6008
 
 NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
 

@@ -1,23 +1,24 @@
 """The instrument behind the NI server: a USB-6008's converter, crystal and buffer, sampling one World.
 
-Does not imitate: single-ended inputs, on-demand and finite acquisition, digital lines, counter and analog outputs,
+Does not imitate: single-ended inputs, digital lines, counter and analog outputs,
 input impedance, settling and crosstalk between channels, delays of the USB bus, the restart of an aborted task.
 """
 
 from __future__ import annotations
 
-import math
 import threading
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.faults import Faults
 from drivers.simulators.settings import DaqClock
+
+if TYPE_CHECKING:
+    from drivers.simulators.acquisition_task import AcquisitionTask
 
 Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]  # world seconds → volts
@@ -88,12 +89,23 @@ class Crystal:
 
 @dataclass(frozen=True)
 class Input:
-    """One differential channel of a task."""
+    """One differential channel of a task, for voltages from lowest_v to highest_v."""
 
     name: str
-    range_v: float
+    lowest_v: float
+    highest_v: float
     signal: Signal
     random: np.random.Generator
+
+    @property
+    def range_v(self) -> float:
+        """The least of the converter's ranges, ± so many volts, that holds what the task asked for."""
+        return next(limit for limit in RANGES_V if limit >= max(abs(self.lowest_v), abs(self.highest_v)))
+
+    def spanning(self, lowest_v: float, highest_v: float) -> Input:
+        """The same channel for other voltages. Raises DaqmxError where no range holds them."""
+        ensure_range(lowest_v, highest_v)
+        return replace(self, lowest_v=lowest_v, highest_v=highest_v)
 
     def convert(self, t: Array) -> Array:
         """Volts as the driver scales them: noise added, clipped, rounded to a code."""
@@ -101,6 +113,16 @@ class Input:
         volts = self.signal(t) + self.random.normal(0.0, NOISE_OF_RANGE * self.range_v, t.size)
         codes: Array = np.clip(np.rint(volts / step), -CODES // 2, CODES // 2 - 1)
         return codes * step
+
+
+def ensure_range(lowest_v: float, highest_v: float) -> None:
+    """Raises DaqmxError where no range of the converter holds both."""
+    if not lowest_v < highest_v or max(abs(lowest_v), abs(highest_v)) > RANGES_V[-1]:
+        raise DaqmxError(
+            -200077,
+            "Requested value is not a supported value for this property.\n\nProperty: AI.Max\n"
+            f"Requested Value: {highest_v:g}\nMaximum Value: {RANGES_V[-1]:g}",
+        )
 
 
 class Usb6008:
@@ -140,16 +162,9 @@ class Usb6008:
             raise DaqmxError(
                 -200170, f"Physical channel specified does not exist on this device.\n\nPhysical Channel: {channel}"
             )
-        reach = max(abs(lowest_v), abs(highest_v))
-        if not lowest_v < highest_v or reach > RANGES_V[-1]:
-            raise DaqmxError(
-                -200077,
-                "Requested value is not a supported value for this property.\n\nProperty: AI.Max\n"
-                f"Requested Value: {highest_v:g}\nMaximum Value: {RANGES_V[-1]:g}",
-            )
-        range_v = next(limit for limit in RANGES_V if limit >= reach)
+        ensure_range(lowest_v, highest_v)
         random = np.random.default_rng(self._seeds.spawn(1)[0])
-        return Input(physical_channel, range_v, self._wiring.get(channel, np.zeros_like), random)
+        return Input(physical_channel, lowest_v, highest_v, self._wiring.get(channel, np.zeros_like), random)
 
     def reserve(self, task: AcquisitionTask) -> None:
         """Makes it the running task. Raises where another one runs, also one whose client is dead."""
@@ -184,143 +199,3 @@ class Usb6008:
     def is_streaming(self) -> bool:
         """Whether a task runs, or waits for its trigger."""
         return self._running is not None
-
-
-class AcquisitionTask:
-    """A continuous, clocked acquisition. Nothing is stored: a sample is what the World was at its moment."""
-
-    def __init__(self, device: Usb6008, name: str) -> None:
-        self.name = name
-        self.inputs: list[Input] = []
-        self.rate_hz = 0.0
-        self.buffer_size = 0
-        self.waits_for_trigger = False
-        self._device = device
-        self._made_at = device.world.now()
-        self._changed = threading.Condition()
-        self._watched_until: float | None = None  # world seconds; None while the task is stopped
-        self._started_at: float | None = None  # world seconds of sample 0; None while the trigger is awaited
-        self._position = 0
-        self._was_aborted = False
-        self.may_overrun = False
-
-    @property
-    def is_nearly_full(self) -> bool:
-        """Whether the unread samples will soon be overwritten."""
-        with self._changed:
-            return self.acquired() - self._position > NEARLY_FULL * self.buffer_size
-
-    @property
-    def is_running(self) -> bool:
-        """Whether it was started and not stopped; a task that waits for its trigger is running."""
-        return self._watched_until is not None
-
-    @property
-    def position(self) -> int:
-        """Samples per channel that were read since the start."""
-        return self._position
-
-    def abort(self) -> None:
-        """Stops it for good, as a reset of its device does."""
-        self._was_aborted = True
-        self.stop()
-
-    def ensure_alive(self) -> None:
-        """Raises what a task says for ever once its device was taken from under it."""
-        if self._was_aborted:
-            raise DaqmxError(*ABORTED)
-        for kind, (code, text) in DEADLY.items():
-            if self._device.world.faults.has_begun("ni", kind, since=self._made_at):
-                raise DaqmxError(code, text)
-
-    def set_clock(self, rate_hz: float, samples_per_channel: int) -> None:
-        self.rate_hz = rate_hz
-        self.buffer_size = max(default_buffer_size(rate_hz), samples_per_channel)
-
-    def start(self) -> None:
-        highest = HIGHEST_RATE_HZ / max(1, len(self.inputs))
-        if not 0 < self.rate_hz <= highest:
-            raise DaqmxError(
-                -200077,
-                "Requested value is not a supported value for this property.\n\nProperty: SampClk.Rate\n"
-                f"Requested Value: {self.rate_hz:g}\nMaximum Value: {highest:g}",
-            )
-        self._device.reserve(self)
-        with self._changed:
-            if self._watched_until is not None:
-                return
-            now = self._device.world.now()
-            self._watched_until = now
-            self._started_at = None if self.waits_for_trigger else now
-            self._position = 0
-
-    def stop(self) -> None:
-        with self._changed:
-            self._watched_until = self._started_at = None
-            self._changed.notify_all()
-        self._device.release(self)
-
-    def acquired(self) -> int:
-        """Samples per channel since the start."""
-        with self._changed:
-            now = self._device.world.now()
-            if self._started_at is None:
-                self._watch_trigger(now)
-            if self._started_at is None:
-                return 0
-            elapsed = now - self._started_at
-            ticks = elapsed + self._device.crystal.gain(self._started_at, elapsed)
-            return int(ticks * self.rate_hz) + 1
-
-    def available(self) -> int:
-        """Samples per channel in the buffer. Raises the overrun once unread ones were overwritten."""
-        with self._changed:
-            available = self.acquired() - self._position
-            if available > self.buffer_size:
-                raise DaqmxError(*OVERWRITTEN["overrun"])
-            for kind, (code, text) in OVERWRITTEN.items():
-                started_at = self._started_at
-                if started_at is not None and self._device.world.faults.has_begun("ni", kind, since=started_at):
-                    raise DaqmxError(code, text)
-            return available
-
-    def wait_until_acquired(self, count: int, timeout_s: float) -> bool:
-        """Whether so many samples per channel were acquired within the timeout (wall; negative waits for ever)."""
-        deadline_s = time.monotonic() + timeout_s
-        with self._changed:
-            while (missing := count - self.acquired()) > 0:
-                self.ensure_alive()
-                left_s = deadline_s - time.monotonic() if timeout_s >= 0 else LONGEST_SLEEP_S
-                if left_s <= 0 or self._watched_until is None:
-                    return False
-                due_s = missing / self.rate_hz / (self._device.world.speed or math.inf)
-                self._changed.wait(min(left_s, max(due_s, 1e-3), LONGEST_SLEEP_S))
-            return True
-
-    def read(self, count: int, timeout_s: float) -> Array:
-        """(channels, n) volts, n = count unless the timeout (wall) came first."""
-        self.start()
-        with self._changed:
-            self.available()
-            self.wait_until_acquired(self._position + count, timeout_s)
-            if self._started_at is None or (count := min(count, self.available())) <= 0:
-                return np.empty((len(self.inputs), 0))
-            seconds = np.arange(self._position, self._position + count) / self.rate_hz
-            self._position += count
-            times = self._started_at + seconds - self._device.crystal.gain(self._started_at, seconds)
-            return np.array([channel.convert(times + turn * CONVERSION_S) for turn, channel in enumerate(self.inputs)])
-
-    def _watch_trigger(self, now: float) -> None:
-        """Starts at the first rising edge of the sync line since it was last looked at."""
-        if self._watched_until is None or now - self._watched_until < 2 * TRIGGER_GRID_S:
-            return
-        times = np.arange(self._watched_until, now, TRIGGER_GRID_S)
-        is_high = self._device.world.sync_voltage(times) > TRIGGER_V
-        edges = np.flatnonzero(~is_high[:-1] & is_high[1:])
-        self._started_at = float(times[edges[0] + 1]) if edges.size else None
-        self._watched_until = float(times[-1])
-
-
-def default_buffer_size(rate_hz: float) -> int:
-    """The samples per channel that NI-DAQmx buffers unless asked for more."""
-    return 1_000 if rate_hz <= 100 else 10_000 if rate_hz <= 10_000 else 100_000

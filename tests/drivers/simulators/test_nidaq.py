@@ -104,12 +104,79 @@ def test_what_it_does_not_imitate_is_unimplemented(options: nidaqmx.GrpcSessionO
     assert caught.value.rpc_code == grpc.StatusCode.UNIMPLEMENTED
 
 
-def test_finite_and_single_ended_acquisition_are_refused(options: nidaqmx.GrpcSessionOptions) -> None:
+def test_single_ended_acquisition_is_refused(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task, pytest.raises(nidaqmx.DaqError) as caught:
+        task.ai_channels.add_ai_voltage_chan("Dev1/ai0", terminal_config=TerminalConfiguration.RSE)
+    assert caught.value.error_code == -200077
+
+
+def test_on_demand_a_task_samples_when_it_is_read(options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task, nidaqmx.Task(grpc_options=options) as other:
+        task.ai_channels.add_ai_voltage_chan("Dev1/ai0")
+        assert task.read() == pytest.approx(1.005, abs=0.05)
+        assert np.shape(task.read(5)) == (5,)
+        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (1,)
+        other.ai_channels.add_ai_voltage_chan("Dev1/ai0:1")
+        assert np.shape(other.read()) == (2,), "between two reads the device is free for another task"
+        task.start()
+        with pytest.raises(nidaqmx.errors.DaqError) as caught:
+            other.read()
+        assert caught.value.error_code == -200022
+
+
+def test_a_finite_task_acquires_so_many_samples_and_no_more(options: nidaqmx.GrpcSessionOptions) -> None:
     with nidaqmx.Task(grpc_options=options) as task:
-        with pytest.raises(nidaqmx.DaqError, match="continuously only"):
-            task.timing.cfg_samp_clk_timing(1000.0)
-        with pytest.raises(nidaqmx.DaqError, match=r"AI\.TermCfg"):
-            task.ai_channels.add_ai_voltage_chan("Dev1/ai0", terminal_config=TerminalConfiguration.RSE)
+        task.ai_channels.add_ai_voltage_chan("Dev1/ai0:1")
+        task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.FINITE, samps_per_chan=50)
+        assert task.timing.samp_quant_samp_mode is AcquisitionType.FINITE
+        assert task.timing.samp_quant_samp_per_chan == 50
+        task.start()
+        assert np.shape(task.read(20)) == (2, 20)
+        task.wait_until_done(timeout=10.0)
+        assert task.is_task_done()
+        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 30), "the rest of them"
+        with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
+            task.read(1)
+        assert caught.value.error_code == -200278
+        task.stop()
+        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 50), "it is started for the read, and waited for"
+        assert np.shape(task.read(READ_ALL_AVAILABLE)) == (2, 50), "and once more"
+
+
+def test_a_finite_task_waits_for_its_trigger(world: StandInWorld, options: nidaqmx.GrpcSessionOptions) -> None:
+    with nidaqmx.Task(grpc_options=options) as task:
+        task.ai_channels.add_ai_voltage_chan("Dev1/ai1", min_val=-10.0, max_val=10.0)
+        task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.FINITE, samps_per_chan=50)
+        task.triggers.start_trigger.cfg_dig_edge_start_trig("/Dev1/PFI0")
+        task.start()
+        with pytest.raises(nidaqmx.errors.DaqReadError) as caught:
+            task.read(50, timeout=0.05)
+        assert (caught.value.error_code, caught.value.samps_per_chan_read) == (-200284, 0)
+        with pytest.raises(nidaqmx.errors.DaqError) as caught_done:
+            task.wait_until_done(timeout=0.05)
+        assert caught_done.value.error_code == -200560
+        world.edge_s = world.now() + 0.1
+        assert min(task.read(50)) > 4.5, "from the edge of the sync line on"
+
+
+def test_the_limits_of_a_channel_can_be_asked_and_set_as_the_vendor_s_example_does(
+    options: nidaqmx.GrpcSessionOptions,
+) -> None:
+    with nidaqmx.Task(grpc_options=options) as task:
+        channel = task.ai_channels.add_ai_voltage_chan("Dev1/ai0", max_val=0.1, min_val=-0.1)
+        assert (channel.ai_max, channel.ai_min, channel.ai_rng_high) == (0.1, -0.1, 1.0)
+        channel.ai_max = 5
+        assert (channel.ai_max, channel.ai_min, channel.ai_rng_high, channel.ai_rng_low) == (5.0, -0.1, 5.0, -5.0)
+        more = task.ai_channels.add_ai_voltage_chan("Dev1/ai1:3", max_val=10, min_val=-10)
+        assert (more.ai_max, more.ai_min, channel.ai_max) == (10.0, -10.0, 5.0)
+        assert task.ai_channels["Dev1/ai2"].physical_channel.name == "Dev1/ai2"
+        assert channel.ai_term_cfg is TerminalConfiguration.DIFF
+        with pytest.raises(nidaqmx.errors.DaqError) as caught:
+            channel.ai_max = 25
+        assert caught.value.error_code == -200077
+        with pytest.raises(nidaqmx.errors.DaqError) as caught:
+            _ = task.ai_channels["Dev1/ai0"].__class__(task._handle, "Dev1/ai9", task._interpreter).ai_max
+        assert caught.value.error_code == -200486
 
 
 def test_a_task_that_does_not_exist_is_refused(options: nidaqmx.GrpcSessionOptions) -> None:
