@@ -71,6 +71,7 @@ def _manifest() -> Manifest:
         sync_threshold_v=2.5,
         load_cell=LoadCell("daq", SECONDS_PER_VOLT, 1),
         start_utc_ns=0,
+        effective_config={"sync": {"stop_edge": "end_of_frame"}},
     )
 
 

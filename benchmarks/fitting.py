@@ -180,7 +180,7 @@ def _through_markers(cuff: str, seed: int) -> list[tuple[float, float]]:
     """Of the same swing seen whole, with markers hidden and with ghosts: relative error of c, and whether covered."""
     truth = published(cuff, friction=1e9, migration=0.0)
     manifest, tracks = Session(truth, 4000 + seed).dynamic()
-    manifest = replace(manifest, effective_config={"sync": {"lag_sd_s": 0.0}})
+    manifest = replace(manifest, effective_config={"sync": {"lag_sd_s": 0.0, "stop_edge": "end_of_frame"}})
     found = []
     for spoil in SIGHTS.values():
         markers = tracks["/markers"]

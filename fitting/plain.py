@@ -67,6 +67,8 @@ def plain_sync(sync: SyncCertificate | None) -> dict[str, Any] | None:
         "offset_standard_error_s": sync.offset_sd,
         "clock_ratio_ppm": 1e6 * sync.drift,
         "clock_ratio_standard_error_ppm": 1e6 * sync.drift_sd,
+        "clock_ratio_ci95_ppm": None if sync.drift_ci95 is None else [1e6 * end for end in sync.drift_ci95],
+        "clock_ratio_is_identified": sync.is_identified,
         "stop_edge_contradiction_s": sync.contradiction,
         "peak_force_rate_n_per_s": sync.force_rate,
         "peak_speed_m_per_s": sync.speed,

@@ -132,43 +132,6 @@ def zero_notes(drift: float | None, span: float) -> tuple[str, ...]:
     )
 
 
-def early_notes(early: float, rate: float = 0.0) -> tuple[str, ...]:
-    """A note where the sync line rose before the first frame was exposed, by so many seconds.
-
-    rate [s/s] of one clock against the other would explain it as well, 0 where none does.
-    """
-    if not early:
-        return ()
-    return (
-        f"early edge: the sync line rose {early:.2f} s before the first frame, by the frames' number and by their "
-        f"arrival{_or_clocks(rate)}; the lag is that uncertain, set QTM's sync output to measurement time",
-    )
-
-
-def stop_notes(falling: float | None, is_used: bool, contradiction: float, rate: float = 0.0) -> tuple[str, ...]:
-    """A note where the sync line's fall is not the end of the frames, and by how many seconds it contradicts them.
-
-    rate [s/s] of one clock against the other would explain it as well, 0 where none does.
-    """
-    if contradiction:
-        when = "before the last frame" if contradiction < 0 else "between two frames"
-        return (
-            f"stop edge and number of frames disagree: the sync line fell {1e3 * abs(contradiction):.1f} ms {when}, "
-            f"beyond what crystals explain{_or_clocks(rate)}; the lag is that uncertain, check QTM's frame rate and "
-            "its sync output",
-        )
-    if falling is not None and not is_used:
-        return (
-            "the sync line fell whole frames from the last one's end: frames are missing at the end, or the line falls "
-            f"with the last exposure{_or_clocks(rate)}; one edge tells the time",
-        )
-    return ()
-
-
-def _or_clocks(rate: float) -> str:
-    return f", or the clocks run {1e6 * rate:+.0f} ppm apart" if rate else ""
-
-
 @dataclass(frozen=True)
 class MarkerQuality:
     """How far the markers of one trial can be believed.

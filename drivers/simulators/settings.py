@@ -157,11 +157,15 @@ class Amplifier(_Section):
 
 
 class SyncLine(_Section):
-    """The mocap system's measurement-time output; inverted, it is low during the capture."""
+    """The mocap system's measurement-time output; inverted, it is low during the capture.
+
+    It falls before_frame_end_s before the last frame's period ends, as a line does that falls with the exposure.
+    """
 
     low_v: float = 0.0
     high_v: float = 5.0
     is_inverted: bool = False
+    before_frame_end_s: NotNegative = 0.0
 
 
 class Wiring(_Section):

@@ -127,7 +127,7 @@ class World:
             capture = self._capture
         is_active = np.zeros(t.shape, dtype=bool)
         if capture is not None:
-            is_active = (t >= capture.start) & (t < capture.end)
+            is_active = (t >= capture.start) & (t < capture.end - line.before_frame_end_s)
             for stuck in self.faults.of("sync", "no_stop_edge"):
                 if capture.start <= stuck.begin:
                     is_active |= (t >= capture.end) & (t < capture.end + stuck.fault.for_s)

@@ -9,16 +9,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.timing.stop_edge import StopWindow
+
 DECLARED_LAG_SD = 0.5e-3
 """Seconds: amplifier, exposure and conversion, where neither a bounce trial nor the configuration says better."""
 DECLARED = "declared"
 DRIFT_PRIOR_SD = 50e-6
-"""A crystal's rate against another's, when nothing measures it."""
-PRIOR_REACH = 4.0
-"""Standard deviations of that prior within which a fall is believed to be the capture's end."""
-FAR_APART = 500e-6
-"""Rate of one clock against the other beyond any crystal's that somebody may have all the same, as of a DAQ without
-one: it looks like a frame that is missing, which is far more likely."""
+"""Standard uncertainty of one clock's rate against the other's, assumed where nothing measures it: two crystals."""
+CRYSTAL_LIMIT = 2 * DRIFT_PRIOR_SD
+"""Drift that two crystals explain. Where the stop edge needs more, a missing frame is considered, too."""
+LARGEST_DRIFT = 500e-6
+"""Drift that is taken to be possible at all, as of a DAQ without a crystal. An estimate that needs more is cut here."""
 HOST_TOLERANCE = 0.5
 """Seconds by which host arrival may contradict frame numbers; a 30× simulation makes 10 ms of wall time 0.3 s."""
 HOST_ALIGNMENT_SD = 0.05
@@ -39,47 +40,6 @@ class SyncEdges:
     falling: float | None
     falling_sd: float = 0.0
     findings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class SyncErrors:
-    """What is not known of the time at the worst moment of a trial, and what that makes of the fastest samples.
-
-    time [s], force [N], displacement [m]: standard uncertainties
-    """
-
-    time: float
-    force: float
-    displacement: float
-
-
-@dataclass(frozen=True)
-class ClockFit:
-    """The DAQ's clock against the mocap system's: DAQ time = start + ratio × session time.
-
-    start       [s] of the DAQ's clock when the capture began
-    ratio       DAQ seconds in a mocap second
-    covariance  (2, 2) of (start, ratio)
-    """
-
-    start: float
-    ratio: float
-    covariance: NDArray[np.float64]
-    has_both_edges: bool
-
-    def session_time(self, daq_time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) [s] on the DAQ's clock → (n,) s since the edge on the mocap system's."""
-        return np.asarray((daq_time - self.start) / self.ratio)
-
-    def time_sd(self, time: float) -> float:
-        """Standard uncertainty [s] of a session time [s] that was read from the DAQ's clock."""
-        lever = np.array([1.0, time])
-        return math.sqrt(max(0.0, float(lever @ self.covariance @ lever)))
-
-    def errors(self, duration: float, force_rate: float, speed: float) -> SyncErrors:
-        """What a trial of so many seconds suffers whose force changes by up to N/s and whose cuff moves by m/s."""
-        worst = max(self.time_sd(0.0), self.time_sd(duration))
-        return SyncErrors(worst, worst * force_rate, worst * speed)
 
 
 @dataclass(frozen=True)
@@ -129,83 +89,35 @@ def capture_frames(
     return min(runs, key=lambda run: abs(arrival_offset(host_time[run], (numbers[run] - 1) / rate) - edge_host))
 
 
-def fit_clock(edges: SyncEdges, capture: float | None) -> ClockFit:
-    """The capture's start and the DAQ clock's rate from one edge or two.
+def stop_contradiction(edges: SyncEdges, capture: float, stop: StopWindow) -> float:
+    """Seconds by which the stop edge contradicts frames that last `capture` [s]; 0 where it does not.
 
-    capture [s] is how long the mocap system says that it captured, None if that is not known. The edges lie anywhere
-    between the samples around them, and the rate is 1 ± DRIFT_PRIOR_SD beforehand; what both leave possible is
-    averaged over. A fall that is not where the capture ended says nothing.
-    """
-    width, fall_width = edges.rising_sd * math.sqrt(12), edges.falling_sd * math.sqrt(12)
-    if edges.falling is not None and capture is not None and capture > 0 and fall_width > 0:
-        excess, reach = edges.falling - edges.rising - capture, (width + fall_width) / 2
-        low = max(-PRIOR_REACH * DRIFT_PRIOR_SD, (excess - reach) / capture)
-        high = min(PRIOR_REACH * DRIFT_PRIOR_SD, (excess + reach) / capture)
-        if low < high:
-            return _both_edges(edges, np.linspace(low, high, 401), capture, (width, fall_width))
-    return ClockFit(edges.rising, 1.0, np.diag([edges.rising_sd**2, DRIFT_PRIOR_SD**2]), False)
-
-
-def stop_contradiction(edges: SyncEdges, capture: float, frame: float) -> float:
-    """Seconds by which the stop edge contradicts frames that last `capture` [s], `frame` [s] each; 0 where it does not.
-
-    All of it where edges between samples and drifting clocks cannot explain it: then neither can be believed.
-    Negative where the line fell before the last frame was taken. A line that falls later leaves room for whole frames
-    that were not received, and one that falls a frame earlier ends with the last exposure and not with its frame; what
-    is left of the nearest number of frames contradicts.
+    A contradiction is what no drift up to LARGEST_DRIFT explains. Negative where the line fell before the last frame
+    was taken. Where it falls later, whole frames may be missing, and the remainder contradicts.
     """
     if edges.falling is None:
         return 0.0
     excess = edges.falling - edges.rising - capture
-    if (whole := round(excess / frame)) >= -1:
-        excess -= frame * whole
-    return excess if abs(excess) > _explained(edges, capture) else 0.0
-
-
-def rate_instead(edges: SyncEdges, capture: float) -> float:
-    """Rate [s/s] of the DAQ's clock against the mocap's that would explain a stop edge which the prior does not.
-
-    0 where nothing is to be explained, or no clock is so far off.
-    """
-    excess = 0.0 if edges.falling is None else edges.falling - edges.rising - capture
-    return excess / capture if _explained(edges, capture) < abs(excess) <= FAR_APART * capture else 0.0
+    tolerance = LARGEST_DRIFT * capture + math.sqrt(3) * (edges.rising_sd + edges.falling_sd)
+    if excess > stop.latest + tolerance:
+        excess -= stop.frame * round(excess / stop.frame)
+    return excess if not stop.earliest - tolerance <= excess <= stop.latest + tolerance else 0.0
 
 
 def early_edge(edges: SyncEdges, capture: float, frame: float, late: float) -> float:
-    """Seconds by which the line rose before frame 1 was exposed; 0 where nothing says so.
+    """Seconds by which the line rose before frame 1 was exposed; 0 where nothing indicates it.
 
-    Frames that last `capture` [s], `frame` [s] each, and fall short of the pulse are missing at its start or at its
-    end. Where the host saw frame 1 arrive late [s] by more than half of that, it is the start.
+    Frames that last `capture` [s], `frame` [s] each, and are shorter than the pulse are missing at its start or at its
+    end. Where frame 1 arrived at the host late [s] by more than half of that, it is the start. A drift makes both alike.
     """
     short = 0.0 if edges.falling is None else edges.falling - edges.rising - capture
-    return short if short > max(frame / 2, _explained(edges, capture)) and late > short / 2 else 0.0
+    explained = LARGEST_DRIFT * capture + math.sqrt(3) * (edges.rising_sd + edges.falling_sd)
+    return short if short > max(frame / 2, explained) and late > short / 2 else 0.0
 
 
 def arrival_offset(host_time: NDArray[np.float64], device_time: NDArray[np.float64]) -> float:
     """Host time minus device time [s] of the sample that travelled fastest: one moment seen by both clocks."""
     return float(np.min(host_time - device_time))
-
-
-def _explained(edges: SyncEdges, capture: float) -> float:
-    """Seconds by which pulse and frames may differ: clocks that drift, and edges anywhere between two samples."""
-    return PRIOR_REACH * DRIFT_PRIOR_SD * capture + math.sqrt(3) * (edges.rising_sd + edges.falling_sd)
-
-
-def _both_edges(edges: SyncEdges, drifts: NDArray[np.float64], capture: float, widths: tuple[float, float]) -> ClockFit:
-    """Means and covariance of start and rate: for each rate (n,), 1 + drift, the start is anywhere that fits both."""
-    ends = (edges.falling or 0.0) - edges.rising - (1 + drifts) * capture  # of the start, as the fall tells it
-    low = np.maximum(-widths[0] / 2, ends - widths[1] / 2)
-    high = np.minimum(widths[0] / 2, ends + widths[1] / 2)
-    length = np.maximum(high - low, 0.0 if widths[0] > 0 else 1e-12)
-    weight = length * np.exp(-0.5 * (drifts / DRIFT_PRIOR_SD) ** 2)
-    weight /= weight.sum()
-    middle = (low + high) / 2
-    start, drift = float(weight @ middle), float(weight @ drifts)
-    off_start, off_drift = middle - start, drifts - drift
-    shared = float(weight @ (off_start * off_drift))
-    variances = float(weight @ (off_start**2 + length**2 / 12)), float(weight @ off_drift**2)
-    covariance = np.array([[variances[0], shared], [shared, variances[1]]])
-    return ClockFit(edges.rising + start, 1 + drift, covariance, True)
 
 
 def _breaks(numbers: NDArray[np.int64], stamps: NDArray[np.float64]) -> list[int]:

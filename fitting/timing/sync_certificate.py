@@ -1,4 +1,4 @@
-"""How well the two edges of a trial tie force to markers: offset, clock ratio, and the error left in N and m."""
+"""Uncertainty of a trial's common time: offset and ratio of the two clocks, and the resulting error in N and m."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting import quality
-from fitting.timing.clocks import SyncErrors
+from fitting.timing.clock_fit import SyncErrors
 from fitting.timing.thinned import highest_rate, motion_of
 from fitting.timing.timeline import MILLIMETRE, tie_by_edge
 from recordings.manifest import Manifest
@@ -18,21 +18,25 @@ from recordings.reader import Track
 
 @dataclass(frozen=True)
 class SyncCertificate:
-    """What the recorded sync line is worth. Standard uncertainties throughout.
+    """Uncertainty of the time that the recorded sync line gives. Standard uncertainties unless stated otherwise.
 
     offset, offset_sd  [s] of the DAQ's clock when the capture began
-    drift, drift_sd    the DAQ's seconds in a mocap second, less 1; the prior of 50 ppm where there is one edge only
+    drift, drift_sd    the DAQ's seconds in a mocap second, less 1; assumed where there is one edge only
+    drift_ci95         its 95 % interval; None where there is one edge only
+    is_identified      whether the edges alone determine the drift
     has_both_edges     whether the stop edge was used
     contradiction      [s] by which the stop edge contradicts the number of frames; the trial's lag is that uncertain
     force_rate, speed  [N/s], [m/s] the trial's highest
-    errors             at its worst moment, and what that makes of these rates
-    findings           what was odd about the line, in sentences
+    errors             of the time at its worst moment, and of force and displacement at these rates
+    findings           irregularities of the line, in sentences
     """
 
     offset: float
     offset_sd: float
     drift: float
     drift_sd: float
+    drift_ci95: tuple[float, float] | None
+    is_identified: bool
     has_both_edges: bool
     contradiction: float
     force_rate: float
@@ -44,11 +48,19 @@ class SyncCertificate:
     def sentence(self) -> str:
         edges = "start and stop edge" if self.has_both_edges else "start edge alone"
         return (
-            f"{edges}: offset {self.offset:.4f} s ± {1e3 * self.offset_sd:.2f} ms, clock ratio "
-            f"{1e6 * self.drift:+.0f} ± {1e6 * self.drift_sd:.0f} ppm; time good to {1e3 * self.errors.time:.2f} ms: "
-            f"{self.errors.force:.2f} N at {self.force_rate:.0f} N/s, or {1e3 * self.errors.displacement:.3f} mm at "
-            f"{1e3 * self.speed:.0f} mm/s"
+            f"{edges}: offset {self.offset:.4f} s ± {1e3 * self.offset_sd:.2f} ms, {self._ratio}; time good to "
+            f"{1e3 * self.errors.time:.2f} ms: {self.errors.force:.2f} N at {self.force_rate:.0f} N/s, or "
+            f"{1e3 * self.errors.displacement:.3f} mm at {1e3 * self.speed:.0f} mm/s"
         )
+
+    @property
+    def _ratio(self) -> str:
+        if self.drift_ci95 is None:
+            return f"clock ratio not identified, assumed {1e6 * self.drift:+.0f} ± {1e6 * self.drift_sd:.0f} ppm"
+        low, high = (f"{1e6 * end:+.0f}" for end in self.drift_ci95)
+        if not self.is_identified:
+            return f"clock ratio not identified, between {low} and {high} ppm"
+        return f"clock ratio {1e6 * self.drift:+.0f} ppm (95 % CI {low} to {high} ppm)"
 
 
 def certify(manifest: Manifest, thin: Mapping[str, Track]) -> SyncCertificate | None:
@@ -73,6 +85,8 @@ def certify(manifest: Manifest, thin: Mapping[str, Track]) -> SyncCertificate | 
         offset_sd=both.clock.time_sd(0.0),
         drift=both.clock.ratio - 1,
         drift_sd=math.sqrt(float(both.clock.covariance[1, 1])),
+        drift_ci95=both.clock.drift_ci95,
+        is_identified=both.clock.is_identified,
         has_both_edges=both.clock.has_both_edges,
         contradiction=both.stop_contradiction,
         force_rate=force_rate,

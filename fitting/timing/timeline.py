@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,10 @@ from numpy.typing import NDArray
 from fitting import calibration, quality
 from fitting.quality import UnusableTrial
 from fitting.timing import clocks, sync_line
-from fitting.timing.clocks import ClockFit, LagUncertainty, SyncEdges
+from fitting.timing.clock_fit import ClockFit, fit_clock
+from fitting.timing.clocks import LagUncertainty, SyncEdges
+from fitting.timing.stop_edge import stop_window
+from fitting.timing.sync_notes import early_notes, stop_notes
 from recordings.manifest import Manifest
 from recordings.reader import Track
 from recordings.samples import Stream
@@ -136,9 +140,9 @@ class OneTime:
     """Force and markers on session time, before what is known of the lag between them.
 
     force_time (n,) s; frames without live preview, the first at first_frame [s]
-    edge_sd, drift  what this trial [s] and all trials [s/s] do not know of it
+    edge_sd, drift  standard uncertainty of that lag, of this trial [s] and of all trials [s/s]
     sync_fall       s, when the sync line fell again; None where that was not recorded
-    sync_findings   what was odd about the sync line; empty for a trial without one
+    sync_findings   irregularities of the sync line; empty for a trial without one
     stop_contradiction  s by which the line's fall contradicts the number of frames; already in edge_sd
     """
 
@@ -167,18 +171,16 @@ def tie_by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> OneTime:
     force, frames = _counted(tracks, "/force"), _counted(tracks, "/markers")
     edges, edge_clock = _edges(manifest, tracks)
     frames = _captured(frames, edge_clock, edges)
-    last_frame = float(frames.numbers[-1]) / frames.stream.rate_hz
-    clock = clocks.fit_clock(edges, last_frame)
+    frame = 1 / frames.stream.rate_hz
+    capture, window = float(frames.numbers[-1]) * frame, stop_window(setting(manifest, "sync"), frame)
+    clock = fit_clock(edges, capture, window)
     late = _late_by_arrival(frames, edge_clock, edges)
     first_frame, frames_sd, late_start = _first_frame_time(frames, late)
-    middle = (first_frame + (frames.numbers[-1] - frames.numbers[0]) / frames.stream.rate_hz) / 2
+    middle = (first_frame + (frames.numbers[-1] - frames.numbers[0]) * frame) / 2
     force_time, edge_sd, drift = _force_time(manifest, force, edge_clock, clock, float(middle))
-    early = 0.0 if late_start else clocks.early_edge(edges, last_frame, 1 / frames.stream.rate_hz, late)
-    contradiction = early or clocks.stop_contradiction(edges, last_frame, 1 / frames.stream.rate_hz)
-    rate = clocks.rate_instead(edges, last_frame)
-    stop = quality.early_notes(early, rate) or quality.stop_notes(
-        edges.falling, clock.has_both_edges, contradiction, rate
-    )
+    early = 0.0 if late_start else clocks.early_edge(edges, capture, frame, late)
+    contradiction = early or clocks.stop_contradiction(edges, capture, window)
+    stop = early_notes(early) or stop_notes(edges.falling, clock, contradiction)
     findings = edges.findings + late_start + stop
     return OneTime(
         force_time,
@@ -219,9 +221,10 @@ def _captured(frames: Counted, edge_clock: Counted, edges: SyncEdges) -> Counted
 def _force_time(
     manifest: Manifest, force: Counted, edge_clock: Counted, clock: ClockFit, middle: float
 ) -> tuple[NDArray[np.float64], float, float]:
-    """Session time (n,) [s] of the force samples; what this trial [s] and all trials [s/s] do not know of it.
+    """Session time (n,) [s] of the force samples; its standard uncertainty in this trial [s] and in all trials [s/s].
 
-    Two edges measure the clocks' rate: what is then not known is this trial's own, and is told for its middle [s].
+    Two edges measure the clock ratio. Its uncertainty is this trial's own, taken at the middle of the trial [s], except
+    for the position of the stop edge in the last frame, which may be the same in all trials.
     """
     if manifest.load_cell.source != "daq":
         offset = clocks.arrival_offset(force.host_time, force.device_time)
@@ -229,7 +232,8 @@ def _force_time(
         return time, clocks.HOST_ALIGNMENT_SD, clocks.DRIFT_PRIOR_SD
     time = clock.session_time(force.seconds)
     if clock.has_both_edges:
-        return time, clock.time_sd(middle), 0.0
+        own = max(0.0, clock.time_sd(middle) ** 2 - (clock.common_drift * middle) ** 2)
+        return time, math.sqrt(own), clock.common_drift
     return time, clock.time_sd(0.0), clocks.DRIFT_PRIOR_SD
 
 

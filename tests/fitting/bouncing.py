@@ -81,7 +81,7 @@ def recorded(truth: Bounce, seed: int, run: int = 1) -> tuple[Manifest, dict[str
         load_cell=LoadCell("daq", truth.newtons_per_volt, 1),
         start_utc_ns=start_ns,
         bounce=BounceRig(truth.mass, "weight", truth.spring_mass),
-        effective_config={"sync": {"lag_sd_s": 0.0}},
+        effective_config={"sync": {"lag_sd_s": 0.0, "stop_edge": "end_of_frame"}},
     )
     return manifest, tracks
 

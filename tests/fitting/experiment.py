@@ -147,6 +147,7 @@ class Session:
             sync_threshold_v=2.5,
             load_cell=LoadCell("daq", truth.newtons_per_volt, 1),
             start_utc_ns=start_ns,
+            effective_config={"sync": {"stop_edge": "end_of_frame"}},
         )
         return manifest, tracks
 

@@ -364,7 +364,8 @@ def test_a_bounce_that_cannot_be_used_is_listed_and_the_lag_stays_declared(tmp_p
 
 def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_them(tmp_path: Path) -> None:
     manifest, tracks = _recorded()
-    config = {"sync": {"lag_s": 0.02, "lag_sd_s": 0.003}, "protocol": {"step_masses_kg": [2.0, 2.0]}}
+    sync = {"lag_s": 0.02, "lag_sd_s": 0.003, "stop_edge": "end_of_frame"}
+    config = {"sync": sync, "protocol": {"step_masses_kg": [2.0, 2.0]}}
     told = replace(manifest, effective_config=config)
     trial, plain = (build_trial(each, tracks, "a.mcap", "hash") for each in (told, manifest))
     assert (trial.lag.value, trial.lag.declared, trial.step_masses) == (0.02, 0.003, (2.0, 2.0))

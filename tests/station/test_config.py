@@ -42,6 +42,8 @@ def test_what_a_trial_is_of_is_a_cuff_or_the_bouncing_weight() -> None:
         ({"bounce": {"mass_kg": -1, "marker": "weight"}}, "bounce.mass_kg is -1"),
         ({"protocol": {"step_masses_kg": [1.5, 0]}}, "protocol.step_masses_kg.1 is 0"),
         ({"sync": {"lag_sd_s": -0.1}}, "sync.lag_sd_s is -0.1"),
+        ({"sync": {"stop_edge": "frame"}}, "sync.stop_edge is 'frame'"),
+        ({"sync": {"stop_edge": "end_of_exposure"}}, "no exposure_s is given"),
         ({"daq": {"sample_rate_hz": "fast"}}, "daq.sample_rate_hz is 'fast'"),
         ({"daq": {"start": "now"}}, "daq.start is 'now'"),
         ({"load_cell": {"source": "serial"}}, "no port is given"),

@@ -1,0 +1,45 @@
+"""Where the sync line may fall within the last frame of a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+
+@dataclass(frozen=True)
+class StopWindow:
+    """The interval in which the stop edge lies, in seconds from the end of the last frame; the density in it is uniform.
+
+    earliest, latest  [s] negative before the end of the frame
+    frame             [s] the frame period
+    is_declared       whether the configuration states it; otherwise both ends are as likely as all between them, and
+                      the position may be the same in all trials
+    """
+
+    earliest: float
+    latest: float
+    frame: float
+    is_declared: bool
+
+    def shifted(self, frames: int) -> StopWindow:
+        """The same, so many frames later."""
+        later = frames * self.frame
+        return replace(self, earliest=self.earliest + later, latest=self.latest + later)
+
+
+def stop_window(sync: Mapping[str, Any], frame: float) -> StopWindow:
+    """From the configuration's section [sync], for frames of so many seconds.
+
+    Qualisys documents that the output MEASUREMENT TIME stays "until the end of the last frame", which is the end of
+    its exposure or of its period. So nothing is assumed but the last frame, unless sync.stop_edge states more.
+    """
+    match sync.get("stop_edge"):
+        case "end_of_frame":
+            return StopWindow(0.0, 0.0, frame, is_declared=True)
+        case "end_of_exposure":
+            before_end = float(sync["exposure_s"]) - frame
+            return StopWindow(before_end, before_end, frame, is_declared=True)
+        case "anywhere":
+            return StopWindow(-frame, 0.0, frame, is_declared=True)
+    return StopWindow(-frame, 0.0, frame, is_declared=False)
