@@ -36,6 +36,15 @@ class UnusableTrial(Exception):
     """The trial cannot be fitted; one sentence says who, what was expected, what was found, and what to do."""
 
 
+def damage_sentence(damage: tuple[str, ...]) -> str:
+    """What to tell of a file that is damaged, and nothing else of it."""
+    more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
+    return (
+        f"the file is damaged ({damage[0]}{more}), so nothing else in it is diagnosed; restore it from a copy, or "
+        "record the trial again"
+    )
+
+
 def require_labels(wanted: tuple[str, ...], present: tuple[str, ...]) -> None:
     """Raises UnusableTrial naming the wanted markers that the recording does not hold."""
     missing = [label for label in wanted if label not in present]

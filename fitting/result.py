@@ -109,6 +109,7 @@ class TrialFit:
     sync        what the edges of the sync line are worth, None without one
     origin      measured or simulated, as the devices said of themselves
     zero_drift  [N] of the force at rest from start to end, None where the trial does not rest at both
+    damage      of the file, beyond a cut; then nothing else is said of the trial
     """
 
     file: str
@@ -126,6 +127,7 @@ class TrialFit:
     sync: SyncCertificate | None = None
     zero_drift: float | None = None
     origin: DataOrigin = DataOrigin.UNKNOWN
+    damage: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -224,6 +226,14 @@ class SessionFit:
         """Simulated if any cuff's is."""
         return DataOrigin.joined(fit.origin for fits in self.donnings.values() for fit in fits.values())
 
+    @property
+    def damage(self) -> dict[str, tuple[str, ...]]:
+        """File → what is damaged in it, of every recording that is."""
+        fits = [fit for donnings in self.donnings.values() for fit in donnings.values()]
+        found = {trial.file: trial.damage for trial in self.rejected}
+        found |= {trial.file: trial.damage for fit in fits for trial in fit.trials}
+        return {file: damage for file, damage in found.items() if damage}
+
     def to_json(self) -> str:
         """The text of cuffs.json; the same fit gives the same bytes."""
         cuffs = {
@@ -233,7 +243,9 @@ class SessionFit:
             }
             for name, fit in self.cuffs.items()
         }
-        rejected = [{"file": trial.file, "reason": trial.reason} for trial in self.rejected]
+        rejected = [
+            {"file": trial.file, "reason": trial.reason, "damage": list(trial.damage)} for trial in self.rejected
+        ]
         plain = {
             "origin": self.origin,
             "cuffs": cuffs,
@@ -315,6 +327,7 @@ def _plain_trial(trial: TrialFit) -> dict[str, Any]:
         "reason": trial.reason,
         "notes": list(trial.notes),
         "origin": trial.origin,
+        "damage": list(trial.damage),
         "sync": plain_sync(trial.sync),
         "zero_drift_n": trial.zero_drift,
         **_plain_estimates(trial),

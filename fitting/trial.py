@@ -21,7 +21,7 @@ from fitting.timing.clocks import LagUncertainty
 from fitting.timing.sync_certificate import SyncCertificate, certify
 from fitting.timing.thinned import thinned
 from fitting.timing.timeline import lay_out, setting
-from recordings.errors import RecordingError
+from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
 from recordings.reader import Recording, Track, TrackCollector, open_recording
 from recordings.samples import Event
@@ -54,6 +54,7 @@ class Trial:
     origin          measured or simulated, as the devices said of themselves
     is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
     notes           what a reader should know before believing it
+    damage          of the file, beyond a cut: then only the damage is a note
     """
 
     cuff: CuffSite
@@ -84,6 +85,7 @@ class Trial:
     origin: DataOrigin = DataOrigin.UNKNOWN
     is_whole: bool = True
     notes: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.force_time, self.force, self.marker_time, self.markers):
@@ -103,12 +105,13 @@ class Trial:
 class RejectedTrial:
     """A recording that could not be used, and the sentence why.
 
-    capture is its manifest if its capture had begun, so that the cuff may have been loaded.
+    capture is its manifest if its capture had begun, so that the cuff may have been loaded; damage is that of the file.
     """
 
     file: str
     reason: str
     capture: Manifest | None = None
+    damage: tuple[str, ...] = ()
 
 
 TrialReading = Trial | BounceTrial | RejectedTrial
@@ -170,7 +173,8 @@ def read_alone(
             recording = replace(recording, manifest=correct(recording.manifest))
         trial = _read(path, recording, collector)
     except (UnusableTrial, RecordingError) as error:
-        return RejectedTrial(path.name, str(error), _begun(recording))
+        damage = recording.damage if recording else (str(error),) if isinstance(error, DamagedFile) else ()
+        return RejectedTrial(path.name, str(error), _begun(recording), damage)
     return _as_edited(trial, protocol) if isinstance(trial, Trial) and protocol is not None else trial
 
 
@@ -224,15 +228,32 @@ def _as_edited(trial: Trial, protocol: SessionProtocol) -> Trial:
 
 
 def _read(path: Path, recording: Recording, collector: TrackCollector) -> Trial | BounceTrial:
+    """Of a damaged file nothing but the damage is named: any other oddity in it may be the damage's work."""
     if recording.outcome is not None and not recording.outcome.accepted:
         raise UnusableTrial(f"the trial was not accepted when it was recorded: {recording.outcome.sentence}")
+    if recording.damage and recording.manifest.bounce is not None:
+        raise UnusableTrial(quality.damage_sentence(recording.damage))
+    try:
+        trial = _build(path, recording, collector)
+    except (UnusableTrial, RecordingError) as error:
+        if recording.damage:
+            raise UnusableTrial(quality.damage_sentence(recording.damage)) from error
+        raise
+    if isinstance(trial, BounceTrial):
+        return trial
+    is_whole = trial.is_whole and recording.complete
+    if not recording.damage:
+        return replace(trial, is_whole=is_whole, notes=trial.notes + recording.missing)
+    certificate = trial.sync and replace(trial.sync, findings=())
+    notes = (quality.damage_sentence(recording.damage), *recording.missing)
+    return replace(trial, is_whole=is_whole, notes=notes, sync=certificate, damage=recording.damage)
+
+
+def _build(path: Path, recording: Recording, collector: TrackCollector) -> Trial | BounceTrial:
     tracks = {stream.name: collector.track(stream) for stream in recording.streams}
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    if recording.manifest.bounce is not None:
-        return build_bounce(recording.manifest, tracks, path.name, sha256)
-    trial = build_trial(recording.manifest, tracks, path.name, sha256)
-    is_whole = trial.is_whole and recording.complete
-    return replace(trial, is_whole=is_whole, notes=trial.notes + recording.missing)
+    build = build_trial if recording.manifest.bounce is None else build_bounce
+    return build(recording.manifest, tracks, path.name, sha256)
 
 
 def _begun(recording: Recording | None) -> Manifest | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from fitting.bounce import BounceTrial, calibrate
 from fitting.donning import MIN_LOADS
 from fitting.dynamic.damping import fit_damping
-from fitting.quality import UnusableTrial
+from fitting.quality import UnusableTrial, damage_sentence
 from fitting.result import Verdict
 from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.static.migration import fit_migration
@@ -26,7 +26,8 @@ def why_unusable(reading: TrialReading) -> str:
         _, refused = calibrate([reading])
         return "; ".join(refused.values())
     reduced, reasons = reduce_trials([reading])
-    return "; ".join(reasons.values()) or _why_not_fitted(reduced[0], reading)
+    reason = "; ".join(reasons.values()) or _why_not_fitted(reduced[0], reading)
+    return damage_sentence(reading.damage) if reason and reading.damage else reason
 
 
 def _why_not_fitted(reduced: ReducedTrial, trial: Trial) -> str:

@@ -43,11 +43,15 @@ class Entry:
 
 @dataclass(frozen=True)
 class Damage:
-    """Bytes from offset up to end that could not be read, and why; end is the file's size where nothing follows."""
+    """Bytes from offset up to end that could not be read, and why; end is the file's size where nothing follows.
+
+    is_cut  whether the file merely ends here, within or before a record, as when its writer was killed
+    """
 
     offset: int
     end: int
     reason: str
+    is_cut: bool = False
 
     def __str__(self) -> str:
         where = f"bytes {self.offset} to {self.end}" if self.end > self.offset else f"byte {self.offset}"
@@ -82,7 +86,11 @@ def read_entries(path: Path) -> Iterator[Entry | Damage]:
 
 
 class _BrokenError(Exception):
-    """The bytes here are not the record they should be."""
+    """The bytes here are not the record they should be; is_cut: they are its beginning, and the file ends."""
+
+    def __init__(self, reason: str, *, is_cut: bool = False) -> None:
+        super().__init__(reason)
+        self.is_cut = is_cut
 
 
 def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
@@ -90,17 +98,17 @@ def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
     size = file.seek(0, os.SEEK_END)
     offset = 0
     after_last_chunk = 0  # a search begins here, because a wrong length may have led past a good chunk
-    broken: tuple[int, str] | None = None
+    broken: tuple[int, _BrokenError] | None = None
     while offset < size:
         try:
             opcode, records, end = _read_record(file, offset, size)
         except _BrokenError as error:
-            broken = broken or (offset, str(error))
+            broken = broken or (offset, error)
             offset = _find_chunk(file, after_last_chunk, size)
             after_last_chunk = offset + 1
             continue
         if broken:
-            yield offset, Damage(min(broken[0], offset), offset, broken[1])
+            yield offset, Damage(min(broken[0], offset), offset, str(broken[1]))
             broken = None
         if opcode == Opcode.FOOTER:
             return
@@ -108,8 +116,8 @@ def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
             yield offset, record
         offset = end
         after_last_chunk = end if opcode == Opcode.CHUNK else after_last_chunk
-    start, reason = broken or (size, "the file ends before its index, as when its writer was killed")
-    yield size, Damage(start, size, reason)
+    start, ended = broken or (size, _BrokenError("the file ends before its index, as when its writer was killed", is_cut=True))
+    yield size, Damage(start, size, str(ended), ended.is_cut)
 
 
 def _read_record(file: BinaryIO, offset: int, size: int) -> tuple[int, list[McapRecord], int]:
@@ -121,11 +129,12 @@ def _read_record(file: BinaryIO, offset: int, size: int) -> tuple[int, list[Mcap
         return 0, [], len(MCAP0_MAGIC)
     prefix = file.read(_PREFIX.size)
     if len(prefix) < _PREFIX.size:
-        raise _BrokenError("the file ends within a record")
+        raise _BrokenError("the file ends within a record", is_cut=True)
     opcode, length = _PREFIX.unpack(prefix)
     end = offset + _PREFIX.size + length
     if end > size:
-        raise _BrokenError(f"the record here has {length} bytes, of which {size - offset - _PREFIX.size} are there")
+        there = size - offset - _PREFIX.size
+        raise _BrokenError(f"the record here has {length} bytes, of which {there} are there", is_cut=opcode in _KNOWN)
     if opcode == Opcode.FOOTER and end + len(MCAP0_MAGIC) != size:
         raise _BrokenError("the file has its last record here, and does not end with it")
     if opcode not in _KNOWN and opcode < _FIRST_PRIVATE_OPCODE:

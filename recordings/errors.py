@@ -2,6 +2,7 @@
 
 RecordingError      the file cannot be read or made; one sentence says who, expected, found, what to do
 ├── WriteFailed     the disk took no more; names the last sample that is safely in the file
+├── DamagedFile     so much of the file is damaged that it cannot be opened
 └── ForeignFile     a file of another program is not what it should be
 """
 
@@ -14,6 +15,10 @@ class RecordingError(Exception):
 
 class WriteFailed(RecordingError):
     """The first failed write of a recording; every later call on its writer raises it again."""
+
+
+class DamagedFile(RecordingError):
+    """A recording whose manifest, or every message, is lost to damage."""
 
 
 class ForeignFile(RecordingError):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
-from recordings.errors import RecordingError
+from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import Manifest, Outcome
 from recordings.packing import Message, no_values, unpack
 from recordings.samples import Item, Samples, Stream
@@ -44,6 +44,7 @@ class Recording:
 
     outcome  how the trial ended; None when the file was cut before its end
     missing  in sentences, every damage to the file and everything counted at its end that is not there
+    damage   the part of it that no cut explains: bytes that changed, and messages that were lost among others
     """
 
     path: Path
@@ -51,6 +52,7 @@ class Recording:
     streams: tuple[Stream, ...]
     outcome: Outcome | None
     missing: tuple[str, ...]
+    damage: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -132,8 +134,8 @@ def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -
     survey = survey_file(path, take)
     if survey.manifest is None:
         reasons = "; ".join(survey.missing)
-        raise RecordingError(f"{path} has lost its manifest, so its samples say nothing: {reasons}")
-    return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing)
+        raise DamagedFile(f"{path} has lost its manifest, so its samples say nothing: {reasons}")
+    return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing, survey.damaged)
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -165,12 +167,20 @@ class Survey:
     def missing(self) -> tuple[str, ...]:
         """Every damage and every lost message, in sentences; empty for a whole recording."""
         cut = () if self.outcome else ("there is no outcome: the recording was cut, and what came after is unknown",)
-        lost = (
+        return (*(str(damage) for damage in self.damage), *cut, *self._lost)
+
+    @property
+    def damaged(self) -> tuple[str, ...]:
+        """The same without what a cut explains."""
+        return (*(str(damage) for damage in self.damage if not damage.is_cut), *self._lost)
+
+    @property
+    def _lost(self) -> tuple[str, ...]:
+        return tuple(
             f"{topic} holds {self.messages.get(topic, 0)} of {count} messages"
             for topic, count in self.expected.items()
             if self.messages.get(topic, 0) != count
         )
-        return (*(str(damage) for damage in self.damage), *cut, *lost)
 
 
 def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Survey:
@@ -200,7 +210,7 @@ def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> S
                 case Outcome() as found:
                     outcome = found
     if not messages:
-        raise RecordingError(_why_nothing_is_ours(path, damage))
+        raise _nothing_is_ours(path, damage)
     expected |= outcome.messages if outcome else {}
     return Survey(manifest, tuple(streams.values()), outcome, messages, expected, tuple(damage))
 
@@ -215,14 +225,15 @@ def read(entry: Entry) -> Message | None:
     return unpack(entry.topic, entry.log_time_ns, entry.data) if is_ours(entry) else None
 
 
-def _why_nothing_is_ours(path: Path, damage: list[Damage]) -> str:
+def _nothing_is_ours(path: Path, damage: list[Damage]) -> RecordingError:
     if path.stat().st_size == 0:
-        return f"{path} is empty; nothing was recorded into it"
+        return RecordingError(f"{path} is empty; nothing was recorded into it")
     if not damage:
-        return f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}"
+        return RecordingError(f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}")
     if damage[0].offset == 0:
-        return f"{path} is not an MCAP file, expected a recording"
-    return f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
+        return RecordingError(f"{path} is not an MCAP file, expected a recording")
+    words = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
+    return RecordingError(words) if damage[0].is_cut else DamagedFile(words)
 
 
 def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:

@@ -49,6 +49,7 @@ def demo_config() -> StationConfig:
     data = {
         "cuffs": dict.fromkeys(PUBLISHED_CUFFS, markers),
         "mocap": {"control": "start"},
+        "sync": {"stop_edge": "end_of_frame"},  # where the simulated line falls
         "protocol": {"step_masses_kg": [1.53] * 5},
         "bounce": {"mass_kg": 2.5, "marker": "weight"},
         "simulation": {"amplifier": {"delay_s": 0.003, "gain": 1.004}},  # for the bounce to find

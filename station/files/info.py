@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,9 @@ def _read(path: Path) -> tuple[Contents, SyncCertificate | None, str]:
     try:
         certificate = certify(survey.manifest, thinning.tracks())
     except UnusableTrial as error:
-        return contents, None, f"no certificate: {error}"
+        return contents, None, f"no certificate: {'the file is damaged' if survey.damaged else error}"
+    if certificate is not None and survey.damaged:
+        certificate = replace(certificate, findings=())  # they may be the damage's work
     words = "no certificate: its clocks are as declared" if certificate is None else certificate.sentence
     return contents, certificate, words
 

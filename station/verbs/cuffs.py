@@ -34,6 +34,8 @@ def fit(
     cuffs = output or session / "cuffs.json"
     with progress_bars(Console(stderr=True)) as progress:
         fitted = fit_session_folder(session, cuffs if method == "default" else None, progress)
+    for file, damage in fitted.damage.items():
+        say(f"{file} is damaged: {'; '.join(damage)}")
     if method == "paper":
         _compare_with_paper(fitted, output, format)
     elif format == "json":
@@ -44,7 +46,7 @@ def fit(
         say("not one trial could be used; why stands beside each above, or in cuffs.json")
         raise typer.Exit(FAILED)
     is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
-    raise typer.Exit(DONE if is_whole else LOSSY)
+    raise typer.Exit(DONE if is_whole and not fitted.damage else LOSSY)
 
 
 def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format) -> None:  # noqa: A002
