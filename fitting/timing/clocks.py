@@ -16,7 +16,7 @@ DECLARED_LAG_SD = 0.5e-3
 DECLARED = "declared"
 DRIFT_PRIOR_SD = 50e-6
 """Standard uncertainty of one clock's rate against the other's, assumed where nothing measures it: two crystals."""
-CRYSTAL_LIMIT = 2 * DRIFT_PRIOR_SD
+CRYSTAL_LIMIT = 3 * DRIFT_PRIOR_SD
 """Drift that two crystals explain. Where the stop edge needs more, a missing frame is considered, too."""
 LARGEST_DRIFT = 500e-6
 """Drift that is taken to be possible at all, as of a DAQ without a crystal. An estimate that needs more is cut here."""
