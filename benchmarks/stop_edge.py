@@ -3,7 +3,8 @@
     python -m benchmarks.stop_edge [TRIALS]
 
 Declared: sync.stop_edge states where the line falls. Not known: it does not, and the interval holds every position in
-the last frame. Trials last 20 to 70 s, at 1 kHz and 85 to 200 frames a second (tests/fitting/timing/stopped_capture.py).
+the last frame. Trials last 20 to 70 s, at 1 kHz and 85 to 200 frames a second
+(tests/fitting/timing/stopped_capture.py).
 """
 
 from __future__ import annotations
@@ -34,6 +35,11 @@ class Cell:
     half_width: float
     worst: float
 
+    @property
+    def words(self) -> str:
+        covered, identified = 100 * self.covered, 100 * self.identified
+        return f"{covered:5.1f} %, ±{self.half_width:3.0f} ppm, identified {identified:3.0f} %"
+
 
 def coverage(stop: Stop, daq_ppm: float, camera_ppm: float, trials: int, *, is_declared: bool) -> Cell:
     """Of so many simulated trials."""
@@ -52,16 +58,13 @@ def coverage(stop: Stop, daq_ppm: float, camera_ppm: float, trials: int, *, is_d
 
 
 def main(trials: int) -> None:
-    print(f"{'line falls at':<18}{'DAQ':>5}{'camera':>8}  {'declared':<34}not known")
+    print(f"{'line falls at':<18}{'DAQ':>5}{'camera':>8}  {'declared':<38}not known")
     for stop in STOPS:
         for daq, camera in DRIFTS_PPM:
-            told = []
-            for is_declared in (True, False):
-                cell = coverage(stop, daq, camera, trials, is_declared=is_declared)
-                told.append(
-                    f"{100 * cell.covered:5.1f} %  ±{cell.half_width:3.0f} ppm  identified {100 * cell.identified:3.0f} %"
-                )
-            print(f"{stop.replace('_', ' '):<18}{daq:>5}{camera:>8}  {told[0]:<34}{told[1]}", flush=True)
+            declared, unknown = (
+                coverage(stop, daq, camera, trials, is_declared=is_declared).words for is_declared in (True, False)
+            )
+            print(f"{stop.replace('_', ' '):<18}{daq:>5}{camera:>8}  {declared:<38}{unknown}", flush=True)
 
 
 if __name__ == "__main__":

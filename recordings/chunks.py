@@ -116,7 +116,10 @@ def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
             yield offset, record
         offset = end
         after_last_chunk = end if opcode == Opcode.CHUNK else after_last_chunk
-    start, ended = broken or (size, _BrokenError("the file ends before its index, as when its writer was killed", is_cut=True))
+    start, ended = broken or (
+        size,
+        _BrokenError("the file ends before its index, as when its writer was killed", is_cut=True),
+    )
     yield size, Damage(start, size, str(ended), ended.is_cut)
 
 

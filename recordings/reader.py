@@ -229,7 +229,9 @@ def _nothing_is_ours(path: Path, damage: list[Damage]) -> RecordingError:
     if path.stat().st_size == 0:
         return RecordingError(f"{path} is empty; nothing was recorded into it")
     if not damage:
-        return RecordingError(f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}")
+        return RecordingError(
+            f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}"
+        )
     if damage[0].offset == 0:
         return RecordingError(f"{path} is not an MCAP file, expected a recording")
     words = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"

@@ -80,7 +80,9 @@ class Sync(_Section):
     timeout_s: Positive = 60.0
     lag_s: float = 0.0  # a force sample stamped t was taken at t + lag_s by the markers' clock
     lag_sd_s: float = Field(default=0.0005, ge=0)  # its standard uncertainty, where no bounce trial measures it
-    stop_edge: Literal["end_of_frame", "end_of_exposure", "anywhere"] | None = None  # None: not known; see docs/wiring.md
+    stop_edge: Literal["end_of_frame", "end_of_exposure", "anywhere"] | None = (
+        None  # None: not known; see docs/wiring.md
+    )
     exposure_s: Positive | None = None  # of the mocap cameras, for "end_of_exposure"
 
     @model_validator(mode="after")

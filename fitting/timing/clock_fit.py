@@ -157,7 +157,9 @@ class _Record:
         drifts = low + (np.arange(DRIFT_CELLS) + 0.5) / DRIFT_CELLS * (high - low)
         starts = rise * ((np.arange(START_CELLS) + 0.5) / START_CELLS - 0.5)
         stops = self.excess - starts[None, :] - drifts[:, None] * self.capture  # for a fall at its middle
-        latest = max(stop.latest, stop.earliest + 1e-3 * fall)  # a window without width becomes a thousandth of a sample
+        latest = max(
+            stop.latest, stop.earliest + 1e-3 * fall
+        )  # a window without width becomes a thousandth of a sample
         density = np.minimum(latest, stops + fall / 2) - np.maximum(stop.earliest, stops - fall / 2)
         density = np.maximum(density, 0.0)
         return drifts, starts, density / density.sum()

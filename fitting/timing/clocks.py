@@ -108,7 +108,7 @@ def early_edge(edges: SyncEdges, capture: float, frame: float, late: float) -> f
     """Seconds by which the line rose before frame 1 was exposed; 0 where nothing indicates it.
 
     Frames that last `capture` [s], `frame` [s] each, and are shorter than the pulse are missing at its start or at its
-    end. Where frame 1 arrived at the host late [s] by more than half of that, it is the start. A drift makes both alike.
+    end. Where frame 1 arrived at the host late [s] by more than half of that, it is the start. Drift does both, too.
     """
     short = 0.0 if edges.falling is None else edges.falling - edges.rising - capture
     explained = LARGEST_DRIFT * capture + math.sqrt(3) * (edges.rising_sd + edges.falling_sd)

@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class StopWindow:
-    """The interval in which the stop edge lies, in seconds from the end of the last frame; the density in it is uniform.
+    """The interval in which the stop edge lies, in seconds from the end of the last frame, with a uniform density.
 
     earliest, latest  [s] negative before the end of the frame
     frame             [s] the frame period

@@ -19,7 +19,7 @@ def early_notes(early: float) -> tuple[str, ...]:
 
 
 def stop_notes(falling: float | None, clock: ClockFit, contradiction: float) -> tuple[str, ...]:
-    """A note where the stop edge leaves the clock ratio open, or contradicts the number of frames by so many seconds."""
+    """A note where the stop edge leaves the clock ratio open, or contradicts the number of frames [s]."""
     if falling is None:
         return ()
     if contradiction:
@@ -36,8 +36,8 @@ def stop_notes(falling: float | None, clock: ClockFit, contradiction: float) -> 
         )
     if clock.missing_frames:
         return (
-            f"clock ratio not identified: the stop edge needs a drift beyond that of crystals ({PPM * CRYSTAL_LIMIT:.0f} "
-            f"ppm), or {clock.missing_frames} missing frame(s) at the end; record a trial of another duration to "
+            f"clock ratio not identified: the stop edge needs a drift beyond that of crystals "
+            f"({PPM * CRYSTAL_LIMIT:.0f} ppm), or {clock.missing_frames} missing frame(s) at the end; record a trial of another duration to "
             "distinguish the two",
         )
     if not clock.is_identified:

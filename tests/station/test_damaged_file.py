@@ -89,7 +89,9 @@ def test_one_flipped_bit_at_byte_3000_is_damage_and_no_wiring_fault(
 
 
 @pytest.mark.parametrize("part", [0.02, 0.1, 0.3, 0.5, 0.7, 0.9])
-def test_a_bit_flipped_anywhere_among_the_samples_is_damage(station, recorded: Path, tmp_path: Path, part: float) -> None:
+def test_a_bit_flipped_anywhere_among_the_samples_is_damage(
+    station, recorded: Path, tmp_path: Path, part: float
+) -> None:
     starts = chunk_starts(recorded / STATIC)
     chunk = int(part * len(starts))
     session = _flipped(recorded, tmp_path, STATIC, starts[chunk] + 200)

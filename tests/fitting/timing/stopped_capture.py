@@ -39,7 +39,9 @@ class StoppedCapture:
         return self.frames * self.frame
 
 
-def stopped_capture(random: np.random.Generator, stop: Stop, daq_ppm: float = 0.0, camera_ppm: float = 0.0) -> StoppedCapture:
+def stopped_capture(
+    random: np.random.Generator, stop: Stop, daq_ppm: float = 0.0, camera_ppm: float = 0.0
+) -> StoppedCapture:
     """One trial of 20 to 70 s; both clocks run fast by their parts per million."""
     daq, camera = (1 + 1e-6 * ppm + random.normal(0, TEMPERATURE_SD) for ppm in (daq_ppm, camera_ppm))
     rate = float(random.choice(FRAME_RATES))
