@@ -37,8 +37,8 @@ def stop_notes(falling: float | None, clock: ClockFit, contradiction: float) -> 
     if clock.missing_frames:
         return (
             "clock ratio not identified: the stop edge needs a drift beyond that of crystals "
-            f"({PPM * CRYSTAL_LIMIT:.0f} ppm), or {clock.missing_frames} missing frame(s) at the end; record a trial of "
-            "another duration to distinguish the two",
+            f"({PPM * CRYSTAL_LIMIT:.0f} ppm), or {clock.missing_frames} missing frame(s) at the end; record a trial "
+            "of another duration to distinguish the two",
         )
     if not clock.is_identified:
         return (
