@@ -205,7 +205,7 @@ class Daemon:
             return session.fail(str(error))
         for message in messages:
             if isinstance(message, Gone):
-                session.fail(str(message.error))
+                session.fail(str(message.error), message.device)
             elif isinstance(message, Delivered):
                 for item in message.items:
                     session.handle(item)

@@ -23,7 +23,7 @@ class Hearing:
 
     def __init__(self, clock: Clock, streams: Sequence[Stream], device_of: Mapping[str, str]) -> None:
         self._clock, self._streams, self._device_of = clock, tuple(streams), device_of
-        self._away: set[str] = set()
+        self._absences: dict[str, str] = {}  # by device, in one word of Loss
         self._last_s: dict[str, float] = {}
         self._listens_since_s = self._looked_s = clock.station_s()
 
@@ -45,18 +45,28 @@ class Hearing:
     def follow(self, event: Event) -> None:
         """A device tells that its connection is lost, or restored."""
         if event.kind == "connection_lost":
-            self._away.add(event.source)
+            self._absences[event.source] = "disconnected"
         elif event.kind == "connection_restored":
-            self._away.discard(event.source)
+            self._absences.pop(event.source, None)
             for stream in (name for name, device in self._device_of.items() if device == event.source):
                 self.hear(stream)
+
+    def lose(self, device: str, cause: str) -> None:
+        """The device is lost for good; what it was away for before keeps its cause."""
+        self._absences.setdefault(device, cause)
+
+    def device_of(self, stream: str) -> str:
+        return self._device_of.get(stream, "")
+
+    def absence(self, stream: str) -> str:
+        """Why the stream's device is away, as in Loss; "" while it is not."""
+        return self._absences.get(self.device_of(stream), "")
 
     def silent(self, expected: Sequence[str], since_s: float) -> tuple[Stream, float] | None:
         """The first of the expected streams that was silent for too long since then, and for how long."""
         now = self._clock.station_s()
         for stream in self._streams:
             quiet_s = now - max(self._last_s.get(stream.name, since_s), since_s, self._listens_since_s)
-            is_away = self._device_of.get(stream.name) in self._away
-            if stream.name in expected and quiet_s > SILENCE_S and not is_away:
+            if stream.name in expected and quiet_s > SILENCE_S and not self.absence(stream.name):
                 return stream, quiet_s
         return None

@@ -6,7 +6,6 @@ path through it can be walked by a test with a clock that stands still.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -18,7 +17,7 @@ from station.bench.falls import ALREADY_CAPTURING, ARMED, Falls
 from station.bench.first_frame import FirstFrame
 from station.bench.hearing import SILENCE_S, Hearing
 from station.bench.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
-from station.bench.reach import Reach
+from station.bench.shortfall import SHORT_S, Shortfall
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine, wrong_polarity
 from station.clock import Clock
 
@@ -29,8 +28,6 @@ QUIET_S = 1.0
 which closing waits no longer for the post-roll. For the capture's own it waits as long as for any that fall silent."""
 LONGEST_CLOSING_S = 15.0
 """Station seconds after which closing waits no longer at all, though a backlog still comes in."""
-SHORT_S = 0.1
-"""Station seconds by which the DAQ's last sample may lie before the capture's end, whose message travels too."""
 
 
 class State(Enum):
@@ -100,7 +97,7 @@ class TrialSession:
         self._pre_roll = PreRoll()
         self._streams: tuple[Stream, ...] = ()
         self._hearing = Hearing(clock, (), {})
-        self._reach = {"/force": Reach(), "/sync": Reach()}
+        self._shortfall = Shortfall((), self._hearing)
         self._first_frame = FirstFrame(())
         self._armed_s = 0.0
         self._edge_device_ns = self._latest_device_ns = 0
@@ -138,6 +135,7 @@ class TrialSession:
         """
         self._streams = tuple(streams)
         self._hearing = Hearing(self._clock, streams, device_of or {})
+        self._shortfall = Shortfall(streams, self._hearing)
         self._armed_s = self._clock.station_s()
         self._first_frame = FirstFrame(streams)
         self._enter(State.ARMED, ARMED)
@@ -149,9 +147,8 @@ class TrialSession:
             return
         if isinstance(item, Samples) and len(item.device_time_ns):
             self._hearing.hear(item.stream)
-            if item.stream in self._reach:
-                self._reach[item.stream].feed(item)
-            else:
+            self._shortfall.feed(item)
+            if item.stream == "/markers":
                 self._lose(self._first_frame.feed(item))
         elif isinstance(item, Loss):
             self.lost_samples += item.count if self.has_edge else 0
@@ -193,9 +190,10 @@ class TrialSession:
             self.marks += 1
             self._record(self._event("mark", f"mark {self.marks}"))
 
-    def fail(self, sentence: str) -> None:
+    def fail(self, sentence: str, device: str = "", cause: str = "disconnected") -> None:
         """A device is gone: the trial ends here. One that goes while the trial is closing takes nothing with it."""
         if self.state is State.RECORDING:
+            self._hearing.lose(device, cause)
             self._close("device_lost", sentence, accepted=False)
             self._finish()
         elif self.state in (State.IDLE, State.ARMED):
@@ -244,7 +242,7 @@ class TrialSession:
             recorded_s = (self._latest_device_ns - self._edge_device_ns) * 1e-9
             if recorded_s >= self._rules.duration_s:
                 self._close("duration_reached", f"{self._rules.duration_s:g} s recorded after the edge", accepted=True)
-                self._closing_host_ns = self._reach["/sync"].host_ns
+                self._closing_host_ns = self._shortfall.reached_ns("/sync")
 
     def _look_for_start(self, edge: Edge) -> None:
         if edge.rising:
@@ -275,7 +273,7 @@ class TrialSession:
             self._recorder.write(item)
         self._record(self._event("sync_edge", f"{words} at sample {sample_number}; recording"))
         since_edge_ns = self._latest_device_ns - device_time_ns
-        self._lose(self._first_frame.edge(self._reach["/sync"].host_ns - since_edge_ns))
+        self._lose(self._first_frame.edge(self._shortfall.reached_ns("/sync") - since_edge_ns))
 
     # -- recording and closing -----------------------------------------------------------------------------------
 
@@ -316,17 +314,12 @@ class TrialSession:
         silent = self._hearing.silent(expected, since_s)
         if silent is not None:
             stream, quiet_s = silent
-            self._note_silence(stream, quiet_s)
             self.fail(
                 f"{stream.source} sent nothing on {stream.name} for {quiet_s:.1f} s, expected {stream.rate_hz:g} "
-                "samples a second; check the device and its cable"
+                "samples a second; check the device and its cable",
+                self._hearing.device_of(stream.name),
+                "silent",
             )
-
-    def _note_silence(self, stream: Stream, quiet_s: float) -> None:
-        """Counts what a stream should have sent in so many station seconds, once anything is recorded."""
-        if self.state in (State.RECORDING, State.CLOSING):
-            missing = round(quiet_s * stream.rate_hz)
-            self._lose(Loss(stream.name, "silent", 0, missing, self._latest_device_ns, self._clock.utc_ns()))
 
     def _lose(self, loss: Loss | None) -> None:
         """Counts and records what the station itself found missing, if anything."""
@@ -338,7 +331,8 @@ class TrialSession:
         """One that ends before its silence had lasted long enough to be noticed."""
         markers = next((stream for stream in self._streams if stream.name == "/markers"), None)
         if markers is not None and (self._hearing.last_s(markers.name) or 0.0) < self._edge_s:
-            self._note_silence(markers, self._recorded_s)
+            missing = round(self._recorded_s * markers.rate_hz)
+            self._lose(Loss(markers.name, "silent", 0, missing, self._latest_device_ns, self._clock.utc_ns()))
             self._doubt = f"{markers.source} sent not one frame of it; check that it tracks and streams 3D in real time"
 
     def _check_quiet_capture_end(self) -> None:
@@ -358,27 +352,21 @@ class TrialSession:
 
     def _check_closing(self) -> None:
         """Waits for the DAQ's samples up to the capture's end and a little more; a backlog may take its time."""
-        behind = [stream for stream in self._streams if self._behind_s(stream) > -self._rules.post_roll_s]
+        behind = self._shortfall.behind(self._closing_host_ns, -self._rules.post_roll_s)
         now = self._clock.station_s()
-        heard = max([self._closing_s, *(self._hearing.last_s(stream.name) or 0.0 for stream in behind)])
-        short = [stream for stream in behind if self._behind_s(stream) > SHORT_S]
+        heard = max([self._closing_s, *(self._hearing.last_s(stream.name) or 0.0 for stream, _ in behind)])
+        short = [(stream, short_s) for stream, short_s in behind if short_s > SHORT_S]
         patience_s = SILENCE_S if short else QUIET_S
         if behind and now - heard < patience_s and now - self._closing_s < LONGEST_CLOSING_S:
             return
-        for stream in short:
-            short_s = self._behind_s(stream)
-            self._note_silence(stream, short_s)
+        for stream, short_s in short:
             self._closing_ok = False
             self.sentence = f"{stream.source} sent nothing on {stream.name} in the last {short_s:.1f} s of the trial"
         self._finish()
 
-    def _behind_s(self, stream: Stream) -> float:
-        """Station seconds by which a DAQ stream falls short of the closing moment; frames end with the capture."""
-        if stream.name not in self._reach:
-            return -math.inf
-        return (self._closing_host_ns - self._reach[stream.name].host_ns) * 1e-9
-
     def _finish(self) -> None:
+        for loss in self._shortfall.losses(self._closing_host_ns, self._closing_s, self._edge_s):
+            self._lose(loss)
         if self._has_capture_ended and self._sync.is_high:
             words = "the sync line is still high where the recording ends, so the start edge alone ties the clocks"
             self._record(self._event("no_stop_edge", words))

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers.simulators.bench import Bench
 from recordings.contents import contents_of
+from recordings.reader import open_recording
+from recordings.samples import Event, Samples
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
+from station.bench.daemon import Daemon, TrialResult
 from station.config import parse_config
 from station.files.info import show_contents
 from station.protocol import TrialSpec
@@ -32,16 +35,7 @@ def test_under_many_faults_no_sample_is_unaccounted(
     simulated_bench: Callable[..., Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench = simulated_bench(faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
-    config = parse_config(
-        {
-            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-            "mocap": {"port": bench.ports["qtm"]},
-            "cuffs": {"waist": {"anchor_markers": ANCHOR, "cuff_markers": ["cuff_1"]}},
-        },
-        "test",
-    )
-    with BenchClock(bench.ports["clock"]) as clock:
-        result = Daemon(config, clock).record(tmp_path, TrialSpec("waist", "static", 1))
+    result = recorded(bench, tmp_path)
     assert result.path is not None
     contents = contents_of(result.path)
     causes = {(gap.stream, gap.cause) for gap in contents.gaps}
@@ -55,3 +49,49 @@ def test_under_many_faults_no_sample_is_unaccounted(
     assert show_contents(result.path, as_json=True) == 3
     told = json.loads(capsys.readouterr().out)
     assert {"connection_lost", "connection_restored", "no_more_data"} <= {event["kind"] for event in told["events"]}
+
+
+@pytest.mark.parametrize(
+    ("fault", "missing", "rate_hz"),
+    [
+        ({"device": "ni", "fault": "unplug"}, ("/force", "/sync"), 1000.0),
+        ({"device": "qtm", "fault": "restart"}, ("/markers",), 100.0),
+    ],
+    ids=lambda value: str(value) if isinstance(value, tuple) else "",
+)
+def test_of_a_device_that_is_lost_for_good_everything_up_to_the_trial_s_end_is_counted(
+    simulated_bench: Callable[..., Bench],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    fault: dict[str, Any],
+    missing: tuple[str, ...],
+    rate_hz: float,
+) -> None:
+    bench = simulated_bench(faults=[{**fault, "at_s": 6.0, "for_s": 1e6}], protocol={"static": {"hold_s": 60.0}})
+    result = recorded(bench, tmp_path)
+    assert result.path is not None and not result.accepted
+    assert "did not come back within 10 s" in result.sentence
+    contents = contents_of(result.path)
+    items = list(open_recording(result.path).items())
+    end_ns = next(item.host_time_ns for item in items if isinstance(item, Event) and item.kind == "device_lost")
+    for stream in missing:
+        last_ns = max(item.host_time_ns for item in items if isinstance(item, Samples) and item.stream == stream)
+        assert (end_ns - last_ns) * 1e-9 > 10.0
+        assert contents.lost(stream) == pytest.approx((end_ns - last_ns) * 1e-9 * rate_hz, rel=0.05)
+    assert result.lost_samples == sum(contents.lost(stream) for stream in missing)
+    assert show_contents(result.path, as_json=True) == 3
+    told = {gap["stream"]: gap["count"] for gap in json.loads(capsys.readouterr().out)["gaps"]}
+    assert told == {stream: contents.lost(stream) for stream in missing}
+
+
+def recorded(bench: Bench, folder: Path) -> TrialResult:
+    config = parse_config(
+        {
+            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
+            "mocap": {"port": bench.ports["qtm"]},
+            "cuffs": {"waist": {"anchor_markers": ANCHOR, "cuff_markers": ["cuff_1"]}},
+        },
+        "test",
+    )
+    with BenchClock(bench.ports["clock"]) as clock:
+        return Daemon(config, clock).record(folder, TrialSpec("waist", "static", 1))

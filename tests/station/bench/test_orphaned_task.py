@@ -17,7 +17,7 @@ from station.bench.session import Snapshot, State
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 from tests.drivers.tcp_proxy import TcpProxy
-from tests.station.console.benched import Recorder, has_recorded, simulated_bench
+from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 
 
 @pytest.mark.parametrize("kills", [1, pytest.param(20, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])

@@ -8,8 +8,13 @@ from station.bench.session import State
 from tests.station.bench_by_hand import Bench
 
 
-@pytest.mark.parametrize(("which", "stream"), [("daq_sends", "/force"), ("mocap_sends", "/markers")])
-def test_a_stream_that_falls_silent_while_recording_ends_the_trial_with_a_loss(which: str, stream: str) -> None:
+@pytest.mark.parametrize(
+    ("which", "missing"),
+    [("daq_sends", {"/force": 3000, "/sync": 3000}), ("mocap_sends", {"/markers": 300})],
+)
+def test_a_device_that_falls_silent_while_recording_ends_the_trial_with_a_loss_of_each_stream(
+    which: str, missing: dict[str, int]
+) -> None:
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
@@ -19,7 +24,8 @@ def test_a_stream_that_falls_silent_while_recording_ends_the_trial_with_a_loss(w
     assert bench.session.state is State.FAILED
     assert bench.session.has_edge and bench.session.lost_samples > 0
     losses = [i for i in bench.recorder.items if isinstance(i, Loss)]
-    assert [(x.stream, x.cause) for x in losses] == [(stream, "silent")]
+    assert {x.cause for x in losses} == {"silent"}
+    assert {x.stream: x.count for x in losses} == pytest.approx(missing, rel=0.05)
 
 
 @pytest.mark.parametrize("has_preview", [False, True])
