@@ -42,7 +42,7 @@ class SessionClaim:
     def acquire(self) -> None:
         """Raises DeviceUnavailable where another program on this computer has it."""
         try:
-            self._folder.mkdir(exist_ok=True)
+            self._folder.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
             self.name = self._noted_name() or f"cuffstation_{uuid.uuid4().hex}"
         except Timeout as error:

@@ -24,12 +24,12 @@ from tests.station.session.benched import Recorder, has_recorded, simulated_benc
 def test_the_trial_after_a_killed_recorder_is_recorded(tmp_path: Path, kills: int) -> None:
     with simulated_bench(tmp_path / "bench", swing_s=60.0) as (bench, config):
         for kill in range(kills):
-            with Recorder(config, tmp_path / "monday", bench.clock_port) as killed:
+            with Recorder(config, tmp_path / "simulated" / "monday", bench.clock_port) as killed:
                 killed.let_go()
                 killed.until(has_recorded(0.1 * kill))
                 killed.child.kill()
                 killed.child.wait()
-        with Recorder(config, tmp_path / "monday", bench.clock_port) as recorder:
+        with Recorder(config, tmp_path / "simulated" / "monday", bench.clock_port) as recorder:
             recorder.let_go()
             result = recorder.end()["result"]
     assert result["accepted"] and not result["lost_samples"], result["sentence"]
