@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.assessment import Assessment, assess
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.model import Model
-from solver.motion import Kinematics, differentiate, read_motion, thin
-from solver.wearing.suit import read_suit
+from solver.motion import Kinematics, decimate, differentiate, read_motion
+from solver.suit.assessment import Assessment, assess
+from solver.suit.suit import read_suit
 
 SHARED = Path(__file__).parents[2] / "shared"
 PEER = SHARED / "peer" / "opensim_rmr.py"
@@ -60,9 +60,9 @@ def main() -> None:
     chosen = arguments.parse_args()
     model = bundled_model()
     kinematics = differentiate(read_motion(chosen.motion, model))
-    study(model, thin(kinematics, 40), draws=0)  # whatever is compiled at the first call
+    study(model, decimate(kinematics, 40), draws=0)  # whatever is compiled at the first call
     for every in (4, 2):
-        frames = thin(kinematics, every)
+        frames = decimate(kinematics, every)
         print(f"{len(frames.time)} frames: {study(model, frames, draws=0)[1]:.1f} s")
     whole, seconds = study(model, kinematics, draws=0)
     print(f"{len(kinematics.time)} frames: {seconds:.1f} s without draws, {whole.unsolved} unsolved\n")

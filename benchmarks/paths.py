@@ -24,12 +24,12 @@ REPEATS = 7
 sys.path.insert(0, str(ROOT))
 
 from solver.bundled import bundled_model  # noqa: E402
-from solver.kinematics import Postures, jacobians, postures, speeds_from_rates  # noqa: E402
 from solver.model import Model  # noqa: E402
 from solver.motion import differentiate, read_motion  # noqa: E402
+from solver.multibody.postures import Postures, jacobians, postures, speeds_from_rates  # noqa: E402
 from solver.osim.reader import read_osim  # noqa: E402
 from solver.paths import PathMode, PathState, evaluate_paths  # noqa: E402
-from solver.raise_arm import raise_arm  # noqa: E402
+from solver.raise_arm import simulate_arm_raise  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -38,9 +38,9 @@ def main() -> None:
     model, coordinates, name = subject()
     state = postures(model, coordinates, np.zeros_like(coordinates))
     print(f"{name}: {len(coordinates)} frames, {len(model.muscles)} muscles")
-    faithful, geodesic = evaluate_paths(model, state), evaluate_paths(model, state, mode="geodesic")
-    lengths = 1e3 * np.abs(geodesic.lengths - faithful.lengths)
-    arms = 1e3 * np.abs(moment_arms(model, state, geodesic) - moment_arms(model, state, faithful)).max(axis=-1)
+    opensim_paths, geodesic = evaluate_paths(model, state), evaluate_paths(model, state, mode="geodesic")
+    lengths = 1e3 * np.abs(geodesic.lengths - opensim_paths.lengths)
+    arms = 1e3 * np.abs(moment_arms(model, state, geodesic) - moment_arms(model, state, opensim_paths)).max(axis=-1)
     print(f"{'':<26}   length [mm]       moment arm [mm]")
     print(f"{'muscle':<26}  median       max   median     max")
     for k, muscle in enumerate(model.muscles):
@@ -57,7 +57,7 @@ def subject() -> tuple[Model, Array, str]:
     """Model, coordinates (frames, coordinates) and what they are."""
     if not MODEL.exists():
         model = bundled_model()
-        return model, differentiate(raise_arm(model)).positions, "bundled raise of the arm"
+        return model, differentiate(simulate_arm_raise(model)).positions, "bundled raise of the arm"
     model, files = read_osim(MODEL), sorted((DATA / "motions").glob("*.mot"))
     moved = [differentiate(read_motion(file, model)).positions for file in files]
     return model, np.concatenate(moved), ", ".join(file.stem for file in files)
@@ -85,7 +85,7 @@ def jumps(model: Model, coordinates: Array, mode: PathMode) -> float:
 
 def times(model: Model, state: Postures) -> dict[PathMode, float]:
     """The shortest of some runs each [s], in turns."""
-    shortest: dict[PathMode, float] = {"faithful": np.inf, "geodesic": np.inf}
+    shortest: dict[PathMode, float] = {"opensim": np.inf, "geodesic": np.inf}
     for mode in tuple(shortest) * REPEATS:
         start = process_time()
         evaluate_paths(model, state, mode=mode)

@@ -37,22 +37,22 @@ OBJECTIVE_LIMIT, VIOLATION_LIMIT = 1e-6, 1e-8
 sys.path.insert(0, str(ROOT))
 
 from solver.bundled import bundled_model  # noqa: E402
-from solver.dynamics import equations_of_motion, response_maps  # noqa: E402
-from solver.kinematics import postures  # noqa: E402
 from solver.model import Model  # noqa: E402
-from solver.motion import Kinematics, differentiate, read_motion, thin  # noqa: E402
+from solver.motion import Kinematics, decimate, differentiate, read_motion  # noqa: E402
+from solver.multibody.dynamics import equations_of_motion, response_maps  # noqa: E402
+from solver.multibody.postures import postures  # noqa: E402
 from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
-from solver.raise_arm import raise_arm  # noqa: E402
-from solver.redundancy import (  # noqa: E402
+from solver.raise_arm import simulate_arm_raise  # noqa: E402
+from solver.redundancy.motion import (  # noqa: E402
     CONE_FORCE_SCALE,
     FrameOutcome,
     LoadResponse,
     RedundancyOptions,
     RedundancyProblem,
-    RedundancySolution,
+    ScenarioSolutions,
     build_redundancy,
-    go_through,
+    evaluate_motion,
     solve_motion,
     solve_redundancy,
 )
@@ -69,8 +69,8 @@ def main() -> int:
     parser.add_argument("--memory", action="store_true", help="only the memory that the largest study takes")
     arguments = parser.parse_args()
     model, kinematics, name = subject()
-    solve_motion(model, thin(kinematics, 20))  # compiled from here on
-    problem = build_redundancy(model, go_through(model, kinematics), RedundancyOptions())
+    solve_motion(model, decimate(kinematics, 20))  # compiled from here on
+    problem = build_redundancy(model, evaluate_motion(model, kinematics), RedundancyOptions())
     if arguments.memory:
         memory(problem, arguments.scenarios)
         return 0
@@ -93,7 +93,11 @@ def main() -> int:
 def subject() -> tuple[Model, Kinematics, str]:
     if not OSIM.exists():
         model = bundled_model()
-        return model, differentiate(raise_arm(model)), "bundled arm raise (no public data set beside the repository)"
+        return (
+            model,
+            differentiate(simulate_arm_raise(model)),
+            "bundled arm raise (no public data set beside the repository)",
+        )
     from solver.osim.reader import read_osim
 
     model = read_osim(OSIM)
@@ -157,7 +161,7 @@ def the_peer() -> Callable[[int], tuple[float, float]] | None:
 
 def stations(model: Model, kinematics: Kinematics) -> None:
     """What each room takes of a whole frame."""
-    mechanics, options = go_through(model, kinematics), RedundancyOptions()
+    mechanics, options = evaluate_motion(model, kinematics), RedundancyOptions()
     problem = build_redundancy(model, mechanics, options)
     steps: dict[str, Callable[[], object]] = {
         "postures": lambda: postures(model, kinematics.positions, kinematics.speeds),
@@ -182,7 +186,7 @@ def single_frame(model: Model, kinematics: Kinematics) -> None:
 
 
 def imports() -> None:
-    command = "import solver.redundancy, solver.assessment"
+    command = "import solver.redundancy.motion, solver.suit.assessment"
     seconds = [seconds_of(command, {}) - seconds_of("pass", {}) for _ in range(REPEATS)]
     print(f"import redundancy, assessment   {min(seconds):8.2f} s")
 
@@ -191,7 +195,7 @@ def first_use() -> None:
     """One frame in a fresh process: with nothing compiled, and with what that left on disk."""
     command = (
         "from solver.bundled import bundled_model; from solver.raise_arm import raise_arm;"
-        "from solver.motion import differentiate, thin; from solver.redundancy import solve_motion;"
+        "from solver.motion import differentiate, thin; from solver.redundancy.motion import solve_motion;"
         "model = bundled_model(); solve_motion(model, thin(differentiate(raise_arm(model)), 1000))"
     )
     with tempfile.TemporaryDirectory() as folder:
@@ -239,7 +243,7 @@ def further_scenario(problem: RedundancyProblem) -> bool:
 
 
 def differences(
-    problem: RedundancyProblem, loads: LoadResponse, found: RedundancySolution, known: RedundancySolution
+    problem: RedundancyProblem, loads: LoadResponse, found: ScenarioSolutions, known: ScenarioSolutions
 ) -> tuple[float, float]:
     """The greatest relative difference of the objectives, and our greatest violation: of an equality (in the space that
     A reaches, in rows of length 1), of a bound, or of the cone [kN].
@@ -253,7 +257,7 @@ def differences(
     return float(np.abs(effort / expected - 1).max()), max(float(np.abs(gap).max()), outside, 0.0)
 
 
-def unsolved(solution: RedundancySolution) -> int:
+def unsolved(solution: ScenarioSolutions) -> int:
     return int((solution.outcomes != FrameOutcome.SOLVED).sum())
 
 

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from solver.bundled import bundled_model
 from solver.motion import differentiate, read_motion
 from solver.osim.reader import read_osim
-from solver.raise_arm import raise_arm
-from solver.redundancy import RedundancyOptions, solve_motion
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import RedundancyOptions, solve_motion
 
 
 def main() -> None:
@@ -30,7 +30,7 @@ def main() -> None:
     arguments = parser.parse_args()
 
     model = read_osim(arguments.model) if arguments.model else bundled_model()
-    motion = read_motion(arguments.motion, model) if arguments.motion else raise_arm(model)
+    motion = read_motion(arguments.motion, model) if arguments.motion else simulate_arm_raise(model)
     kinematics = differentiate(motion, cutoff=3.0)
     found = solve_motion(model, kinematics, RedundancyOptions(has_glenoid_cone=True))
 

@@ -31,7 +31,7 @@ from solver.model import (
     ScapulothoracicMotion,
     WrapSurface,
 )
-from solver.spatial import rotation_body_fixed_xyz
+from solver.multibody.rotations import rotation_body_fixed_xyz
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]

@@ -19,30 +19,30 @@ from typing import Any
 import numpy as np
 
 from solver import compiled
-from solver.assessment import assess
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.functions.bezier import follow_chain
 from solver.motion import differentiate
-from solver.moving.bodies import move_bodies
-from solver.moving.loads import gather
-from solver.moving.masses import weigh
-from solver.raise_arm import raise_arm
-from solver.sharing.frames import solve_in_turn
-from solver.sharing.triangle import triangularise
-from solver.wearing.suit import read_suit
-from solver.wrapping.changes import place_points
-from solver.wrapping.tension import lay_all
+from solver.multibody.bodies import move_bodies
+from solver.multibody.joint_loads import add_joint_loads
+from solver.multibody.masses import mass_matrix_and_bias
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.frames import solve_frames
+from solver.redundancy.householder import triangularise
+from solver.suit.assessment import assess
+from solver.suit.suit import read_suit
+from solver.wrapping.moving_points import place_points
+from solver.wrapping.tension import evaluate_wrapped_paths
 
 KERNELS: tuple[Any, ...] = (
     move_bodies,
     place_points,
-    lay_all,
+    evaluate_wrapped_paths,
     follow_chain,
-    weigh,
-    gather,
+    mass_matrix_and_bias,
+    add_joint_loads,
     triangularise,
-    solve_in_turn,
+    solve_frames,
 )
 """What an assessment calls, in the order in which it does; its test finds one that is missing here."""
 
@@ -58,7 +58,7 @@ def compile_ahead() -> None:
     suit = read_suit()
     suit = replace(suit, rest_lengths=np.array([suit.reference_rest_length]))
     cuff = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
-    assess(model, differentiate(raise_arm(model)), suit, [cuff], every=FRAMES_APART, draws=0)
+    assess(model, differentiate(simulate_arm_raise(model)), suit, [cuff], every=FRAMES_APART, draws=0)
 
 
 def count_ready() -> int:

@@ -67,18 +67,25 @@ class _Kept(_Cache):  # type: ignore[misc]
         return (*super()._index_key(signature, codegen), sha256(parts).hexdigest())
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
-        found = super()._load_overload(signature, target)
+        found = self._kept(signature, target)
         if found is not None:
             return found
         with suppress(Timeout, NotImplementedError):  # without locks on some network drives: then both compile
             self._lock.acquire()
-        found = super()._load_overload(signature, target)  # compiled by another process while this one waited
+        found = self._kept(signature, target)  # compiled by another process while this one waited
         if found is not None:
             self._lock.release(force=True)
             return found
         self._start = perf_counter()
         logger.warning("compiling %s, once on this machine; this takes up to half a minute", self._title())
         return None
+
+    def _kept(self, signature: Any, target: Any) -> Any:
+        try:
+            return super()._load_overload(signature, target)
+        except (AttributeError, ImportError):  # kept for types that have another name now, or another place
+            self.flush()
+            return None
 
     def _save_overload(self, signature: Any, data: Any) -> None:
         try:

@@ -107,7 +107,7 @@ def differentiate(
     return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
 
 
-def thin(kinematics: Kinematics, every: int) -> Kinematics:
+def decimate(kinematics: Kinematics, every: int) -> Kinematics:
     """Every N-th frame, the first included; the interval grows with it, speeds and accelerations stay."""
     return replace(
         kinematics,

@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kinematics import Postures
 from solver.model import Model, Path
-from solver.wrapping.course import Laid, pack_bodies, pack_paths
+from solver.multibody.postures import Postures
+from solver.wrapping.path_tables import PathResults, pack_bodies, pack_paths
 
 Array = NDArray[np.float64]
-PathMode = Literal["faithful", "geodesic"]
+PathMode = Literal["opensim", "geodesic"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +36,22 @@ class PathState:
 
 
 def evaluate_paths(
-    model: Model, postures: Postures, paths: Sequence[Path] | None = None, mode: PathMode = "faithful"
+    model: Model, postures: Postures, paths: Sequence[Path] | None = None, mode: PathMode = "opensim"
 ) -> PathState:
     """Lay the paths, those of the model's muscles unless others are given.
 
-    The other paths refer to the model's bodies, coordinates and surfaces. `faithful` lays them as OpenSim 4.6's
+    The other paths refer to the model's bodies, coordinates and surfaces. `opensim` lays them as OpenSim 4.6's
     GeometryPath does: it jumps by up to 1 mm where the number of its iterations changes, and its forces are not exactly
     the derivative of its lengths (by up to 0.02 m). `geodesic` lays them along straight lines and geodesics with exact
     tangents, and its forces are that derivative; docs/paths.md says when to take which.
     Raises ModelError where a path refers to what the model has not.
     """
     # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
-    from solver.geodesics.room import room_for as geodesic_room
-    from solver.geodesics.tension import lay_all as lay_geodesics
-    from solver.wrapping.changes import pack_changes
-    from solver.wrapping.room import room_for
-    from solver.wrapping.tension import lay_all
+    from solver.geodesics.tension import evaluate_geodesic_paths
+    from solver.geodesics.workspace import allocate_geodesic
+    from solver.wrapping.moving_points import pack_moving_points
+    from solver.wrapping.tension import evaluate_wrapped_paths
+    from solver.wrapping.workspace import allocate_wrap
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     frames, bodies = postures.origin_in_ground.shape[:2]
@@ -61,12 +61,13 @@ def evaluate_paths(
         wrench_per_tension=np.zeros((frames, len(chosen), bodies, 6)),
         mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
     )
-    courses, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
-    changes = pack_changes(chosen, postures, stops_at_ends=mode == "geodesic")
+    results = PathResults(*vars(state).values())
+    tables, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
+    changes = pack_moving_points(chosen, postures, stops_at_ends=mode == "geodesic")
     if mode == "geodesic":
-        lay_geodesics(courses, poses, changes, rates, geodesic_room(courses), Laid(*vars(state).values()))
+        evaluate_geodesic_paths(tables, poses, changes, rates, allocate_geodesic(tables), results)
     else:
-        lay_all(courses, poses, changes, rates, room_for(courses), Laid(*vars(state).values()))
+        evaluate_wrapped_paths(tables, poses, changes, rates, allocate_wrap(tables), results)
     for values in vars(state).values():
         values.flags.writeable = False
     return state

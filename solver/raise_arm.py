@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.constraints import constraint_gaps
-from solver.kinematics import postures
 from solver.model import Model
 from solver.motion import Motion, MotionError
+from solver.multibody.constraints import constraint_gaps
+from solver.multibody.postures import postures
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ CLOSED = 1e-10  # m
 MOST_STEPS = 20
 
 
-def raise_arm(model: Model) -> Motion:
+def simulate_arm_raise(model: Model) -> Motion:
     """From 15° of elevation to 100° and back in 6 s at 100 Hz, acromioclavicular gap below 1e-10 m.
 
     Raises ModelError where the model lacks one of these coordinates, MotionError where its joint does not close.

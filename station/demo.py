@@ -13,7 +13,7 @@ from rich.console import Console
 from drivers.simulators.settings import PUBLISHED_CUFFS
 from fitting.result import CuffFit
 from solver.motion import MotionError
-from solver.wearing.suit import SuitError
+from solver.suit.suit import SuitError
 from station.bench.bench_clock import BenchClock
 from station.bench.daemon import Daemon, TrialResult
 from station.bench.session_folder import SIMULATED_FOLDER

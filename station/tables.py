@@ -13,8 +13,8 @@ from fitting.result import CuffFit, SessionFit
 from fitting.spatial.directions import ELSEWHERE
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
-from solver.assessment import Assessment, Figure
-from solver.optimise import Optimised
+from solver.suit.assessment import Assessment, Quantity
+from solver.suit.optimise import OptimisedSuit
 from station.interval import between, digits_of, of_cuff, plus_minus, rounded
 
 Truth = Mapping[str, Mapping[str, float]]
@@ -107,7 +107,7 @@ def assessment_table(assessment: Assessment) -> Table:
     return table
 
 
-def optimum_table(optimised: Optimised) -> Table:
+def optimum_table(optimised: OptimisedSuit) -> Table:
     """The suit as it was, the best with the fitted cuffs, and the best on average over the drawn ones."""
     table = Table("suit", "rest length [m]", "stiffness [N/m]", "cost", "mean cost of draws", "95 % of draws")
     rows = {"as given": optimised.start, "best as fitted": optimised.fitted, "robust": optimised.robust}
@@ -166,6 +166,6 @@ def _beside(value: float | None, estimate: Estimate | None, scale: float, form: 
     return words if estimate is None else f"{words} ({estimate.value * scale:{form}})"
 
 
-def _figure(figure: Figure, scale: float = 1.0, digits: int = 4) -> str:
+def _figure(figure: Quantity, scale: float = 1.0, digits: int = 4) -> str:
     """Value ± half-width of the 95 % interval, where there is one."""
     return "-" if figure.value is None else plus_minus(figure.value, figure.ci95, scale, digits)

@@ -70,7 +70,7 @@ def scaled(function: Function, factor: float) -> Function:
     return _pieces(function.breaks, function.origins, factor * function.coefficients)
 
 
-def times_line(function: PiecewisePolynomial, slope: float, offset: float) -> PiecewisePolynomial:
+def times_linear(function: PiecewisePolynomial, slope: float, offset: float) -> PiecewisePolynomial:
     """The function times slope · x + offset."""
     coefficients = np.zeros((len(function.origins), function.coefficients.shape[1] + 1))
     coefficients[:, :-1] = function.coefficients * (slope * function.origins + offset)[:, None]
@@ -83,7 +83,7 @@ def piecewise_linear(x: Array, y: Array) -> PiecewisePolynomial:
     return _pieces(x[1:-1], x[:-1], np.column_stack([y[:-1], np.diff(y) / np.diff(x)]))
 
 
-def stairs(x: Array, y: Array) -> PiecewisePolynomial:
+def piecewise_constant(x: Array, y: Array) -> PiecewisePolynomial:
     """y[i] from x[i] to x[i + 1]; the first and the last value go on beyond the ends."""
     return _pieces(x[1:], x, y[:, None])
 

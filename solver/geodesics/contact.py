@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled import compiled
-from solver.geodesics.follow import bend, follow, normal_at
+from solver.geodesics.trace import normal_at, normal_curvature, trace_geodesic
 from solver.vectors import Array, Vector, add, cross, read, subtract, turn, turn_back, write
-from solver.wrapping.course import Record
+from solver.wrapping.path_tables import Record
 
 # One end of a contact in ground: the place, the path's direction t, the outward normal n and b = n × t; and the bends
 # II(t, t), II(t, b), II(b, b) of the surface there [1/m].
@@ -50,7 +50,7 @@ def set_geodesic(
     write(contact["start"], start)
     write(contact["heading"], heading)
     contact["length"] = length
-    end, direction, (a, r, da, dr) = follow(kind, size, start, heading, length, accuracy, series)
+    end, direction, (a, r, da, dr) = trace_geodesic(kind, size, start, heading, length, accuracy, series)
     spread = contact["spread"]
     spread[0], spread[1], spread[2], spread[3] = a, r, da, dr
     _set_end(contact, contact["first"], start, heading)
@@ -73,5 +73,5 @@ def _set_end(contact: Record, end: Record, x: Vector, t: Vector) -> None:
     write(end["n"], turn(rotation, n))
     write(end["b"], turn(rotation, b))
     bends = end["bends"]
-    bends[0], bends[1] = bend(kind, size, x, t, t), bend(kind, size, x, t, b)
-    bends[2] = bend(kind, size, x, b, b)
+    bends[0], bends[1] = normal_curvature(kind, size, x, t, t), normal_curvature(kind, size, x, t, b)
+    bends[2] = normal_curvature(kind, size, x, b, b)

@@ -46,7 +46,7 @@ and sine of the angle from u to v; the angle over which it stays."""
 
 
 @compiled
-def shortest_ways(
+def shortest_planes(
     size: Vector, axis: int, allowed: int, start: Vector, end: Vector, lengths: Array
 ) -> tuple[float, float]:
     """Angles ψ of the shortest path over an ellipsoid with these semi-axes, and of another that may be as short; NaN
@@ -77,7 +77,7 @@ def shortest_ways(
 
 
 @compiled
-def touch_in_plane(size: Vector, start: Vector, end: Vector, angle: float) -> tuple[Vector, Vector, float]:
+def contact_in_plane(size: Vector, start: Vector, end: Vector, angle: float) -> tuple[Vector, Vector, float]:
     """Where the path in the half-plane at an angle reaches the ellipsoid, in which direction, and its length there."""
     pencil = _pencil(divide(start, size), divide(end, size))
     u = pencil[2]

@@ -7,45 +7,51 @@ second order only, and the forces are the derivative of the length.
 from __future__ import annotations
 
 from solver.compiled import compiled, compiled_for_python
-from solver.geodesics.lay import lay_between
-from solver.geodesics.room import Room
+from solver.geodesics.contact_order import find_contacts
+from solver.geodesics.workspace import GeodesicWorkspace
 from solver.model import NO_COORDINATE
 from solver.vectors import Array, read, scale, subtract, turn_back, unit, write
-from solver.wrapping.course import NO_SURFACE, Courses, Indices, Laid, Record, Records
-from solver.wrapping.sweep import lay_points, place_in_ground, points_and_wraps, to_ground
-from solver.wrapping.tension import path_speed, pull_on
+from solver.wrapping.opensim_path import place_in_ground, place_path_points, points_and_wraps, to_ground
+from solver.wrapping.path_tables import NO_SURFACE, Indices, PathResults, PathTables, Record, Records
+from solver.wrapping.tension import apply_tension, path_speed
 
 
 @compiled_for_python
-def lay_all(courses: Courses, poses: Records, changes: Records, rates: Array, room: Room, laid: Laid) -> None:
+def evaluate_geodesic_paths(
+    tables: PathTables, poses: Records, changes: Records, rates: Array, work: GeodesicWorkspace, results: PathResults
+) -> None:
     """As wrapping.tension.lay_all, with geodesics."""
     for frame in range(len(poses)):
         bodies, u = poses[frame], rates[frame]
-        for path in range(laid.lengths.shape[1]):
-            points, wraps = points_and_wraps(courses, path)
-            count, laid.lengths[frame, path] = _lay_path(points, wraps, bodies, changes[frame], room)
-            laid.speeds[frame, path] = path_speed(bodies, u, room.nodes, room.sequence, count)
-            _pull(bodies, room.nodes, room.sequence, count, laid.wrenches[frame, path], laid.mobilities[frame, path])
+        for path in range(results.lengths.shape[1]):
+            points, wraps = points_and_wraps(tables, path)
+            count, results.lengths[frame, path] = _lay_path(points, wraps, bodies, changes[frame], work)
+            results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
+            _pull(
+                bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
+            )
 
 
 @compiled
-def _lay_path(points: Records, wraps: Records, bodies: Records, changes: Records, room: Room) -> tuple[int, float]:
+def _lay_path(
+    points: Records, wraps: Records, bodies: Records, changes: Records, work: GeodesicWorkspace
+) -> tuple[int, float]:
     """Lay one path (POINT, WRAP) in one posture (BODY, CHANGE), each piece between two of its points for itself; as
     wrapping.sweep.lay_path.
     """
-    nodes, sequence, stops = room.nodes, room.sequence, room.stops
-    present = lay_points(points, wraps, changes, nodes, stops)
+    nodes, sequence, stops = work.nodes, work.sequence, work.stops
+    present = place_path_points(points, wraps, changes, nodes, stops)
     for k in range(len(wraps)):
-        _place_surface(wraps[k], bodies, room.contacts[k])
+        _place_surface(wraps[k], bodies, work.contacts[k])
     sequence[0] = stops[0]
     length, count, node = 0.0, 1, len(points)
     for stop in range(1, present):
         first, last = stops[stop - 1], stops[stop]
         start, end = place_in_ground(bodies, nodes, first), place_in_ground(bodies, nodes, last)
-        touched, piece = lay_between(start, end, first, last, wraps, room)
+        touched, piece = find_contacts(start, end, first, last, wraps, work)
         length += piece
         for k in range(touched):
-            wrap, contact = wraps[room.order[k]], room.contacts[room.order[k]]
+            wrap, contact = wraps[work.order[k]], work.contacts[work.order[k]]
             _set_node(nodes[node], wrap, bodies, contact["first"])
             _set_node(nodes[node + 1], wrap, bodies, contact["last"])
             sequence[count], sequence[count + 1] = node, node + 1
@@ -86,5 +92,5 @@ def _pull(bodies: Records, nodes: Records, sequence: Indices, count: int, wrench
         if nodes[start]["surface"] != NO_SURFACE and nodes[start]["surface"] == nodes[end]["surface"]:
             continue
         force = unit(subtract(place_in_ground(bodies, nodes, end), place_in_ground(bodies, nodes, start)))
-        pull_on(bodies, nodes, start, force, wrench, mobility)
-        pull_on(bodies, nodes, end, scale(-1.0, force), wrench, mobility)
+        apply_tension(bodies, nodes, start, force, wrench, mobility)
+        apply_tension(bodies, nodes, end, scale(-1.0, force), wrench, mobility)

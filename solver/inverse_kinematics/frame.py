@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
+from solver.dense import divide, factor
 from solver.inverse_kinematics.linearise import (
     ConstraintTable,
     LeastSquares,
-    MarkerTable,
+    TrackedMarkers,
     add_curvature,
     evaluate_cost,
     evaluate_gap,
@@ -27,8 +28,7 @@ from solver.inverse_kinematics.linearise import (
     linearise,
 )
 from solver.inverse_kinematics.skeleton import PoseWorkspace, Skeleton, differentiate_screws, evaluate_pose
-from solver.moving.tables import Indices
-from solver.sharing.linear import divide, factor
+from solver.multibody.tables import Indices
 
 Array = NDArray[np.float64]
 
@@ -56,13 +56,13 @@ class Problem(NamedTuple):
     """What is the same in every frame. pull (coordinates,) w_k of the coordinates' own targets [m²/rad²]."""
 
     skeleton: Skeleton
-    markers: MarkerTable
+    markers: TrackedMarkers
     constraints: ConstraintTable
     bounds: Bounds
     pull: Array
 
 
-class FrameWorkspace(NamedTuple):
+class IkWorkspace(NamedTuple):
     """share (markers,); multipliers λ (rows,); state (coordinates,) FREE, LOCKED, …; curvature (coordinates,
     coordinates), kept from frame to frame while has_curvature (1,); the rest is room to work.
     """
@@ -82,7 +82,7 @@ class FrameWorkspace(NamedTuple):
 
 @compiled
 def solve_frame(
-    problem: Problem, seen: Array, value: Array, most_rounds: int, q: Array, work: FrameWorkspace
+    problem: Problem, seen: Array, value: Array, most_rounds: int, q: Array, work: IkWorkspace
 ) -> tuple[int, int]:
     """Move q to the optimum; returns its outcome and the rounds it took. Locked coordinates must be at their values.
 
@@ -130,7 +130,7 @@ def share_weights(problem: Problem, seen: Array, share: Array) -> bool:
 
 
 @compiled
-def _begin(problem: Problem, q: Array, work: FrameWorkspace) -> None:
+def _begin(problem: Problem, q: Array, work: IkWorkspace) -> None:
     bounds = problem.bounds
     for k in range(len(q)):
         work.state[k] = LOCKED if bounds.is_locked[k] else FREE
@@ -140,7 +140,7 @@ def _begin(problem: Problem, q: Array, work: FrameWorkspace) -> None:
 
 
 @compiled
-def _linearise(problem: Problem, seen: Array, value: Array, q: Array, work: FrameWorkspace) -> None:
+def _linearise(problem: Problem, seen: Array, value: Array, q: Array, work: IkWorkspace) -> None:
     pose, system = work.pose, work.system
     linearise(problem.skeleton, problem.markers, seen, work.share, problem.pull, value, q, pose, system)
     evaluate_gap(problem.constraints, q, pose, system.gap)
@@ -148,7 +148,7 @@ def _linearise(problem: Problem, seen: Array, value: Array, q: Array, work: Fram
 
 
 @compiled
-def _keep_curvature(problem: Problem, q: Array, work: FrameWorkspace) -> None:
+def _keep_curvature(problem: Problem, q: Array, work: IkWorkspace) -> None:
     """What the Hessian of the Lagrangian has beyond Gauss–Newton's. It changes little from step to step, and from frame
     to frame, so it is used until steps no longer shrink well.
     """
@@ -164,7 +164,7 @@ def _keep_curvature(problem: Problem, q: Array, work: FrameWorkspace) -> None:
 
 
 @compiled
-def _solve_step(work: FrameWorkspace) -> float:
+def _solve_step(work: IkWorkspace) -> float:
     """Fill step with dq and then λ, and return the longest entry of dq; coordinates that are held do not move."""
     system, matrix, step = work.system, work.matrix, work.step
     count, rows = len(system.gradient), len(system.gap)
@@ -194,7 +194,7 @@ def _solve_step(work: FrameWorkspace) -> float:
 
 
 @compiled
-def _bend(work: FrameWorkspace) -> float:
+def _bend(work: IkWorkspace) -> float:
     """Curvature of the Lagrangian along the step."""
     bent = 0.0
     for k in range(len(work.system.gradient)):
@@ -204,7 +204,7 @@ def _bend(work: FrameWorkspace) -> float:
 
 
 @compiled
-def _take_step(problem: Problem, seen: Array, value: Array, longest: float, q: Array, work: FrameWorkspace) -> float:
+def _take_step(problem: Problem, seen: Array, value: Array, longest: float, q: Array, work: IkWorkspace) -> float:
     """Move q along the step as far as is good, take over its multipliers, and return the part that was taken."""
     count, bounds = len(q), problem.bounds
     if not np.isfinite(longest):
@@ -239,7 +239,7 @@ def _search(
     part: float,
     is_searched: bool,
     q: Array,
-    work: FrameWorkspace,
+    work: IkWorkspace,
 ) -> float:
     """Halve the step until the merit no longer grows; q becomes the point reached."""
     pose, gap = work.pose, work.system.gap
@@ -264,7 +264,7 @@ def _search(
 
 
 @compiled
-def _release(work: FrameWorkspace) -> bool:
+def _release(work: IkWorkspace) -> bool:
     """Free the clamped coordinate that pushes inwards hardest; False where none does, so that this is the optimum."""
     system, best, worst = work.system, -1, 1e-12
     for k in range(len(system.gradient)):

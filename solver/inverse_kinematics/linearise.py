@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.inverse_kinematics.skeleton import PoseWorkspace, Skeleton, point_in_ground
 from solver.model import CoordinateCoupler, Model, PointConstraint
-from solver.moving.functions import derivatives
-from solver.moving.tables import Functions, Indices, pack_functions
+from solver.multibody.functions import derivatives
+from solver.multibody.tables import Functions, Indices, pack_functions
 from solver.vectors import Vector, add, cross, dot, read, scale, subtract, turn_back, write
 
 Array = NDArray[np.float64]
 
 
-class MarkerTable(NamedTuple):
+class TrackedMarkers(NamedTuple):
     """Of each marker its body, its location (3,) [m] in it, and its weight."""
 
     body: Indices
@@ -100,7 +100,7 @@ def allocate_least_squares(model: Model, markers: int, constraints: ConstraintTa
 
 @compiled
 def evaluate_cost(
-    markers: MarkerTable, seen: Array, share: Array, pull: Array, value: Array, q: Array, work: PoseWorkspace
+    markers: TrackedMarkers, seen: Array, share: Array, pull: Array, value: Array, q: Array, work: PoseWorkspace
 ) -> float:
     """f at a pose. seen (markers, 3) x; share (markers,) w_m over their sum, 0 for one that is hidden; pull
     (coordinates,) w_k, value (coordinates,) v_k.
@@ -137,7 +137,7 @@ def evaluate_gap(constraints: ConstraintTable, q: Array, work: PoseWorkspace, ga
 @compiled
 def linearise(
     skeleton: Skeleton,
-    markers: MarkerTable,
+    markers: TrackedMarkers,
     seen: Array,
     share: Array,
     pull: Array,
@@ -155,7 +155,7 @@ def linearise(
         if share[m] > 0.0:
             _add_mass(system, body, share[m], point)
             add_force(system, body, scale(share[m], subtract(point, read(seen[m]))), point)
-    gather(skeleton, system)
+    add_to_parents(skeleton, system)
     for k in range(len(q)):
         joint = skeleton.joint_of[k]
         if joint < 0:
@@ -255,7 +255,7 @@ def _carried(turned: Array, force: Vector, w: Vector, v: Vector) -> Vector:
 
 
 @compiled
-def gather(skeleton: Skeleton, system: LeastSquares) -> None:
+def add_to_parents(skeleton: Skeleton, system: LeastSquares) -> None:
     """What belongs to a body is added to the body that carries it, from the outermost inwards."""
     for j in range(len(skeleton.joints) - 1, -1, -1):
         child, parent = skeleton.joints[j]["child"], skeleton.joints[j]["parent"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
-from solver.inverse_kinematics.frame import FrameWorkspace, Problem, share_weights
+from solver.inverse_kinematics.frame import IkWorkspace, Problem, share_weights
 from solver.inverse_kinematics.linearise import add_curvature, fill_constraint_rows, linearise
 from solver.inverse_kinematics.skeleton import differentiate_screws, evaluate_pose
 
@@ -20,7 +20,7 @@ def fill_sensitivities(
     found: Array,
     multipliers: Array,
     variance: Array,
-    work: FrameWorkspace,
+    work: IkWorkspace,
     results: tuple[Array, Array, Array],
 ) -> None:
     """Fill results: Hessian of L (frames, coordinates, coordinates), rows of the constraints (frames, rows,

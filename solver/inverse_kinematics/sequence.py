@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
-from solver.inverse_kinematics.frame import NO_MARKERS, FrameWorkspace, Problem, solve_frame
+from solver.inverse_kinematics.frame import NO_MARKERS, IkWorkspace, Problem, solve_frame
 from solver.inverse_kinematics.linearise import evaluate_cost
 from solver.inverse_kinematics.skeleton import point_in_ground
 from solver.vectors import norm, read, subtract
@@ -21,7 +21,7 @@ def solve_frames(
     values: Array,
     most_rounds: int,
     start: Array,
-    work: FrameWorkspace,
+    work: IkWorkspace,
     results: tuple[Array, Array, Array, Array, Array, NDArray[np.int64]],
 ) -> None:
     """Fill results: q (frames, coordinates), λ (frames, rows), residual (frames, markers) [m], gap (frames,) [m], cost

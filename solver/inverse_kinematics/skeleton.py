@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled
 from solver.model import Model
-from solver.moving.bodies import place_child, screw_in_ground
-from solver.moving.functions import derivatives
-from solver.moving.joints import MOVE, UNIT, move_joint
-from solver.moving.tables import AXES, POSE, SCAPULOTHORACIC, Functions, Indices, Record, Records, tables_of
+from solver.multibody.bodies import place_child, screw_in_ground
+from solver.multibody.functions import derivatives
+from solver.multibody.joints import MOVE, UNIT, move_joint
+from solver.multibody.tables import AXES, POSE, SCAPULOTHORACIC, Functions, Indices, Record, Records, tables_of
 from solver.vectors import ORIGIN, Vector, add, along, cross, read, turn, write
 
 Array = NDArray[np.float64]

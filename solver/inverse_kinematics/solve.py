@@ -16,8 +16,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.inverse_kinematics.frame import Bounds, FrameWorkspace, Problem
-from solver.inverse_kinematics.linearise import MarkerTable, allocate_least_squares, constraints_of
+from solver.inverse_kinematics.frame import Bounds, IkWorkspace, Problem
+from solver.inverse_kinematics.linearise import TrackedMarkers, allocate_least_squares, constraints_of
 from solver.inverse_kinematics.skeleton import allocate_pose, skeleton_of
 from solver.model import CoordinateLock, Marker, Model, ModelError
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 MOST_ROUNDS = 60
 
 
-class FrameOutcome(StrEnum):
+class PostureOutcome(StrEnum):
     """What became of a frame."""
 
     SOLVED = "solved"
@@ -35,7 +35,7 @@ class FrameOutcome(StrEnum):
     NO_MARKERS = "no_markers"
 
 
-OUTCOMES = (FrameOutcome.SOLVED, FrameOutcome.NOT_CONVERGED, FrameOutcome.GAP_OPEN, FrameOutcome.NO_MARKERS)
+OUTCOMES = (PostureOutcome.SOLVED, PostureOutcome.NOT_CONVERGED, PostureOutcome.GAP_OPEN, PostureOutcome.NO_MARKERS)
 """In the order of frame.py's codes."""
 
 
@@ -72,13 +72,13 @@ class InverseKinematics:
     gap: Array
     cost: Array
     multipliers: Array
-    outcomes: tuple[FrameOutcome, ...]
+    outcomes: tuple[PostureOutcome, ...]
     rounds: NDArray[np.int64]
 
     @property
     def unsolved(self) -> int:
         """Number of frames that are not SOLVED."""
-        return sum(outcome is not FrameOutcome.SOLVED for outcome in self.outcomes)
+        return sum(outcome is not PostureOutcome.SOLVED for outcome in self.outcomes)
 
 
 def solve_inverse_kinematics(
@@ -109,7 +109,7 @@ def assemble(model: Model, wanted: Array | None = None) -> Array:
     everywhere = dict.fromkeys(model.coordinate_names, 1.0)
     problem = build_problem(model, TrackingTasks((), np.zeros(0), everywhere))
     found = _solve(model, problem, np.zeros((1, 0, 3)), wanted[None], wanted.copy(), MOST_ROUNDS)
-    if found.outcomes[0] is not FrameOutcome.SOLVED:
+    if found.outcomes[0] is not PostureOutcome.SOLVED:
         raise ModelError(
             f"the constraints of {model.name} cannot be met near the default posture, {found.gap[0]:.3g} m or rad "
             "remain; check its constraints and locked coordinates"
@@ -130,7 +130,7 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
     pull = np.zeros(count)
     for name, weight in tasks.coordinate_weights.items():
         pull[model.coordinate_index(name)] = weight
-    markers = MarkerTable(
+    markers = TrackedMarkers(
         np.array([marker.body for marker in tasks.markers], dtype=np.int64),
         np.array([marker.location for marker in tasks.markers]).reshape(-1, 3),
         np.array(tasks.weights, dtype=np.float64),
@@ -138,11 +138,11 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
     return Problem(skeleton_of(model), markers, constraints_of(model), Bounds(lowest, highest, is_locked), pull)
 
 
-def allocate_frame(model: Model, problem: Problem) -> FrameWorkspace:
+def allocate_workspace(model: Model, problem: Problem) -> IkWorkspace:
     markers, count = len(problem.markers.weight), len(model.coordinates)
     system = allocate_least_squares(model, markers, problem.constraints)
     size = count + len(system.gap)
-    return FrameWorkspace(
+    return IkWorkspace(
         allocate_pose(model),
         system,
         np.zeros(markers),
@@ -164,7 +164,7 @@ def _solve(
 
     for lock in _locks(model):
         start[lock.coordinate] = lock.value
-    work = allocate_frame(model, problem)
+    work = allocate_workspace(model, problem)
     frames, markers = observed.shape[:2]
     found = np.zeros((frames, len(start)))
     multipliers, residuals = np.zeros((frames, len(work.multipliers))), np.zeros((frames, markers))

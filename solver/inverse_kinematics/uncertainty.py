@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, allocate_frame, build_problem
+from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, allocate_workspace, build_problem
 from solver.model import Model, ModelError
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def posture_uncertainty(
         raise ModelError("the noise of each marker should be finite and not negative [m]")
     rows = np.zeros((frames, solution.multipliers.shape[1], count))
     hessians, spread = np.zeros((frames, count, count)), np.zeros((frames, count, count))
-    work = allocate_frame(model, problem)
+    work = allocate_workspace(model, problem)
     results = (hessians, rows, spread)
     seen = np.ascontiguousarray(observed, dtype=np.float64)
     fill_sensitivities(problem, seen, solution.coordinates, solution.multipliers, sigma**2, work, results)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.functions.coordinate import polynomial, scaled, smooth_step, times_line
+from solver.functions.coordinate import polynomial, scaled, smooth_step, times_linear
 from solver.model import CoordinateForce
 from solver.osim.document import Element
 from solver.osim.frames import Names
@@ -36,6 +36,6 @@ def _limits(element: Element, names: Names) -> list[CoordinateForce]:
     for side, sense in (("upper", 1.0), ("lower", -1.0)):
         limit, stiffness = element.number(f"{side}_limit", "0") * unit, element.number(f"{side}_stiffness", "1") / unit
         onset = smooth_step(limit, limit + sense * transition, 0.0, 1.0)
-        force = times_line(onset, -stiffness, stiffness * limit)
+        force = times_linear(onset, -stiffness, stiffness * limit)
         forces.append(CoordinateForce(element.name, coordinate, force, scaled(onset, -damping)))
     return forces

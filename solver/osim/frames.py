@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import Coordinate, Placement
+from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import Element
-from solver.spatial import rotation_body_fixed_xyz
 
 Array = NDArray[np.float64]
 

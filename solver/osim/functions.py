@@ -11,12 +11,12 @@ from solver.functions.coordinate import (
     Function,
     Sine,
     natural_spline,
+    piecewise_constant,
     piecewise_linear,
     polynomial,
     scaled,
     simm_spline,
     smooth_step,
-    stairs,
 )
 from solver.osim.document import Element
 
@@ -88,7 +88,7 @@ _READERS: dict[str, Callable[[Element], Function]] = {
     "PolynomialFunction": _polynomial,
     "SimmSpline": lambda element: simm_spline(*_points(element)),
     "PiecewiseLinearFunction": lambda element: piecewise_linear(*_points(element)),
-    "PiecewiseConstantFunction": lambda element: stairs(*_points(element)),
+    "PiecewiseConstantFunction": lambda element: piecewise_constant(*_points(element)),
     "GCVSpline": _natural_spline,
     "StepFunction": _step,
     "Sine": _sine,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.functions.coordinate import natural_spline, piecewise_linear
-from solver.loads import ExternalForce
 from solver.model import GROUND, Model
 from solver.motion import MotionError, read_table
+from solver.multibody.external_loads import ExternalForce
 from solver.osim.document import Element, read_document
 
 Array = NDArray[np.float64]

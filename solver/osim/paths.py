@@ -17,10 +17,10 @@ from solver.model import (
     Placement,
     WrapSurface,
 )
+from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import Element
 from solver.osim.frames import Names
 from solver.osim.functions import read_function
-from solver.spatial import rotation_body_fixed_xyz
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from solver.cuff import CuffParameters
 from solver.functions.coordinate import polynomial
 from solver.model import Coordinate, Model, Placement
 from solver.osim.writer import add, add_axes, add_body, add_joint, add_path, add_path_point, add_values, objects_of
-from solver.wearing.cord import towards_joint
-from solver.wearing.suit import PARTS, Suit, SuitError, SuitPoint, WornMass, ensure_fits
-from solver.wearing.worn import Wearing
+from solver.suit.cord import direction_to_joint
+from solver.suit.scenarios import SuitScenario
+from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ CORD = "exotendon"
 REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not clamped to it
 
 
-def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: Wearing) -> None:
+def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario) -> None:
     """Add the suit as it is worn, at its last rest length, to the document of `model`; nothing that is there changes.
 
     A cuff is a body with its mass, the cord's end its origin: welded where it is rigid, else free to shift along its
@@ -37,7 +37,7 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: Wearing) -> N
     for part, mass in zip(PARTS, suit.masses, strict=True):
         point, cuff = getattr(suit, part), cuffs.get(part)
         slipped = cuff.migration if cuff and wearing.is_shifted and not slips_along_cord else 0.0
-        rest = point.location + slipped * towards_joint(point)
+        rest = point.location + slipped * direction_to_joint(point)
         _add_cuff(osim, part, SuitPoint(point.body, rest), mass, cuff if wearing.yields else None)
     spring = add(objects_of(osim, "ForceSet"), "PathSpring", CORD)
     points = add_path(spring)
@@ -69,7 +69,7 @@ def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
         )
 
 
-def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: WornMass, yields: CuffParameters | None) -> None:
+def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: SuitMass, yields: CuffParameters | None) -> None:
     name, holder = f"{part}_cuff", f"/bodyset/{rest.body}"
     center = mass.center - rest.location
     add_body(objects_of(osim, "BodySet"), name, mass.mass, center, np.diag(mass.inertia))

@@ -29,7 +29,7 @@ from solver.vectors import (
     unit,
 )
 from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
-from solver.wrapping.course import AXIAL, MIDPOINT
+from solver.wrapping.path_tables import AXIAL, MIDPOINT
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
 from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 
@@ -83,7 +83,7 @@ def wrap_ellipsoid(
 
 @compiled
 def _passing_point(
-    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, room: Array
+    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, work: Array
 ) -> tuple[Vector, float, bool]:
     """c for the segment that pierces the ellipsoid at r1 and r2; the weight of the fan in it; whether the segment
     crosses between r1 and r2 the plane normal to the axis that it is most parallel to.
@@ -106,7 +106,7 @@ def _passing_point(
         alignment = ALL_FAN + max(fade, 0.0) * (alignment - ALL_FAN)
     if alignment >= ALL_AXIAL:
         return axial, 0.0, True
-    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a, room)), ANY_AXIS)
+    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a, work)), ANY_AXIS)
     if alignment <= ALL_FAN:
         return fan, 1.0, True
     weight = (alignment - ALL_FAN) / (ALL_AXIAL - ALL_FAN)
@@ -115,13 +115,13 @@ def _passing_point(
 
 
 @compiled
-def _fan_direction(r1: Vector, inner: Vector, a: Vector, room: Array) -> Vector:
+def _fan_direction(r1: Vector, inner: Vector, a: Vector, work: Array) -> Vector:
     """Mean direction from points of the segment inside the ellipsoid to their closest points on it."""
-    handles, blades = room[:3], room[3:6]
+    handles, blades = work[:3], work[3:6]
     for axis in range(3):
         for i in range(BLADES - 2):
             handles[axis, i] = r1[axis] + (i + 1) / BLADES * inner[axis]
-    closest_to_each(a, handles, room[6], blades)
+    closest_to_each(a, handles, work[6], blades)
     for i in range(BLADES - 2):  # a loop without a sum: the compiler takes several steps at once
         x, y, z = blades[0, i] - handles[0, i], blades[1, i] - handles[1, i], blades[2, i] - handles[2, i]
         length = sqrt(x * x + y * y + z * z)

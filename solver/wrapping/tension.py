@@ -20,23 +20,27 @@ from solver.vectors import (
     subtract,
     turn,
 )
-from solver.wrapping.course import Courses, Indices, Laid, Records
-from solver.wrapping.room import Room
-from solver.wrapping.sweep import lay_path, place_in_ground, points_and_wraps, to_ground
+from solver.wrapping.opensim_path import place_in_ground, points_and_wraps, to_ground, wrap_path
+from solver.wrapping.path_tables import Indices, PathResults, PathTables, Records
+from solver.wrapping.workspace import WrapWorkspace
 
 
 @compiled_for_python
-def lay_all(courses: Courses, poses: Records, changes: Records, rates: Array, room: Room, laid: Laid) -> None:
+def evaluate_wrapped_paths(
+    tables: PathTables, poses: Records, changes: Records, rates: Array, work: WrapWorkspace, results: PathResults
+) -> None:
     """Lay every path in every frame: poses (frames, bodies) of BODY, changes (frames, points) of CHANGE, rates (frames,
     coordinates).
     """
     for frame in range(len(poses)):
         bodies, u = poses[frame], rates[frame]
-        for path in range(laid.lengths.shape[1]):
-            points, wraps = points_and_wraps(courses, path)
-            count, laid.lengths[frame, path] = lay_path(points, wraps, bodies, changes[frame], room)
-            laid.speeds[frame, path] = path_speed(bodies, u, room.nodes, room.sequence, count)
-            _pull(bodies, room.nodes, room.sequence, count, laid.wrenches[frame, path], laid.mobilities[frame, path])
+        for path in range(results.lengths.shape[1]):
+            points, wraps = points_and_wraps(tables, path)
+            count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes[frame], work)
+            results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
+            _pull(
+                bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
+            )
 
 
 @compiled
@@ -58,7 +62,7 @@ def path_speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices,
 
 
 @compiled
-def pull_on(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
+def apply_tension(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
     """Add a force at a node to the wrenches (bodies, 6) and to what pulls at a coordinate that moves the node."""
     body = nodes[k]["body"]
     moment = cross(to_ground(bodies, body, read(nodes[k]["location"])), force)
@@ -91,5 +95,5 @@ def _pull(bodies: Records, nodes: Records, sequence: Indices, count: int, wrench
             continue
         apart = subtract(place_in_ground(bodies, nodes, end), place_in_ground(bodies, nodes, start))
         force = scale(1.0 / norm(apart), apart)
-        pull_on(bodies, nodes, start, force, wrench, mobility)
-        pull_on(bodies, nodes, end, scale(-1.0, force), wrench, mobility)
+        apply_tension(bodies, nodes, start, force, wrench, mobility)
+        apply_tension(bodies, nodes, end, scale(-1.0, force), wrench, mobility)

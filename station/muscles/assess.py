@@ -11,8 +11,8 @@ from typing import Any
 
 from fitting.result import CuffFit
 from recordings.manifest import DataOrigin
-from solver.assessment import Assessment, assess
-from solver.redundancy import RedundancyOptions
+from solver.redundancy.motion import RedundancyOptions
+from solver.suit.assessment import Assessment, assess
 from station.muscles.assessment_inputs import AssessmentInputs, ensure_folder, read_cuffs_to_wear, worn_cuffs
 from station.muscles.assessment_json import (
     ACTIVATIONS_FILE,

@@ -15,11 +15,11 @@ from fitting.laws.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, NotIdentified
 from fitting.uncertainty import NORMAL_95, Estimate
 from solver.cuff import PARAMETER_ORDER, CuffParameters
-from solver.loads import ExternalForce
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
+from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
-from solver.wearing.suit import BUNDLED_SUIT, Suit, read_suit
+from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.exit_code import WRONG_USAGE
 from station.muscles.emg import MeasuredReduction, read_emg
 from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes
@@ -56,7 +56,7 @@ class AssessmentInputs:
     emg: Path | None = None
     beside: Path | None = None
     chosen: tuple[str, ...] = ()
-    paths: PathMode = "faithful"
+    paths: PathMode = "opensim"
     external_loads: Path | None = None
 
     def read_model(self) -> Model:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fitting.result import QUANTITIES, CuffFit
 from fitting.uncertainty import Estimate
-from solver.assessment import Assessment, Curve, Figure
+from solver.suit.assessment import Assessment, EffortCurve, Quantity
 from station.muscles.assessment_inputs import NO_SHIFT
 from station.muscles.emg import MeasuredReduction
 
@@ -30,7 +30,7 @@ CURVE_KEYS = {
 def plain_assessment(assessment: Assessment) -> Plain:
     """Numbers by arm cuff and condition; lists of numbers are one number each, {"value": […], "ci95": null}."""
 
-    def by_cuff(entry: Callable[[Curve], Any]) -> Plain:
+    def by_cuff(entry: Callable[[EffortCurve], Any]) -> Plain:
         nested: Plain = {}
         for curve in assessment.curves:
             place = nested if curve.cuff is None else nested.setdefault(curve.cuff, {})
@@ -94,8 +94,8 @@ def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
 
     def number(estimate: Estimate | None) -> Plain:
         if estimate is None:
-            return _number(Figure(None))
-        return _number(Figure(estimate.value, estimate.ci95 if estimate.ci95[0] < estimate.ci95[1] else None))
+            return _number(Quantity(None))
+        return _number(Quantity(estimate.value, estimate.ci95 if estimate.ci95[0] < estimate.ci95[1] else None))
 
     return {
         fit.name: {
@@ -108,7 +108,7 @@ def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
     }
 
 
-def _optimum(curve: Curve) -> Plain:
+def _optimum(curve: EffortCurve) -> Plain:
     return {
         "rest_length_m": _number(curve.figures["rest_length"]),
         "normalised_cost": _number(curve.figures["lowest_cost"]),
@@ -132,7 +132,7 @@ def _uncertainty(assessment: Assessment) -> Plain | None:
     }
 
 
-def _number(figure: Figure) -> Plain:
+def _number(figure: Quantity) -> Plain:
     return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None}
 
 

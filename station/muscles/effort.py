@@ -21,7 +21,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from solver.model import Model
-from solver.redundancy import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
+from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
 from station.config import ConfigError, fault_in_words
 
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]

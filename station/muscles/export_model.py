@@ -11,8 +11,8 @@ import numpy as np
 from solver.osim.document import as_utf8
 from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
-from solver.wearing.suit import BUNDLED_SUIT, read_suit
-from solver.wearing.worn import Condition, Wearing
+from solver.suit.scenarios import Condition, SuitScenario
+from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.muscles.assessment_inputs import InputError, UnknownCuff, read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, model_of
 from station.whole_file import write_whole
@@ -42,21 +42,21 @@ def write_suited_model(worn: SuitToExport, output: Path) -> None:
     write_whole(output, '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n")
 
 
-def _wearing(worn: SuitToExport, rest_length: float) -> Wearing:
+def _wearing(worn: SuitToExport, rest_length: float) -> SuitScenario:
     lengths = np.array([rest_length])
     if worn.cuffs is None:
         if worn.cuff is not None:
             raise UnknownCuff(f"the cuff {worn.cuff} needs a cuffs.json that holds it; name one by --cuffs")
         if worn.condition not in (None, "rigid"):
             raise InputError(f"the condition {worn.condition} needs cuffs, and none are given; name a cuffs.json")
-        return Wearing("rigid", None, None, lengths)
+        return SuitScenario("rigid", None, None, lengths)
     chosen = (worn.cuff,) if worn.cuff else ()
     cuffs = worn_cuffs(read_cuffs_to_wear(worn.cuffs, chosen), chosen)
     arms, waists = ([cuff for cuff in cuffs if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"
         raise InputError(f"a suited model wears one arm cuff and there are {names}; choose one by --cuff")
-    return Wearing(worn.condition or "both", waists[0] if waists else None, arms[0], lengths)
+    return SuitScenario(worn.condition or "both", waists[0] if waists else None, arms[0], lengths)
 
 
 def _document(path: Path) -> Xml.Element:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from solver.assessment import Assessment, Comparison, Sureness
-from solver.redundancy import FrameOutcome
+from solver.redundancy.motion import FrameOutcome
+from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from station.interval import between, digits_of, rounded
 
 MOST_FOR_RESERVES = 0.1  # of the slack suit's cost; the published motions need less than 0.01
@@ -93,7 +93,7 @@ def _beyond_what_was_tried(assessment: Assessment) -> Iterator[str]:
         )
 
 
-def _sure(sureness: Sureness | None) -> str:
+def _sure(sureness: UncertaintySummary | None) -> str:
     if sureness is None:
         return "Intervals were not determined: no cuff carries an uncertainty, or no draws were asked for."
     off = sureness.largest_difference

@@ -10,9 +10,9 @@ import numpy as np
 
 from recordings.manifest import DataOrigin
 from solver.cuff import by_site
-from solver.optimise import Freedom, Optimised, TriedSuit, optimise
-from solver.wearing.suit import PARTS, Suit, suit_toml
-from solver.wearing.worn import Condition
+from solver.suit.optimise import Freedom, OptimisedSuit, SuitCandidate, optimise_suit
+from solver.suit.scenarios import Condition
+from solver.suit.suit import PARTS, Suit, suit_toml
 from station.muscles.assessment_inputs import (
     AssessmentInputs,
     InputError,
@@ -33,7 +33,7 @@ def optimise_file(
     free: tuple[Freedom, ...] = (),
     draws: int = 50,
     progress: Progress = silent,
-) -> Optimised:
+) -> OptimisedSuit:
     """Search for one arm cuff in one condition; writes optimum.json, and the suits found, for `assess --suit`.
 
     suit.toml is the best with the fitted cuffs, robust_suit.toml that on average over the draws, if there are any.
@@ -46,7 +46,7 @@ def optimise_file(
         raise InputError(f"a suit is optimised for one arm cuff at a time and there are {names}; choose one by --cuff")
     model = inputs.read_model()
     kinematics, suit = inputs.read_motion(model), inputs.read_suit()
-    found = optimise(
+    found = optimise_suit(
         model,
         kinematics,
         suit,
@@ -74,12 +74,12 @@ def optimise_file(
     return found
 
 
-def _write_suit(path: Path, tried: TriedSuit, which: str) -> None:
+def _write_suit(path: Path, tried: SuitCandidate, which: str) -> None:
     origin = f"# A suit found by `station optimise`: {which}; optimum.json says more."
     write_whole(path, f"{origin}\n\n{suit_toml(tried.suit)}")
 
 
-def _plain_suits(found: Optimised) -> dict[str, Any]:
+def _plain_suits(found: OptimisedSuit) -> dict[str, Any]:
     return {
         "start": _plain(found.start),
         "optimum": _plain(found.fitted),
@@ -88,7 +88,7 @@ def _plain_suits(found: Optimised) -> dict[str, Any]:
     }
 
 
-def _plain(tried: TriedSuit) -> dict[str, Any]:
+def _plain(tried: SuitCandidate) -> dict[str, Any]:
     """Cost with the fitted cuffs on all frames; the draws' are on fewer, so they have a value of their own."""
     numbers: dict[str, Any] = {**_cord(tried.suit), "normalised_cost": known(tried.cost)}
     numbers["at_limit"] = list(tried.at_limit)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from solver.model import Model
-from solver.motion import Kinematics, differentiate, thin
-from solver.redundancy import FrameOutcome, Redundancy, RedundancyOptions, solve_motion
+from solver.motion import Kinematics, decimate, differentiate
+from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
 from station.muscles.effort import read_effort
 from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes
 from station.progress import Progress, silent
@@ -52,7 +52,7 @@ class SolvedMotion:
 
     model: Model
     options: RedundancyOptions
-    solution: Redundancy
+    solution: MotionSolution
     notes: Mapping[str, str]
 
 
@@ -64,7 +64,7 @@ def solve_muscles(
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
     whole = differentiate(motion_of(inputs.motion, model), cut.cutoff_hz, cut.start, cut.end)
-    kinematics = thin(whole, cut.every)
+    kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
     solution = solve_motion(
         model, kinematics, options, lambda done, total: progress("solving muscles", done, total), loads
@@ -72,7 +72,7 @@ def solve_muscles(
     return SolvedMotion(model, options, solution, inputs.hashes() | _notes(kinematics, options))
 
 
-def unsolved_in_words(solution: Redundancy) -> list[str]:
+def unsolved_in_words(solution: MotionSolution) -> list[str]:
     """A sentence for each way in which frames did not come out solved; of infeasible ones, the smallest violation."""
     sentences = []
     for outcome in STATUS[1:]:

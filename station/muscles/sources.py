@@ -10,12 +10,12 @@ from numpy import float64
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.loads import ExternalForce
 from solver.model import Model
 from solver.motion import Motion, read_motion
+from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file, read_external_loads
 from solver.osim.reader import read_osim
-from solver.raise_arm import raise_arm
+from solver.raise_arm import simulate_arm_raise
 
 BUNDLED = "bundled"
 
@@ -27,7 +27,7 @@ def model_of(name: str) -> Model:
 
 def motion_of(path: Path | None, model: Model) -> Motion:
     """That of a file, or the bundled raise of the arm."""
-    return raise_arm(model) if path is None else read_motion(path, model)
+    return simulate_arm_raise(model) if path is None else read_motion(path, model)
 
 
 def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:

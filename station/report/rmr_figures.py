@@ -14,9 +14,9 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Ellipse
 
-from solver.glenoid import glenoid_cone
 from solver.model import ModelError
-from solver.redundancy import FrameOutcome, effort_weights
+from solver.redundancy.glenoid import glenoid_cone
+from solver.redundancy.motion import FrameOutcome, effort_weights
 from station.muscles.rmr import SolvedMotion
 from station.muscles.rmr_table import reserve_unit
 from station.muscles.sources import without_hash

@@ -16,11 +16,11 @@ from fitting.session import fit_session
 from fitting.trial import read_trial
 from recordings.reader import open_recording
 from solver.bundled import bundled_model
-from solver.kinematics import Postures, points_in_ground, postures
 from solver.model import ConditionalPathPoint, Model, PathPoint
-from solver.motion import differentiate, thin
-from solver.raise_arm import raise_arm
-from solver.wearing.suit import SuitPoint, read_suit
+from solver.motion import decimate, differentiate
+from solver.multibody.postures import Postures, points_in_ground, postures
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.suit import SuitPoint, read_suit
 from station.muscles.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.muscles.sources import BUNDLED, named_hashes
 from station.rerun.layout import TIMELINE, Framed, layout
@@ -114,8 +114,8 @@ def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> 
     """
     stream.log("body", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)  # as OpenSim's models
     model, suit = bundled_model(), read_suit()
-    motion = differentiate(raise_arm(model))
-    motion = thin(motion, max(1, round(len(motion.time) / (POINTS_A_SECOND * float(np.ptp(motion.time))))))
+    motion = differentiate(simulate_arm_raise(model))
+    motion = decimate(motion, max(1, round(len(motion.time) / (POINTS_A_SECOND * float(np.ptp(motion.time))))))
     state = postures(model, motion.positions, motion.speeds)
     strengths = np.array([np.interp(motion.time, activity.time, column) for column in activity.activations.T]).T
     lines = [_muscle_points(model, state, muscle) for muscle in range(len(model.muscles))]

@@ -52,7 +52,7 @@ def summarise(folder: Path) -> Summary:
 def _assess_what_is_there(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[str, ...]:
     """assessment.json of the cuffs that can be worn; what was found, and what is left out or assumed, by name."""
     from solver.motion import MotionError
-    from solver.wearing.suit import SuitError
+    from solver.suit.suit import SuitError
     from station.muscles.assess import assess_cuffs, write_assessment
     from station.muscles.assessment_inputs import NO_SHIFT, AssessmentInputs, InputError, wearable, without_shift
     from station.muscles.findings import findings

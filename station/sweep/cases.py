@@ -18,8 +18,8 @@ from solver.cuff import CuffParameters, by_site
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import MotionError, differentiate
 from solver.osim.loads import data_file
-from solver.wearing.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
-from solver.wearing.worn import Wearing
+from solver.suit.scenarios import SuitScenario
+from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
 from station.muscles.assessment_inputs import read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, loads_of, model_of, motion_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
@@ -75,7 +75,7 @@ class SweepInputs:
         if "rest_length_m" not in point:
             lengths = np.append(suit.rest_lengths, lengths)
         waist, arm = self._worn_cuffs(point)
-        wearing = Wearing(point["condition"], waist, arm, lengths)  # type: ignore[arg-type]  # the plan has checked it
+        wearing = SuitScenario(point["condition"], waist, arm, lengths)  # type: ignore[arg-type]  # the plan has checked it
         content = {
             "version": metadata.version("cuffstation"),
             "solver": self.solver,

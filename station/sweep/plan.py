@@ -14,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.wearing.worn import Condition
+from solver.suit.scenarios import Condition
 from station.muscles.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.loads import ExternalForce
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError
-from solver.wearing.optimum import lowest_of
-from solver.wearing.suit import Suit, SuitError
-from solver.wearing.worn import Wearing, WornMotion, solve_bare, solve_wearings, wear
+from solver.multibody.external_loads import ExternalForce
+from solver.suit.curve_minimum import find_minimum
+from solver.suit.scenarios import SuitedMotion, SuitScenario, prepare_suited_motion, solve_scenarios, solve_without_suit
+from solver.suit.suit import Suit, SuitError
 
 Outcome = dict[str, float | str | None]
 """Column → value: those of RESULTS, and `error`, the sentence of a case that failed."""
@@ -49,7 +49,7 @@ class WornCase:
 
     key: str
     suit: Suit
-    wearing: Wearing
+    wearing: SuitScenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +67,11 @@ def solve_task(task: Task) -> dict[str, Outcome]:
     if isinstance(laid, str):
         return {case.key: failed(laid) for case in task.cases}
     try:
-        worn = wear(laid.model, laid.kinematics, task.cases[0].suit, task.every, loads=laid.loads)
-        slack, _ = solve_wearings(worn, [], workers=1)
+        worn = prepare_suited_motion(laid.model, laid.kinematics, task.cases[0].suit, task.every, loads=laid.loads)
+        slack, _ = solve_scenarios(worn, [], workers=1)
     except (ModelError, MotionError, SuitError) as error:
         return {case.key: failed(str(error)) for case in task.cases}
-    bare = float(solve_bare(worn, slack, workers=1).muscles[0])
+    bare = float(solve_without_suit(worn, slack, workers=1).muscles[0])
     return {case.key: _solved(worn, case, bare) for case in task.cases}
 
 
@@ -79,16 +79,16 @@ def failed(sentence: str) -> Outcome:
     return {**dict.fromkeys(RESULTS), "error": sentence}
 
 
-def _solved(worn: WornMotion, case: WornCase, bare_body_cost: float) -> Outcome:
+def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcome:
     """One thread: there are as many workers as there are cores to use."""
     wearing, suited = case.wearing, worn.with_suit(case.suit)
     try:
         suited.ensure_pulls()
-        slack, (effort,) = solve_wearings(suited, [wearing], workers=1)
+        slack, (effort,) = solve_scenarios(suited, [wearing], workers=1)
     except SuitError as error:
         return failed(str(error))
     tried = wearing.rest_lengths[:-1]
-    lowest = lowest_of(tried, effort.muscles[:-1]) if len(tried) else None
+    lowest = find_minimum(tried, effort.muscles[:-1]) if len(tried) else None
     numbers = (
         effort.muscles[-1],
         effort.reserves[-1],

@@ -156,7 +156,7 @@ def export(
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
-    from solver.wearing.suit import BUNDLED_SUIT
+    from solver.suit.suit import BUNDLED_SUIT
     from station.files.export_trial import Exported
     from station.files.one_clock import WrongExport
     from station.muscles.export_model import SuitToExport, write_suited_model

@@ -33,7 +33,7 @@ def rmr(
     glenoid_aspect: Annotated[float, typer.Option(min=0.1, max=10.0, help="Its width across, over along.")] = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
     joint: Annotated[str, typer.Option(help="Whose reaction it is.")] = "GlenoHumeral",
-    paths: Paths = "faithful",
+    paths: Paths = "opensim",
     cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 3.0,
     start: Annotated[float | None, typer.Option("--from", help="First second that is solved.")] = None,
     end: Annotated[float | None, typer.Option("--to", help="Last second that is solved.")] = None,
@@ -43,7 +43,7 @@ def rmr(
     """Solve the muscle-redundancy problem of a motion: which muscles do the work."""
     from rich.console import Console
 
-    from solver.redundancy import RedundancyOptions
+    from solver.redundancy.motion import RedundancyOptions
     from station.muscles.compilation import compilation_shown
     from station.muscles.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
     from station.muscles.rmr_table import ensure_writable, write_solved
@@ -87,12 +87,12 @@ def assess(
     draws: Annotated[
         int, typer.Option(min=0, help="Cuffs drawn from their fit's covariance; 0 for no interval.")
     ] = 200,
-    paths: Paths = "faithful",
+    paths: Paths = "opensim",
 ) -> None:
     """What the suit with these cuffs does for the muscles, over its rest length, and how sure that is."""
     from rich.console import Console
 
-    from solver.wearing.suit import BUNDLED_SUIT
+    from solver.suit.suit import BUNDLED_SUIT
     from station.muscles.assess import assess_file
     from station.muscles.assessment_inputs import AssessmentInputs
     from station.muscles.compilation import compilation_shown
@@ -132,7 +132,7 @@ def optimise(
     """The rest length, and where asked the stiffness and points of the cord, that save the muscles most."""
     from rich.console import Console
 
-    from solver.wearing.suit import BUNDLED_SUIT
+    from solver.suit.suit import BUNDLED_SUIT
     from station.muscles.assessment_inputs import AssessmentInputs
     from station.muscles.compilation import compilation_shown
     from station.muscles.optimum import optimise_file

@@ -23,10 +23,25 @@ Rrd = Annotated[Path | None, typer.Option(help="Also write what the live view se
 Rerun = Annotated[bool, typer.Option(help="Show it in Rerun's viewer, on this machine only, its analytics off.")]
 Format = Literal["table", "json"]
 FormatOption = Annotated[Format, typer.Option("--format", help="Words for people or JSON for programs.")]
+PathMode = Literal["opensim", "geodesic"]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
+
+
+def _path_mode(text: str) -> PathMode:
+    """A PathMode; "faithful" is what "opensim" was called once."""
+    known: dict[str, PathMode] = {"opensim": "opensim", "geodesic": "geodesic", "faithful": "opensim"}
+    if text not in known:
+        raise typer.BadParameter(f"{text!r} is not one of 'opensim', 'geodesic'")
+    return known[text]
+
+
 Paths = Annotated[
-    Literal["faithful", "geodesic"],
-    typer.Option(help="How muscles lie on surfaces: as in OpenSim, or on geodesics (docs/paths.md)."),
+    PathMode,
+    typer.Option(
+        parser=_path_mode,
+        metavar="[opensim|geodesic]",
+        help="How muscles lie on surfaces: as in OpenSim, or on geodesics (docs/paths.md).",
+    ),
 ]
 SIMULATED_DATA = "simulated data: the devices say that they are simulated"
 Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from solver.model import Model
 from solver.motion import Kinematics, differentiate, read_motion
 from solver.osim.reader import read_osim
-from solver.redundancy import (
+from solver.redundancy.motion import (
     RedundancyOptions,
     RedundancyProblem,
-    RedundancySolution,
+    ScenarioSolutions,
     build_redundancy,
-    go_through,
+    evaluate_motion,
     solve_redundancy,
 )
 from tests.solver.references import SHARED
@@ -46,7 +46,7 @@ class Published:
 
     muscle_names: tuple[str, ...]
     problem: RedundancyProblem
-    found: RedundancySolution
+    found: ScenarioSolutions
     activations: Array
 
     @property
@@ -67,7 +67,7 @@ def solved_again(name: str, weight: str, free: tuple[str, ...], cone: bool) -> P
     """All frames: each one's bounds come from the one before."""
     model, kinematics = trial(name, weight)
     options = RedundancyOptions(has_glenoid_cone=cone, free_coordinates=free)
-    problem = build_redundancy(model, go_through(model, kinematics), options)
+    problem = build_redundancy(model, evaluate_motion(model, kinematics), options)
     file = SHARED / "published" / f"{name}_{'gh' if cone else 'nogh'}.csv"
     assert file.read_text().splitlines()[0].split(",")[1:] == list(model.muscle_names)
     activations = np.loadtxt(file, delimiter=",", skiprows=1)[:, 1:]

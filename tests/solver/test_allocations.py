@@ -9,21 +9,21 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from solver.bundled import bundled_model
-from solver.motion import differentiate, thin
+from solver.motion import decimate, differentiate
 from solver.paths import PathMode
-from solver.raise_arm import raise_arm
-from solver.redundancy import (
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import (
     FrameOutcome,
     LoadResponse,
     RedundancyOptions,
     build_redundancy,
-    go_through,
+    evaluate_motion,
     solve_motion,
     solve_redundancy,
 )
 
 MODEL = bundled_model()
-MOTION = differentiate(raise_arm(MODEL))
+MOTION = differentiate(simulate_arm_raise(MODEL))
 
 
 @pytest.fixture(autouse=True)
@@ -40,17 +40,19 @@ def _allocations(run: Callable[[], object]) -> int:
     return int(rtsys.get_allocation_stats().alloc - before)
 
 
-@pytest.mark.parametrize("mode", ["faithful", "geodesic"])
+@pytest.mark.parametrize("mode", ["opensim", "geodesic"])
 def test_more_frames_of_a_motion_allocate_no_more(mode: PathMode) -> None:
     few, many = (
-        _allocations(lambda every=every: solve_motion(MODEL, thin(MOTION, every), RedundancyOptions(path_mode=mode)))
+        _allocations(
+            lambda every=every: solve_motion(MODEL, decimate(MOTION, every), RedundancyOptions(path_mode=mode))
+        )
         for every in (100, 20)
     )
     assert many == few > 0
 
 
 def test_nor_do_frames_that_have_no_solution() -> None:
-    problem = build_redundancy(MODEL, go_through(MODEL, thin(MOTION, 40)), RedundancyOptions())
+    problem = build_redundancy(MODEL, evaluate_motion(MODEL, decimate(MOTION, 40)), RedundancyOptions())
     frames, coordinates = len(problem.time), len(problem.tracked)
     reaction = np.zeros((2, frames, 6))
     reaction[1, :, 3:] = -1e5 * problem.cone[:, 0]  # N out of the glenoid, more than the muscles can make good

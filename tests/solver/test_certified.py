@@ -17,17 +17,17 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.constraints import constraint_gaps
-from solver.dynamics import (
+from solver.model import Model
+from solver.motion import differentiate, read_motion
+from solver.multibody.constraints import constraint_gaps
+from solver.multibody.dynamics import (
     EquationsOfMotion,
     ResponseMaps,
     equations_of_motion,
     multipliers,
     response_maps,
 )
-from solver.kinematics import Postures, jacobians, postures, speeds_from_rates
-from solver.model import Model
-from solver.motion import differentiate, read_motion
+from solver.multibody.postures import Postures, jacobians, postures, speeds_from_rates
 from solver.muscle import MuscleForces, muscle_forces
 from solver.osim.reader import read_osim
 from solver.paths import PathState, evaluate_paths

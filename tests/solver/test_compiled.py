@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import logging
+import sys
+from collections import namedtuple
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,7 +18,7 @@ FACTOR = {factor}
 
 @compiled
 def scaled(x):
-    return FACTOR * x {more}
+    return FACTOR * x{more}
 
 @compiled_for_python
 def kernel(x):
@@ -53,7 +55,7 @@ def test_what_is_kept_on_disk_is_not_compiled_again(tmp_path: Path, caplog: pyte
     assert not caplog.records
 
 
-@pytest.mark.parametrize(("change", "expected"), [({"factor": 5.0}, 15.0), ({"more": "+ 1.0"}, 7.0)])
+@pytest.mark.parametrize(("change", "expected"), [({"factor": 5.0}, 15.0), ({"more": " + 1.0"}, 7.0)])
 def test_a_change_in_what_a_kernel_calls_compiles_it_again(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, change: dict[str, Any], expected: float
 ) -> None:
@@ -61,6 +63,19 @@ def test_a_change_in_what_a_kernel_calls_compiles_it_again(
     _kernel(tmp_path)(3.0)
     assert _kernel(tmp_path, **change)(3.0) == expected
     assert sum("compiling" in record.getMessage() for record in caplog.records) == 2
+
+
+def test_a_kernel_that_was_kept_for_a_type_of_another_name_is_compiled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after an update that renames it, on a machine that has compiled the old one."""
+    types = ModuleType("types_of_kernel")
+    monkeypatch.setitem(sys.modules, types.__name__, types)
+    for name in ("Before", "After"):
+        pair = namedtuple(name, "x y", module=types.__name__)  # type: ignore[misc]
+        monkeypatch.setattr(types, name, pair, raising=False)
+        assert _kernel(tmp_path, more="[1] + x[0]")(pair(3.0, 4.0)) == 2.0 * 4.0 + 3.0
+        monkeypatch.delattr(types, name)
 
 
 def test_a_kernel_that_another_process_compiles_meanwhile_is_waited_for_and_loaded(

@@ -12,7 +12,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.motion import write_table
 from solver.osim.writer import osim_document
-from solver.raise_arm import raise_arm
+from solver.raise_arm import simulate_arm_raise
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "muscles_of_a_motion.py"
 
@@ -33,7 +33,7 @@ def test_the_example_tells_and_draws_who_raises_the_arm(monkeypatch, capsys, tmp
 
 def test_the_example_takes_a_users_model_and_motion(monkeypatch, capsys, tmp_path: Path) -> None:
     model = bundled_model()
-    raised = raise_arm(model)
+    raised = simulate_arm_raise(model)
     Xml.ElementTree(osim_document(model)).write(tmp_path / "mine.osim")
     write_table(tmp_path / "mine.mot", raised.names, raised.time[:100], raised.coordinates[:100])
     files = ("--model", tmp_path / "mine.osim", "--motion", tmp_path / "mine.mot")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.dynamics import equations_of_motion
-from solver.kinematics import postures
 from solver.model import GROUND, Body, Marker, ModelError, with_point_mass
+from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.postures import postures
 
 MODEL = bundled_model()
 

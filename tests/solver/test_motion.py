@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.model import Coordinate, Model
-from solver.motion import Motion, MotionError, differentiate, read_motion, thin, write_table
+from solver.motion import Motion, MotionError, decimate, differentiate, read_motion, write_table
 
 MOT = """Coordinates
 version=1
@@ -131,7 +131,7 @@ def test_cutting_a_motion_changes_no_frame_that_is_kept():
 
 def test_a_thinned_motion_knows_its_longer_interval():
     whole = differentiate(sine(1.0))
-    part = thin(whole, 7)
+    part = decimate(whole, 7)
     assert part.interval == pytest.approx(0.07)
     np.testing.assert_array_equal(part.accelerations, whole.accelerations[::7])
     np.testing.assert_allclose(np.diff(part.time), part.interval)

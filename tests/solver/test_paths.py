@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.functions.coordinate import polynomial
-from solver.kinematics import jacobians, postures, speeds_from_rates
 from solver.model import GROUND, ConditionalPathPoint, ModelError, MovingPathPoint, Path, PathWrap, Placement
+from solver.multibody.postures import jacobians, postures, speeds_from_rates
 from solver.paths import evaluate_paths
 from tests.solver.wrapping.laid import point
 

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.assessment import assess
 from solver.cuff import CuffParameters
-from solver.motion import thin
-from solver.redundancy import (
+from solver.motion import decimate
+from solver.redundancy.motion import (
     FrameOutcome,
     RedundancyOptions,
     build_redundancy,
-    go_through,
+    evaluate_motion,
     solve_redundancy,
 )
-from solver.wearing.suit import read_suit
-from solver.wearing.worn import CUFF_CONDITIONS
+from solver.suit.assessment import assess
+from solver.suit.scenarios import CUFF_CONDITIONS
+from solver.suit.suit import read_suit
 from tests.solver.published import (
     FREE_IN_SHRUGS,
     TRIALS,
@@ -82,7 +82,9 @@ def test_the_shrug_differs_most_where_the_published_solver_stopped_early_and_mus
 def test_our_solver_finds_clarabels_optimum_in_every_frame(name, weight, free):
     # every tenth frame for itself: an interval this long leaves activations their whole range
     model, kinematics = trial(name, weight)
-    problem = build_redundancy(model, go_through(model, thin(kinematics, 10)), RedundancyOptions(free_coordinates=free))
+    problem = build_redundancy(
+        model, evaluate_motion(model, decimate(kinematics, 10)), RedundancyOptions(free_coordinates=free)
+    )
     problem = replace(problem, interval=1e3)
     found, known = (solve_redundancy(replace(problem, solver=s)) for s in ("interior_point", "clarabel"))
     assert {*found.outcomes.ravel(), *known.outcomes.ravel()} == {FrameOutcome.SOLVED}

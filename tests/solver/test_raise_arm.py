@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.constraints import constraint_gaps
-from solver.kinematics import postures
-from solver.motion import differentiate, thin
-from solver.raise_arm import raise_arm
-from solver.redundancy import solve_motion
+from solver.motion import decimate, differentiate
+from solver.multibody.constraints import constraint_gaps
+from solver.multibody.postures import postures
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import solve_motion
 
 MODEL = bundled_model()
 
 
 @pytest.fixture(scope="module")
 def kinematics():
-    return differentiate(raise_arm(MODEL))
+    return differentiate(simulate_arm_raise(MODEL))
 
 
 def test_the_arm_goes_from_15_degrees_past_90_and_back():
-    motion = raise_arm(MODEL)
+    motion = simulate_arm_raise(MODEL)
     elevation = np.degrees(motion.coordinates[:, MODEL.coordinate_index("shoulder_elv")])
     assert elevation[[0, -1]] == pytest.approx([15, 15])
     assert elevation.max() == pytest.approx(100)
@@ -28,7 +28,7 @@ def test_the_arm_goes_from_15_degrees_past_90_and_back():
 
 
 def test_the_acromioclavicular_gap_stays_below_a_micrometre_also_after_the_filter(kinematics):
-    for coordinates in (raise_arm(MODEL).coordinates, kinematics.positions):
+    for coordinates in (simulate_arm_raise(MODEL).coordinates, kinematics.positions):
         gaps = constraint_gaps(MODEL, postures(MODEL, coordinates, np.zeros_like(coordinates)))
         assert np.linalg.norm(gaps, axis=-1).max() < 1e-6
 
@@ -45,7 +45,7 @@ def test_accelerations_are_small_and_without_steps(kinematics):
 
 
 def test_no_frame_is_held_up_by_reserve_actuators(kinematics):
-    result = solve_motion(MODEL, thin(kinematics, 20))
+    result = solve_motion(MODEL, decimate(kinematics, 20))
     shoulder = [index for index, a in enumerate(MODEL.actuators) if 6 <= a.coordinate <= 14]
     assert len(shoulder) == 9
     assert result.unsolved == 0

@@ -11,7 +11,7 @@ import pytest
 from fitting.result import CuffFit, SessionFit, Verdict
 from fitting.session import fit_session
 from fitting.trial import build_trial
-from solver.wearing.suit import SuitError
+from solver.suit.suit import SuitError
 from station import demo
 from station.bench.daemon import TrialResult
 from station.exit_code import LOSSY

@@ -8,13 +8,13 @@ from solver.functions.coordinate import (
     Function,
     Sine,
     natural_spline,
+    piecewise_constant,
     piecewise_linear,
     polynomial,
     scaled,
     simm_spline,
     smooth_step,
-    stairs,
-    times_line,
+    times_linear,
 )
 
 X = np.array([-2.1, -0.9, -0.2, 0.4, 0.7, 1.9])
@@ -29,7 +29,7 @@ FUNCTIONS = {
     "step down": smooth_step(0.9, -0.6, 0.1, -0.4),
     "sine": Sine(0.5, 1.7, 0.3, 0.1),
     "scaled sine": scaled(Sine(0.5, 1.7, 0.3, 0.1), -2.0),
-    "product": times_line(smooth_step(-0.6, 0.9, 0.1, -0.4), 2.0, -0.7),
+    "product": times_linear(smooth_step(-0.6, 0.9, 0.1, -0.4), 2.0, -0.7),
 }
 
 
@@ -43,7 +43,9 @@ def test_slope_and_curvature_are_the_derivatives(name: str) -> None:
     assert np.allclose(curvature, (after[1] - before[1]) / (2 * step), atol=1e-7)
 
 
-@pytest.mark.parametrize("function", [piecewise_linear(X, Y), simm_spline(X, Y), natural_spline(X, Y, 2), stairs(X, Y)])
+@pytest.mark.parametrize(
+    "function", [piecewise_linear(X, Y), simm_spline(X, Y), natural_spline(X, Y, 2), piecewise_constant(X, Y)]
+)
 def test_a_function_through_points_goes_through_them(function: Function) -> None:
     assert np.allclose(function.derivatives(X)[0], Y, atol=1e-14)
 
@@ -74,4 +76,4 @@ def test_a_step_stays_at_its_ends() -> None:
 def test_a_product_with_a_line_is_one() -> None:
     step = smooth_step(-0.6, 0.9, 0.1, -0.4)
     product = step.derivatives(BETWEEN)[0] * (2.0 * BETWEEN - 0.7)
-    assert np.allclose(times_line(step, 2.0, -0.7).derivatives(BETWEEN)[0], product, atol=1e-13)
+    assert np.allclose(times_linear(step, 2.0, -0.7).derivatives(BETWEEN)[0], product, atol=1e-13)

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.functions.coordinate import polynomial
-from solver.kinematics import jacobians, postures, rates_of_coordinates, speeds_from_rates
 from solver.model import Model, MovingPathPoint, Path, Placement
-from solver.motion import differentiate, read_motion, thin
+from solver.motion import decimate, differentiate, read_motion
+from solver.multibody.postures import jacobians, postures, rates_of_coordinates, speeds_from_rates
 from solver.muscle import muscle_forces
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
-from solver.raise_arm import raise_arm
-from solver.redundancy import RedundancyOptions, go_through, solve_motion
-from solver.wearing.suit import BUNDLED_SUIT, read_suit
-from solver.wearing.worn import wear
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import RedundancyOptions, evaluate_motion, solve_motion
+from solver.suit.scenarios import prepare_suited_motion
+from solver.suit.suit import BUNDLED_SUIT, read_suit
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
 from tests.solver.wrapping.laid import point
 
@@ -100,7 +100,7 @@ def test_a_path_pulls_the_bodies_together_in_equilibrium() -> None:
 
 def test_raising_the_arm_in_tiny_steps_no_length_jumps_and_no_moment_arm_either() -> None:
     """Every length changes by what its slopes at both ends say, to the third order, through each touch and lift-off."""
-    kinematics = differentiate(raise_arm(MODEL))
+    kinematics = differentiate(simulate_arm_raise(MODEL))
     nodes = kinematics.positions[:: max(len(kinematics.positions) // 12, 1)]
     sweep = np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(nodes)])
     steps = np.diff(sweep, axis=0)
@@ -130,16 +130,16 @@ def test_frames_do_not_know_of_one_another_and_other_paths_may_be_laid() -> None
 
 def test_it_lays_most_paths_as_opensim_does() -> None:
     """But for paths over two surfaces, where OpenSim mixes two iterations, by millimetres (docs/paths.md)."""
-    moved = differentiate(raise_arm(MODEL)).positions[::20]
-    faithful = evaluate_paths(MODEL, postures(MODEL, moved, np.zeros_like(moved))).lengths
+    moved = differentiate(simulate_arm_raise(MODEL)).positions[::20]
+    opensim_paths = evaluate_paths(MODEL, postures(MODEL, moved, np.zeros_like(moved))).lengths
     one_surface = [k for k, muscle in enumerate(MODEL.muscles) if len(muscle.path.wraps) < 2]
-    difference = np.abs(_lengths(MODEL, moved) - faithful)
+    difference = np.abs(_lengths(MODEL, moved) - opensim_paths)
     assert difference[:, one_surface].max() < 2e-3
     assert np.median(difference) < 1e-6
 
 
 def test_the_redundancy_problem_is_posed_on_the_paths_that_are_asked_for() -> None:
-    kinematics = thin(differentiate(raise_arm(MODEL)), 150)
+    kinematics = decimate(differentiate(simulate_arm_raise(MODEL)), 150)
     lengths = _lengths(MODEL, kinematics.positions)
     state = postures(MODEL, kinematics.positions, kinematics.speeds)
     passive = muscle_forces(MODEL, lengths, evaluate_paths(MODEL, state, mode="geodesic").speeds).passive
@@ -147,12 +147,13 @@ def test_the_redundancy_problem_is_posed_on_the_paths_that_are_asked_for() -> No
     assert np.array_equal(solved.passive_forces, passive)
     assert solved.unsolved == 0
     suit = read_suit(BUNDLED_SUIT)
-    geodesic, faithful = (
-        wear(MODEL, kinematics, suit, options=RedundancyOptions(path_mode=mode)) for mode in ("geodesic", "faithful")
+    geodesic, opensim_paths = (
+        prepare_suited_motion(MODEL, kinematics, suit, options=RedundancyOptions(path_mode=mode))
+        for mode in ("geodesic", "opensim")
     )
-    bare = go_through(MODEL, kinematics, path_mode="geodesic")
+    bare = evaluate_motion(MODEL, kinematics, path_mode="geodesic")
     assert np.array_equal(geodesic.bare_problem.acceleration_matrix, bare.maps.acceleration_per_control)
-    assert not np.array_equal(geodesic.problem.acceleration_matrix, faithful.problem.acceleration_matrix)
+    assert not np.array_equal(geodesic.problem.acceleration_matrix, opensim_paths.problem.acceleration_matrix)
 
 
 def _without_surfaces(model: Model) -> list[Path]:

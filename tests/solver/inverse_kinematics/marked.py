@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
-from solver.kinematics import points_in_ground, postures
 from solver.model import GROUND, Marker, Model, PointConstraint
+from solver.multibody.postures import points_in_ground, postures
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from solver.bundled import bundled_model
 from solver.functions.coordinate import polynomial
-from solver.inverse_kinematics.solve import FrameOutcome, TrackingTasks, assemble, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks, assemble, solve_inverse_kinematics
 from solver.model import CoordinateCoupler, CoordinateLock, Model, ModelError
 from tests.solver.inverse_kinematics.marked import (
     cost_of,
@@ -26,7 +26,7 @@ from tests.solver.linkage import linkage
 
 Array = NDArray[np.float64]
 MODELS = pytest.mark.parametrize("make", [bundled_model, linkage], ids=["bundled", "linkage"])
-SOLVED = FrameOutcome.SOLVED
+SOLVED = PostureOutcome.SOLVED
 
 
 def noisy(model: Model, frames: int, noise: float, seed: int = 5) -> tuple[Array, Array]:
@@ -82,7 +82,7 @@ def test_a_frame_is_solved_without_its_hidden_markers_and_an_empty_one_is_no_pos
     before = whole.coordinates[2]
     observed[1] = np.nan
     gone = solve_inverse_kinematics(model, observed, tasks)
-    assert gone.outcomes == (SOLVED, FrameOutcome.NO_MARKERS, SOLVED)
+    assert gone.outcomes == (SOLVED, PostureOutcome.NO_MARKERS, SOLVED)
     assert gone.unsolved == 1
     assert np.isnan(gone.coordinates[1]).all()
     np.testing.assert_allclose(gone.coordinates[2], before, atol=1e-9)
@@ -161,7 +161,7 @@ def test_a_frame_that_runs_out_of_rounds_says_so(make: Callable[[], Model]) -> N
     model = with_markers(make())
     _, observed = noisy(model, 2, 0.02)
     starved = solve_inverse_kinematics(model, observed, tasks_of(model), most_rounds=1)
-    assert starved.outcomes == (FrameOutcome.NOT_CONVERGED,) * 2
+    assert starved.outcomes == (PostureOutcome.NOT_CONVERGED,) * 2
     assert starved.rounds.tolist() == [1, 1]
 
 
@@ -171,7 +171,7 @@ def test_constraints_that_contradict_each_other_are_told() -> None:
     locks = (CoordinateLock("one", 6, 0.1), CoordinateLock("two", 7, 0.4))
     bound = replace(model, constraints=(coupler, *locks))
     found = solve_inverse_kinematics(bound, noisy(model, 1, 0.0)[1], tasks_of(model), model.default_coordinates)
-    assert found.outcomes == (FrameOutcome.GAP_OPEN,)
+    assert found.outcomes == (PostureOutcome.GAP_OPEN,)
     assert found.gap[0] == pytest.approx(0.3)
     with pytest.raises(ModelError, match="cannot be met"):
         assemble(bound)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import FrameOutcome, TrackingTasks, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks, solve_inverse_kinematics
 from solver.model import Model
 from solver.motion import read_table
 from solver.osim.reader import read_osim
@@ -54,7 +54,7 @@ def test_the_optimum_is_that_of_opensim_and_not_above_it(name: str, tmp_path: Pa
     theirs = solved_by_opensim(trial, model, tmp_path)
     tasks, observed = tracked(trial, model)
     found = solve_inverse_kinematics(model, observed[: len(theirs)], tasks)
-    assert set(found.outcomes) == {FrameOutcome.SOLVED}
+    assert set(found.outcomes) == {PostureOutcome.SOLVED}
     away = np.abs(found.coordinates - theirs).max(axis=1)
     assert away.max() < 2e-5
     assert np.median(away) < 1e-6

@@ -10,17 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.dynamics import equations_of_motion, response_maps
-from solver.kinematics import postures
-from solver.loads import load_wrenches
 from solver.model import Model, with_point_mass
-from solver.motion import differentiate, thin, write_table
+from solver.motion import decimate, differentiate, write_table
+from solver.multibody.dynamics import equations_of_motion, response_maps
+from solver.multibody.external_loads import load_wrenches
+from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
 from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
-from solver.raise_arm import raise_arm
-from solver.redundancy import solve_motion
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import solve_motion
 from tests.solver.oracle.two_bodies import model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
 
@@ -86,7 +86,7 @@ def test_a_weight_put_into_the_hand_of_an_osim_file_is_carried_as_a_point_mass(t
     hand.setMass(hand.getMass() + 2.0)
     osim.finalizeConnections()
     osim.printToXML(str(tmp_path / "loaded.osim"))
-    motion = thin(differentiate(raise_arm(ours)), 60)
+    motion = decimate(differentiate(simulate_arm_raise(ours)), 60)
     found = solve_motion(read_osim(tmp_path / "loaded.osim"), motion)
     expected = solve_motion(with_point_mass(ours, "hand", 2.0, place), motion)
     np.testing.assert_allclose(found.activations, expected.activations, atol=1e-6)

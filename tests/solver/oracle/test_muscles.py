@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.kinematics import postures
 from solver.model import Model
+from solver.multibody.postures import postures
 from solver.muscle import MuscleForces, muscle_forces
 from solver.paths import evaluate_paths
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back

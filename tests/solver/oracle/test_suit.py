@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
-from solver.kinematics import Postures, postures
 from solver.model import Model
-from solver.spatial import rotate
-from solver.wearing.cord import SuitForces, cord_line, migrated, suit_forces
-from solver.wearing.suit import SuitPoint, read_suit
+from solver.multibody.postures import Postures, postures
+from solver.multibody.rotations import rotate
+from solver.suit.cord import SuitForces, cord_line, suit_forces, with_migration
+from solver.suit.suit import SuitPoint, read_suit
 
 opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
 certify: Any = pytest.importorskip("tests.solver.certify")
@@ -38,7 +38,7 @@ def test_cord_and_cuffs_pull_as_path_spring_and_bushing_forces_do() -> None:
     worn = suit_forces(SUIT, line, np.array([REST_LENGTH]), (WAIST, ARM), is_shifted=True, yields=True)
     displacement = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), worn.displacement)[0]
     velocity = np.diff(displacement, axis=0, prepend=displacement[:1]) / INTERVAL
-    rest = migrated(SUIT, line, (WAIST, ARM)).anchors
+    rest = with_migration(SUIT, line, (WAIST, ARM)).anchors
     oracle = SuitedOracle(model, _rest_in_body(line.anchors_to_ground, state, model, rest))
     found = [oracle.at(*each) for each in zip(q, u, displacement, velocity, strict=True)]
     assert worn.tension.min() > 10

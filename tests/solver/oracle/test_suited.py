@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
-from solver.dynamics import equations_of_motion
-from solver.kinematics import postures
+from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.postures import postures
+from solver.multibody.rotations import rotate
 from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
-from solver.spatial import rotate
-from solver.wearing.cord import SuitForces, cord_line, suit_forces
-from solver.wearing.suit import Suit, read_suit, with_suit_masses
-from solver.wearing.worn import Condition, Wearing
+from solver.suit.cord import SuitForces, cord_line, suit_forces
+from solver.suit.scenarios import Condition, SuitScenario
+from solver.suit.suit import Suit, read_suit, with_suit_masses
 
 opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
 certify: Any = pytest.importorskip("tests.solver.certify")
@@ -42,7 +42,7 @@ class Loaded:
     def __init__(self, suit: Suit, condition: Condition, folder: Path) -> None:
         opensim.Logger.setLevelString("error")
         worn = (None, None) if condition == "rigid" else (WAIST, ARM)
-        self.wearing = Wearing(condition, *worn, LENGTH)
+        self.wearing = SuitScenario(condition, *worn, LENGTH)
         root = osim_document(MODEL)
         add_suit(root, MODEL, suit, self.wearing)
         path = folder / "suited.osim"
@@ -96,7 +96,7 @@ def test_the_cord_pulls_as_ours_with_the_cuffs_at_rest(
                 np.testing.assert_allclose(-loaded.bushing_force(part), ours.forces[0, frame, place], atol=1e-8)
 
 
-def worn_forces(suit: Suit, wearing: Wearing, states: tuple[Array, Array]) -> SuitForces:
+def worn_forces(suit: Suit, wearing: SuitScenario, states: tuple[Array, Array]) -> SuitForces:
     """Ours, each posture held still."""
     line = cord_line(suit, MODEL, postures(MODEL, *states), 0.01)
     still = [cuff and replace(cuff, damping=0.0) for cuff in wearing.cuffs]

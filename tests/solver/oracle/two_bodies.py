@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver.constraints import constraint_gaps
-from solver.dynamics import equations_of_motion
-from solver.kinematics import jacobians, postures, rates_of_coordinates
 from solver.model import Model
+from solver.multibody.constraints import constraint_gaps
+from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.postures import jacobians, postures, rates_of_coordinates
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
 

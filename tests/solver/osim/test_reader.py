@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solver.model import NO_COORDINATE, AxisMotion, Model, ModelError, MovingPathPoint
+from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.reader import read_osim
-from solver.spatial import rotation_body_fixed_xyz
 from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
 
 CURVES = """<ActiveForceLengthCurve name="length"><minimum_value>0</minimum_value></ActiveForceLengthCurve>

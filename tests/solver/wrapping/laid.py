@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.kinematics import postures
 from solver.model import GROUND, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
+from solver.multibody.postures import postures
 from solver.paths import PathMode, evaluate_paths
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ def ellipsoid(radii: ArrayLike, quadrant: str = "all", centre: ArrayLike = (0, 0
 
 
 def lengths_over(
-    surfaces: Sequence[WrapSurface], lines: ArrayLike, method: Method = "hybrid", mode: PathMode = "faithful"
+    surfaces: Sequence[WrapSurface], lines: ArrayLike, method: Method = "hybrid", mode: PathMode = "opensim"
 ) -> Array:
     """Length (lines,) of each line (lines, points, 3) laid over the surfaces, tried in their order."""
     wraps = tuple(PathWrap(k, method) for k in range(len(surfaces)))

@@ -16,7 +16,7 @@ from markupsafe import escape
 
 from fitting.laws.model_class import ModelComparison
 from fitting.spatial.tensor import Tensor, Tensors
-from solver.wearing.suit import BUNDLED_SUIT
+from solver.suit.suit import BUNDLED_SUIT
 from station.muscles.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.muscles.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.muscles.emg import EmgError, read_emg

@@ -11,8 +11,8 @@ import pytest
 from solver.bundled import bundled_model
 from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
-from solver.wearing.suit import BUNDLED_SUIT, SuitError, read_suit
-from solver.wearing.worn import Wearing
+from solver.suit.scenarios import SuitScenario
+from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
 from station.muscles.assessment_inputs import InputError
 from station.muscles.export_model import SuitToExport, write_suited_model
 from tests.station.command import assert_one_sentence
@@ -60,7 +60,7 @@ def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
 
 
 def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
-    root, rigid = osim_document(bundled_model()), Wearing("rigid", None, None, np.array([0.7]))
+    root, rigid = osim_document(bundled_model()), SuitScenario("rigid", None, None, np.array([0.7]))
     add_suit(root, bundled_model(), read_suit(), rigid)
     with pytest.raises(SuitError, match="should not wear a suit yet and has arm_cuff, exotendon, shoulder_cuff"):
         add_suit(root, bundled_model(), read_suit(), rigid)

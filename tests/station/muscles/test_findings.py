@@ -7,20 +7,20 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from solver.assessment import Assessment, Comparison, Curve, Figure, Sureness
-from solver.redundancy import FrameOutcome
-from solver.wearing.readings import Readings
+from solver.redundancy.motion import FrameOutcome
+from solver.suit.assessment import Assessment, Comparison, EffortCurve, Quantity, UncertaintySummary
+from solver.suit.readouts import CurveReadouts
 from station.muscles.findings import findings
 
 
-def curve(cuff: str | None, cost: float | None, condition: str = "both") -> Curve:
-    names = [field.name for field in fields(Readings)]
-    values = {name: Figure(None) for name in names} | {"at_reference": Figure(cost)}
+def curve(cuff: str | None, cost: float | None, condition: str = "both") -> EffortCurve:
+    names = [field.name for field in fields(CurveReadouts)]
+    values = {name: Quantity(None) for name in names} | {"at_reference": Quantity(cost)}
     nothing = np.zeros((0, 0))
-    return Curve(condition, cuff, nothing, np.array([0.5, 0.0012]), nothing, 0, values, {})  # type: ignore[arg-type]
+    return EffortCurve(condition, cuff, nothing, np.array([0.5, 0.0012]), nothing, 0, values, {})  # type: ignore[arg-type]
 
 
-def assessment(*curves: Curve, **more: object) -> Assessment:
+def assessment(*curves: EffortCurve, **more: object) -> Assessment:
     nothing = np.zeros(0)
     plain = Assessment(
         muscles=(),
@@ -42,7 +42,7 @@ def assessment(*curves: Curve, **more: object) -> Assessment:
 
 def compared(value: float | None, ci95: tuple[float, float] | None) -> list[str]:
     pair = (curve("hand", 0.85), curve("tube", 0.84))
-    return findings(assessment(*pair, comparisons=(Comparison(("hand", "tube"), Figure(value, ci95)),)))
+    return findings(assessment(*pair, comparisons=(Comparison(("hand", "tube"), Quantity(value, ci95)),)))
 
 
 def test_the_cheapest_is_chosen_and_stands_alone_where_all_others_differ() -> None:
@@ -80,7 +80,7 @@ def test_one_cuff_alone_and_none_that_was_solved() -> None:
 
 def test_what_each_costs_with_a_cord_of_its_own_is_said_where_it_is_known() -> None:
     best = curve("hand", 0.85)
-    best = replace(best, figures={**best.figures, "lowest_cost": Figure(0.7852), "rest_length": Figure(0.692)})
+    best = replace(best, figures={**best.figures, "lowest_cost": Quantity(0.7852), "rest_length": Quantity(0.692)})
     told = findings(assessment(best, curve("tube", 0.84)))
     assert "With a cord of its own best rest length, shifted and yielding, it is hand 0.785 at 0.692 m." in told
 
@@ -88,7 +88,7 @@ def test_what_each_costs_with_a_cord_of_its_own_is_said_where_it_is_known() -> N
 @pytest.mark.parametrize(("waist", "who"), [(None, "hand"), ("belt", "hand and the waist")])
 def test_what_migration_takes_is_said_of_those_that_slip(waist: str | None, who: str) -> None:
     slipped = curve("hand", 0.83, "shift")
-    known = {"cord_force_lost": Figure(0.2), "cost_per_migration": Figure(3.2)}
+    known = {"cord_force_lost": Quantity(0.2), "cost_per_migration": Quantity(3.2)}
     sentences = findings(assessment(replace(slipped, figures={**slipped.figures, **known}), waist_cuff=waist))
     words = f"The migration of {who} takes 20 % of the cord's largest force and 3.2 percentage points of cost"
     assert any(sentence.startswith(words) for sentence in sentences)
@@ -97,7 +97,7 @@ def test_what_migration_takes_is_said_of_those_that_slip(waist: str | None, who:
 def test_a_dash_that_is_no_failure_is_explained() -> None:
     sentence = "A dash in place of a best rest length, or of its width, says that it lies beyond those tried, 0.60 to"
     assert any(said.startswith(sentence) for said in findings(assessment(curve("hand", 0.85))))
-    known = {"rest_length": Figure(0.7), "permissible_error": Figure(0.04)}
+    known = {"rest_length": Quantity(0.7), "permissible_error": Quantity(0.04)}
     inside = [
         replace(each, figures={**each.figures, **known}) for each in (curve(None, 0.79, "rigid"), curve("a", 0.8))
     ]
@@ -112,14 +112,14 @@ def test_what_reserves_add_near_the_reference_is_told() -> None:
 def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
     unknown = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    sentences = findings(assessment(unknown, sureness=Sureness(5, 20, dict.fromkeys(names, np.nan))))
+    sentences = findings(assessment(unknown, sureness=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan))))
     assert any(sentence.endswith("thinning alone changes is not known of all figures.") for sentence in sentences)
     assert not any("nan" in sentence for sentence in sentences)
 
 
 def test_thinning_and_unsolved_frames_are_told() -> None:
     names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
-    sure = Sureness(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
+    sure = UncertaintySummary(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
     told = findings(assessment(curve("hand", 0.85), sureness=sure, outcomes={FrameOutcome.NOT_CONVERGED.value: 3}))
     (sure_of,) = (said for said in told if said.startswith("Intervals come from 200 draws of the cuffs on every 20th "))
     assert sure_of.endswith(

@@ -14,14 +14,14 @@ from pyarrow import parquet
 
 from solver.bundled import bundled_model
 from solver.motion import write_table
-from solver.raise_arm import raise_arm
-from solver.redundancy import RedundancyOptions
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import RedundancyOptions
 from station.muscles import sources
 from station.muscles.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles, unsolved_in_words
 from station.muscles.rmr_table import solved_columns, write_solved
 from station.report.rmr_figures import draw_solved
+from tests.solver.redundancy.test_reachability import with_a_singular_elbow, with_locks
 from tests.solver.references import SHARED
-from tests.solver.sharing.test_reachability import with_a_singular_elbow, with_locks
 from tests.station.command import assert_one_sentence
 
 MODEL = bundled_model()
@@ -31,7 +31,7 @@ CUT = MotionCut(every=50)
 @pytest.fixture(scope="module")
 def motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("motion") / "raise.mot"
-    raised = raise_arm(MODEL)
+    raised = simulate_arm_raise(MODEL)
     write_table(path, raised.names, raised.time, raised.coordinates)
     return path
 
@@ -51,7 +51,7 @@ def infeasible(motion: Path, tmp_path_factory: pytest.TempPathFactory) -> Solved
 
 def pulled(folder: Path, force: float) -> Path:
     """External loads: down on the hand from the middle of the motion on."""
-    time = raise_arm(MODEL).time
+    time = simulate_arm_raise(MODEL).time
     pull = np.zeros((len(time), 3))
     pull[len(time) // 2 :, 1] = -force
     write_table(folder / "pull.sto", ["pull_x", "pull_y", "pull_z"], time, pull)
@@ -232,7 +232,7 @@ def test_a_published_lift_with_locked_coordinates_moves_its_joint_force_smoothly
 
 def test_a_posture_without_finite_accelerations_is_a_row(station, motion: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(sources, "bundled_model", lambda: with_a_singular_elbow(MODEL))
-    raised, elbow = raise_arm(MODEL), MODEL.coordinate_index("elbow_flexion")
+    raised, elbow = simulate_arm_raise(MODEL), MODEL.coordinate_index("elbow_flexion")
     bent = raised.coordinates.copy()
     bent[100, elbow] = 1.0
     write_table(motion.with_name("bent.mot"), raised.names, raised.time, bent)
@@ -246,12 +246,12 @@ def test_a_posture_without_finite_accelerations_is_a_row(station, motion: Path, 
 
 
 def test_paths_may_be_geodesics(station, motion: Path, tmp_path: Path) -> None:
-    for mode in ("faithful", "geodesic"):
+    for mode in ("opensim", "geodesic"):
         out = tmp_path / f"{mode}.csv"
         assert station("rmr", "--motion", motion, "--every", 200, "--paths", mode, "--output", out).code == 0
         assert f"# paths={mode}\n" in out.read_text()
-    faithful, geodesic = (pd.read_csv(tmp_path / f"{mode}.csv", comment="#") for mode in ("faithful", "geodesic"))
-    difference = np.abs(faithful - geodesic)[list(MODEL.muscle_names)].to_numpy()
+    opensim_paths, geodesic = (pd.read_csv(tmp_path / f"{mode}.csv", comment="#") for mode in ("opensim", "geodesic"))
+    difference = np.abs(opensim_paths - geodesic)[list(MODEL.muscle_names)].to_numpy()
     assert 1e-6 < difference.max() < 0.1
     assert station("rmr", "--paths", "straight", "--output", tmp_path / "none.csv").code == 2
 

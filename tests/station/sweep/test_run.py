@@ -12,8 +12,8 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.motion import differentiate
-from solver.raise_arm import raise_arm
-from solver.wearing.suit import read_suit
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.suit import read_suit
 from station.muscles.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.sweep.plan import PlanError, read_plan
 from station.sweep.run import Swept, run_sweep
@@ -39,12 +39,12 @@ def swept(folder: Path, vary: str, **more: Any) -> tuple[Swept, pd.DataFrame]:
 
 
 def test_each_case_costs_what_the_assessment_says(tmp_path: Path) -> None:
-    from solver.assessment import assess
+    from solver.suit.assessment import assess
 
     found, table = swept(tmp_path, 'condition = ["rigid", "both"]')
     model = bundled_model()
     worn = worn_cuffs(read_cuffs_to_wear(tmp_path / "cuffs.json"), ())
-    whole = assess(model, differentiate(raise_arm(model)), read_suit(), worn, every=60, draws=0)
+    whole = assess(model, differentiate(simulate_arm_raise(model)), read_suit(), worn, every=60, draws=0)
     assert (found.cases, found.failed, found.unsolved) == (4, 0, 0)
     for row in table.to_dict("records"):
         (curve,) = [c for c in whole.curves if (c.condition, c.cuff or row["cuff"]) == (row["condition"], row["cuff"])]

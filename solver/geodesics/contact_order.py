@@ -1,0 +1,155 @@
+"""A path pulled taut over its surfaces: which of them it touches, in which order."""
+
+from __future__ import annotations
+
+from math import inf, isnan
+
+from solver.compiled import compiled
+from solver.geodesics.contact import into_surface, set_geodesic
+from solver.geodesics.first_contact import find_first_contact
+from solver.geodesics.planes import contact_in_plane
+from solver.geodesics.shortest_path import GUESS, shorten_path
+from solver.geodesics.workspace import GeodesicWorkspace
+from solver.vectors import Vector, distance, dot, read, subtract
+from solver.wrapping.path_tables import ELLIPSOID, Indices, Record, Records
+
+MOST_ROUNDS = 16
+IMPOSSIBLE = -1
+GAP = 1e-9  # m
+
+
+@compiled
+def find_contacts(
+    start: Vector, end: Vector, first: int, last: int, wraps: Records, work: GeodesicWorkspace
+) -> tuple[int, float]:
+    """Lay the piece between two points of the ground, a path's `first` and `last`, over those of its surfaces (WRAP)
+    that are in the way. Kind, size and pose of the surfaces are set in work.contacts.
+
+    Returns how many contacts there are, work.order being theirs along the path, and the length [m].
+    """
+    contacts, count = work.contacts, 0
+    for k in range(len(wraps)):
+        contacts[k]["is_left_out"] = first < wraps[k]["first"] or last > wraps[k]["last"]
+    for _ in range(MOST_ROUNDS):
+        before = count
+        for k in range(len(wraps)):
+            if not contacts[k]["is_left_out"]:
+                count = _lay_over(start, end, k, wraps[k], count, work)
+            if count == IMPOSSIBLE:
+                contacts[k]["is_left_out"] = 1
+                count, before = 0, IMPOSSIBLE
+                break
+        if count == before or len(wraps) == 1:
+            break
+    return count, _length(start, end, count, work)
+
+
+@compiled
+def _lay_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, work: GeodesicWorkspace) -> int:
+    """Lay the path over one more surface, if that is in the way of one of its straight pieces.
+
+    Returns how many contacts there are then, or IMPOSSIBLE.
+    """
+    contacts, order = work.contacts, work.order
+    for j in range(count):
+        if order[j] == k:
+            return count
+    contact = contacts[k]
+    size = read(contact["size"])
+    for gap in range(count + 1):
+        before, behind = start, end
+        if gap > 0:
+            before = read(contacts[order[gap - 1]]["last"]["place"])
+        if gap < count:
+            behind = read(contacts[order[gap]]["first"]["place"])
+        touches, place, heading, length, another = find_first_contact(
+            wrap["kind"],
+            size,
+            wrap["axis"],
+            wrap["allowed"],
+            into_surface(contact, before),
+            into_surface(contact, behind),
+            work.lengths,
+        )
+        if not touches:
+            continue
+        _insert(order, count, gap, k)
+        set_geodesic(contact, place, heading, length, GUESS, work.series)
+        if wrap["kind"] == ELLIPSOID or count > 0:
+            return _settle(start, end, contact, before, behind, another, count + 1, work)
+        return 1
+    return count
+
+
+@compiled
+def _settle(
+    start: Vector,
+    end: Vector,
+    contact: Record,
+    before: Vector,
+    behind: Vector,
+    another: float,
+    count: int,
+    work: GeodesicWorkspace,
+) -> int:
+    """Pull the path taut with its latest contact, on the shorter of two ways where there may be two, and take it off
+    surfaces that it would have to pull at.
+    """
+    place, heading, on_surface = read(contact["start"]), read(contact["heading"]), contact["length"]
+    length = _pulled_length(start, end, count, work)
+    if not isnan(another):
+        other_place, other_heading, other_on_surface = contact_in_plane(
+            read(contact["size"]), into_surface(contact, before), into_surface(contact, behind), another
+        )
+        set_geodesic(contact, other_place, other_heading, other_on_surface, GUESS, work.series)
+        if not _pulled_length(start, end, count, work) < length:
+            set_geodesic(contact, place, heading, on_surface, GUESS, work.series)
+            length = _pulled_length(start, end, count, work)
+    k = 0
+    while k < count:
+        if work.contacts[work.order[k]]["length"] > 0.0:
+            k += 1
+        else:
+            count, k = _remove(work.order, count, k), 0
+            length = _pulled_length(start, end, count, work)
+    return count if length < inf else IMPOSSIBLE
+
+
+@compiled
+def _pulled_length(start: Vector, end: Vector, count: int, work: GeodesicWorkspace) -> float:
+    """Infinite where the path cannot be pulled taut, as between two surfaces that leave no gap."""
+    if not shorten_path(start, end, count, work):
+        return inf
+    place = start
+    for k in range(count):
+        first, last = work.contacts[work.order[k]]["first"], work.contacts[work.order[k]]["last"]
+        if dot(subtract(read(first["place"]), place), read(first["t"])) < (GAP if k > 0 else 0.0):
+            return inf
+        place = read(last["place"])
+        if k + 1 == count and dot(subtract(end, place), read(last["t"])) < 0.0:
+            return inf
+    return _length(start, end, count, work)
+
+
+@compiled
+def _length(start: Vector, end: Vector, count: int, work: GeodesicWorkspace) -> float:
+    length, place = 0.0, start
+    for k in range(count):
+        contact = work.contacts[work.order[k]]
+        length += distance(place, read(contact["first"]["place"])) + contact["length"]
+        place = read(contact["last"]["place"])
+    return length + distance(place, end)
+
+
+@compiled
+def _insert(order: Indices, count: int, gap: int, k: int) -> None:
+    for j in range(count, gap, -1):
+        order[j] = order[j - 1]
+    order[gap] = k
+
+
+@compiled
+def _remove(order: Indices, count: int, k: int) -> int:
+    for j in range(k, count - 1):
+        order[j] = order[j + 1]
+    return count - 1

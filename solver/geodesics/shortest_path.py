@@ -1,0 +1,220 @@
+"""A path pulled taut between two points over surfaces that it touches in a given order: Newton's method.
+
+Unknowns of each contact are four: its geodesic may slide by τ along itself and by β across, turn by θ at its beginning,
+and grow by λ. Four equations ask that the straight pieces before and behind it leave along its directions:
+
+    d·n = 0,   d·b = 0      at both ends, d being the straight piece there
+
+(on an ellipsoid the first in another form, _past_touch).
+Their derivatives come from the surface's bends and from the spread of neighbouring geodesics. Each equation knows only
+the neighbours on the path. (As Scholz, Sherman, Stavness, Delp, Kecskeméthy, Multibody Syst. Dyn. 36:195, 2016.)
+"""
+
+from __future__ import annotations
+
+from math import atan2, inf, sqrt
+
+from solver.compiled import compiled
+from solver.geodesics.contact import set_geodesic
+from solver.geodesics.series import EXACT
+from solver.geodesics.trace import normal_at, project_onto_surface
+from solver.geodesics.workspace import GeodesicWorkspace
+from solver.vectors import (
+    Array,
+    Vector,
+    add,
+    along,
+    cross,
+    dot,
+    read,
+    scale,
+    subtract,
+    unit,
+)
+from solver.wrapping.path_tables import ELLIPSOID, Indices, Record, Records
+
+GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
+MOST_STEPS = 30
+SINGULAR = 1e-14
+LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 1e-4, 1e-7  # in radii of the surface, or rad
+
+
+@compiled
+def shorten_path(start: Vector, end: Vector, count: int, work: GeodesicWorkspace) -> bool:
+    """Whether the first `count` contacts of work.order, guesses of accuracy GUESS, could be made exact; all in ground.
+
+    Geodesics are as accurate as Newton's method makes use of: it squares the error. Of the last step only the first
+    order is left, and nothing needs be computed anew.
+    """
+    contacts, order, accuracy = work.contacts, work.order, GUESS
+    equations = work.matrix[: 4 * count, : 4 * count + 1]
+    steps = equations[:, -1]
+    for _ in range(MOST_STEPS):
+        _fill(start, end, contacts, order, equations)
+        _eliminate(equations)
+        longest = _longest(contacts, order, steps)
+        if longest <= LAST_STEP and accuracy == EXACT:
+            for k in range(count):
+                _move_ends(contacts[order[k]], steps[4 * k : 4 * k + 4])
+            return True
+        if not longest < inf:
+            return False
+        accuracy = EXACT if longest < EXACT_FROM else min(GUESS, 0.01 * longest * longest)
+        share = 1.0 if longest <= LONGEST_STEP else LONGEST_STEP / longest
+        for k in range(count):
+            _move(contacts[order[k]], share, steps[4 * k : 4 * k + 4], accuracy, work.series)
+    return False
+
+
+@compiled
+def _fill(start: Vector, end: Vector, contacts: Records, order: Indices, matrix: Array) -> None:
+    """The derivatives of the conditions by (τ, β, θ, λ) of each contact and, behind them, minus the conditions."""
+    count = len(matrix) // 4
+    matrix[:] = 0.0
+    for k in range(count):
+        contact, row = contacts[order[k]], 4 * k
+        first, last = contact["first"], contact["last"]
+        before = read(contacts[order[k - 1]]["last"]["place"]) if k > 0 else start
+        behind = read(contacts[order[k + 1]]["first"]["place"]) if k + 1 < count else end
+        arriving, leaving = subtract(read(first["place"]), before), subtract(behind, read(last["place"]))
+        ahead, above = _fill_end(matrix, row, contact, first, arriving, 1.0, False)
+        if k > 0:
+            _fill_neighbour(matrix, row, row - 4, first, contacts[order[k - 1]], ahead, above, -1.0, True)
+        ahead, above = _fill_end(matrix, row + 2, contact, last, leaving, -1.0, True)
+        if k + 1 < count:
+            _fill_neighbour(matrix, row + 2, row + 4, last, contacts[order[k + 1]], ahead, above, 1.0, False)
+
+
+@compiled
+def _fill_end(
+    matrix: Array, row: int, contact: Record, end: Record, piece: Vector, sense: float, is_last: bool
+) -> tuple[float, float]:
+    """The two conditions at one end of a contact and what its own unknowns do to them; the straight piece there grows
+    by `sense` with the end's place. Returns the derivatives of the first by the piece's parts along t and n.
+    """
+    on_t, on_n, on_b = dot(piece, read(end["t"])), dot(piece, read(end["n"])), dot(piece, read(end["b"]))
+    tt, tb, bb = read(end["bends"])
+    missing, ahead, above = on_n, 0.0, 1.0
+    if contact["kind"] == ELLIPSOID:
+        missing, ahead, above = _past_touch(1.0 / tt, on_t, -sense * on_n)
+        above *= -sense
+    by_t = ahead * (sense - tt * on_n) + above * (tt * on_t + tb * on_b)
+    by_b = -ahead * tb * on_n + above * (tb * on_t + bb * on_b)
+    column, spread = row - 2 if is_last else row, contact["spread"]
+    matrix[row, -1], matrix[row + 1, -1] = -missing, -on_b
+    _differentiate(matrix, row, column, is_last, spread, by_t, by_b, ahead * on_b)
+    _differentiate(matrix, row + 1, column, is_last, spread, -tb * on_n, sense - bb * on_n, -on_t)
+    return ahead, above
+
+
+@compiled
+def _past_touch(radius: float, x: float, y: float) -> tuple[float, float, float]:
+    """How far along a circle, from its topmost point on, the line touches it that goes on to (x, y) from there; and its
+    derivatives by x and y. It is zero where y is, but at one of the two points of the circle only, and nearly linear
+    where the other is close, as it is for an end close to the surface. From inside, the nearest point is taken.
+    """
+    height = y + radius
+    square = x * x + height * height
+    angle, by_x, by_y = atan2(x, height), height / square, -x / square
+    if square > radius * radius:
+        k = sqrt(square - radius * radius)
+        angle -= atan2(k, radius)
+        by_x -= radius * x / (square * k)
+        by_y -= radius * height / (square * k)
+    return radius * angle, radius * by_x, radius * by_y
+
+
+@compiled
+def _fill_neighbour(
+    matrix: Array,
+    row: int,
+    column: int,
+    end: Record,
+    neighbour: Record,
+    ahead: float,
+    above: float,
+    sense: float,
+    is_last: bool,
+) -> None:
+    """What the unknowns of the contact at the other end of a straight piece do to the conditions at this one."""
+    other, spread = neighbour["last"] if is_last else neighbour["first"], neighbour["spread"]
+    t, b, across = read(other["t"]), read(other["b"]), read(end["b"])
+    towards = add(scale(sense * ahead, read(end["t"])), scale(sense * above, read(end["n"])))
+    _differentiate(matrix, row, column, is_last, spread, dot(t, towards), dot(b, towards), 0.0)
+    _differentiate(matrix, row + 1, column, is_last, spread, sense * dot(t, across), sense * dot(b, across), 0.0)
+
+
+@compiled
+def _differentiate(
+    matrix: Array, row: int, column: int, is_last: bool, spread: Array, by_t: float, by_b: float, by_turn: float
+) -> None:
+    """Derivatives by an end's steps along t and b and its turn, as derivatives by the contact's four unknowns."""
+    matrix[row, column] = by_t
+    if is_last:
+        matrix[row, column + 1] = by_b * spread[0] + by_turn * spread[2]
+        matrix[row, column + 2] = by_b * spread[1] + by_turn * spread[3]
+        matrix[row, column + 3] = by_t
+    else:
+        matrix[row, column + 1] = by_b
+        matrix[row, column + 2] = by_turn
+
+
+@compiled
+def _eliminate(matrix: Array) -> None:
+    """Solve the equations (Gauss, pivots by row) into the last column.
+
+    What they leave open stays as it is: the direction round the axis of a spheroid for a path through its poles.
+    """
+    size = len(matrix)
+    for k in range(size):
+        pivot = k
+        for i in range(k + 1, size):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        for j in range(k, matrix.shape[1]):
+            matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+        if abs(matrix[k, k]) < SINGULAR:
+            matrix[k, k] = inf
+        for i in range(k + 1, size):
+            factor = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, matrix.shape[1]):
+                matrix[i, j] -= factor * matrix[k, j]
+    for k in range(size - 1, -1, -1):
+        for j in range(k + 1, size):
+            matrix[k, -1] -= matrix[k, j] * matrix[j, -1]
+        matrix[k, -1] /= matrix[k, k]
+
+
+@compiled
+def _longest(contacts: Records, order: Indices, steps: Array) -> float:
+    """Infinite if one of the steps is not a number."""
+    longest = 0.0
+    for k in range(len(steps) // 4):
+        size = contacts[order[k]]["size"]
+        radius = min(size[0], size[1], size[2])
+        for i in range(4):
+            step = abs(steps[4 * k + i])
+            if not step < inf:
+                return inf
+            longest = max(longest, step if i == 2 else step / radius)
+    return longest
+
+
+@compiled
+def _move_ends(contact: Record, steps: Array) -> None:
+    first, last, spread = contact["first"], contact["last"], contact["spread"]
+    across = spread[0] * steps[1] + spread[1] * steps[2]
+    for i in range(3):
+        first["place"][i] += steps[0] * first["t"][i] + steps[1] * first["b"][i]
+        last["place"][i] += (steps[0] + steps[3]) * last["t"][i] + across * last["b"][i]
+    contact["length"] += steps[3]
+
+
+@compiled
+def _move(contact: Record, share: float, steps: Array, accuracy: float, series: Array) -> None:
+    kind, size = contact["kind"], read(contact["size"])
+    x, t = read(contact["start"]), read(contact["heading"])
+    b = cross(normal_at(kind, size, x), t)
+    x = project_onto_surface(kind, size, along(along(x, share * steps[0], t), share * steps[1], b))
+    t, n = along(t, share * steps[2], b), normal_at(kind, size, x)
+    set_geodesic(contact, x, unit(along(t, -dot(t, n), n)), contact["length"] + share * steps[3], accuracy, series)

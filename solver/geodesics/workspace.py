@@ -1,0 +1,45 @@
+"""The memory that laying a path takes, allocated once for all paths and frames."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.geodesics.contact import CONTACT
+from solver.geodesics.planes import PLANES
+from solver.geodesics.series import ORDER, ROWS
+from solver.vectors import Array
+from solver.wrapping.path_tables import NODE, Indices, PathTables, Records
+
+
+class GeodesicWorkspace(NamedTuple):
+    """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its own points; its contacts
+    (CONTACT), one for each of its surfaces, and their order along a piece; the equations of taut.py; the series of
+    series.py; the lengths in planes.py.
+    """
+
+    nodes: Records
+    sequence: Indices
+    stops: Indices
+    contacts: Records
+    order: Indices
+    matrix: Array
+    series: Array
+    lengths: Array
+
+
+def allocate_geodesic(tables: PathTables) -> GeodesicWorkspace:
+    points = int(np.diff(tables.first_point).max(initial=0))
+    wraps = int(np.diff(tables.first_wrap).max(initial=0))
+    nodes = points + 2 * wraps * points
+    return GeodesicWorkspace(
+        np.zeros(nodes, NODE),
+        np.zeros(nodes, np.int64),
+        np.zeros(points, np.int64),
+        np.zeros(wraps, CONTACT),
+        np.zeros(wraps, np.int64),
+        np.zeros((4 * wraps, 4 * wraps + 1)),
+        np.zeros((ROWS, ORDER + 1)),
+        np.zeros(PLANES),
+    )

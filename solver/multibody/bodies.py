@@ -1,0 +1,78 @@
+"""Bodies from joint to joint, frame by frame: poses, velocities, and the columns of their Jacobians; compiled.
+
+Velocities are screws (w, v) about the ground's origin, as in kinematics.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.compiled import compiled, compiled_for_python
+from solver.multibody.joints import MOVE, move_joint, product
+from solver.multibody.tables import Functions, Record, Records
+from solver.vectors import ORIGIN, Vector, add, along, cross, read, subtract, turn, write
+
+Array = NDArray[np.float64]
+
+
+@compiled_for_python
+def move_bodies(
+    joints: Records, functions: Functions, coordinates: Array, speeds: Array, poses: Records, screws: Array
+) -> None:
+    """Fill poses (frames, bodies) of POSE and screws (frames, coordinates, 6) for coordinates and speeds (frames,
+    coordinates), as kinematics.Postures has them. A body that no joint carries, as the ground, stays what it was.
+    """
+    bodies = poses.shape[1]
+    moves, velocity = np.zeros(1, MOVE), np.zeros((bodies, 6))
+    for frame in range(len(coordinates)):
+        for joint in joints:
+            move = moves[0]  # taken anew each time: a record alone does not keep its memory
+            parent, child = poses[frame, joint["parent"]], poses[frame, joint["child"]]
+            move_joint(joint, functions, coordinates[frame], speeds[frame], move)
+            place_child(joint, move, parent, child)
+            _carry(joint, move, speeds[frame], parent["bias"], child["bias"], velocity, screws[frame])
+        for body in range(bodies):
+            pose, spin = poses[frame, body], read(velocity[body])
+            write(pose["angular_velocity"], spin)
+            write(pose["origin_velocity"], add(read(velocity[body, 3:]), cross(spin, read(pose["origin"]))))
+
+
+@compiled
+def place_child(joint: Record, move: Record, parent: Record, child: Record) -> None:
+    """The child. Leaves the axes of the joint's frame in the parent in move["base"], and its place in "base_place"."""
+    base, turned = move["base"], move["room"]
+    product(parent["rotation"], joint["rotation_in_parent"], base)
+    product(base, move["rotation"], turned)
+    product(turned, joint["rotation_from_child"], child["rotation"])
+    place = add(read(parent["origin"]), turn(parent["rotation"], read(joint["translation_in_parent"])))
+    end = add(place, turn(base, read(move["place"])))
+    write(child["origin"], subtract(end, turn(child["rotation"], read(joint["translation_in_child"]))))
+    write(move["base_place"], place)
+
+
+@compiled
+def _carry(joint: Record, move: Record, u: Array, carried: Array, bias: Array, velocity: Array, screws: Array) -> None:
+    """The child's velocity and bias are those of its parent (bias: carried) and what the joint adds."""
+    base, place = move["base"], read(move["base_place"])
+    spin, glide = ORIGIN, ORIGIN
+    for k in range(joint["count"]):
+        coordinate = joint["coordinates"][k]
+        w, v = screw_in_ground(base, place, move["screws"][k])
+        write(screws[coordinate], w)
+        write(screws[coordinate, 3:], v)
+        spin, glide = along(spin, u[coordinate], w), along(glide, u[coordinate], v)
+    before, after = velocity[joint["parent"]], velocity[joint["child"]]
+    w, v = read(before), read(before[3:])
+    write(after, add(w, spin))
+    write(after[3:], add(v, glide))
+    turning, pushing = screw_in_ground(base, place, move["bias"])
+    write(bias, add(add(read(carried), turning), cross(w, spin)))
+    write(bias[3:], add(add(read(carried[3:]), pushing), add(cross(w, glide), cross(v, spin))))
+
+
+@compiled
+def screw_in_ground(base: Array, place: Vector, screw: Array) -> tuple[Vector, Vector]:
+    """A screw about the origin of a frame, in it, turned and moved to the ground's axes and origin."""
+    w, v = turn(base, read(screw)), turn(base, read(screw[3:]))
+    return w, add(v, cross(place, w))

@@ -1,0 +1,49 @@
+"""Forces from outside, as of a handle or a rope: over time, on bodies of a model, as OpenSim's ExternalForce."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.multibody.postures import Postures
+from solver.multibody.rotations import rotate, wrench_about_origin
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalForce:
+    """What acts on a body in each frame.
+
+    body    index of the body it acts on
+    axes    index of the body in whose axes force and torque are given
+    force   (frames, 3) [N];  torque (frames, 3) [N m]
+    origin  index of the body from whose origin, and in whose axes, the point is given
+    point   (frames, 3) [m] where the force acts
+    """
+
+    name: str
+    body: int
+    axes: int
+    force: Array
+    torque: Array
+    origin: int
+    point: Array
+
+    def decimate(self, every: int) -> ExternalForce:
+        """In every N-th frame, the first included."""
+        return replace(self, force=self.force[::every], torque=self.torque[::every], point=self.point[::every])
+
+
+def load_wrenches(loads: Sequence[ExternalForce], state: Postures) -> Array:
+    """(frames, bodies, 6) moment about the ground origin [N m] and force [N] on each body, in ground."""
+    wrenches = np.zeros((*state.origin_in_ground.shape[:2], 6))
+    for load in loads:
+        to_ground = state.rotation_to_ground[:, load.axes]
+        place = state.origin_in_ground[:, load.origin] + rotate(state.rotation_to_ground[:, load.origin], load.point)
+        wrenches[:, load.body] += wrench_about_origin(place, rotate(to_ground, load.force))
+        wrenches[:, load.body, :3] += rotate(to_ground, load.torque)
+    return wrenches

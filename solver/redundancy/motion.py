@@ -1,0 +1,376 @@
+"""The muscle-redundancy problem: how the muscles share the work, frame by frame (Belli et al. 2023, "RMR").
+
+With x = (activations of the muscles, controls of the actuators), in each frame
+
+    minimise  Σ w x²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
+
+where q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics from one
+frame to the next. A has rank 14 in 17 rows: three combinations of accelerations are bound by the acromioclavicular
+constraint and no muscle reaches them. The part of q̈ − q̈₀ in the space of A's columns is met; what is left of it is
+reported per frame as the equality residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.model import CoordinateActuator, Model, ModelError
+from solver.motion import Kinematics, MotionError
+from solver.multibody.dynamics import EquationsOfMotion, ResponseMaps, equations_of_motion, response_maps
+from solver.multibody.external_loads import ExternalForce, load_wrenches
+from solver.multibody.postures import Postures, postures
+from solver.multibody.rotations import each_frame
+from solver.muscle import MuscleForces, muscle_forces
+from solver.paths import PathMode, PathState, evaluate_paths
+from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_cone
+from solver.redundancy.reachability import idle_controls, is_met
+from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
+from solver.redundancy.sequence import FrameSequence, solve_runs, solve_sequence, solve_sequence_with_clarabel
+
+Array = NDArray[np.float64]
+Solver = Literal["interior_point", "clarabel"]
+
+UNWEIGHTED_COORDINATES = (
+    *(f"ground_thorax_{axis}" for axis in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")),
+    "elbow_flexion",
+    "pro_sup",
+)
+CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
+
+
+@dataclass(frozen=True)
+class RedundancyOptions:
+    """How effort is counted and what is asked for; the defaults are the published ones.
+
+    has_glenoid_cone        keep the reaction inside the glenoid
+    free_coordinates        accelerations that need not be tracked (published for shrugs: plane_elv, axial_rot)
+    muscle_weight           w of each muscle
+    reserve_weight          w of the actuators that stand in for muscles
+    unweighted_coordinates  whose actuators cost nothing: what carries the thorax and the forearm
+    weights                 w by the name of a muscle, or of a coordinate for its actuator, where it is to be another
+    glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
+    joint                   whose reaction it is
+    path_mode               how muscles lie on surfaces: as in OpenSim or as geodesics (docs/paths.md)
+    solver                  interior_point, compiled for this problem, or clarabel, its reference
+    """
+
+    has_glenoid_cone: bool = True
+    free_coordinates: tuple[str, ...] = ()
+    muscle_weight: float = 1.0
+    reserve_weight: float = 10.0
+    unweighted_coordinates: tuple[str, ...] = UNWEIGHTED_COORDINATES
+    weights: Mapping[str, float] = field(default_factory=dict)
+    glenoid_aspect: float = 1.0
+    joint: str = JOINT
+    path_mode: PathMode = "opensim"
+    solver: Solver = "interior_point"
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """A model going through a motion: everything that does not depend on who does the work."""
+
+    kinematics: Kinematics
+    state: Postures
+    paths: PathState
+    forces: MuscleForces
+    equations: EquationsOfMotion
+    maps: ResponseMaps
+
+
+@dataclass(frozen=True, eq=False)
+class RedundancyProblem:
+    """The matrices of every frame; loads and bounds are left open, so one problem serves many scenarios.
+
+    time            (frames,) [s];  interval [s] over which activations may change
+    weights         (controls,);  reserves come after the muscles
+    time_constants  (2, muscles) of activation and deactivation [s]
+    acceleration_matrix  A (frames, tracked, controls);  acceleration_target  q̈ − q̈₀ (frames, tracked) [rad/s², m/s²]
+    tracked         (coordinates,) which accelerations are asked for
+    reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
+    cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
+    solver          as in RedundancyOptions
+    control_limits  (2, actuators) least and greatest control; None is no limits
+    """
+
+    time: Array
+    interval: float
+    weights: Array
+    time_constants: Array
+    acceleration_matrix: Array
+    acceleration_target: Array
+    tracked: NDArray[np.bool_]
+    reaction_matrix: Array
+    reaction_at_rest: Array
+    cone: Array
+    solver: Solver = "interior_point"
+    control_limits: Array | None = None
+
+    @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        """(frames,) False where the model has no finite accelerations, and nothing is solved."""
+        known = np.concatenate([self.acceleration_target, self.reaction_at_rest], axis=-1)
+        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=-1)
+        return is_finite
+
+
+@dataclass(frozen=True, eq=False)
+class LoadResponse:
+    """What extra loads do at x = 0, per scenario and frame.
+
+    acceleration  (scenarios, frames, coordinates) [rad/s², m/s²]
+    reaction      (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
+    """
+
+    acceleration: Array
+    reaction: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioSolutions:
+    """x (scenarios, frames, controls), NaN where infeasible or not finite, and how far each frame can be believed.
+
+    Where it is INFEASIBLE, residual, reaction and slack are those of the point that leaves the cone by the least; where
+    it is NOT_FINITE, NaN.
+
+    outcomes           (scenarios, frames) of FrameOutcome
+    equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
+    reaction           (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
+    cone_slack         (scenarios, frames) s − |v| [N], negative outside; infinite without the glenoid
+    """
+
+    controls: Array
+    outcomes: NDArray[np.object_]
+    equality_residual: Array
+    reaction: Array
+    cone_slack: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSolution:
+    """Who did the work in a motion; activations, forces and reserves are NaN in frames that are INFEASIBLE, reaction,
+    residual and slack those of the point that leaves the glenoid by the least. Of NOT_FINITE frames nothing is known.
+
+    time               (frames,) [s]
+    activations        (frames, muscles) of Model.muscles, 0 to 1
+    muscle_forces      (frames, muscles) [N], of which passive_forces (frames, muscles) [N]
+    reserves           (frames, actuators) of Model.actuators [N or N m]
+    reaction           (frames, 6) moment [N m] and force [N] on the scapula at the glenohumeral joint, in ground
+    contact            (frames, 2) where it meets the glenoid's plane [m], as glenoid.contact_points; NaN where it does
+                       not, or the model has no markers of the glenoid
+    effort             (frames,) Σ w x²
+    equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²]; mostly what the constraint forbids
+    cone_slack         (frames,) how far the reaction is inside the glenoid [N], infinite where it was not asked for
+    outcomes           (frames,) of FrameOutcome
+    """
+
+    time: Array
+    activations: Array
+    muscle_forces: Array
+    passive_forces: Array
+    reserves: Array
+    reaction: Array
+    contact: Array
+    effort: Array
+    equality_residual: Array
+    cone_slack: Array
+    outcomes: tuple[FrameOutcome, ...]
+
+    @property
+    def unsolved(self) -> int:
+        """How many frames did not come out SOLVED."""
+        return sum(outcome is not FrameOutcome.SOLVED for outcome in self.outcomes)
+
+
+def solve_motion(
+    model: Model,
+    kinematics: Kinematics,
+    options: RedundancyOptions | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    loads: Sequence[ExternalForce] = (),
+) -> MotionSolution:
+    """Activations of a whole motion under loads, sampled at its frames; progress(done, total) counts frames.
+
+    Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
+    MotionError where the model can be evaluated in no frame.
+    """
+    options = options or RedundancyOptions()
+    mechanics = evaluate_motion(model, kinematics, loads=loads, joint=options.joint, path_mode=options.path_mode)
+    problem = build_redundancy(model, mechanics, options)
+    solution = solve_redundancy(problem, progress=progress)
+    activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
+    return MotionSolution(
+        time=kinematics.time,
+        activations=activations,
+        muscle_forces=mechanics.forces.active * activations + mechanics.forces.passive,
+        passive_forces=mechanics.forces.passive,
+        reserves=controls * [actuator.optimal_force for actuator in model.actuators],
+        reaction=solution.reaction[0],
+        contact=_contact(model, mechanics.state, options, solution.reaction[0]),
+        effort=solution.controls[0] ** 2 @ problem.weights,
+        equality_residual=solution.equality_residual[0],
+        cone_slack=solution.cone_slack[0],
+        outcomes=tuple(solution.outcomes[0]),
+    )
+
+
+def evaluate_motion(
+    model: Model,
+    kinematics: Kinematics,
+    paths: PathState | None = None,
+    loads: Sequence[ExternalForce] = (),
+    joint: str = JOINT,
+    path_mode: PathMode = "opensim",
+) -> Mechanics:
+    """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
+
+    Raises MotionError where the model can be evaluated in no posture. In a single one its maps are not finite.
+    """
+    state = postures(model, kinematics.positions, kinematics.speeds)
+    paths = paths or evaluate_paths(model, state, mode=path_mode)
+    forces = muscle_forces(model, paths.lengths, paths.speeds)
+    equations = equations_of_motion(model, state, joint)
+    maps = response_maps(model, equations, paths, forces, load_wrenches(loads, state) if loads else None)
+    is_finite = maps.is_finite
+    if not is_finite.any():
+        raise MotionError(
+            f"the model {model.name} should have finite accelerations and has them in none of {len(is_finite)} "
+            f"postures, the first at {kinematics.time[0]:g} s; take another motion"
+        )
+    return Mechanics(kinematics, state, paths, forces, equations, maps if is_finite.all() else maps.cleared(~is_finite))
+
+
+@dataclass(frozen=True)
+class Reserve:
+    """An actuator that gives optimal_force [N or N m] at x = 1, and keeps x within its limits."""
+
+    optimal_force: float
+    min_control: float = -np.inf
+    max_control: float = np.inf
+
+
+def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
+    """The model with such an actuator on each of these coordinates, by name.
+
+    It takes the place of the coordinate's actuator if there is one. Raises ModelError where there is no coordinate.
+    """
+    named = {model.coordinate_index(name): reserve for name, reserve in reserves.items()}
+    kept = tuple(actuator for actuator in model.actuators if actuator.coordinate not in named)
+    added = tuple(
+        CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, **vars(reserve))
+        for coordinate, reserve in named.items()
+    )
+    return replace(model, actuators=kept + added)
+
+
+def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
+    """The problem of every frame, open to loads. ModelError for a model without muscles, or names it does not have.
+
+    The columns of an actuator are zero where they are round-off, as on a locked coordinate; its control is 0 there.
+    """
+    if not model.muscles:
+        raise ModelError(f"the model {model.name} should have muscles that share the work and has none; take another")
+    kinematics, maps = mechanics.kinematics, mechanics.maps
+    tracked = np.ones(len(model.coordinates), dtype=bool)
+    tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
+    matrix, reaction_matrix = maps.acceleration_per_control[:, tracked], maps.reaction_per_control
+    is_idle = idle_controls(matrix, reaction_matrix)
+    is_idle[:, : len(model.muscles)] = False
+    if is_idle.any():
+        matrix, reaction_matrix = (np.where(is_idle[:, None], 0.0, part) for part in (matrix, reaction_matrix))
+    cone = np.zeros((len(kinematics.time), 0, 3))
+    if options.has_glenoid_cone:
+        glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
+        cone = cone_rows(glenoid, mechanics.state.rotation_to_ground[:, glenoid.body])
+    return RedundancyProblem(
+        time=kinematics.time,
+        interval=kinematics.interval,
+        weights=effort_weights(model, options),
+        time_constants=np.array(
+            [[muscle.activation_time_constant, muscle.deactivation_time_constant] for muscle in model.muscles]
+        ).T,
+        acceleration_matrix=matrix,
+        acceleration_target=(kinematics.accelerations - maps.acceleration_at_rest)[:, tracked],
+        tracked=tracked,
+        reaction_matrix=reaction_matrix,
+        reaction_at_rest=maps.reaction_at_rest,
+        cone=cone,
+        solver=options.solver,
+        control_limits=np.array([[each.min_control, each.max_control] for each in model.actuators]).reshape(-1, 2).T,
+    )
+
+
+def effort_weights(model: Model, options: RedundancyOptions) -> Array:
+    """w (controls,), actuators after muscles. ModelError for a weight of nobody, or below zero."""
+    driven = [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
+    reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
+    names = [*model.muscle_names, *driven]
+    unknown = sorted(set(options.weights) - set(names))
+    if unknown:
+        raise ModelError(
+            f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
+            f"{model.name}, and is not; take a name from the model"
+        )
+    usual = [options.muscle_weight] * len(model.muscles) + reserves
+    weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
+    if weights.min(initial=0.0) < 0.0:
+        raise ModelError(
+            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares"
+        )
+    return weights
+
+
+def solve_redundancy(
+    problem: RedundancyProblem,
+    loads: LoadResponse | None = None,
+    progress: Callable[[int, int], None] = lambda *_: None,
+    workers: int | None = None,
+) -> ScenarioSolutions:
+    """Solve all frames in order, each scenario for itself; progress(done, total) counts frames.
+
+    workers share the scenarios, as many as there are processors unless a number is given; Clarabel always works alone.
+    """
+    frames, coordinates = len(problem.time), len(problem.tracked)
+    loads = loads or LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
+    target = problem.acceleration_target - loads.acceleration[..., problem.tracked]
+    reaction_at_rest = problem.reaction_at_rest + loads.reaction
+    cone = problem.cone / CONE_FORCE_SCALE
+    rise, fall = problem.interval / problem.time_constants
+    sequence = FrameSequence(
+        weights=problem.weights,
+        matrix=problem.acceleration_matrix,
+        target=target,
+        cone_matrix=cone @ problem.reaction_matrix[:, 3:],
+        cone_offset=each_frame(cone, reaction_at_rest[..., 3:]),
+        rise=rise,
+        fall=fall,
+        limits=problem.control_limits,
+    )
+    controls, outcomes = solve_runs(_SOLVERS[problem.solver], sequence, problem.is_finite, progress, workers)
+    controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
+    size = np.linalg.norm(target, axis=-1)
+    residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
+    reaction = reaction_at_rest + each_frame(problem.reaction_matrix, controls)
+    ray = each_frame(problem.cone, reaction[..., 3:])
+    has_cone = problem.cone.shape[1] > 0
+    slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
+    controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
+    claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
+    outcomes[claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    return ScenarioSolutions(controls, outcomes, np.abs(residual, out=residual).max(axis=-1), reaction, slack)
+
+
+def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction: Array) -> Array:
+    try:
+        glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
+    except ModelError:  # a model without markers, which is solved without the cone
+        return np.full((len(reaction), 2), np.nan)
+    return contact_points(glenoid, state.rotation_to_ground[:, glenoid.body], reaction[:, 3:])
+
+
+_SOLVERS = {"interior_point": solve_sequence, "clarabel": solve_sequence_with_clarabel}

@@ -1,0 +1,284 @@
+"""Frames that follow one another: each one's problem, in which activations start from what they were the frame before.
+
+    minimise  Σ w x²   subject to   A x = b,   lower ≤ a ≤ upper,   C x + c in the cone {(s, v): s ≥ |v|}
+
+x = (activations a of the muscles, controls of the actuators). A x = b is meant in the space that A reaches; what no x
+can reach is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a (Thelen 2003).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.redundancy.conic import ConicOutcome, ConicProblem, least_violation, solve_conic
+
+if TYPE_CHECKING:
+    from solver.redundancy.reduction import Reduction
+
+Array = NDArray[np.float64]
+Outcomes = NDArray[np.object_]
+Codes = NDArray[np.int8]
+Progress = Callable[[int, int], None]
+Follow = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
+
+RANK_TOLERANCE = 1e-9
+FRAMES_AT_ONCE = 100  # between two reports of progress
+PROCESSORS = os.cpu_count() or 1
+
+
+class FrameOutcome(Enum):
+    """What became of a frame; everything but SOLVED is counted and shown."""
+
+    SOLVED = "solved"
+    BEYOND_ACTIVATION_RATE = (
+        "the muscles cannot change their activation fast enough since the last frame; solved without that limit"
+    )
+    INFEASIBLE = (
+        "no activations between 0 and 1 and controls within their limits give the accelerations and keep the joint "
+        "reaction inside the glenoid"
+    )
+    NOT_CONVERGED = "the solver stopped before its residuals were small; its last point is given"
+    NOT_FINITE = "the model has no finite accelerations in this posture; the frame is left out"
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSequence:
+    """The problems of all frames of all scenarios. Scenarios have A, C and w in common, b and c their own.
+
+    weights     w (controls,);  matrix A (frames, tracked, controls);  target b (scenarios, frames, tracked)
+    cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
+                both scaled so that 1e-8 is small
+    rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation
+    limits      (2, actuators) least and greatest control, infinite where there is none; None is none at all
+    """
+
+    weights: Array
+    matrix: Array
+    target: Array
+    cone_matrix: Array
+    cone_offset: Array
+    rise: Array
+    fall: Array
+    limits: Array | None = None
+
+    def cut(self, frames: slice) -> FrameSequence:
+        """These frames alone."""
+        return replace(
+            self,
+            matrix=self.matrix[frames],
+            target=self.target[:, frames],
+            cone_matrix=self.cone_matrix[frames],
+            cone_offset=self.cone_offset[:, frames],
+        )
+
+
+def solve_runs(
+    follow_run: Follow, sequence: FrameSequence, is_finite: NDArray[np.bool_], progress: Progress, workers: int | None
+) -> tuple[Array, Outcomes]:
+    """x and outcomes as of follow. Frames that are not finite are left out: NaN, NOT_FINITE.
+
+    After such a frame activations start anywhere in their range, as after any frame that is not solved.
+    """
+    if is_finite.all():
+        return follow_run(sequence, progress, workers)
+    scenarios, frames = sequence.target.shape[:2]
+    controls = np.full((scenarios, frames, len(sequence.weights)), np.nan)
+    outcomes = np.full((scenarios, frames), FrameOutcome.NOT_FINITE, dtype=object)
+    edges = np.flatnonzero(np.diff(is_finite, prepend=False, append=False))
+    for start, end in edges.reshape(-1, 2).tolist():
+        run, count = slice(start, end), partial(_count_from, progress, start, frames)
+        controls[:, run], outcomes[:, run] = follow_run(sequence.cut(run), count, workers)
+    return controls, outcomes
+
+
+def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
+    """x (scenarios, frames, controls) and outcomes; x violates cone or equalities by as little as can be if INFEASIBLE.
+
+    By the compiled solver, unless the problem has not the structure it needs (sharing/reduction.py): actuators without
+    limits, for one.
+    """
+    if sequence.limits is not None and np.isfinite(sequence.limits).any():
+        return solve_sequence_with_clarabel(sequence, progress)
+    from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
+
+    sequence = replace(sequence, weights=_determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
+    reduction = reduce_frames(sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix)
+    if reduction is None:
+        return solve_sequence_with_clarabel(sequence, progress)
+    scenarios, frames = sequence.target.shape[:2]
+    controls = np.empty((scenarios, frames, len(sequence.weights)))
+    codes = np.empty((scenarios, frames), dtype=np.int8)
+    workers = min(scenarios, workers or PROCESSORS)
+    shares = [
+        _Share(sequence, reduction, part, controls[part], codes[part])
+        for part in (slice(i, None, workers) for i in range(workers))
+    ]
+    progress(0, frames)
+    with ThreadPoolExecutor(workers) as pool:
+        spread = pool.map if workers > 1 else map  # a live frame does not wait for a thread
+        for start in range(0, frames, FRAMES_AT_ONCE):
+            end = min(start + FRAMES_AT_ONCE, frames)
+            list(spread(_Share.solve, shares, [slice(start, end)] * workers))
+            progress(end, frames)
+    outcomes: Outcomes = _OUTCOME_OF_CODE[codes]
+    return controls, outcomes
+
+
+def solve_sequence_with_clarabel(
+    sequence: FrameSequence,
+    progress: Progress,
+    workers: int | None = None,  # noqa: ARG001 (it works alone)
+) -> tuple[Array, Outcomes]:
+    """The same by Clarabel, frame by frame: slower by two orders of magnitude, and the reference."""
+    scenarios, frames = sequence.target.shape[:2]
+    controls = np.empty((scenarios, frames, len(sequence.weights)))
+    outcomes = np.empty((scenarios, frames), dtype=object)
+    widest = lower, upper = _widest_bounds(sequence, scenarios)
+    progress(0, frames)
+    for frame in range(frames):
+        rows, to_rows = _reachable_rows(sequence.matrix[frame])
+        problem = ConicProblem(
+            weights=_determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
+            equality_matrix=rows,
+            equality_target=sequence.target[:, frame] @ to_rows.T,
+            lower=lower,
+            upper=upper,
+            cone_matrix=sequence.cone_matrix[frame],
+            cone_offset=sequence.cone_offset[:, frame],
+        )
+        controls[:, frame], outcomes[:, frame] = _solve_frame(problem, widest)
+        lower, upper = _reachable_bounds(sequence, controls[:, frame], outcomes[:, frame])
+        progress(frame + 1, frames)
+    return controls, outcomes
+
+
+class _Share:
+    """One worker's scenarios, where the last frame left them, and what it fills: controls (scenarios, frames, controls)
+    and codes (scenarios, frames).
+    """
+
+    def __init__(
+        self, sequence: FrameSequence, reduction: Reduction, scenarios: slice, controls: Array, codes: Codes
+    ) -> None:
+        self.sequence, self.reduction, self.scenarios = sequence, reduction, scenarios
+        self.controls, self.codes = controls, codes
+        muscles, count = len(sequence.rise), len(codes)
+        self.reach = np.tile([[0.0], [1.0]], (count, 1, muscles))
+        self.guess = np.zeros((count, reduction.rows.shape[1]))
+
+    def solve(self, frames: slice) -> None:
+        from solver.redundancy.frames import solve_frames
+        from solver.redundancy.workspace import allocate_frame
+
+        sequence, reduction = self.sequence, self.reduction
+        b, c = sequence.target[self.scenarios, frames], sequence.cone_offset[self.scenarios, frames]
+        t = np.ascontiguousarray(reduction.targets(frames, b, c))
+        a, v, codes = np.empty((*t.shape[:2], len(sequence.rise))), np.empty(t.shape), np.empty(t.shape[:2], np.int8)
+        solve_frames(
+            2 * sequence.weights[: len(sequence.rise)],
+            reduction.rows[frames],
+            reduction.effort[frames],
+            t,
+            reduction.equalities,
+            sequence.rise,
+            sequence.fall,
+            self.reach,
+            self.guess,
+            allocate_frame(len(sequence.rise), t.shape[2]),
+            a,
+            v,
+            codes,
+        )
+        self.codes[:, frames], self.controls[:, frames] = codes, reduction.controls(frames, a, v, b)
+
+
+_OUTCOME_OF_CODE = np.array(  # in the order of the codes of sharing/frames.py
+    [
+        FrameOutcome.SOLVED,
+        FrameOutcome.INFEASIBLE,
+        FrameOutcome.NOT_CONVERGED,
+        FrameOutcome.BEYOND_ACTIVATION_RATE,
+    ]
+)
+
+
+def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) -> None:
+    progress(start + done, frames)
+
+
+def _determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
+    """w, but 1 for a control that moves nothing in these frames: without a weight it could take any value."""
+    is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
+    return np.where(is_moving, weights, np.maximum(weights, 1.0))
+
+
+def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
+    """With A = U S Vᵀ (rows, controls), Vᵀ (rank, controls) and S⁻¹ Uᵀ (rank, rows): A x = b is Vᵀ x = S⁻¹ Uᵀ b."""
+    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
+    rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
+    return right[:rank], (left[:, :rank] / sizes[:rank]).T
+
+
+def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array]:
+    muscles, controls = len(sequence.rise), len(sequence.weights)
+    lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
+    lower[:, :muscles], upper[:, :muscles] = 0.0, 1.0
+    if sequence.limits is not None:
+        lower[:, muscles:], upper[:, muscles:] = sequence.limits
+    return lower, upper
+
+
+def _reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
+    """What activations can become in one interval at full or no excitation; the whole range after an unsolved frame."""
+    lower, upper = _widest_bounds(sequence, len(controls))
+    muscles = len(sequence.rise)
+    a = controls[:, :muscles].clip(0, 1)
+    pace = 0.5 + 1.5 * a
+    is_known = np.array([outcome in _KNOWN for outcome in outcomes])[:, None]
+    lower[:, :muscles] = np.where(is_known, np.fmax(a - sequence.fall * a * pace, 0), 0)
+    upper[:, :muscles] = np.where(is_known, np.fmin(a + sequence.rise * (1 - a) / pace, 1), 1)
+    return lower, upper
+
+
+_KNOWN = {FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE}
+
+
+def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:
+    """Solve a frame; where the activation rate alone makes it infeasible, solve without that limit and say so."""
+    solution = solve_conic(problem)
+    controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes])
+    stuck = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
+    if not len(stuck):
+        return controls, outcomes
+    unlimited = replace(
+        problem,
+        equality_target=problem.equality_target[stuck],
+        lower=widest[0][stuck],
+        upper=widest[1][stuck],
+        cone_offset=problem.cone_offset[stuck],
+    )
+    again = solve_conic(unlimited)
+    controls[stuck] = again.x
+    for i, outcome in zip(stuck, again.outcomes, strict=True):
+        is_solved = outcome is ConicOutcome.SOLVED
+        outcomes[i] = FrameOutcome.BEYOND_ACTIVATION_RATE if is_solved else _FRAME_OUTCOME[outcome]
+    lost = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
+    if len(lost):
+        controls[stuck] = np.where(np.isnan(controls[stuck]), least_violation(unlimited), controls[stuck])
+    return controls, outcomes
+
+
+_FRAME_OUTCOME = {
+    ConicOutcome.SOLVED: FrameOutcome.SOLVED,
+    ConicOutcome.INFEASIBLE: FrameOutcome.INFEASIBLE,
+    ConicOutcome.NOT_CONVERGED: FrameOutcome.NOT_CONVERGED,
+}

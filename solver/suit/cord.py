@@ -1,0 +1,211 @@
+"""What a worn suit does to the bodies: the cord's pull and the cuffs that give way to it, frame by frame.
+
+Per frame the cuffs find their quasi-static equilibrium, cord tension against cuff stiffness; the damping of a cuff acts
+on the body besides. A migrated cuff rests elsewhere: nearer to the shoulder along the line of pull, so that the line
+stays and the cord is slacker by that much, or along the bone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cuff import CuffParameters, cuff_force
+from solver.model import Model
+from solver.multibody.postures import Postures, points_in_ground
+from solver.multibody.rotations import rotate
+from solver.suit.suit import Rate, Suit, SuitError, SuitPoint
+
+Array = NDArray[np.float64]
+Cuffs = Sequence[CuffParameters | None]
+
+EQUILIBRIUM_RESIDUAL = 1e-9  # N
+ALONG_THE_BONE = np.array([0.0, 1.0, 0.0])  # the long axis of humerus and thorax, and the axis of their cuffs
+
+
+@dataclass(frozen=True, eq=False)
+class CordLine:
+    """The cord over a motion, in ground [m], and the rotations of the bodies that the cuffs hold on to.
+
+    anchors            (frames, 2, 3) waist and arm, cuffs unloaded and in place
+    shoulder           (frames, 3)
+    anchors_to_ground  (frames, 2, 3, 3)
+    interval           between frames [s]
+    """
+
+    anchors: Array
+    shoulder: Array
+    anchors_to_ground: Array
+    interval: float
+
+    @property
+    def length(self) -> Array:
+        """Length (frames,) [m] with the cuffs in place."""
+        length: Array = np.linalg.norm(self.shoulder[:, None] - self.anchors, axis=-1).sum(axis=-1)
+        return length
+
+
+@dataclass(frozen=True, eq=False)
+class SuitForces:
+    """What the suit does to the bodies, in ground; the leading axis follows the rest lengths.
+
+    tension       (rest lengths, all frames) of the cord [N]
+    displacement  (rest lengths, frames, 2, 3) of the waist and arm cuff from where they rest [m]
+    points        (rest lengths, frames, 3, 3) waist, arm, shoulder [m]
+    forces        (rest lengths, frames, 3, 3) on the body at each of them [N]
+    """
+
+    tension: Array
+    displacement: Array
+    points: Array
+    forces: Array
+
+
+def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> CordLine:
+    """Where the cord runs in each posture; raises ModelError where a point's body is not in the model."""
+    waist, shoulder, arm = (
+        points_in_ground(postures, model.body_index(point.body), point.location)
+        for point in (suit.waist, suit.shoulder, suit.arm)
+    )
+    holding = [model.body_index(suit.waist.body), model.body_index(suit.arm.body)]
+    return CordLine(
+        anchors=np.stack([waist, arm], axis=1),
+        shoulder=shoulder,
+        anchors_to_ground=postures.rotation_to_ground[:, holding],
+        interval=interval,
+    )
+
+
+def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
+    """The cord when the cuffs, None a rigid one, have moved for good; the one place that knows in which direction.
+
+    Raises SuitError for a cuff that would have slipped over the shoulder point.
+    """
+    migration = np.array([cuff.migration if cuff else 0.0 for cuff in cuffs])
+    if suit.migration_direction == "cord":
+        span = line.shoulder[:, None] - line.anchors
+        reach = np.linalg.norm(span, axis=-1, keepdims=True)
+        _ensure_below_the_shoulder(migration, reach.min(axis=(0, 2)))
+        direction = span / reach
+    else:
+        in_body = np.array([direction_to_joint(point) for point in (suit.waist, suit.arm)])
+        direction = rotate(line.anchors_to_ground, in_body)
+    return replace(line, anchors=line.anchors + migration[:, None] * direction)
+
+
+def direction_to_joint(point: SuitPoint) -> Array:
+    """Where a cuff slips along the bone: the direction (3,), in its body, towards the body's origin."""
+    direction: Array = -np.sign(point.location @ ALONG_THE_BONE) * ALONG_THE_BONE
+    return direction
+
+
+def suit_forces(
+    suit: Suit,
+    line: CordLine,
+    rest_lengths: Array,
+    cuffs: Cuffs = (None, None),
+    *,
+    is_shifted: bool = False,
+    yields: bool = False,
+    every: int = 1,
+) -> SuitForces:
+    """Forces of the suit at each rest length (rest lengths,) [m], in every N-th frame of the line.
+
+    cuffs are those at waist and arm, None a rigid one; is_shifted moves them by their migration, yields lets them give
+    way. Raises SuitError where a cuff is no spring or does not find its equilibrium in one of all frames.
+    """
+    _ensure_springs(cuffs)
+    rest = (with_migration(suit, line, cuffs) if is_shifted else line).anchors
+    stiffness = np.array([cuff.stiffness if cuff and yields else np.inf for cuff in cuffs])
+    displacement = _equilibrium(line.shoulder[:, None] - rest, suit.stiffness, rest_lengths[:, None], stiffness)
+    points = rest + displacement
+    span = line.shoulder[:, None] - points
+    reach = np.linalg.norm(span, axis=-1)
+    tension = _cord_tension(suit, reach.sum(axis=-1), rest_lengths[:, None], line.interval)
+    chosen = slice(None, None, every)
+    pull = tension[:, chosen, None, None] * span[:, chosen] / reach[:, chosen, :, None]
+    held = [pull[..., i, :] for i in range(len(cuffs))]
+    if yields:
+        velocity = _velocity(suit, line, displacement, chosen)
+        for i, cuff in enumerate(cuffs):
+            if cuff:
+                held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[:, chosen, i], velocity[..., i, :])
+    shoulder = np.broadcast_to(line.shoulder[chosen], held[0].shape)
+    return SuitForces(
+        tension=tension,
+        displacement=displacement[:, chosen],
+        points=np.stack([*np.moveaxis(points[:, chosen], -2, 0), shoulder], axis=-2),
+        forces=np.stack([*held, -pull.sum(axis=-2)], axis=-2),
+    )
+
+
+def _velocity(suit: Suit, line: CordLine, displacement: Array, chosen: slice) -> Array:
+    """Of the cuffs against their bodies, in ground; its differences are taken between all frames."""
+    in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), displacement)
+    return rotate(line.anchors_to_ground[chosen], _rate(in_body, line.interval, suit.rate)[:, chosen])
+
+
+def _ensure_springs(cuffs: Cuffs) -> None:
+    for cuff in cuffs:
+        if cuff and not (0 < cuff.stiffness < np.inf and np.isfinite([cuff.damping, cuff.migration]).all()):
+            raise SuitError(
+                f"the cuff {cuff.name} should have a stiffness above 0 and finite damping and migration and has "
+                f"{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; fit it again or leave it out"
+            )
+
+
+def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
+    """Migration and, of all frames the shortest, way to the shoulder point, each (2,) [m] of waist and arm."""
+    for part, slipped, nearest in zip(("waist", "arm"), migration, reach, strict=True):
+        if slipped >= nearest:
+            raise SuitError(
+                f"the {part} cuff should slip by less than {nearest:.3g} m, its way to the shoulder point, and has a "
+                f"migration of {slipped:g} m; check it"
+            )
+
+
+def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
+    """Displacements q (rest lengths, frames, 2, 3) where k q = T d for both cuffs; span (frames, 2, 3) to the shoulder.
+
+    A cuff whose spring is the same in all directions moves along the cord d, so cord and cuffs are springs in series:
+    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so there is no other equilibrium. None is found
+    where a cuff would be drawn over the shoulder point.
+    """
+    compliance = 1 / cuff_stiffness
+    reach = np.linalg.norm(span, axis=-1, keepdims=True)
+    stretch = np.maximum(reach.sum(axis=-2)[..., 0] - rest_length, 0.0)
+    tension = cord_stiffness * stretch / (1 + cord_stiffness * compliance.sum())
+    q: Array = (tension[..., None] * compliance)[..., None] * (span / reach)
+    left = span - q
+    reach = np.linalg.norm(left, axis=-1, keepdims=True)
+    pull = cord_stiffness * np.maximum(reach.sum(axis=-2)[..., 0] - rest_length, 0.0)
+    yielding = np.isfinite(cuff_stiffness)
+    residual = pull[..., None, None] * left[..., yielding, :] / reach[..., yielding, :]
+    residual -= cuff_stiffness[yielding, None] * q[..., yielding, :]
+    largest = float(np.abs(residual).max(initial=0.0))
+    if not largest < EQUILIBRIUM_RESIDUAL:
+        softest = float(cuff_stiffness.min())
+        raise SuitError(
+            f"the cuffs should come to rest within {EQUILIBRIUM_RESIDUAL:g} N and {largest:.3g} N remain: one of "
+            f"{softest:g} N/m is drawn over the shoulder point; check the cuffs' stiffness and the rest lengths"
+        )
+    return q
+
+
+def _cord_tension(suit: Suit, length: Array, rest_length: Array, interval: float) -> Array:
+    """A spring and a damper that pull while the cord is taut and never push."""
+    stretch = length - rest_length
+    rate = _rate(length, interval, suit.rate)
+    taut: Array = np.where(stretch > 0, np.maximum(suit.stiffness * stretch + suit.damping * rate, 0.0), 0.0)
+    return taut
+
+
+def _rate(values: Array, interval: float, scheme: Rate) -> Array:
+    """Rate of change over frames, values (rest lengths, frames, …); backward is zero in the first frame."""
+    if scheme == "central":
+        rate: Array = np.gradient(values, interval, axis=1)
+        return rate
+    return np.diff(values, axis=1, prepend=values[:, :1]) / interval

@@ -1,0 +1,183 @@
+"""The suit that saves most with one pair of cuffs: its rest length and, where asked, stiffness and attachment points.
+
+Two optima: with the cuffs as fitted, and the robust one, where the mean cost of cuffs drawn from their fit is least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cuff import CuffParameters
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.multibody.external_loads import ExternalForce
+from solver.redundancy.motion import RedundancyOptions
+from solver.suit.scenarios import Condition, SuitedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
+from solver.suit.suit import Suit, SuitError
+from solver.suit.uncertainty import SEED, draw_cuff
+
+Array = NDArray[np.float64]
+Freedom = Literal["stiffness", "waist", "shoulder", "arm"]
+Pair = tuple[CuffParameters | None, CuffParameters | None]
+
+# one step of the search, and how many of them it may go
+REST_LENGTH_STEP = 0.02  # m; from half the suit's shortest to its longest
+STIFFNESS_STEP, MOST_STIFFNESS_STEPS = np.log(1.2), 8.0  # a factor of 4.3 either way
+POINT_STEP, MOST_POINT_STEPS = 0.01, 5.0  # m
+PRECISION = 0.01  # of a step
+TRIES_PER_FREEDOM = 80
+
+
+@dataclass(frozen=True, eq=False)
+class SuitCandidate:
+    """A suit whose reference rest length is the one to wear, and its normalised cost.
+
+    cost      with the fitted cuffs, muscles solved in all frames that were asked for
+    drawn     (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
+    at_limit  what the search would have moved further, had it been allowed to
+    """
+
+    suit: Suit
+    cost: float
+    drawn: Array
+    at_limit: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class OptimisedSuit:
+    """The suit as it was, the best with the fitted cuffs, the best on average over the draws, and suits tried."""
+
+    start: SuitCandidate
+    fitted: SuitCandidate
+    robust: SuitCandidate
+    tried: int
+
+
+def optimise_suit(
+    model: Model,
+    kinematics: Kinematics,
+    suit: Suit,
+    waist: CuffParameters | None,
+    arm: CuffParameters,
+    condition: Condition = "both",
+    free: Sequence[Freedom] = (),
+    *,
+    draws: int = 50,
+    draw_every: int = 20,
+    options: RedundancyOptions | None = None,
+    loads: Sequence[ExternalForce] = (),
+    progress: Callable[[str, int, int], None] = lambda *_: None,
+) -> OptimisedSuit:
+    """Search by Nelder and Mead's simplex on every draw_every-th frame, from the suit's reference rest length.
+
+    Raises as worn.wear does, and where the suit's cord never pulls; a suit on the way that cannot be worn or solved
+    counts as infinitely costly.
+    """
+    thinned = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
+    thinned.ensure_pulls()
+    search = _Search(thinned, condition, tuple(free), progress)
+    pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
+    fitted = search.best(pairs[:1])
+    robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
+    whole = prepare_suited_motion(model, kinematics, suit, 1, options, loads)
+    start, best, safe = (
+        SuitCandidate(
+            suit=each,
+            cost=float(_costs(whole, each, condition, pairs[:1])[0]),
+            drawn=_costs(search.worn, each, condition, pairs[1:]),
+            at_limit=at_limit,
+        )
+        for each, at_limit in ((suit, ()), fitted, robust)
+    )
+    return OptimisedSuit(start, best, safe, search.tried)
+
+
+def _drawn_pairs(waist: CuffParameters | None, arm: CuffParameters, draws: int) -> list[Pair]:
+    """The fitted pair, then the drawn ones, if any of the two has an uncertainty."""
+    if not any(cuff.covariance.any() for cuff in (waist, arm) if cuff):
+        draws = 0
+    generator = np.random.default_rng(SEED)
+    waists = draw_cuff(waist, draws, generator) if waist else [None] * (draws + 1)
+    return list(zip(waists, draw_cuff(arm, draws, generator), strict=True))
+
+
+def _costs(worn: SuitedMotion, suit: Suit, condition: Condition, pairs: Sequence[Pair]) -> Array:
+    """(pairs,) normalised cost at the suit's reference rest length; infinite where a frame cannot be solved."""
+    if not pairs:
+        return np.zeros(0)
+    length = np.array([suit.reference_rest_length])
+    wearings = [SuitScenario(condition, *(pair if condition != "rigid" else (None, None)), length) for pair in pairs]
+    _, efforts = solve_scenarios(worn.with_suit(suit), wearings)
+    costs = np.concatenate([effort.muscles for effort in efforts])
+    costs[np.isnan(costs)] = np.inf
+    return costs
+
+
+class _Search:
+    """Turns the freedoms into one vector of steps from the suit that is worn, and counts what was tried."""
+
+    def __init__(
+        self,
+        worn: SuitedMotion,
+        condition: Condition,
+        free: tuple[Freedom, ...],
+        progress: Callable[[str, int, int], None],
+    ) -> None:
+        self.worn, self.condition, self.free, self.progress = worn, condition, free, progress
+        start = worn.suit
+        lengths = (start.rest_lengths[[0, -1]] * [0.5, 1.0] - start.reference_rest_length) / REST_LENGTH_STEP
+        self.bounds = [(float(lengths[0]), float(lengths[1]))]
+        for freedom in free:
+            most, count = (MOST_STIFFNESS_STEPS, 1) if freedom == "stiffness" else (MOST_POINT_STEPS, 3)
+            self.bounds += [(-most, most)] * count
+        self.tried = 0
+
+    def best(self, pairs: Sequence[Pair]) -> tuple[Suit, tuple[str, ...]]:
+        """The suit with the least mean cost over these pairs of cuffs, and what of it is at the end of its bounds."""
+        from scipy.optimize import minimize  # slow to import, and needed only here
+
+        def mean_cost(steps: Array) -> float:
+            return self._mean_cost(steps, pairs)
+
+        size = len(self.bounds)
+        inwards = np.where(np.array(self.bounds)[:, 1] >= 1, 1.0, -1.0)
+        options: Any = {
+            "initial_simplex": np.vstack([np.zeros(size), np.diag(inwards)]),
+            "xatol": PRECISION,
+            "fatol": 1e-6,
+            "maxfev": TRIES_PER_FREEDOM * size,
+        }
+        found = minimize(mean_cost, np.zeros(size), method="Nelder-Mead", bounds=self.bounds, options=options)
+        return self._suit(found.x), self._at_limit(found.x)
+
+    def _mean_cost(self, steps: Array, pairs: Sequence[Pair]) -> float:
+        self.progress("trying suits", self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))
+        self.tried += 1
+        try:
+            return float(_costs(self.worn, self._suit(steps), self.condition, pairs).mean())
+        except SuitError:
+            return np.inf
+
+    def _suit(self, steps: Array) -> Suit:
+        suit, rest = self.worn.suit, iter(steps[1:])
+        changed = replace(suit, reference_rest_length=suit.reference_rest_length + REST_LENGTH_STEP * float(steps[0]))
+        for freedom in self.free:
+            if freedom == "stiffness":
+                changed = replace(changed, stiffness=suit.stiffness * float(np.exp(STIFFNESS_STEP * next(rest))))
+            else:
+                point = getattr(suit, freedom)
+                moved = point.location + POINT_STEP * np.array([next(rest) for _ in range(3)])
+                changed = replace(changed, **{freedom: replace(point, location=moved)})
+        return changed
+
+    def _at_limit(self, steps: Array) -> tuple[str, ...]:
+        names = ["rest_length"]
+        for freedom in self.free:
+            names += [freedom] * (1 if freedom == "stiffness" else 3)
+        room = np.abs(np.array(self.bounds).T - steps).min(axis=0)
+        return tuple(dict.fromkeys(name for name, left in zip(names, room, strict=True) if left < 2 * PRECISION))

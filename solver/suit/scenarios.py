@@ -1,0 +1,275 @@
+"""A model wearing a suit through a motion: what all scenarios share, and what each costs the muscles.
+
+Geometry and response maps are computed once; a scenario (condition, cuffs, rest length) only changes the loads on the
+bodies. The cuffs follow every frame of the motion, also where muscles are solved in every N-th only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cuff import CuffParameters
+from solver.model import Model
+from solver.motion import Kinematics, MotionError, decimate
+from solver.multibody.dynamics import Response, response_to_loads
+from solver.multibody.external_loads import ExternalForce
+from solver.multibody.postures import Postures, postures
+from solver.multibody.rotations import wrench_about_origin
+from solver.redundancy.motion import (
+    FrameOutcome,
+    LoadResponse,
+    Mechanics,
+    RedundancyOptions,
+    RedundancyProblem,
+    ScenarioSolutions,
+    build_redundancy,
+    evaluate_motion,
+    solve_redundancy,
+)
+from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
+from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
+
+Array = NDArray[np.float64]
+Condition = Literal["rigid", "shift", "visco_elastic", "both"]
+CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")
+RANGE_TOLERANCE = 1e-6  # rad or m
+
+
+@dataclass(frozen=True, eq=False)
+class SuitScenario:
+    """The suit with these cuffs (None is a rigid one) in this condition, at each of some rest lengths (n,) [m]."""
+
+    condition: Condition
+    waist: CuffParameters | None
+    arm: CuffParameters | None
+    rest_lengths: Array
+
+    @property
+    def cuffs(self) -> tuple[CuffParameters | None, CuffParameters | None]:
+        return self.waist, self.arm
+
+    @property
+    def is_shifted(self) -> bool:
+        return self.condition in {"shift", "both"}
+
+    @property
+    def yields(self) -> bool:
+        return self.condition in {"visco_elastic", "both"}
+
+    @property
+    def migration(self) -> float:
+        """How far both cuffs together have moved for good in this condition [m]."""
+        return sum(cuff.migration for cuff in self.cuffs if cuff and self.is_shifted)
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioEffort:
+    """What a wearing costs, for each of its rest lengths; costs are over that of the suit with a slack cord.
+
+    muscles, reserves  (rest lengths,) Σ w x² over all finite frames; NaN where one is infeasible
+    cord_force         (rest lengths,) largest tension of the cord [N], over all frames of the motion
+    activations        (rest lengths, frames, muscles)
+    outcomes           (rest lengths, frames) of FrameOutcome
+    """
+
+    muscles: Array
+    reserves: Array
+    cord_force: Array
+    activations: Array
+    outcomes: NDArray[np.object_]
+
+    @property
+    def unsolved(self) -> int:
+        """(rest length, frame) pairs that did not come out solved."""
+        return int((self.outcomes != FrameOutcome.SOLVED).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class SuitedMotion:
+    """Everything that no scenario changes: the model with the suit's masses, and the postures of all frames, of which
+    the muscles are solved in every N-th.
+    """
+
+    model: Model
+    suit: Suit
+    postures: Postures
+    line: CordLine
+    every: int
+    problem: RedundancyProblem
+    bare_problem: RedundancyProblem
+    per_unit_wrench: Response
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of what mean_activation is of: muscles, then the suit's groups of them."""
+        return (*self.model.muscle_names, *self.suit.groups)
+
+    def mean_activation(self, activations: Array) -> Array:
+        """(measured,) mean over the finite frames of activations (frames, muscles), groups by their muscles' mean."""
+        mean, names = activations[self.problem.is_finite].mean(axis=0), self.model.muscle_names
+        groups = [mean[[names.index(name) for name in group]].mean() for group in self.suit.groups.values()]
+        return np.array([*mean, *groups])
+
+    def with_suit(self, suit: Suit) -> SuitedMotion:
+        """The same motion in a suit that differs in its cord only, not in its bodies or masses."""
+        return replace(self, suit=suit, line=cord_line(suit, self.model, self.postures, self.line.interval))
+
+    def ensure_pulls(self) -> None:
+        """Raises SuitError where the cord is slack in all frames, at the reference or at every rest length to try."""
+        suit = self.suit
+        longest, shortest = float(self.line.length.max()), float(suit.rest_lengths.min())
+        for key, length in (("reference_rest_length_m", suit.reference_rest_length), ("rest_lengths_m", shortest)):
+            if length >= longest:
+                raise SuitError(
+                    f"the suit's {key} should start below {longest:.4g} m, the longest that the cord's line becomes in "
+                    f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter"
+                )
+
+    def slack_rest_length(self, wearing: SuitScenario) -> float:
+        """The rest length from which on the cord never pulls in this motion [m]: the longest that its line becomes."""
+        line = with_migration(self.suit, self.line, wearing.cuffs) if wearing.is_shifted else self.line
+        return float(line.length.max())
+
+    def forces(self, wearing: SuitScenario) -> SuitForces:
+        """In the frames that are solved; the cord's tension in all of the motion."""
+        return suit_forces(
+            self.suit,
+            self.line,
+            wearing.rest_lengths,
+            wearing.cuffs,
+            is_shifted=wearing.is_shifted,
+            yields=wearing.yields,
+            every=self.every,
+        )
+
+
+def prepare_suited_motion(
+    model: Model,
+    kinematics: Kinematics,
+    suit: Suit,
+    every: int = 1,
+    options: RedundancyOptions | None = None,
+    loads: Sequence[ExternalForce] = (),
+) -> SuitedMotion:
+    """Put the suit on the model and go through the motion, under loads from outside, sampled at all of its frames.
+
+    Raises SuitError where the suit does not fit the model, MotionError where the motion leaves the range of a joint.
+    Whether the cord ever pulls is for ensure_pulls to say.
+    """
+    options = options or RedundancyOptions()
+    ensure_fits(suit, model)
+    _ensure_within_ranges(model, kinematics)
+    worn = with_suit_masses(model, suit)
+    state = postures(worn, kinematics.positions, kinematics.speeds)
+    loads = [load.decimate(every) for load in loads]
+    bare = evaluate_motion(
+        model, decimate(kinematics, every), loads=loads, joint=options.joint, path_mode=options.path_mode
+    )
+    mechanics = evaluate_motion(worn, bare.kinematics, bare.paths, loads, options.joint)
+    return SuitedMotion(
+        model=worn,
+        suit=suit,
+        postures=state,
+        line=cord_line(suit, worn, state, kinematics.interval),
+        every=every,
+        problem=build_redundancy(worn, mechanics, options),
+        bare_problem=build_redundancy(model, bare, options),
+        per_unit_wrench=_per_unit_wrench(worn, suit, mechanics),
+    )
+
+
+def solve_scenarios(
+    worn: SuitedMotion,
+    wearings: Sequence[SuitScenario],
+    progress: Callable[[int, int], None] = lambda *_: None,
+    workers: int | None = None,
+) -> tuple[ScenarioEffort, list[ScenarioEffort]]:
+    """The effort with a slack cord, then that of every wearing; all scenarios of a frame are solved together.
+
+    workers are the threads that share them, as many as there are processors unless a number is given.
+    """
+    loads, cord_forces = [_no_load(worn)], [np.zeros(1)]
+    for wearing in wearings:
+        forces = worn.forces(wearing)
+        loads.append(_load(worn, forces))
+        cord_forces.append(forces.tension.max(axis=1))
+    together = LoadResponse(
+        acceleration=np.concatenate([load.acceleration for load in loads]),
+        reaction=np.concatenate([load.reaction for load in loads]),
+    )
+    solution = solve_redundancy(worn.problem, together, progress, workers)
+    slack = float(_effort(worn.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
+    ends = np.cumsum([len(load.acceleration) for load in loads])
+    first, *others = (
+        _effort(worn.problem, solution, slice(begin, end), cord_force, slack)
+        for begin, end, cord_force in zip([0, *ends[:-1]], ends, cord_forces, strict=True)
+    )
+    return first, others
+
+
+def solve_without_suit(worn: SuitedMotion, slack: ScenarioEffort, workers: int | None = None) -> ScenarioEffort:
+    """The effort of the body without the suit's masses, over that of the slack suit."""
+    solution = solve_redundancy(worn.bare_problem, workers=workers)
+    activations = slack.activations[0, worn.problem.is_finite]
+    slack_cost = float((_muscle_weights(worn.problem) * activations**2).sum())
+    return _effort(worn.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
+
+
+def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
+    lowest, highest = np.array([coordinate.range for coordinate in model.coordinates]).T
+    beyond = np.maximum(lowest - kinematics.positions, kinematics.positions - highest)
+    frame, worst = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    if beyond[frame, worst] > RANGE_TOLERANCE:
+        coordinate = model.coordinates[int(worst)]
+        scale, unit = (180 / np.pi, "°") if coordinate.motion == "rotation" else (1.0, " m")
+        raise MotionError(
+            f"the motion should keep {coordinate.name} between {lowest[worst] * scale:g} and "
+            f"{highest[worst] * scale:g}{unit}, its range in the model, and is at "
+            f"{kinematics.positions[frame, worst] * scale:g}{unit} at {kinematics.time[frame]:g} s; leave that part out"
+        )
+
+
+def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
+    """What a unit of each of six moments and forces does on the bodies of waist, arm and shoulder, (frames, 18, …)."""
+    bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
+    units = np.zeros((len(mechanics.kinematics.time), len(bodies), 6, len(model.bodies), 6))
+    for place, body in enumerate(bodies):
+        units[:, place, :, body] = np.eye(6)
+    return response_to_loads(mechanics.equations, units.reshape(len(units), -1, len(model.bodies), 6))
+
+
+def _no_load(worn: SuitedMotion) -> LoadResponse:
+    response = worn.per_unit_wrench
+    return LoadResponse(np.zeros_like(response.acceleration[None, :, 0]), np.zeros_like(response.reaction[None, :, 0]))
+
+
+def _load(worn: SuitedMotion, forces: SuitForces) -> LoadResponse:
+    wrench = wrench_about_origin(forces.points, forces.forces)
+    wrench = wrench.reshape(*wrench.shape[:2], -1)
+    return LoadResponse(
+        acceleration=np.einsum("sfk,fkc->sfc", wrench, worn.per_unit_wrench.acceleration),
+        reaction=np.einsum("sfk,fkc->sfc", wrench, worn.per_unit_wrench.reaction),
+    )
+
+
+def _muscle_weights(problem: RedundancyProblem) -> Array:
+    return problem.weights[: problem.time_constants.shape[1]]
+
+
+def _effort(
+    problem: RedundancyProblem, solution: ScenarioSolutions, part: slice, cord_force: Array, slack_cost: float
+) -> ScenarioEffort:
+    controls, muscles = solution.controls[part], len(_muscle_weights(problem))
+    cost = (problem.weights * controls[:, problem.is_finite] ** 2).sum(axis=1) / slack_cost
+    return ScenarioEffort(
+        muscles=cost[:, :muscles].sum(axis=1),
+        reserves=cost[:, muscles:].sum(axis=1),
+        cord_force=cord_force,
+        activations=controls[:, :, :muscles],
+        outcomes=solution.outcomes[part],
+    )

@@ -1,0 +1,225 @@
+"""A path over its surfaces, as OpenSim 4.6 lays it (GeometryPath): each surface in turn, until the length settles.
+
+OpenSim keeps the place in ground that a tangent point had when it was first used in a posture, although later sweeps
+move the point in its body. Lengths and directions of force come from the kept places, points of application and the
+wrapping itself from the latest ones: `ground` and `location` of a node. The results are OpenSim's only so.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from solver.compiled import compiled
+from solver.model import NO_COORDINATE
+from solver.vectors import (
+    ORIGIN,
+    Array,
+    Vector,
+    add,
+    distance,
+    read,
+    subtract,
+    turn,
+    turn_back,
+    write,
+)
+from solver.wrapping.cylinder import wrap_cylinder
+from solver.wrapping.ellipsoid import wrap_ellipsoid
+from solver.wrapping.path_tables import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Indices, PathTables, Record, Records
+from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
+from solver.wrapping.sphere import wrap_sphere
+from solver.wrapping.workspace import WrapWorkspace
+
+MOST_SWEEPS = 8
+SETTLED = 0.0005
+
+
+@compiled
+def wrap_path(
+    points: Records, wraps: Records, bodies: Records, changes: Records, work: WrapWorkspace
+) -> tuple[int, float]:
+    """Lay one path (POINT, WRAP) in one posture (BODY, CHANGE).
+
+    Afterwards the first `count` entries of work.sequence are the nodes in order along it; returns count and the length
+    [m].
+    """
+    nodes, sequence = work.nodes, work.sequence
+    count = place_path_points(points, wraps, changes, nodes, sequence)
+    length = inf
+    is_swapped = False
+    for sweep in range(MOST_SWEEPS if len(wraps) > 1 else 1):
+        first_answer, second_answer = FREE, FREE
+        for position in range(len(wraps)):
+            k = 1 - position if is_swapped and position < 2 else position
+            node = len(points) + 2 * k
+            count, answer = _try_surface(wraps[k], node, len(wraps) == 1, bodies, work, count)
+            if position == 0:
+                first_answer = answer
+            elif position == 1:
+                second_answer = answer
+        previous, length = length, _length(bodies, nodes, sequence, count)
+        if abs(length - previous) < SETTLED:
+            break
+        if sweep == 0 and len(wraps) > 1 and first_answer == FREE and second_answer == INSIDE:
+            is_swapped = True
+            count = _remove_tangent_points(len(points), sequence, count)
+    return count, length
+
+
+@compiled
+def points_and_wraps(tables: PathTables, path: int) -> tuple[Records, Records]:
+    """Those of one path."""
+    points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
+    return points, tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
+
+
+@compiled
+def place_in_ground(bodies: Records, nodes: Records, k: int) -> Vector:
+    """Where a node was in ground when it was first asked for in this posture."""
+    node = nodes[k]
+    if not node["is_placed"]:
+        write(node["ground"], to_ground(bodies, node["body"], read(node["location"])))
+        node["is_placed"] = 1
+    return read(node["ground"])
+
+
+@compiled
+def to_ground(bodies: Records, body: int, point: Vector) -> Vector:
+    return add(turn(bodies[body]["rotation"], point), read(bodies[body]["origin"]))
+
+
+@compiled
+def place_path_points(points: Records, wraps: Records, changes: Records, nodes: Records, sequence: Indices) -> int:
+    count = 0
+    for k in range(len(points)):
+        point, node = points[k], nodes[k]
+        node["body"] = point["body"]
+        node["surface"] = NO_SURFACE
+        node["is_placed"] = 0
+        if point["changes"] == FIXED:
+            write(node["location"], read(point["location"]))
+            node["coordinate"] = NO_COORDINATE
+        else:
+            change = changes[point["changes"]]
+            write(node["location"], read(change["location"]))
+            write(node["slope"], read(change["slope"]))
+            node["coordinate"] = change["coordinate"]
+            if not change["is_there"]:
+                continue
+        sequence[count] = k
+        count += 1
+    for k in range(2 * len(wraps)):
+        wrap, node = wraps[k // 2], nodes[len(points) + k]
+        node["body"] = wrap["body"]
+        node["surface"] = wrap["surface"]
+        node["is_placed"] = 0
+        node["coordinate"] = NO_COORDINATE
+    return count
+
+
+@compiled
+def _try_surface(
+    wrap: Record, node: int, is_alone: bool, bodies: Records, work: WrapWorkspace, count: int
+) -> tuple[int, int]:
+    """Take the path off one surface and lay it over it anew, where it must or where the detour is the shortest.
+
+    Returns how many nodes the path has then, and what the surface answered last.
+    """
+    nodes, sequence = work.nodes, work.sequence
+    count = _remove_tangent_points(node, sequence, count)
+    last_answer = FREE
+    behind, r1, r2, on_surface, least_detour = -1, ORIGIN, ORIGIN, 0.0, inf
+    for k in range(*_range_on_path(wrap, nodes, sequence, count)):
+        start, end = sequence[k], sequence[k + 1]
+        if _is_over_surface(nodes, start, end):
+            continue
+        answer, s1, s2, length = _lay_segment(wrap, is_alone, bodies, nodes[start], nodes[end], work.fan)
+        last_answer = answer
+        if answer == MANDATORY:
+            behind, r1, r2, on_surface = k, s1, s2, length
+            break
+        if answer == POSSIBLE:
+            # Asking for the detour keeps the places of both ends for this posture, as in OpenSim.
+            a, b = place_in_ground(bodies, nodes, start), place_in_ground(bodies, nodes, end)
+            t1, t2 = to_ground(bodies, wrap["body"], s1), to_ground(bodies, wrap["body"], s2)
+            detour = distance(a, t1) + length + distance(b, t2) - distance(a, b)
+            if detour < least_detour:
+                behind, r1, r2, on_surface, least_detour = k, s1, s2, length, detour
+    if behind >= 0:
+        write(nodes[node]["location"], r1)
+        write(nodes[node + 1]["location"], r2)
+        nodes[node + 1]["on_surface"] = on_surface
+        count = _insert_tangent_points(node, sequence, count, behind)
+    return count, last_answer
+
+
+@compiled
+def _range_on_path(wrap: Record, nodes: Records, sequence: Indices, count: int) -> tuple[int, int]:
+    """Positions in the sequence of the first and the last of those points of the path between which it may wrap."""
+    first, last = count - 1, 0
+    for k in range(count):
+        is_point = nodes[sequence[k]]["surface"] == NO_SURFACE
+        if is_point and sequence[k] >= wrap["first"]:
+            first = min(first, k)
+        if is_point and sequence[k] <= wrap["last"]:
+            last = k
+    return first, last
+
+
+@compiled
+def _lay_segment(wrap: Record, is_alone: bool, bodies: Records, start: Record, end: Record, fan: Array) -> Contact:
+    """Lay the segment between two nodes over a surface; the tangent points are in the surface's body."""
+    p1, p2 = _to_surface(wrap, bodies, start), _to_surface(wrap, bodies, end)
+    size, axis, allowed = read(wrap["dimensions"]), wrap["axis"], wrap["allowed"]
+    if wrap["kind"] == ELLIPSOID:
+        answer, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, fan)
+    elif wrap["kind"] == SPHERE:
+        answer, r1, r2, length = wrap_sphere(p1, p2, size[0], axis, allowed)
+    else:
+        answer, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, is_alone)
+    rotation, translation = wrap["rotation"], read(wrap["translation"])
+    return answer, add(turn(rotation, r1), translation), add(turn(rotation, r2), translation), length
+
+
+@compiled
+def _to_surface(wrap: Record, bodies: Records, node: Record) -> Vector:
+    """The latest place of a node, in the frame of a surface."""
+    point = read(node["location"])
+    if node["body"] != wrap["body"]:
+        base = bodies[wrap["body"]]
+        point = turn_back(base["rotation"], subtract(to_ground(bodies, node["body"], point), read(base["origin"])))
+    return turn_back(wrap["rotation"], subtract(point, read(wrap["translation"])))
+
+
+@compiled
+def _is_over_surface(nodes: Records, start: int, end: int) -> bool:
+    """Whether the path runs over a surface, not straight, between two neighbouring nodes."""
+    return bool(nodes[start]["surface"] != NO_SURFACE and nodes[start]["surface"] == nodes[end]["surface"])
+
+
+@compiled
+def _insert_tangent_points(node: int, sequence: Indices, count: int, behind: int) -> int:
+    for k in range(count - 1, behind, -1):
+        sequence[k + 2] = sequence[k]
+    sequence[behind + 1], sequence[behind + 2] = node, node + 1
+    return count + 2
+
+
+@compiled
+def _remove_tangent_points(node: int, sequence: Indices, count: int) -> int:
+    for k in range(count):
+        if sequence[k] == node:
+            for later in range(k + 2, count):
+                sequence[later - 2] = sequence[later]
+            return count - 2
+    return count
+
+
+@compiled
+def _length(bodies: Records, nodes: Records, sequence: Indices, count: int) -> float:
+    length = 0.0
+    for k in range(count - 1):
+        start, end = sequence[k], sequence[k + 1]
+        a, b = place_in_ground(bodies, nodes, start), place_in_ground(bodies, nodes, end)
+        length += nodes[end]["on_surface"] if _is_over_surface(nodes, start, end) else distance(a, b)
+    return length

@@ -1,0 +1,188 @@
+"""Paths and bodies as the compiled code reads them: rows of records, few arrays to hand from function to function."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import accumulate, count
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.model import (
+    AnyPathPoint,
+    Model,
+    ModelError,
+    Path,
+    PathPoint,
+    PathWrap,
+    WrapSurface,
+)
+from solver.multibody.postures import Postures
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Record = np.void
+Records = NDArray[np.void]
+
+KINDS = ("ellipsoid", "sphere", "cylinder")
+ELLIPSOID, SPHERE, CYLINDER = 0, 1, 2
+METHODS = ("hybrid", "midpoint", "axial")
+HYBRID, MIDPOINT, AXIAL = 0, 1, 2
+NO_SURFACE = -1
+FIXED = -1
+
+# A point of a path: fixed in its body, or the one in column `changes` of the posture's CHANGE; that is −1 if fixed.
+POINT = np.dtype([("body", np.int64), ("changes", np.int64), ("location", np.float64, (3,))])
+
+# A point in a posture that differs from posture to posture: where it is in its body, how it moves there per unit of the
+# speed of a coordinate (−1: it does not), and whether it belongs to the path.
+CHANGE = np.dtype(
+    [
+        ("location", np.float64, (3,)),
+        ("slope", np.float64, (3,)),
+        ("coordinate", np.int64),
+        ("is_there", np.int64),
+    ]
+)
+
+# A surface of a path, as in WrapSurface. The path stays where coordinate `axis` of the surface's frame has the sign
+# `allowed`, or anywhere if that is 0. Two wraps with the same `surface` are on the same one. Only the pieces between
+# the path's points `first` and `last` may wrap.
+WRAP = np.dtype(
+    [
+        ("surface", np.int64),
+        ("kind", np.int64),
+        ("method", np.int64),
+        ("body", np.int64),
+        ("rotation", np.float64, (3, 3)),
+        ("translation", np.float64, (3,)),
+        ("dimensions", np.float64, (3,)),
+        ("axis", np.int64),
+        ("allowed", np.int64),
+        ("first", np.int64),
+        ("last", np.int64),
+    ]
+)
+
+# A body in a posture, as in Postures.
+BODY = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),
+        ("origin", np.float64, (3,)),
+        ("angular_velocity", np.float64, (3,)),
+        ("origin_velocity", np.float64, (3,)),
+    ]
+)
+
+# What a path can go through: its points, then two tangent points for each of its wraps. `location` is the latest place
+# in the body, `ground` the place in ground at the first use in this posture, if it is_placed; `on_surface`, at a second
+# tangent point, is the length of the path over the surface before it. `slope` is how a coordinate moves a point.
+NODE = np.dtype(
+    [
+        ("body", np.int64),
+        ("surface", np.int64),
+        ("location", np.float64, (3,)),
+        ("ground", np.float64, (3,)),
+        ("is_placed", np.int64),
+        ("coordinate", np.int64),
+        ("slope", np.float64, (3,)),
+        ("on_surface", np.float64),
+    ]
+)
+
+
+class PathTables(NamedTuple):
+    """Several paths: path i has the points (POINT) first_point[i] to first_point[i + 1] − 1, wraps (WRAP) alike."""
+
+    points: Records
+    wraps: Records
+    first_point: Indices
+    first_wrap: Indices
+
+
+class PathResults(NamedTuple):
+    """What lay_all fills: lengths and speeds (frames, paths), and what must be zero before, wrenches (frames, paths,
+    bodies, 6) and mobilities (frames, paths, coordinates); as paths.PathState.
+    """
+
+    lengths: Array
+    speeds: Array
+    wrenches: Array
+    mobilities: Array
+
+
+@lru_cache(maxsize=32)
+def pack_paths(model: Model, paths: tuple[Path, ...]) -> PathTables:
+    """Raises ModelError where a path refers to what the model has not: compiled code would read beyond its arrays."""
+    for k, path in enumerate(paths):
+        _check(model, k, path)
+    changes = count()
+    points = [_point(point, changes) for path in paths for point in path.points]
+    wraps = [_wrap(wrap, model.surfaces[wrap.surface], path) for path in paths for wrap in path.wraps]
+    return PathTables(
+        np.array(points, POINT),
+        np.array(wraps, WRAP),
+        _starts([len(path.points) for path in paths]),
+        _starts([len(path.wraps) for path in paths]),
+    )
+
+
+def pack_bodies(postures: Postures) -> Records:
+    """(frames, bodies) of BODY."""
+    bodies = np.empty(postures.origin_in_ground.shape[:2], BODY)
+    bodies["rotation"] = postures.rotation_to_ground
+    bodies["origin"] = postures.origin_in_ground
+    bodies["angular_velocity"] = postures.angular_velocity
+    bodies["origin_velocity"] = postures.origin_velocity
+    return bodies
+
+
+def _check(model: Model, k: int, path: Path) -> None:
+    if len(path.points) < 2:
+        raise ModelError(f"path {k} has {len(path.points)} points, expected at least 2: its beginning and its end")
+    for point in path.points:
+        if not 0 <= point.body < len(model.bodies):
+            known = f"{model.name} has the bodies 0 to {len(model.bodies) - 1}"
+            raise ModelError(f"path {k} has a point on body {point.body}, but {known}; ask Model.body_index")
+        if not isinstance(point, PathPoint) and not 0 <= point.coordinate < len(model.coordinates):
+            known = f"{model.name} has the coordinates 0 to {len(model.coordinates) - 1}"
+            raise ModelError(f"path {k} moves with coordinate {point.coordinate}, but {known}")
+    for wrap in path.wraps:
+        if not 0 <= wrap.surface < len(model.surfaces):
+            known = f"{model.name} has {len(model.surfaces)} surfaces"
+            raise ModelError(f"path {k} wraps over surface {wrap.surface}, but {known}, counted from 0")
+
+
+def _starts(counts: Sequence[int]) -> Indices:
+    return np.array([0, *accumulate(counts)], dtype=np.int64)
+
+
+def _point(point: AnyPathPoint, changes: Iterator[int]) -> tuple[object, ...]:
+    if isinstance(point, PathPoint):
+        return point.body, FIXED, point.location
+    return point.body, next(changes), np.zeros(3)
+
+
+def _wrap(wrap: PathWrap, surface: WrapSurface, path: Path) -> tuple[object, ...]:
+    placement = surface.placement
+    return (
+        wrap.surface,
+        KINDS.index(surface.kind),
+        METHODS.index(wrap.method),
+        surface.body,
+        placement.rotation,
+        placement.translation,
+        surface.dimensions,
+        *_side(surface.quadrant),
+        wrap.first if surface.is_active else len(path.points),
+        len(path.points) - 1 if wrap.last is None else wrap.last,
+    )
+
+
+def _side(quadrant: str) -> tuple[int, int]:
+    """Axis and sign: "-y" is (1, −1), "x" or "+x" is (0, 1), "all" is (0, 0)."""
+    if quadrant == "all":
+        return 0, 0
+    return "xyz".index(quadrant[-1]), -1 if quadrant[0] == "-" else 1

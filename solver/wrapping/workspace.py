@@ -1,0 +1,24 @@
+"""The memory that laying a path takes, allocated once for all paths and frames."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.vectors import Array
+from solver.wrapping.ellipsoid import fan_room
+from solver.wrapping.path_tables import NODE, Indices, PathTables, Records
+
+
+class WrapWorkspace(NamedTuple):
+    """nodes of a path (NODE) and their sequence along it; the fan of ellipsoid.py."""
+
+    nodes: Records
+    sequence: Indices
+    fan: Array
+
+
+def allocate_wrap(tables: PathTables) -> WrapWorkspace:
+    longest = int((np.diff(tables.first_point) + 2 * np.diff(tables.first_wrap)).max(initial=0))
+    return WrapWorkspace(np.zeros(longest, NODE), np.zeros(longest, np.int64), fan_room())

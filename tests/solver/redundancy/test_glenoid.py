@@ -1,0 +1,82 @@
+"""The glenoid's cone: its published angle, and rows that say the same as the angle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.model import ModelError
+from solver.multibody.rotations import rotation_body_fixed_xyz
+from solver.redundancy.glenoid import angle_to_axis, cone_rows, contact_points, glenoid_cone
+
+MODEL = bundled_model()
+CONE = glenoid_cone(MODEL)
+
+
+def test_the_cone_is_that_of_the_published_markers():
+    assert np.degrees(CONE.half_angle) == pytest.approx(19.033794314488, abs=1e-9)
+    toward_glenoid = np.array([-0.01995036627856, -0.00364826527646, -0.02767297723668])
+    np.testing.assert_allclose(CONE.axis, toward_glenoid / np.linalg.norm(toward_glenoid), atol=1e-9)
+    assert MODEL.bodies[CONE.body].name == "scapula"
+
+
+def test_a_force_meets_the_rows_exactly_where_its_angle_is_within_the_cone():
+    generator = np.random.default_rng(0)
+    rotations = rotation_body_fixed_xyz(generator.uniform(-1, 1, (500, 3)))
+    forces = 100 * (2 * rotations @ CONE.axis + generator.normal(size=(500, 3)))
+    rays = np.einsum("fij,fj->fi", cone_rows(CONE, rotations), forces)
+    is_inside = rays[:, 0] >= np.linalg.norm(rays[:, 1:], axis=1)
+    np.testing.assert_array_equal(is_inside, angle_to_axis(CONE, rotations, forces) <= CONE.half_angle)
+    assert 0.1 < is_inside.mean() < 0.9
+
+
+def test_a_force_away_from_the_glenoid_is_outside_though_on_the_axis():
+    rotation = np.eye(3)[None]
+    assert angle_to_axis(CONE, rotation, -CONE.axis[None])[0] == pytest.approx(np.pi)
+    assert (cone_rows(CONE, rotation) @ -CONE.axis)[0, 0] < 0
+
+
+def test_an_elliptic_rim_goes_through_the_edge_marker_and_is_narrower_across():
+    cone = glenoid_cone(MODEL, aspect=0.75)
+    rows = cone_rows(cone, np.eye(3)[None])[0]
+    slope = np.tan(cone.half_angle)
+    along, across = cone.edge, np.cross(cone.axis, cone.edge)
+    for direction, width in ((along, 1.0), (-along, 1.0), (across, 0.75), (-across, 0.75)):
+        ray = rows @ (cone.axis + width * slope * direction)
+        assert ray[0] == pytest.approx(np.hypot(ray[1], ray[2]))
+
+
+def test_a_rim_without_width_is_refused():
+    with pytest.raises(ModelError, match="aspect should be positive and is 0"):
+        glenoid_cone(MODEL, aspect=0.0)
+
+
+def test_a_marker_that_makes_no_cone_is_refused():
+    markers = tuple(
+        replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker
+        for marker in MODEL.markers
+    )
+    with pytest.raises(ModelError, match=r"HumHead_Center at the centre of the joint GlenoHumeral"):
+        glenoid_cone(replace(MODEL, markers=markers))
+
+
+def test_a_model_without_the_markers_is_refused_by_name():
+    with pytest.raises(ModelError, match="Glenoid_Center"):
+        glenoid_cone(replace(MODEL, markers=()))
+
+
+def test_a_reaction_meets_the_plane_where_its_line_through_the_head_does():
+    rotation = rotation_body_fixed_xyz([[0.3, -0.2, 0.5]])
+    along, across = CONE.edge, np.cross(CONE.axis, CONE.edge)
+    force = 700 * rotation[0] @ (CONE.distance * CONE.axis + 0.004 * along - 0.003 * across)
+    np.testing.assert_allclose(contact_points(CONE, rotation, force[None]), [[0.004, -0.003]], atol=1e-12)
+    assert np.isnan(contact_points(CONE, rotation, -force[None])).all()
+
+
+def test_the_rim_is_as_far_from_the_centre_as_the_edge_marker_is_seen_from_the_head():
+    center, edge = (MODEL.marker(name).location for name in ("Glenoid_Center", "Glenoid_Edge"))
+    head = MODEL.joint("GlenoHumeral").frame_in_parent.translation
+    ray = (edge - head) * CONE.distance / ((edge - head) @ CONE.axis)
+    assert np.linalg.norm(head + ray - center) == pytest.approx(CONE.rim[0])
+    assert glenoid_cone(MODEL, aspect=0.8).rim == pytest.approx((CONE.rim[0], 0.8 * CONE.rim[0]))

@@ -1,0 +1,169 @@
+"""The compiled solver on seeded random problems: against Clarabel, at bounds, on the cone, and beyond it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver.redundancy.conic import ConicOutcome
+from solver.redundancy.motion import FrameOutcome
+from solver.redundancy.reduction import reduce_frames
+from solver.redundancy.sequence import FrameSequence, solve_sequence, solve_sequence_with_clarabel
+
+SEEDS = range(12)
+
+
+def silent(done, total):
+    """Nobody watches."""
+
+
+def random_sequence(seed, frames=4, scenarios=2, reach=0.3, cone=3):
+    """10 muscles, 3 reserves and 2 free actuators under 5 accelerations that a constraint leaves a rank of 4; with a
+    reach near 1 many muscles are at a bound, and the cone is turned so that it matters in most frames.
+    """
+    generator = np.random.default_rng(seed)
+    basis = np.linalg.qr(generator.normal(size=(5, 4)))[0]
+    start, drift = generator.normal(size=(2, 4, 15))
+    matrix = np.stack([basis @ (start + 0.05 * i * drift) for i in range(frames)])
+    wanted = reach * generator.uniform(size=(scenarios, 1, 15)) * (generator.uniform(size=(scenarios, 1, 15)) < 0.5)
+    wanted = wanted * np.linspace(1, 1.2, frames)[:, None]
+    target = np.einsum("fij,sfj->sfi", matrix, wanted)
+    cone_matrix = np.tile(generator.normal(size=(cone, 15)), (frames, 1, 1))
+    offset = np.zeros((scenarios, frames, cone))
+    if cone:
+        cone_matrix[:, 0] *= 0.3
+        ray = np.einsum("fij,sfj->sfi", cone_matrix, wanted)
+        offset[..., 0] = np.hypot(ray[..., 1], ray[..., 2]) - ray[..., 0] + 0.02
+    return FrameSequence(
+        weights=np.array([1.0] * 10 + [10.0] * 3 + [0.0] * 2),
+        matrix=matrix,
+        target=target,
+        cone_matrix=cone_matrix,
+        cone_offset=offset,
+        rise=np.full(10, 5.0),
+        fall=np.full(10, 5.0),
+    )
+
+
+def violation(sequence, controls):
+    """Largest one of a bound, of the cone, and of the equalities, which all can be met here."""
+    muscles = controls[..., : len(sequence.rise)]
+    gaps = [np.abs(np.einsum("fij,sfj->sfi", sequence.matrix, controls) - sequence.target).max(), -muscles.min()]
+    gaps.append(muscles.max() - 1)
+    if sequence.cone_matrix.shape[1]:
+        ray = np.einsum("fij,sfj->sfi", sequence.cone_matrix, controls) + sequence.cone_offset
+        gaps.append((np.hypot(ray[..., 1], ray[..., 2]) - ray[..., 0]).max())
+    return max(gaps)
+
+
+def effort(sequence, controls):
+    return (sequence.weights * controls**2).sum(axis=-1)
+
+
+@pytest.mark.parametrize("cone", [3, 0])
+@pytest.mark.parametrize("reach", [0.3, 1.0])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_effort_is_that_of_clarabel_and_rows_are_met(seed, reach, cone):
+    sequence = random_sequence(seed, reach=reach, cone=cone)
+    (controls, outcomes), (reference, known) = (
+        solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
+    )
+    assert (outcomes == FrameOutcome.SOLVED).all()
+    assert (known == FrameOutcome.SOLVED).all()
+    np.testing.assert_allclose(effort(sequence, controls), effort(sequence, reference), rtol=1e-6, atol=1e-7)
+    assert violation(sequence, controls) < 1e-8
+
+
+def test_bounds_and_cone_are_active_in_these_problems():
+    touching, at_bound = [], []
+    for seed in SEEDS:
+        sequence = random_sequence(seed, reach=1.0)
+        controls, _ = solve_sequence(sequence, silent)
+        ray = np.einsum("fij,sfj->sfi", sequence.cone_matrix, controls) + sequence.cone_offset
+        touching.append(ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) < 1e-9)
+        at_bound.append((controls[..., :10] == 0) | (controls[..., :10] == 1))
+    assert 0.2 < np.mean(touching) < 1
+    assert 0.1 < np.mean(at_bound) < 0.9
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_cone_out_of_reach_is_infeasible_and_missed_by_as_little_as_can_be(seed):
+    sequence = random_sequence(seed)
+    lifted = sequence.cone_offset.copy()
+    lifted[0, 1, 0] -= 50.0  # more than muscles between their bounds can make good
+    sequence = replace(sequence, cone_offset=lifted, weights=np.array([1.0] * 15))
+    sequence = replace(sequence, cone_matrix=np.where(np.arange(15) < 10, sequence.cone_matrix, 0))
+    (controls, outcomes), (reference, known) = (
+        solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
+    )
+    np.testing.assert_array_equal(outcomes, known)
+    assert outcomes[0, 1] is FrameOutcome.INFEASIBLE
+    assert (np.delete(outcomes.ravel(), 1) == FrameOutcome.SOLVED).all()
+
+    def missed(x):
+        ray = sequence.cone_matrix[1] @ x[0, 1] + lifted[0, 1]
+        return np.hypot(ray[1], ray[2]) - ray[0]
+
+    assert missed(controls) > 1
+    assert missed(controls) == pytest.approx(missed(reference), abs=1e-4)
+    np.testing.assert_allclose(sequence.matrix[1] @ controls[0, 1], sequence.target[0, 1], atol=1e-4)
+
+
+def test_accelerations_out_of_reach_without_reserves_are_infeasible_too():
+    sequence = random_sequence(3, cone=0)
+    kept = np.r_[:10, 13:15]
+    sequence = replace(
+        sequence, weights=sequence.weights[kept], matrix=sequence.matrix[..., kept], cone_matrix=np.zeros((4, 0, 12))
+    )
+    assert (solve_sequence(sequence, silent)[1] == FrameOutcome.SOLVED).any()
+    beyond = replace(sequence, target=1e3 * sequence.target)
+    (controls, outcomes), (_, known) = (
+        solve(beyond, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
+    )
+    assert (outcomes == FrameOutcome.INFEASIBLE).all()
+    np.testing.assert_array_equal(outcomes, known)
+    assert np.isfinite(controls).all()
+
+
+def test_a_structure_that_cannot_be_reduced_is_solved_all_the_same():
+    # a muscle without weight leaves its activation to the others
+    sequence = random_sequence(1)
+    weights = sequence.weights.copy()
+    weights[4] = 0.0
+    assert reduce_frames(weights, 10, sequence.matrix, sequence.cone_matrix) is None
+    controls, outcomes = solve_sequence(replace(sequence, weights=weights), silent)
+    assert (outcomes == FrameOutcome.SOLVED).all()
+    assert violation(sequence, controls) < 1e-6
+
+
+def test_undetermined_actuators_without_weight_are_not_reduced():
+    sequence = random_sequence(1)
+    twin = sequence.matrix.copy()
+    twin[..., 14] = twin[..., 13]
+    assert reduce_frames(sequence.weights, 10, twin, sequence.cone_matrix) is None
+    assert reduce_frames(sequence.weights, 10, sequence.matrix, sequence.cone_matrix) is not None
+
+
+def test_a_solution_does_not_show_where_it_came_from():
+    # the last frame of a long way, and that frame alone, with bounds that do not bind
+    sequence = random_sequence(5, frames=6)
+    whole, _ = solve_sequence(sequence, silent)
+    last = {
+        name: getattr(sequence, name)[..., -1:, :]
+        if name in {"target", "cone_offset"}
+        else getattr(sequence, name)[-1:]
+        for name in ("matrix", "target", "cone_matrix", "cone_offset")
+    }
+    alone, _ = solve_sequence(replace(sequence, **last), silent)
+    np.testing.assert_allclose(alone[:, 0], whole[:, -1], atol=1e-9)
+
+
+def test_progress_counts_frames_to_the_last():
+    seen = []
+    solve_sequence(random_sequence(0, frames=230), lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (230, 230)
+    assert seen == sorted(seen)
+
+
+def test_every_outcome_of_a_problem_is_one_of_a_frame():
+    assert {outcome.name for outcome in ConicOutcome} < {outcome.name for outcome in FrameOutcome}

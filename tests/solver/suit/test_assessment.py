@@ -1,0 +1,272 @@
+"""The assessment: what must hold between its curves, how intervals come about, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import solver.suit.scenarios
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.motion import MotionError, differentiate
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import FrameOutcome
+from solver.suit.assessment import Comparison, Quantity, assess
+from solver.suit.scenarios import CUFF_CONDITIONS
+from solver.suit.suit import SuitError, read_suit
+from tests.solver.redundancy.test_reachability import with_a_singular_elbow
+
+MODEL = bundled_model()
+MOTION = differentiate(simulate_arm_raise(MODEL))
+SUIT = replace(read_suit(), rest_lengths=np.linspace(0.63, 0.87, 9), reference_rest_length=0.75)
+WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.015)
+HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.015, np.diag([100.0, 10.0, 0.002]) ** 2)
+DRAWS = 8
+
+
+def coarse(*cuffs, suit=SUIT, draws=0, motion=MOTION):
+    return assess(MODEL, motion, suit, cuffs, every=60, draws=draws, draw_every=60)
+
+
+@pytest.fixture(scope="module")
+def assessment():
+    return coarse(WAIST, HAND, draws=DRAWS)
+
+
+def curve(assessment, condition, cuff="hand"):
+    (found,) = [c for c in assessment.curves if c.condition == condition and (c.cuff or cuff) == cuff]
+    return found
+
+
+def test_every_frame_of_every_scenario_is_solved(assessment):
+    assert len(assessment.time) == 11
+    assert assessment.scenarios == 2 + 4 * 10  # slack and bare, 4 curves at 9 rest lengths and the reference
+    assert assessment.unsolved == 0
+    assert assessment.outcomes == {}
+
+
+def test_a_posture_without_finite_accelerations_is_left_out_of_every_cost(assessment):
+    model, positions = with_a_singular_elbow(MODEL), MOTION.positions.copy()
+    positions[120, MODEL.coordinate_index("elbow_flexion")] = 1.0
+    bent = replace(MOTION, positions=positions)
+    found = assess(model, bent, SUIT, (HAND,), every=60, draws=0)
+    assert found.outcomes == {FrameOutcome.NOT_FINITE.value: found.scenarios}
+    for each in found.curves:
+        assert np.isfinite(each.cost).all()
+        assert np.isfinite([figure.value for figure in each.reduction.values() if figure.value is not None]).all()
+        assert np.flatnonzero(np.isnan(each.activations).any(axis=1)).tolist() == [2]
+
+
+def test_a_cord_longer_than_its_line_saves_nothing(assessment):
+    assert assessment.longest_cord < SUIT.rest_lengths[-1]
+    for found in assessment.curves:
+        assert found.cost[-1] == pytest.approx(1, abs=1e-6)
+
+
+def test_the_suits_mass_costs_something(assessment):
+    assert 0.9 < assessment.bare_body_cost < 0.995
+
+
+def test_the_suit_saves_effort_and_hardly_needs_reserves(assessment):
+    for found in assessment.curves:
+        assert found.cost.min() < 0.95
+        assert found.reserve_cost.max() < 0.01
+
+
+def test_migration_moves_the_curve_and_changes_nothing_else(assessment):
+    # both cuffs migrate by 15 mm and the rest lengths are 30 mm apart
+    np.testing.assert_allclose(curve(assessment, "shift").cost[:-1], curve(assessment, "rigid").cost[1:], atol=1e-6)
+    # and where they also yield, the lever of their damping is 15 mm shorter
+    both, yielding = curve(assessment, "both"), curve(assessment, "visco_elastic")
+    np.testing.assert_allclose(both.cost[:-1], yielding.cost[1:], atol=3e-4)
+
+
+def test_a_cuff_that_yields_takes_force_from_the_cord(assessment):
+    forces = [value(curve(assessment, c), "cord_force") for c in ("rigid", "visco_elastic", "both")]
+    assert forces[0] > forces[1] > forces[2] > 0
+
+
+def test_migration_takes_the_slack_times_the_stiffness_from_the_cord(assessment):
+    shift, rigid = curve(assessment, "shift"), curve(assessment, "rigid")
+    lost = value(rigid, "cord_force") - value(shift, "cord_force")
+    assert lost == pytest.approx(SUIT.stiffness * 0.03)
+    assert value(shift, "cord_force_lost") == pytest.approx(lost / value(rigid, "cord_force"))
+    added = value(shift, "at_reference") - value(rigid, "at_reference")
+    assert value(shift, "cost_per_migration") == pytest.approx(added / HAND.migration, rel=1e-3)
+    assert rigid.figures["cord_force_lost"].value is None
+
+
+def test_from_the_optimum_to_slack_is_the_same_way_shifted_or_not(assessment):
+    for condition in ("rigid", "shift"):
+        found = curve(assessment, condition)
+        slack = assessment.longest_cord - (0.03 if condition == "shift" else 0)
+        assert value(found, "to_slack") == pytest.approx(slack - value(found, "rest_length"))
+
+
+def test_stiff_cuffs_in_place_are_rigid(assessment):
+    stiff = [replace(cuff, stiffness=1e9, damping=0.0, migration=0.0) for cuff in (WAIST, HAND)]
+    for condition in CUFF_CONDITIONS:
+        found = curve(coarse(*stiff, suit=replace(SUIT, rest_lengths=SUIT.rest_lengths[::2])), condition)
+        np.testing.assert_allclose(found.cost, curve(assessment, "rigid").cost[::2], atol=1e-4)
+
+
+def test_drawn_migration_moves_the_best_rest_length_and_the_force_and_not_the_cost_there(assessment):
+    figures = curve(assessment, "shift").figures
+    (shortest, longest), (weakest, strongest) = figures["rest_length"].ci95, figures["cord_force"].ci95
+    assert 0.001 < longest - shortest < 4 * 0.002  # eight draws with a standard error of 2 mm
+    assert strongest - weakest == pytest.approx(SUIT.stiffness * (longest - shortest), rel=0.05)
+    cheapest, dearest = figures["lowest_cost"].ci95
+    assert dearest - cheapest < 1e-4
+
+
+def test_every_cell_of_a_yielding_shifted_cuff_has_an_interval_around_it(assessment):
+    found = curve(assessment, "both")
+    for name, figure in found.figures.items():
+        low, high = figure.ci95
+        assert low <= figure.value <= high, name
+    assert all(figure.ci95 for figure in found.reduction.values() if figure.value is not None)  # no idle muscle
+    assert all(figure.ci95 is None for figure in curve(assessment, "rigid").figures.values())
+
+
+def test_cuffs_that_may_have_slipped_far_have_intervals_too():
+    unsure = replace(HAND, covariance=np.diag([850.0, 60.0, 0.008]) ** 2)
+    found = coarse(replace(WAIST, covariance=np.diag([200.0, 30.0, 0.006]) ** 2), unsure, draws=30)
+    for condition in CUFF_CONDITIONS:
+        for name, figure in curve(found, condition).figures.items():
+            assert figure.value is None or figure.ci95[0] <= figure.value <= figure.ci95[1], name
+    shortest, longest = curve(found, "both").figures["rest_length"].ci95
+    assert longest - shortest > 0.025
+
+
+def test_the_drawn_interval_of_the_cost_follows_that_of_migration(assessment):
+    # by far the largest error here: 2 mm of migration
+    beyond = curve(coarse(WAIST, replace(HAND, migration=HAND.migration + 0.002)), "both")
+    nominal = curve(assessment, "both")
+    slope = (value(beyond, "at_reference") - value(nominal, "at_reference")) / 0.002
+    spread = np.ptp(nominal.figures["at_reference"].ci95) / np.ptp(
+        curve(assessment, "shift").figures["cord_force"].ci95
+    )
+    assert spread == pytest.approx(slope / SUIT.stiffness, rel=0.15)
+
+
+def test_the_same_draws_give_the_same_intervals(assessment):
+    again = coarse(WAIST, HAND, draws=DRAWS)
+    assert [found.figures for found in again.curves] == [found.figures for found in assessment.curves]
+
+
+def test_thinned_the_same_way_the_draws_differ_by_interpolation_only(assessment):
+    assert assessment.sureness.draws == DRAWS
+    assert max(assessment.sureness.largest_difference.values()) < 5e-3
+
+
+def test_along_the_bone_each_condition_is_drawn_for_itself():
+    suit = replace(SUIT, migration_direction="bone")
+    found = coarse(WAIST, HAND, suit=suit, draws=2)
+    assert curve(found, "shift").figures["at_reference"].ci95
+    assert max(found.sureness.largest_difference.values()) < 5e-3
+
+
+def test_cuffs_that_are_given_have_no_interval():
+    found = coarse(WAIST, replace(HAND, covariance=np.zeros((3, 3))), draws=DRAWS)
+    assert found.sureness is None
+    assert curve(found, "both").figures["at_reference"].ci95 is None
+
+
+def test_two_cuffs_are_compared_draw_by_draw():
+    tube = replace(HAND, name="tube", migration=0.003, covariance=HAND.covariance / 100)
+    twin = replace(HAND, name="twin")
+    found = coarse(WAIST, HAND, tube, twin, draws=4)
+    compared = {each.cuffs: each for each in found.comparisons}
+    assert set(compared) == {("hand", "tube"), ("hand", "twin"), ("tube", "twin")}
+    expected = value(curve(found, "both"), "at_reference") - value(curve(found, "both", "tube"), "at_reference")
+    assert compared["hand", "tube"].cost_difference.value == pytest.approx(expected)
+    assert compared["hand", "tube"].differ
+    assert compared["hand", "twin"].differ is False
+    assert Comparison(("a", "b"), Quantity(0.1)).differ is None
+
+
+def test_a_groups_reduction_is_of_its_muscles_mean_activation(assessment):
+    found = curve(assessment, "rigid")
+    serratus = [i for i, name in enumerate(assessment.muscles) if name.startswith("SerratusAnterior")]
+    expected = 1 - found.activations[:, serratus].mean() / assessment.slack[:, serratus].mean()
+    assert found.reduction["serratus_anterior"].value == pytest.approx(expected)
+
+
+def test_the_optimum_lies_between_the_lengths_and_is_no_worse_than_any(assessment):
+    found = curve(assessment, "rigid")
+    assert SUIT.rest_lengths[0] < value(found, "rest_length") < SUIT.rest_lengths[-1]
+    assert value(found, "lowest_cost") <= found.cost.min() + 1e-9
+    assert 0 < value(found, "permissible_error") < 0.1
+
+
+def test_an_optimum_at_the_edge_of_what_was_tried_is_none():
+    found = curve(coarse(HAND, suit=replace(SUIT, rest_lengths=np.linspace(0.76, 0.9, 5))), "rigid")
+    assert found.figures["rest_length"].value is None
+    assert found.figures["lowest_cost"].value is None
+
+
+def test_without_a_waist_cuff_the_waist_is_rigid_and_named_so():
+    alone, with_stiff_waist = coarse(HAND), coarse(HAND, replace(WAIST, stiffness=1e9, damping=0.0, migration=0.0))
+    assert alone.waist_cuff is None
+    np.testing.assert_allclose(curve(alone, "both").cost, curve(with_stiff_waist, "both").cost, atol=1e-4)
+
+
+@pytest.mark.parametrize("cuffs", [(), (WAIST,), (HAND, WAIST, WAIST)])
+def test_too_few_arm_cuffs_or_too_many_at_the_waist_are_refused(cuffs):
+    with pytest.raises(SuitError, match="needs arm cuffs and at most one waist cuff"):
+        coarse(*cuffs)
+
+
+@pytest.mark.parametrize(
+    ("key", "changed"),
+    [
+        ("reference_rest_length_m", {"reference_rest_length": 1.2}),
+        ("rest_lengths_m", {"rest_lengths": np.linspace(0.9, 1.2, 6)}),
+    ],
+)
+def test_a_cord_that_is_slack_in_all_frames_is_refused(key, changed):
+    with pytest.raises(
+        SuitError, match=f"the suit's {key} should start below 0.8.* so that the cord is slack in all frames"
+    ):
+        coarse(HAND, suit=replace(SUIT, **changed))
+
+
+def test_a_negative_stiffness_is_refused():
+    with pytest.raises(SuitError, match=r"the cuff hand should have a stiffness above 0 .* has -5 N/m"):
+        coarse(replace(HAND, stiffness=-5.0))
+
+
+def test_a_suit_on_a_body_that_is_not_there_is_refused():
+    with pytest.raises(SuitError, match="on the body pelvis"):
+        coarse(HAND, suit=replace(SUIT, waist=replace(SUIT.waist, body="pelvis")))
+
+
+def test_a_motion_outside_a_joints_range_is_refused_with_the_time():
+    positions = MOTION.positions.copy()
+    positions[300, MODEL.coordinate_index("shoulder_elv")] = np.radians(200)
+    with pytest.raises(MotionError, match=r"should keep shoulder_elv between .* and is at 200° at 3 s"):
+        coarse(HAND, motion=replace(MOTION, positions=positions))
+
+
+def test_a_frame_that_is_not_solved_is_counted_and_its_curve_has_no_optimum(monkeypatch):
+    def with_a_hole(problem, loads=None, progress=None, workers=None):
+        found = solve_redundancy(problem, loads)
+        outcomes, controls = found.outcomes.copy(), found.controls.copy()
+        if len(controls) > 1:
+            outcomes[4, 2], controls[4, 2] = FrameOutcome.INFEASIBLE, np.nan
+        return replace(found, outcomes=outcomes, controls=controls)
+
+    solve_redundancy = solver.suit.scenarios.solve_redundancy
+    monkeypatch.setattr(solver.suit.scenarios, "solve_redundancy", with_a_hole)
+    found = coarse(WAIST, HAND)
+    assert found.unsolved == 1
+    assert found.outcomes == {FrameOutcome.INFEASIBLE.value: 1}
+    rigid = curve(found, "rigid")
+    assert rigid.unsolved == 1
+    assert np.isnan(rigid.cost).sum() == 1
+    assert rigid.figures["rest_length"].value is None
+    assert curve(found, "both").figures["rest_length"].value is not None
+
+
+def value(curve, name):
+    return curve.figures[name].value

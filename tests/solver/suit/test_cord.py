@@ -1,0 +1,211 @@
+"""The worn suit: cord and cuffs are springs in series, a slack cord never pulls, forces are the slope of the energy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.multibody.postures import postures
+from solver.suit.cord import CordLine, cord_line, suit_forces, with_migration
+from solver.suit.suit import SuitError, read_suit
+
+MODEL = bundled_model()
+SUIT = read_suit()
+ARM = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
+WAIST = CuffParameters("waist", "waist", stiffness=2140.0, damping=124.0, migration=0.012)
+CUFFS = (WAIST, ARM)
+REST_LENGTHS = np.array([0.60, 0.70, 0.95])
+
+
+@pytest.fixture
+def line():
+    """A cord some 0.8 m long whose three points wander at random, cuffs on bodies that turn."""
+    generator = np.random.default_rng(3)
+    frames = 7
+    rotations = np.linalg.qr(generator.normal(size=(frames, 2, 3, 3)))[0]
+    return CordLine(
+        anchors=np.array([[0.0, -0.5, 0.1], [0.2, 0.1, 0.0]]) + 0.02 * generator.normal(size=(frames, 2, 3)),
+        shoulder=np.array([0.0, 0.05, 0.1]) + 0.02 * generator.normal(size=(frames, 3)),
+        anchors_to_ground=rotations,
+        interval=0.1,
+    )
+
+
+def series(*stiffness):
+    return 1 / sum(1 / k for k in stiffness)
+
+
+def energy(line, rest_length, displacement):
+    reach = np.linalg.norm(line.shoulder[:, None] - line.anchors - displacement, axis=-1).sum(axis=-1)
+    cord = SUIT.stiffness / 2 * np.maximum(reach - rest_length, 0) ** 2
+    stiffness = np.array([WAIST.stiffness, ARM.stiffness])
+    return cord + (stiffness / 2 * (displacement**2).sum(axis=-1)).sum(axis=-1)
+
+
+def test_cord_and_cuffs_are_springs_in_series(line):
+    worn = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, yields=True)
+    stretch = np.maximum(line.length - REST_LENGTHS[:, None], 0)
+    expected = series(SUIT.stiffness, WAIST.stiffness, ARM.stiffness) * stretch
+    np.testing.assert_allclose(worn.tension, expected, atol=1e-9)
+    assert worn.tension.max() > 50
+
+
+def test_the_equilibrium_is_where_the_stored_energy_is_least(line):
+    # found here by descent from unloaded cuffs, which knows nothing of springs in series
+    worn = suit_forces(SUIT, line, REST_LENGTHS[:1], CUFFS, yields=True)
+    for frame in range(len(line.shoulder)):
+        alone = replace(line, anchors=line.anchors[[frame]], shoulder=line.shoulder[[frame]])
+        found = minimize(lambda q, at=alone: energy(at, REST_LENGTHS[0], q.reshape(1, 2, 3))[0], np.zeros(6), tol=1e-12)
+        np.testing.assert_allclose(worn.displacement[0, frame].ravel(), found.x, atol=1e-6)
+
+
+def test_a_cuff_too_soft_to_hold_the_cord_finds_no_rest(line):
+    soft = replace(ARM, stiffness=20.0)
+    with pytest.raises(SuitError, match=r"cuffs should come to rest within 1e-09 N and .* N remain.* of 20 N/m"):
+        suit_forces(SUIT, line, np.array([0.1]), (WAIST, soft), yields=True)
+
+
+def test_along_the_bone_a_cuff_slips_in_its_body_and_the_line_changes(line):
+    along_bone = replace(SUIT, migration_direction="bone")
+    moved = with_migration(along_bone, line, CUFFS).anchors - line.anchors
+    in_body = np.einsum("fcij,fci->fcj", line.anchors_to_ground, moved)
+    np.testing.assert_allclose(in_body, np.broadcast_to([[[0, 0.012, 0]] * 2], in_body.shape), atol=1e-15)
+    along_cord = with_migration(SUIT, line, CUFFS)
+    assert np.abs(along_cord.anchors - line.anchors - moved).max() > 0.005
+    np.testing.assert_allclose(along_cord.length, line.length - 0.024, atol=1e-12)
+
+
+def test_a_cuff_does_not_slip_over_the_shoulder_point(line):
+    with pytest.raises(
+        SuitError, match=r"the arm cuff should slip by less than 0\.178 m, .* and has a migration of 1 m"
+    ):
+        with_migration(SUIT, line, (WAIST, replace(ARM, migration=1.0)))
+
+
+def test_migration_slackens_the_cord_by_both_cuffs_along_an_unchanged_line(line):
+    shifted = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, is_shifted=True)
+    longer = suit_forces(SUIT, line, REST_LENGTHS + WAIST.migration + ARM.migration)
+    np.testing.assert_allclose(shifted.tension, longer.tension, atol=1e-9)
+    np.testing.assert_allclose(shifted.forces, longer.forces, atol=1e-9)
+
+
+def test_a_shifted_cuff_that_yields_does_both(line):
+    worn = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, is_shifted=True, yields=True)
+    stretch = np.maximum(line.length - WAIST.migration - ARM.migration - REST_LENGTHS[:, None], 0)
+    expected = series(SUIT.stiffness, WAIST.stiffness, ARM.stiffness) * stretch
+    np.testing.assert_allclose(worn.tension, expected, atol=1e-9)
+
+
+def test_a_slack_cord_pulls_with_nothing_and_moves_no_cuff(line):
+    worn = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, yields=True)
+    assert (line.length < REST_LENGTHS[2]).all()
+    assert not worn.tension[2].any()
+    assert not worn.displacement[2].any()
+    assert not worn.forces[2].any()
+    assert (worn.tension >= 0).all()
+
+
+def test_very_stiff_cuffs_are_rigid_ones(line):
+    stiff = tuple(replace(cuff, stiffness=1e12, damping=0.0) for cuff in CUFFS)
+    nearly, rigid = suit_forces(SUIT, line, REST_LENGTHS, stiff, yields=True), suit_forces(SUIT, line, REST_LENGTHS)
+    np.testing.assert_allclose(nearly.forces, rigid.forces, atol=1e-5)
+    np.testing.assert_allclose(nearly.points, rigid.points, atol=1e-9)
+
+
+def test_a_rigid_waist_leaves_the_arm_alone_to_yield(line):
+    worn = suit_forces(SUIT, line, REST_LENGTHS, (None, ARM), yields=True)
+    stretch = np.maximum(line.length - REST_LENGTHS[:, None], 0)
+    np.testing.assert_allclose(worn.tension, series(SUIT.stiffness, ARM.stiffness) * stretch, atol=1e-9)
+    assert not worn.displacement[..., 0, :].any()
+
+
+def test_a_cord_without_stiffness_is_no_suit(line):
+    worn = suit_forces(replace(SUIT, stiffness=0.0), line, REST_LENGTHS, CUFFS, yields=True)
+    assert not worn.forces.any()
+
+
+def test_without_damping_the_forces_cancel_and_do_no_turning(line):
+    still = tuple(replace(cuff, damping=0.0) for cuff in CUFFS)
+    worn = suit_forces(SUIT, line, REST_LENGTHS, still, is_shifted=True, yields=True)
+    np.testing.assert_allclose(worn.forces.sum(axis=-2), 0, atol=1e-8)
+    np.testing.assert_allclose(np.cross(worn.points, worn.forces).sum(axis=-2), 0, atol=1e-8)
+
+
+def test_forces_are_the_slope_of_the_stored_energy(line):
+    # virtual work: at the equilibrium the energy of cord and cuffs changes only with what the bodies move
+    still = tuple(replace(cuff, damping=0.0) for cuff in CUFFS)
+    worn = suit_forces(SUIT, line, REST_LENGTHS[:1], still, yields=True)
+    generator, step = np.random.default_rng(5), 1e-6
+    anchors, shoulder = generator.normal(size=line.anchors.shape), generator.normal(size=line.shoulder.shape)
+    stored = []
+    for sign in (1, -1):
+        moved = replace(
+            line, anchors=line.anchors + sign * step * anchors, shoulder=line.shoulder + sign * step * shoulder
+        )
+        settled = suit_forces(SUIT, moved, REST_LENGTHS[:1], still, yields=True).displacement[0]
+        stored.append(energy(moved, REST_LENGTHS[0], settled))
+    slope = (stored[0] - stored[1]) / (2 * step)
+    work = (worn.forces[0, :, :2] * anchors).sum(axis=(-1, -2)) + (worn.forces[0, :, 2] * shoulder).sum(axis=-1)
+    np.testing.assert_allclose(work, -slope, rtol=1e-6, atol=1e-5)
+
+
+def test_damping_resists_a_growing_displacement_seen_from_the_body(line):
+    worn = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, yields=True)
+    still = suit_forces(SUIT, line, REST_LENGTHS, [replace(cuff, damping=0.0) for cuff in CUFFS], yields=True)
+    extra = worn.forces - still.forces
+    assert not extra[:, 0].any()  # the first frame has no past
+    np.testing.assert_array_equal(extra[..., 2, :], 0)  # the shoulder feels the cord alone
+    in_body = np.einsum("fcij,rfci->rfcj", line.anchors_to_ground, worn.displacement)
+    rate = np.diff(in_body, axis=1) / line.interval
+    expected = np.einsum("fcij,rfcj->rfci", line.anchors_to_ground[1:], rate) * [[WAIST.damping], [ARM.damping]]
+    np.testing.assert_allclose(extra[:, 1:, :2], expected, atol=1e-9)
+
+
+def test_the_central_difference_looks_both_ways(line):
+    central = replace(SUIT, rate="central")
+    worn = suit_forces(central, line, REST_LENGTHS[:1], CUFFS, yields=True)
+    still = [replace(cuff, damping=0.0) for cuff in CUFFS]
+    extra = worn.forces - suit_forces(central, line, REST_LENGTHS[:1], still, yields=True).forces
+    in_body = np.einsum("fcij,rfci->rfcj", line.anchors_to_ground, worn.displacement)
+    rate = (in_body[:, 4] - in_body[:, 2]) / (2 * line.interval)
+    expected = np.einsum("cij,rcj->rci", line.anchors_to_ground[3], rate) * [[WAIST.damping], [ARM.damping]]
+    np.testing.assert_allclose(extra[:, 3, :2], expected, atol=1e-9)
+
+
+def test_a_damped_cord_pulls_more_while_it_lengthens_and_never_pushes(line):
+    damped = suit_forces(replace(SUIT, damping=30.0), line, REST_LENGTHS)
+    plain = suit_forces(SUIT, line, REST_LENGTHS)
+    lengthens = np.diff(line.length) > 0
+    taut = plain.tension[0, 1:] > 0
+    assert (damped.tension[0, 1:] > plain.tension[0, 1:])[lengthens & taut].all()
+    assert (damped.tension >= 0).all()
+    assert not damped.tension[2].any()
+
+
+def test_the_cords_points_ride_on_their_bodies():
+    q = np.tile(MODEL.default_coordinates, (2, 1))
+    q[1, MODEL.coordinate_index("shoulder_elv")] += 1.0
+    line = cord_line(SUIT, MODEL, postures(MODEL, q, np.zeros_like(q)), interval=0.1)
+    np.testing.assert_allclose(line.shoulder[0], line.shoulder[1])
+    np.testing.assert_allclose(line.anchors[0, 0], line.anchors[1, 0])
+    assert line.length[1] < line.length[0]  # the raised arm gives the cord slack
+    apart = np.linalg.norm(SUIT.waist.location - SUIT.shoulder.location)
+    np.testing.assert_allclose(np.linalg.norm(line.anchors[:, 0] - line.shoulder, axis=1), apart)
+
+
+@pytest.mark.parametrize("broken", [{"stiffness": -3.0}, {"stiffness": 0.0}, {"damping": np.nan}])
+def test_a_cuff_that_is_no_spring_is_refused(line, broken):
+    with pytest.raises(SuitError, match="the cuff hand should have a stiffness above 0"):
+        suit_forces(SUIT, line, REST_LENGTHS, (WAIST, replace(ARM, **broken)), yields=True)
+
+
+def test_forces_in_every_second_frame_are_those_of_all_frames(line):
+    options = {"is_shifted": True, "yields": True}
+    whole = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, **options)
+    thinned = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, every=2, **options)
+    np.testing.assert_array_equal(thinned.tension, whole.tension)
+    for name in ("displacement", "points", "forces"):
+        np.testing.assert_array_equal(getattr(thinned, name), getattr(whole, name)[:, ::2])
