@@ -26,7 +26,6 @@ from station.journal import (
     Assignment,
     Choice,
     Journal,
-    Recorded,
     Setup,
     read_journal,
     write_assigned,
@@ -61,11 +60,14 @@ class Desk:
     def __init__(
         self,
         config: StationConfig,
-        speed: float = 1.0,
+        speed: float | None = 1.0,
         bench: SimulatedBench | None = None,
         clock_port: int | None = None,
     ) -> None:
-        """bench: simulated devices of its own; clock_port: the clock of a simulated bench that runs elsewhere."""
+        """bench: simulated devices of its own; clock_port: the clock of a simulated bench that runs elsewhere.
+
+        speed is the pace of either; None: as fast as it is handled.
+        """
         self.config, self.speed = config, speed
         self._clock_port = clock_port if bench is None else bench.clock_port
         self.folder: Path | None = None
@@ -198,7 +200,7 @@ class Desk:
     @property
     def rest_left_s(self) -> float:
         """Wall seconds that the wearer should still rest, of the protocol's pause."""
-        return self.config.protocol.pause_s / self.speed - (time.monotonic() - self._decided_s)
+        return self.config.protocol.pause_s / (self.speed or 1.0) - (time.monotonic() - self._decided_s)
 
     # -- the trial -----------------------------------------------------------------------------------------------
 
@@ -288,19 +290,6 @@ class Desk:
         donning = recorded.donning if cuff == recorded.cuff else str(1 + journal.donnings.get(cuff, 0))
         write_assigned(self.folder, file, Assignment(self.config.cuff_site(cuff), test, repeat, donning))
         self._forget_fit()
-
-    def redo_last(self, reason: str, *, is_donned_anew: bool = False) -> Recorded:
-        """Sets aside the recording that was accepted last, while no other waits: its trial is the next one again."""
-        plan, journal = self.agenda, self.journal
-        accepted = [each for each in journal.recorded if each.file in journal.verdicts.keys() - journal.redone.keys()]
-        if plan is None or self.folder is None or plan.undecided is not None or not accepted:
-            raise DeskRefusal("no recording was accepted yet that could be redone")
-        if is_donned_anew and accepted[-1].cuff is None:
-            raise DeskRefusal("the last trial was a bounce: no cuff to don anew; redo it")
-        write_verdict(self.folder, accepted[-1].file, "redo", reason)
-        if is_donned_anew and accepted[-1].cuff is not None:
-            write_donned(self.folder, accepted[-1].cuff)
-        return accepted[-1]
 
     def skip(self) -> TrialSpec:
         """Passes over the next trial of the plan, while none runs."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +39,16 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Figure:
+    """One quantity of this trial with its 95 % interval, in the unit that its name ends with; SI."""
+
+    quantity: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Judgement:
     """advice is what the figures speak for, and reasons say why; the operator decides.
 
@@ -53,6 +63,7 @@ class Judgement:
     notes: tuple[str, ...]
     path: tuple[tuple[float, float], ...]
     marks: int
+    figures: tuple[Figure, ...] = ()
 
 
 QUANTITIES = {
@@ -60,6 +71,7 @@ QUANTITIES = {
     "damping": ("c", 1.0, "N s/m", 1),
     "migration": ("migration", 1e3, "mm", 2),
 }
+SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 
 
 def be_ready() -> None:
@@ -103,6 +115,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         ),
         path=_path(curves),
         marks=_marks_in(folder / file),
+        figures=_figures({name: getattr(of_trial, field) for field, name in SI_NAMES.items()}),
     )
 
 
@@ -117,7 +130,13 @@ def _judge_bounce(path: Path, recorded: Recorded) -> Judgement:
     fit = fit_bounce(read_bounce(path))
     figures = {"lag [ms]": (fit.lag, 1e3), "gain": (fit.gain, 1.0), "zero [N]": (fit.zero, 1.0)}
     rows = tuple(Row(name, _words(found.estimate, scale), "-", "-") for name, (found, scale) in figures.items())
-    return Judgement(path.name, _title(recorded, path.name), "accept", (), rows, fit.notes, (), _marks_in(path))
+    measured = _figures({"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate})
+    title, marks = _title(recorded, path.name), _marks_in(path)
+    return Judgement(path.name, title, "accept", (), rows, fit.notes, (), marks, measured)
+
+
+def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[Figure, ...]:
+    return tuple(Figure(name, each.value, *each.ci95) for name, each in estimates.items() if each is not None)
 
 
 def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | None]:
@@ -138,6 +157,8 @@ def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialF
         reasons.append(f"{recorded.lost_samples} samples were lost on the way")
     if trial.state == "unusable":
         reasons.append(trial.reason)
+    elif not any(getattr(trial, name) for name in ("stiffness", "damping")):
+        reasons.append(f"neither stiffness nor damping comes of this {trial.test} trial; load the cuff to every step")
     if trial.migration is not None and trial.migration.value > SLIPPED_M:
         reasons.append(
             f"the cuff slipped by {1e3 * trial.migration.value:.0f} mm in this trial, more than any cuff should "

@@ -28,7 +28,7 @@ class TrialProcess:
 
     @classmethod
     async def start(
-        cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None, speed: float
+        cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None, speed: float | None
     ) -> TrialProcess:
         """Starts the recorder; it opens the devices, arms and waits for the edge by itself.
 

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import ConfigPath, FormatOption, Rerun, Rrd, Seed, Speed, Test, print_result, say
+from station.verbs.options import ConfigPath, Format, FormatOption, Rerun, Rrd, Seed, Speed, Test, print_result, say
 
 if TYPE_CHECKING:
     from station.bench.live import LiveView
     from station.clock import Clock
     from station.config import StationConfig
     from station.protocol import TrialSpec
+
+PLAN = "The whole session, without --test"
 
 
 def simulate(
@@ -61,7 +63,10 @@ def check(
 def record(
     config: ConfigPath,
     session: Annotated[Path, typer.Option(help="Folder of the session; made if it is not there.")],
-    test: Annotated[Test, typer.Option(help="Which test; a bounce calibrates the load cell and needs no cuff.")],
+    test: Annotated[
+        Test | None,
+        typer.Option(help="One trial of this test, a bounce without a cuff; default: the whole plan, trial by trial."),
+    ] = None,
     cuff: Annotated[str | None, typer.Option(help="The cuff under test, as the configuration names it.")] = None,
     repeat: Annotated[int, typer.Option(min=1, help="Which repeat of this test on this donning.")] = 1,
     duration: Annotated[
@@ -70,13 +75,73 @@ def record(
     donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
     speed: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Pace of `station simulate`: world seconds per wall second, at most."),
+        typer.Option(min=0.1, help="Pace of the simulated devices: world seconds per wall second, at most."),
     ] = None,
     rrd: Rrd = None,
     rerun: Rerun = False,
     format: FormatOption = "table",  # noqa: A002
+    subject: Annotated[str | None, typer.Option(help="Who is measured, a code like P01.", rich_help_panel=PLAN)] = None,
+    operator: Annotated[str, typer.Option(help="Who measures.", rich_help_panel=PLAN)] = "",
+    cuffs: Annotated[
+        str, typer.Option(help="In this order, like hand,waist; default: all.", rich_help_panel=PLAN)
+    ] = "",
+    repeats: Annotated[int | None, typer.Option(min=1, help="Of each test.", rich_help_panel=PLAN)] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="On simulated devices, to practise.", rich_help_panel=PLAN)
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Of the simulated devices.", rich_help_panel=PLAN)] = 1,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Events as lines of JSON, commands as lines.", rich_help_panel=PLAN)
+    ] = False,
 ) -> None:
-    """Record one trial. Ctrl-C once stops cleanly, twice at once. Prints the file's path."""
+    """Record one trial, or without --test the whole session, trial after trial, each with its verdict.
+
+    Ctrl-C once stops cleanly, twice at once. Prints the files' paths.
+    """
+    from station.config import load_config
+    from station.protocol import TrialSpec
+
+    settings = load_config(config)
+    if test is None:
+        if (cuff, duration, rrd, rerun, repeat, donning) != (None, None, None, False, 1, "1"):
+            raise typer.BadParameter("--cuff, --repeat, --duration, --donning, --rrd and --rerun are for one --test")
+        from station.terminal.run import planned, practice_folder, run_session
+
+        session = practice_folder(session) if simulated else session
+        names = tuple(name.strip() for name in cuffs.split(",") if name.strip())
+        setup = planned(settings, session, _subject(session, subject), operator, names, repeats)
+        raise typer.Exit(
+            run_session(settings, session, setup, is_headless=headless, is_simulated=simulated, speed=speed, seed=seed)
+        )
+    if subject or operator or cuffs or repeats or simulated or headless:
+        raise typer.BadParameter(
+            "--subject, --operator, --cuffs, --repeats, --simulated and --headless are without --test"
+        )
+    if (cuff is None) != (test == "bounce"):
+        raise typer.BadParameter("a static or dynamic test needs --cuff, and a bounce has none")
+    _record_trial(settings, session, TrialSpec(cuff, test, repeat, donning), duration, speed, rrd, rerun, format)
+
+
+def _subject(session: Path, subject: str | None) -> str | None:
+    """Asks a person at a terminal for the subject of a new session."""
+    from station.journal import JOURNAL_FILE
+    from station.terminal.keyboard import is_interactive
+
+    if subject is not None or (session / JOURNAL_FILE).exists() or not is_interactive():
+        return subject
+    return str(typer.prompt("Subject, a code like P01", err=True))
+
+
+def _record_trial(
+    config: StationConfig,
+    session: Path,
+    spec: TrialSpec,
+    duration: float | None,
+    speed: float | None,
+    rrd: Path | None,
+    rerun: bool,
+    format: Format,  # noqa: A002
+) -> NoReturn:
     from contextlib import ExitStack
 
     from station.bench.bench_clock import BenchClock
@@ -84,22 +149,18 @@ def record(
     from station.bench.session_folder import why_not_here
     from station.bench.simulation import clock_port, serves_simulated
     from station.clock import RealClock
-    from station.config import load_config
-    from station.protocol import TrialSpec
 
-    if (cuff is None) != (test == "bounce"):
-        raise typer.BadParameter("a static or dynamic test needs --cuff, and a bounce has none")
-    settings, spec = load_config(config), TrialSpec(cuff, test, repeat, donning)
     with ExitStack() as stack:
         clock: Clock = RealClock()
-        if speed is not None or serves_simulated(settings):
-            clock = stack.enter_context(BenchClock(clock_port(settings), speed))
-        views: list[View] = [stack.enter_context(_live_view(settings, clock, spec))]
+        if speed is not None or serves_simulated(config):
+            clock = stack.enter_context(BenchClock(clock_port(config), speed))
+        views: list[View] = [stack.enter_context(_live_view(config, clock, spec))]
         if rrd is not None or rerun:
             from station.rerun.log import open_rerun
 
-            views += open_rerun(stack, rrd, rerun, settings.cuffs[cuff].rope_markers if cuff in settings.cuffs else ())
-        daemon = Daemon(settings, clock, views, why_not_here=why_not_here)
+            rope = config.cuffs[spec.cuff].rope_markers if spec.cuff in config.cuffs else ()
+            views += open_rerun(stack, rrd, rerun, rope)
+        daemon = Daemon(config, clock, views, why_not_here=why_not_here)
         _stop_on_signals(daemon)
         try:
             result = daemon.record(session, spec, duration)

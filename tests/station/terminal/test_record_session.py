@@ -1,0 +1,135 @@
+"""`station record` without a test, as it is run: as lines of JSON, on a pipe, on a terminal of 80 columns."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from recordings.reader import open_recording
+from station.journal import Setup, read_journal, write_setup
+from tests.station.command import Ran
+from tests.station.console.served import write_config
+from tests.station.terminal.practice import PATIENCE_S, Headless
+from tests.timeout import scaled_timeout
+
+PRACTICE = ("--config", "station.toml", "--session", "monday", "--simulated", "--speed", "3", "--subject", "P01")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A folder with a configuration that leaves the captures to a person at the (simulated) mocap system."""
+    path = write_config(tmp_path, swing_s=5.0)
+    path.write_text(path.read_text().replace('control = "start"', 'control = "none"'))
+    return tmp_path
+
+
+def test_a_service_is_led_by_lines_and_a_stop_ends_its_trial_cleanly(bench: Path) -> None:
+    with Headless(bench, *PRACTICE) as session:
+        opened = session.until("session_opened")
+        assert opened["is_simulated"] and opened["trials"] == 2
+        assert session.until("next_trial")["order"] == "Don the hand cuff, rope slack"
+        session.until("state_changed", state="recording")
+        status = session.until("status", state="recording")
+        assert status["force_n"] is not None and status["lost_samples"] == 0
+        session.say("jump")
+        assert session.until("answer")["is_refused"]
+        session.child.send_signal(signal.SIGTERM)
+        ended = session.until("trial_ended")
+        assert ended["accepted"] and ended["sentence"] == "stopped by the operator"
+        closed = session.until("session_closed")
+        assert not closed["is_complete"] and f"--session {Path('simulated/monday')}" in closed["sentence"]
+        assert session.child.wait(scaled_timeout(PATIENCE_S)) == 0
+    assert open_recording(bench / "simulated" / "monday" / ended["file"]).complete
+    assert read_journal(bench / "simulated" / "monday").verdicts == {}, "whoever goes on decides"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a terminal is opened as POSIX does")
+def test_on_a_terminal_keys_lead_and_no_line_is_wider_than_it(bench: Path) -> None:
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    child = subprocess.Popen(  # noqa: S603  (our own words)
+        [sys.executable, "-c", "from station.cli import main; main()", "record", *PRACTICE],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        cwd=bench,
+        env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")} | {"TERM": "xterm"},
+        start_new_session=True,
+        preexec_fn=_take_the_terminal,  # noqa: PLW1509  (no threads between fork and exec here)
+    )
+    os.close(theirs)
+    screen = _Screen(ours)
+    try:
+        screen.until("REC")
+        os.write(ours, b"m")
+        screen.until("mark 1")
+        os.write(ours, b"rthe rope hung\x7fng\r")
+        screen.until("To be redone")
+        os.write(ours, b"e")
+        screen.until("trials kept")
+        assert child.wait(scaled_timeout(PATIENCE_S)) == 0
+    finally:
+        child.kill()
+        child.wait()
+        os.close(ours)
+    assert list(read_journal(bench / "simulated" / "monday").redone.values()) == ["the rope hunng"]
+    assert max(len(line) for line in screen.lines()) <= 80
+
+
+def _take_the_terminal() -> None:
+    import fcntl
+    import termios
+
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+class _Screen:
+    """What was written to a terminal."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor, self._text = descriptor, ""
+
+    def until(self, words: str) -> None:
+        """Reads on until these words have come."""
+        seen, end = len(self._text), time.monotonic() + scaled_timeout(PATIENCE_S)
+        while words not in self._text[seen:]:
+            ready, _, _ = select.select([self._descriptor], [], [], max(0.0, end - time.monotonic()))
+            if not ready:
+                raise AssertionError(f"no {words!r} in {self._text[-2000:]}")
+            self._text += os.read(self._descriptor, 65536).decode(errors="replace")
+
+    def lines(self) -> list[str]:
+        """Without the sequences that move the cursor and set colours."""
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self._text).replace("\r", "\n").split("\n")
+
+
+def test_a_new_session_needs_a_subject_and_an_old_one_its_own_plan(station: Callable[..., Ran], tmp_path: Path) -> None:
+    path = write_config(tmp_path)
+    ran = station("record", "--config", path, "--session", tmp_path / "monday", "--headless")
+    assert ran.code == 2 and "is a new session; give --subject, a code of letters and digits" in ran.err
+    assert not (tmp_path / "monday").exists()
+    write_setup(tmp_path / "monday", Setup("P01", "", ("hand",), 1, has_bounce=False, number="monday"))
+    ran = station("record", "--config", path, "--session", tmp_path / "monday", "--headless", "--repeats", 5)
+    assert ran.code == 1 and "was planned with 1 repeats of hand" in ran.err
+
+
+@pytest.mark.parametrize("options", [("--cuff", "hand"), ("--duration", "3"), ("--repeat", "2")])
+def test_an_option_of_one_trial_needs_a_test(
+    station: Callable[..., Ran], tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    ran = station("record", "--config", write_config(tmp_path), "--session", tmp_path / "monday", *options)
+    assert ran.code == 2 and "--test" in ran.err
