@@ -2,6 +2,8 @@
 
 The package's own readers stop at the first damage or need the index at the end, so the records are framed here. A chunk
 is believed when its CRC is right. After damage the search goes on, byte by byte, for the next believable chunk.
+
+What a file may cost grows with its size and not faster, whatever it holds: see Allowance.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
+from recordings.allowance import Allowance, Excess
 from recordings.errors import RecordingError
+from recordings.regular_file import open_regular
 from recordings.topics import PROFILE, SCHEMA_OF_TOPIC
 
 LARGEST_CHUNK = 64 * 2**20
@@ -61,12 +65,13 @@ class Damage:
 def read_entries(path: Path) -> Iterator[Entry | Damage]:
     """Every readable message in file order, and every damage where it stands; one chunk in memory at a time.
 
-    Raises RecordingError when the file cannot be opened or the disk fails under it, never for what is in it.
+    Raises RecordingError when the file cannot be opened, the disk fails under it, or it unpacks to so much more than
+    its size that no recorder wrote it; never for any other damage.
     """
     channels: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             for offset, found in _walk(file):
                 match found:
                     case Header(profile=profile) if profile == PROFILE:
@@ -83,47 +88,48 @@ def read_entries(path: Path) -> Iterator[Entry | Damage]:
                         yield found
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
+    except Excess as error:
+        raise RecordingError(f"{path} {error}; no recorder wrote it, and it is not read") from error
 
 
 class _BrokenError(Exception):
-    """The bytes here are not the record they should be; is_cut: they are its beginning, and the file ends."""
+    """The bytes here are not the record they should be.
 
-    def __init__(self, reason: str, *, is_cut: bool = False) -> None:
+    is_cut      they are its beginning, and the file ends
+    read_up_to  where those end that were looked at
+    """
+
+    def __init__(self, reason: str, *, is_cut: bool = False, read_up_to: int = 0) -> None:
         super().__init__(reason)
-        self.is_cut = is_cut
+        self.is_cut, self.read_up_to = is_cut, read_up_to
 
 
 def _walk(file: BinaryIO) -> Iterator[tuple[int, McapRecord | Damage]]:
     """The header, the records inside chunks and the damages, each with the offset of the record it stands in."""
     size = file.seek(0, os.SEEK_END)
+    allowance = Allowance(size)
     offset = 0
     after_last_chunk = 0  # a search begins here, because a wrong length may have led past a good chunk
-    broken: tuple[int, _BrokenError] | None = None
     while offset < size:
         try:
-            opcode, records, end = _read_record(file, offset, size)
+            opcode, records, end = _read_record(file, offset, size, allowance)
         except _BrokenError as error:
-            broken = broken or (offset, error)
-            offset = _find_chunk(file, after_last_chunk, size)
-            after_last_chunk = offset + 1
-            continue
-        if broken:
-            yield offset, Damage(min(broken[0], offset), offset, str(broken[1]))
-            broken = None
+            start, broken = allowance.search_again(after_last_chunk, offset), offset
+            opcode, (offset, records, end) = Opcode.CHUNK, _find_chunk(file, start, size, allowance)
+            yield offset, Damage(min(broken, offset), offset, str(error), error.is_cut and offset == size)
+            if offset == size:
+                return
         if opcode == Opcode.FOOTER:
             return
         for record in records:
             yield offset, record
         offset = end
         after_last_chunk = end if opcode == Opcode.CHUNK else after_last_chunk
-    start, ended = broken or (
-        size,
-        _BrokenError("the file ends before its index, as when its writer was killed", is_cut=True),
-    )
-    yield size, Damage(start, size, str(ended), ended.is_cut)
+    reason = "the file ends before its index, as when its writer was killed"
+    yield size, Damage(size, size, reason, is_cut=True)
 
 
-def _read_record(file: BinaryIO, offset: int, size: int) -> tuple[int, list[McapRecord], int]:
+def _read_record(file: BinaryIO, offset: int, size: int, allowance: Allowance) -> tuple[int, list[McapRecord], int]:
     """(opcode, records to look at, end offset) of what begins at the offset; the magic counts as a record, too."""
     file.seek(offset)
     if offset == 0:
@@ -146,7 +152,12 @@ def _read_record(file: BinaryIO, offset: int, size: int) -> tuple[int, list[Mcap
         return opcode, [], end
     if length > LARGEST_CHUNK:
         raise _BrokenError(f"the record here has {length} bytes, expected at most {LARGEST_CHUNK}")
-    return opcode, _parse(opcode, file.read(length)), end
+    try:
+        return opcode, _parse(opcode, file.read(length), allowance), end
+    except Excess:
+        raise
+    except Exception as error:  # whatever a parser trips over, the bytes are not the record they should be
+        raise _BrokenError(f"the record here is damaged ({error})", read_up_to=end) from error
 
 
 _PREFIX = struct.Struct("<BQ")
@@ -154,59 +165,79 @@ _KNOWN = frozenset(int(opcode) for opcode in Opcode)
 _FIRST_PRIVATE_OPCODE = 0x80
 
 
-def _parse(opcode: int, body: bytes) -> list[McapRecord]:
-    try:
-        stream = ReadDataStream(BytesIO(body))
-        if opcode == Opcode.HEADER:
-            return [Header.read(stream)]
-        chunk = Chunk.read(stream)
-        if stream.count != len(body):
-            raise ValueError(f"a chunk of {stream.count} bytes in a record of {len(body)}")
-        if chunk.uncompressed_size > LARGEST_CHUNK:
-            raise ValueError(f"a chunk announces {chunk.uncompressed_size} bytes")
-        # The compressed bytes state their size too, and it is theirs that would be allocated.
-        if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
-            raise ValueError("a chunk announces two different sizes")
-        if chunk.compression not in {"zstd", ""}:
-            raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd")
-        return list(_records_of(chunk))
-    except Exception as error:  # whatever a parser trips over, the bytes are not the record they should be
-        raise _BrokenError(f"the record here is damaged ({error})") from error
+def _parse(opcode: int, body: bytes, allowance: Allowance) -> list[McapRecord]:
+    stream = ReadDataStream(BytesIO(body))
+    if opcode == Opcode.HEADER:
+        return [Header.read(stream)]
+    chunk = Chunk.read(stream)
+    if stream.count != len(body):
+        raise ValueError(f"a chunk of {stream.count} bytes in a record of {len(body)}")
+    if chunk.uncompressed_size > LARGEST_CHUNK:
+        raise ValueError(f"a chunk announces {chunk.uncompressed_size} bytes")
+    # The compressed bytes state their size too, and it is theirs that would be allocated.
+    if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
+        raise ValueError("a chunk announces two different sizes")
+    if chunk.compression not in {"zstd", ""}:
+        raise ValueError(f"a chunk is compressed by {chunk.compression!r}, expected zstd")
+    allowance.unpack(chunk.uncompressed_size)
+    return list(_records_of(chunk, allowance))
 
 
-def _records_of(chunk: Chunk) -> Iterator[McapRecord]:
+def _records_of(chunk: Chunk, allowance: Allowance) -> Iterator[McapRecord]:
     """Its schemas, channels and messages; the package's own way takes three times as long, and most of a reading."""
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    data, place = stream.read(size), 0
-    while place < size:
-        opcode, length = _PREFIX.unpack_from(data, place)
-        place += _PREFIX.size
-        if place + length > size:
-            raise ValueError(f"a record of {length} bytes where its chunk has {size - place}")
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, place)
-            body = data[place + _MESSAGE.size : place + length]
-            yield Message(channel, log_time=log_time, data=body, publish_time=publish_time, sequence=sequence)
-        elif opcode in _DECLARATIONS:
-            yield _DECLARATIONS[opcode].read(ReadDataStream(BytesIO(data[place : place + length])))
-        place += length
+    data, place, left = stream.read(size), 0, allowance.records
+    try:
+        while place < size and left >= 0:
+            left -= 1
+            opcode, length = _PREFIX.unpack_from(data, place)
+            place += _PREFIX.size
+            if place + length > size:
+                raise ValueError(f"a record of {length} bytes where its chunk has {size - place}")
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, place)
+                body = data[place + _MESSAGE.size : place + length]
+                yield Message(channel, log_time=log_time, data=body, publish_time=publish_time, sequence=sequence)
+            elif opcode in _DECLARATIONS:
+                yield _DECLARATIONS[opcode].read(ReadDataStream(BytesIO(data[place : place + length])))
+            place += length
+    finally:
+        allowance.hold(allowance.records - left)
 
 
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the rest is the message's own
 _DECLARATIONS: dict[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 
-def _find_chunk(file: BinaryIO, start: int, size: int) -> int:
-    """The offset of the next bytes that look like a compressed chunk, or the size of the file."""
+def _find_chunk(file: BinaryIO, start: int, size: int, allowance: Allowance) -> tuple[int, list[McapRecord], int]:
+    """The next whole chunk as (offset, records, end); at the size of the file where there is none."""
+    search_from = start
+    for offset in _chunk_heads(file, start, size):
+        if offset < search_from:
+            continue
+        try:
+            _, records, end = _read_record(file, offset, size, allowance)
+        except _BrokenError as error:
+            search_from = allowance.search_again(offset + 1, error.read_up_to)
+        else:
+            return offset, records, end
+    return size, [], size
+
+
+def _chunk_heads(file: BinaryIO, start: int, size: int) -> Iterator[int]:
+    """Offsets of bytes that look like a compressed chunk whose two lengths agree."""
     while start < size:
         file.seek(start)
-        window = file.read(_SEARCH_WINDOW + _CHUNK_HEAD)
-        if found := _CHUNK_START.search(window):
-            return start + found.start()
+        window = file.read(_SEARCH_WINDOW + _CHUNK_HEAD.size)
+        for found in _CHUNK_START.finditer(window, 0, _SEARCH_WINDOW + _CHUNK_START_LENGTH - 1):
+            if found.start() + _CHUNK_HEAD.size <= len(window):
+                length, of_data = _CHUNK_HEAD.unpack_from(window, found.start())
+                if length == _CHUNK_HEAD.size - _PREFIX.size + of_data:
+                    yield start + found.start()
         start += _SEARCH_WINDOW
-    return size
 
 
-_CHUNK_START = re.compile(rb"\x06.{36}\x04\0\0\0zstd", re.DOTALL)  # opcode, length, times, size, CRC, "zstd"
-_CHUNK_HEAD = 45
+_CHUNK_START = re.compile(rb"\x06(?=.{36}\x04\0\0\0zstd)", re.DOTALL)  # opcode, length, times, size, CRC, "zstd"
+_CHUNK_START_LENGTH = 45
+_CHUNK_HEAD = struct.Struct("<xQ36xQ")  # the record's length, and behind "zstd" that of the compressed bytes
 _SEARCH_WINDOW = 2**16

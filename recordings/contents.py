@@ -19,6 +19,10 @@ from recordings.reader import Survey, is_ours, read, survey_file
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
 
+MOST_JUMPS_IN_A_BLOCK = 1000
+"""Those beyond are told as one: no device skips so often in 50 ms, a forged block might."""
+
+
 @dataclass(frozen=True)
 class TopicContents:
     """One topic; times are log times, UTC of the host [ns]."""
@@ -159,9 +163,15 @@ class _Tally:
         numbers, times = block.sample_numbers, block.device_time_ns
         if self.last:
             self._compare(*self.last, int(numbers[0]), cause_between_blocks, block.host_time_ns)
-        for i in np.flatnonzero(numbers[1:] - numbers[:-1] != 1):
+        jumps = np.flatnonzero(numbers[1:] - numbers[:-1] != 1)
+        for i in jumps[:MOST_JUMPS_IN_A_BLOCK]:
             before = int(numbers[i]), int(times[i])
             self._compare(*before, int(numbers[i + 1]), "unexplained", block.host_time_ns)
+        if len(rest := jumps[MOST_JUMPS_IN_A_BLOCK:]):
+            steps = (numbers[rest + 1] - numbers[rest]).astype(np.int64)  # below 0 where the numbers went back
+            missing = int(np.maximum(steps - 1, 0).sum())
+            first, at = int(numbers[rest[0]]) + 1, int(times[rest[0]])
+            self.gaps.append(Loss(self.stream.name, "unexplained", first, missing, at, block.host_time_ns))
 
     def _compare(self, last_number: int, last_time_ns: int, number: int, cause: str, host_time_ns: int) -> None:
         if number != last_number + 1:

@@ -16,6 +16,11 @@ from recordings.samples import Event, Item, Loss, Samples, Stream
 Message = Manifest | Stream | Item | Outcome
 
 MOST_SAMPLES_IN_A_BLOCK = 1_000_000
+MOST_SAMPLES_WITHOUT_VALUES = 1_000
+"""In a block of no columns, whose bytes do not grow with their number."""
+MOST_LABELS = 4096
+LARGEST_MANIFEST = 4 * 2**20
+"""Characters of its JSON."""
 
 
 def pack(message: Message) -> tuple[str, bytes]:
@@ -52,6 +57,10 @@ def unpack(topic: str, host_time_ns: int, data: bytes) -> Message:
     fields = {field.name: getattr(wire, field.name) for field in wire.DESCRIPTOR.fields}
     match topic:
         case topics.STREAMS:
+            if len(wire.labels) > MOST_LABELS:
+                raise RecordingError(
+                    f"a stream is described with {len(wire.labels)} labels, expected at most {MOST_LABELS}"
+                )
             return Stream(**fields | {"labels": tuple(wire.labels)})
         case topics.EVENTS:
             return Event(host_time_ns=host_time_ns, **fields)
@@ -104,6 +113,8 @@ def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
     if not 0 < count <= MOST_SAMPLES_IN_A_BLOCK or len(wire.values) % (count * width * kind.itemsize):
         raise RecordingError(f"a block of {topic} announces {count} samples and holds {len(wire.values)} bytes")
     columns = len(wire.values) // (count * width * kind.itemsize)
+    if not columns and count > MOST_SAMPLES_WITHOUT_VALUES:
+        raise RecordingError(f"a block of {topic} announces {count} samples without a value")
     values = np.frombuffer(wire.values, dtype=kind.newbyteorder("<"))
     return Samples(
         stream=topic,
@@ -138,6 +149,8 @@ def _manifest(wire: Any) -> Manifest:
             f"the recording has format version {wire.format_version}, expected at most {topics.FORMAT_VERSION}; "
             "update cuffstation to read it"
         )
+    if len(wire.json) > LARGEST_MANIFEST:
+        raise RecordingError(f"the manifest has {len(wire.json)} characters, expected at most {LARGEST_MANIFEST}")
     return manifest_from_json(wire.json)
 
 

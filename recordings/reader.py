@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,12 @@ from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import Manifest, Outcome
-from recordings.packing import Message, no_values, unpack
+from recordings.packing import MOST_LABELS, Message, no_values, unpack
 from recordings.samples import Item, Samples, Stream
+
+
+WIDENED, WIDENED_PER_BYTE = 64 * 2**20, 20
+"""Bytes that a track may have, and besides for each that its samples have, where its labels changed."""
 
 
 @dataclass(frozen=True)
@@ -106,14 +110,19 @@ class TrackCollector:
         """One stream of the recording, as first described, as arrays. Raises RecordingError where a block cannot be
         read, or is not as wide as described.
         """
-        labels, all_labels = stream.labels, stream.labels
+        labels = stream.labels
+        later: dict[str, None] = {}  # labels that a later description adds, in order of first appearance
         blocks: list[tuple[tuple[str, ...], Samples]] = []
         for message in map(read, self._entries.get(stream.name, ())):
             if isinstance(message, Stream):
                 labels = message.labels
-                all_labels += tuple(label for label in labels if label not in all_labels)
+                later |= dict.fromkeys(label for label in labels if label not in stream.labels)
+                if len(later) > MOST_LABELS:
+                    raise RecordingError(f"{self._path} has more than {MOST_LABELS} labels in {stream.name}")
             elif isinstance(message, Samples):
                 blocks.append((labels, message))
+        all_labels = (*stream.labels, *later)
+        self._ensure_not_blown_up([block.values for _, block in blocks], len(all_labels))
         columns = [_in_columns(block.values, labels, all_labels, self._path) for labels, block in blocks]
         hosts = [np.full(len(block.sample_numbers), block.host_time_ns, np.int64) for _, block in blocks]
         return Track(
@@ -123,6 +132,13 @@ class TrackCollector:
             host_time_ns=_joined(hosts, np.zeros(0, np.int64)),
             values=_joined(columns, no_values(stream.name, len(all_labels))),
         )
+
+    def _ensure_not_blown_up(self, blocks: Sequence[NDArray[Any]], columns: int) -> None:
+        """A few samples of one marker each, under thousands of labels in turn, would fill the memory with NaN."""
+        held = sum(values.nbytes for values in blocks)
+        wide = sum(values.nbytes * columns // max(1, values.shape[1]) for values in blocks)
+        if wide > WIDENED + WIDENED_PER_BYTE * held:
+            raise RecordingError(f"{self._path} holds {held} bytes of samples, which all its labels make {wide}")
 
 
 def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Recording:
@@ -205,7 +221,7 @@ def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> S
             match read(entry):
                 case Manifest() as found:
                     manifest = manifest or found
-                case Stream() as found:
+                case Stream() as found if found.name in topics.SAMPLE_TOPICS:
                     streams.setdefault(found.name, found)
                 case Outcome() as found:
                     outcome = found

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from io import BufferedReader, FileIO
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from recordings import chunks
 from recordings.chunks import Damage, Entry, read_entries
+from tests.recordings.bombs import BOMBS, chunk_with_an_event
 from tests.recordings.trials import chunk_ends, record, trial
 
 
@@ -88,3 +91,28 @@ def _read(path: Path) -> tuple[list[Entry], list[Damage]]:
     found = list(read_entries(path))
     entries = [item for item in found if isinstance(item, Entry)]
     return entries, [item for item in found if isinstance(item, Damage)]
+
+
+@pytest.mark.parametrize("name", ["fake heads", "nested heads", "hidden chunks"])
+def test_a_search_reads_a_file_a_few_times_however_often_it_is_led_astray(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = BOMBS[name](tmp_path / "a.mcap")
+    size = path.stat().st_size
+    good = chunk_with_an_event()
+    with path.open("ab") as file:
+        file.write(good)
+    counted: list[int] = []
+
+    class Counting(BufferedReader):
+        def read(self, count: int | None = -1, /) -> bytes:
+            found = super().read(count)
+            counted.append(len(found))
+            return found
+
+    monkeypatch.setattr(chunks, "open_regular", lambda path: Counting(FileIO(path)))
+    entries, damage = _read(path)
+    assert sum(counted) < 20 * size
+    assert len(counted) < size
+    assert damage
+    assert entries[-1].topic == "/events", "the good chunk behind the others is found"

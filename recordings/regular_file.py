@@ -1,0 +1,53 @@
+"""Regular files alone are read and appended to: no pipe that hangs, no device without an end, no link elsewhere."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # opening a pipe would wait for its writer
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """A regular file, or a link to one, open for reading. OSError for anything else."""
+    return os.fdopen(_checked(os.open(path, os.O_RDONLY | _NO_WAIT), path), "rb")
+
+
+def read_regular(path: Path, most_bytes: int) -> bytes:
+    """All of a regular file. OSError for anything else, and for more than most_bytes."""
+    with open_regular(path) as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise OSError(
+            errno.EFBIG, f"more than {most_bytes / 1e6:.3g} MB, the most that is read of such a file", str(path)
+        )
+    return content
+
+
+def append_to_regular(path: Path) -> BinaryIO:
+    """A file of its own, made where there is none, open for reading and appending.
+
+    OSError for a symbolic link and for a file with a second name: what is written would change a file elsewhere.
+    """
+    if path.is_symlink():
+        raise OSError(errno.ELOOP, "a symbolic link, expected a file of its own; remove the link", str(path))
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | _NO_WAIT | _NO_LINK
+    descriptor = _checked(os.open(path, flags, 0o666), path)
+    if os.fstat(descriptor).st_nlink > 1:
+        os.close(descriptor)
+        raise OSError(errno.EMLINK, "a file with a second name elsewhere, expected one of its own; copy it", str(path))
+    return os.fdopen(descriptor, "a+b")
+
+
+def _checked(descriptor: int, path: Path) -> int:
+    mode = os.fstat(descriptor).st_mode
+    if stat.S_ISREG(mode):
+        return descriptor
+    os.close(descriptor)
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    raise OSError(errno.EINVAL, "a pipe or a device, expected a regular file", str(path))

@@ -1,0 +1,62 @@
+"""A verb in a process of its own, held to the processor time and the memory that a hostile file may cost it."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.station.command import Ran
+
+MOST_PROCESSOR_S = 10
+MOST_MEMORY = 10**9
+"""Bytes of its resident set."""
+ROOT = Path(__file__).parents[3]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one run: processor time of all its threads, and the largest resident set."""
+
+    processor_s: float
+    memory: int
+
+
+def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
+    """Runs `station` with these words. It is killed at the limit of its processor time, and no allocation of more than
+    the address space below succeeds; a time-out of the test ends one that waits for ever.
+    """
+    command = [sys.executable, "-c", "from station.cli import main; main()", *map(str, words)]
+    with (folder / "out").open("w+b") as out, (folder / "err").open("w+b") as err:
+        child = subprocess.Popen(  # noqa: S603  (our own words)
+            command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=ROOT, preexec_fn=_limit
+        )
+        try:
+            _, status, used = os.wait4(child.pid, 0)
+        except BaseException:
+            child.kill()
+            child.wait()
+            raise
+        child.returncode = os.waitstatus_to_exitcode(status)
+    cost = Cost(used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
+    texts = [(folder / name).read_text(encoding="utf-8", errors="replace") for name in ("out", "err")]
+    return Ran(child.returncode, *texts), cost
+
+
+def assert_ends_in_a_sentence(*words: object, folder: Path, codes: tuple[int, ...] = (1, 2, 3)) -> Ran:
+    """The verb ends by itself within the limits, with one of these codes and no traceback."""
+    ran, cost = run_bounded(*words, folder=folder)
+    assert ran.code != -signal.SIGXCPU, f"{words[0]} took more than {MOST_PROCESSOR_S} s of the processor"
+    assert "Traceback" not in ran.err, ran.err[-2000:]
+    assert ran.code in codes, (ran.code, ran.err[-500:])
+    assert cost.memory < MOST_MEMORY, f"{words[0]} took {cost.memory / 1e6:.0f} MB"
+    return ran
+
+
+def _limit() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_MEMORY, 8 * MOST_MEMORY))  # so that the machine survives a failure
