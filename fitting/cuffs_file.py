@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
+from recordings.plain_data import PlainDataError, read_json
 
 
 class CuffsFileError(Exception):
@@ -23,13 +23,18 @@ class CuffsFileError(Exception):
 def read_cuffs(path: Path) -> dict[str, CuffFit]:
     """Reads cuffs.json, also one written by hand that holds only values. Raises CuffsFileError."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        cuffs = data["cuffs"].items()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        data = read_json(path)
+    except OSError as error:
         raise CuffsFileError(
-            f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}: {error or type(error).__name__}; '
-            "make one with `station fit`"
+            f"{path} cannot be read: {error.strerror or error}; make one with `station fit`"
         ) from error
+    except PlainDataError as error:
+        raise CuffsFileError(f"{path} is not a cuffs file: it {error}; make one with `station fit`") from error
+    if not (isinstance(data, dict) and isinstance(data.get("cuffs"), dict)):
+        raise CuffsFileError(
+            f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}; make one with `station fit`'
+        )
+    cuffs = data["cuffs"].items()
     return {name: _cuff_from(name, cuff, path) for name, cuff in cuffs}
 
 

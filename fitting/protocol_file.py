@@ -9,12 +9,13 @@ step_masses_kg = [1.53, 1.53, 1.0]          # the weights as they were, instead 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+from recordings.plain_data import PlainDataError, read_toml
 
 PROTOCOL_FILE = "protocol.toml"
 BETTER = (".recovered.mcap", ".completed.mcap")
@@ -37,11 +38,13 @@ def read_protocol(folder: Path) -> SessionProtocol:
     """What protocol.toml says; nothing where there is none. Raises ProtocolFileError."""
     path = folder / PROTOCOL_FILE
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = read_toml(path)
     except FileNotFoundError:
         return SessionProtocol()
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ProtocolFileError(f"{path} cannot be read: {error}") from error
+    except OSError as error:
+        raise ProtocolFileError(f"{path} cannot be read: {error.strerror or error}") from error
+    except PlainDataError as error:
+        raise ProtocolFileError(f"{path} {error}") from error
     unknown = data.keys() - {"step_masses_kg", "steps_s"}
     if unknown or not isinstance(data.get("steps_s", {}), dict):
         found = ", ".join(sorted(unknown)) or "no table steps_s"

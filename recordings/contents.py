@@ -18,7 +18,6 @@ from recordings.manifest import Manifest, Outcome
 from recordings.reader import Survey, is_ours, read, survey_file
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
-
 MOST_JUMPS_IN_A_BLOCK = 1000
 """Those beyond are told as one: no device skips so often in 50 ms, a forged block might."""
 

@@ -17,6 +17,9 @@ from pydantic import TypeAdapter, ValidationError
 from recordings.errors import RecordingError
 from recordings.samples import DeviceIdentity
 
+LONGEST_NAME = 200
+"""Characters of a file's name."""
+
 TestKind = Literal["static", "dynamic", "bounce"]
 
 
@@ -169,10 +172,20 @@ def manifest_from_json(text: str) -> Manifest:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the manifest"
         raise RecordingError(f"the manifest cannot be read: at {where}, {first['msg'].lower()}") from error
-    name = manifest.cuff.name if manifest.cuff else "-"
-    if PureWindowsPath(name).name != name:
-        raise RecordingError(f"the manifest's cuff is named {name!r}, expected no path: files are named after it")
+    if manifest.cuff and not is_file_name(manifest.cuff.name):
+        found = manifest.cuff.name[:60]
+        raise RecordingError(f"the manifest's cuff is named {found!r}, expected no path: files are named after it")
     return manifest
+
+
+def is_file_name(name: object, *, may_be_empty: bool = False) -> bool:
+    """Whether a text names a file in the folder that it is looked for in, on any operating system: no separator, no
+    drive, no NUL and no line break.
+    """
+    if not isinstance(name, str) or len(name) > LONGEST_NAME:
+        return False
+    has_control = any(ord(character) < 32 or ord(character) == 127 for character in name)
+    return (may_be_empty or name != "") and PureWindowsPath(name).name == name and not has_control
 
 
 @cache

@@ -22,7 +22,7 @@ MOST_DOTS = 200
 
 
 class PlainDataError(ValueError):
-    """The text is not JSON or TOML within the limits; says what is wrong with it, and its reader names the file."""
+    """The text is not JSON or TOML within the limits. Says what it "is" or "holds"; its reader names the file."""
 
 
 def read_json(path: Path) -> Any:
@@ -40,9 +40,9 @@ def parse_json(content: str | bytes) -> Any:
     try:
         found = json.loads(_text(content), parse_int=_integer, parse_constant=_refuse_constant)
     except RecursionError:
-        raise PlainDataError(f"it is nested more than {DEEPEST} deep") from None
+        raise PlainDataError(f"is nested more than {DEEPEST} deep") from None
     except json.JSONDecodeError as error:
-        raise PlainDataError(f"it is not valid JSON: {error}") from error
+        raise PlainDataError(f"is not valid JSON: {error}") from error
     _ensure_plain(found, is_json=True)
     return found
 
@@ -51,15 +51,15 @@ def parse_toml(content: str | bytes) -> dict[str, Any]:
     """Every integer has at most 64 bits. Raises PlainDataError."""
     text = _text(content)
     if any(_NUMBER_IN_A_LIST.sub("", line).count(".") > MOST_DOTS for line in text.split("\n")):
-        raise PlainDataError(f"a line of it has more than {MOST_DOTS} dots")
+        raise PlainDataError(f"has a line with more than {MOST_DOTS} dots")
     try:
         found = tomllib.loads(text)
     except RecursionError:
-        raise PlainDataError(f"it is nested more than {DEEPEST} deep") from None
+        raise PlainDataError(f"is nested more than {DEEPEST} deep") from None
     except tomllib.TOMLDecodeError as error:
-        raise PlainDataError(f"it is not valid TOML: {error}") from error
+        raise PlainDataError(f"is not valid TOML: {error}") from error
     except ValueError as error:  # an integer longer than Python reads, a date that is none
-        raise PlainDataError("it holds a number or a date out of range") from error
+        raise PlainDataError("holds a number or a date out of range") from error
     _ensure_plain(found, is_json=False)
     return found
 
@@ -72,17 +72,17 @@ def _text(content: str | bytes) -> str:
     try:
         return content if isinstance(content, str) else content.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise PlainDataError(f"it is not UTF-8 at byte {error.start}") from error
+        raise PlainDataError(f"is not UTF-8 at byte {error.start}") from error
 
 
 def _integer(digits: str) -> int:
     if len(digits) > _INT64_DIGITS:
-        raise PlainDataError(f"it holds an integer of {len(digits)} digits, expected at most 64 bits")
+        raise PlainDataError(f"holds an integer of {len(digits)} digits, expected at most 64 bits")
     return int(digits)
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise PlainDataError(f"it holds {name}, which is no JSON; write null for a number that is not known")
+    raise PlainDataError(f"holds {name}, which is no JSON; write null for a number that is not known")
 
 
 def _ensure_plain(found: Any, *, is_json: bool) -> None:
@@ -91,7 +91,7 @@ def _ensure_plain(found: Any, *, is_json: bool) -> None:
     while level:
         depth += 1
         if depth > DEEPEST:
-            raise PlainDataError(f"it is nested more than {DEEPEST} deep")
+            raise PlainDataError(f"is nested more than {DEEPEST} deep")
         below: list[Any] = []
         for value in level:
             if isinstance(value, dict):
@@ -99,17 +99,20 @@ def _ensure_plain(found: Any, *, is_json: bool) -> None:
             elif isinstance(value, list):
                 below += value
             elif isinstance(value, int) and value.bit_length() > 64:
-                raise PlainDataError("it holds an integer of more than 64 bits")
+                raise PlainDataError("holds an integer of more than 64 bits")
             elif isinstance(value, float) and is_json and not math.isfinite(value):
-                raise PlainDataError("it holds a number beyond the range of a double")
-            elif isinstance(value, str) and not value.isascii() and not _is_text(value):
-                raise PlainDataError("it holds half a character (a lone surrogate)")
+                raise PlainDataError("holds a number beyond the range of a double")
+            elif isinstance(value, str) and not _is_text(value):
+                raise PlainDataError("holds NUL or half a character, expected text")
         level = below
 
 
 def _is_text(value: str) -> bool:
+    """Names of files that are not UTF-8 keep their bytes as Python's surrogates; no other halves are text."""
+    if "\0" in value:
+        return False
     try:
-        value.encode("utf-8")
+        value.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:
         return False
     return True

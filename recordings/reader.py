@@ -18,7 +18,6 @@ from recordings.manifest import Manifest, Outcome
 from recordings.packing import MOST_LABELS, Message, no_values, unpack
 from recordings.samples import Item, Samples, Stream
 
-
 WIDENED, WIDENED_PER_BYTE = 64 * 2**20, 20
 """Bytes that a track may have, and besides for each that its samples have, where its labels changed."""
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
+import string
 from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from recordings.manifest import BounceRig, CuffSite, LoadCell
+from recordings.manifest import BounceRig, CuffSite, LoadCell, is_file_name
+from recordings.plain_data import PlainDataError, read_toml
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
 
@@ -55,10 +56,10 @@ class LoadCellSection(_Section):
     gain_relative_sd: float = Field(default=0.0, ge=0)  # standard uncertainty of the scale
     calibrated_on: date | None = None
     calibration_due_on: date | None = None  # default: calibration_valid_days after it
-    calibration_valid_days: int = Field(default=365, gt=0)
+    calibration_valid_days: int = Field(default=365, gt=0, le=36_500)
     zero_drift_relative_limit: Positive = 0.02  # of the capacity: a trial whose zero drifts further is refused
     port: str | None = None
-    baud_rate: int = 9600
+    baud_rate: int = Field(default=9600, gt=0, le=10_000_000)
     line_format: Literal["usb220", "usb520"] = "usb220"
 
     @property
@@ -66,7 +67,8 @@ class LoadCellSection(_Section):
         """The day from which the calibration is no longer current; None where nobody said when it was."""
         if self.calibration_due_on is not None or self.calibrated_on is None:
             return self.calibration_due_on
-        return self.calibrated_on + timedelta(days=self.calibration_valid_days)
+        left = (date.max - self.calibrated_on).days
+        return self.calibrated_on + timedelta(days=min(self.calibration_valid_days, left))
 
     @model_validator(mode="after")
     def _serial_needs_a_port(self) -> LoadCellSection:
@@ -94,7 +96,7 @@ class Sync(_Section):
 
 class Mocap(_Section):
     host: str = "127.0.0.1"
-    port: int = 22223
+    port: int = Field(default=22223, ge=0, le=65_535)
     control: Literal["none", "start"] = "none"
     password: str = ""
 
@@ -146,7 +148,7 @@ class Protocol(_Section):
     """
 
     step_masses_kg: tuple[Positive, ...] = ()
-    repeats: int = Field(default=3, ge=1)
+    repeats: int = Field(default=3, ge=1, le=1000)
     pause_s: float = Field(default=60.0, ge=0)
     hold_s: Positive = 7.0  # each load of a static test, at least
     swing_s: Positive = 20.0  # a dynamic test, at least
@@ -159,6 +161,9 @@ class Safety(_Section):
     force_rate_ceiling_n_per_s: Positive = 500.0
 
 
+NAME_FIELDS = ("subject", "session", "test", "cuff", "run")
+
+
 class Session(_Section):
     """What the console records into: a folder for each subject and session, and the names of the files in it."""
 
@@ -168,13 +173,19 @@ class Session(_Section):
     @field_validator("file_name")
     @classmethod
     def _names_are_told_apart(cls, template: str) -> str:
-        known = {"subject": "s", "session": "1", "test": "static", "cuff": "c", "run": 1}
         try:
-            named = template.format(**known)
-        except (KeyError, IndexError, ValueError, AttributeError) as error:
-            raise ValueError(f"{template!r} holds {error}; the fields are {', '.join(known)}, in braces") from error
-        needed = [field for field in ("test", "cuff", "run") if "{" + field + "}" not in template]
-        if needed or Path(named).name != named:
+            parts = list(string.Formatter().parse(template))
+        except ValueError as error:
+            raise ValueError(
+                f"{template!r} holds {error}; the fields are {', '.join(NAME_FIELDS)}, in braces"
+            ) from error
+        for _, field, width, conversion in parts:  # a width of two thousand million would be taken at its word
+            if field is not None and (field not in NAME_FIELDS or width or conversion):
+                raise ValueError(
+                    f"{template!r} holds {field!r}; the fields are {', '.join(NAME_FIELDS)}, in braces alone"
+                )
+        needed = {"test", "cuff", "run"} - {field for _, field, _, _ in parts}
+        if needed or not is_file_name(template):
             raise ValueError(
                 f"{template!r} must hold {{test}}, {{cuff}}, {{run}} and no folder: no two trials may share a name"
             )
@@ -270,11 +281,11 @@ class StationConfig(_Section):
 def load_config(path: Path) -> StationConfig:
     """Reads station.toml. Raises ConfigError in one sentence."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = read_toml(path)
     except OSError as error:
         raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from error
+    except PlainDataError as error:
+        raise ConfigError(f"{path} {error}") from error
     return parse_config(data, str(path))
 
 
@@ -303,6 +314,12 @@ def keys_of(section: type[BaseModel]) -> list[str]:
     return names
 
 
+def shortened(found: object) -> str:
+    """What was found in a file, as much of it as a sentence bears."""
+    words = repr(found)
+    return words if len(words) <= 200 else f"{words[:200]}…"
+
+
 def fault_in_words(error: ValidationError) -> str:
     """The first fault of a file: its key, what was found, what is expected."""
     first, *more = error.errors()
@@ -315,5 +332,5 @@ def fault_in_words(error: ValidationError) -> str:
         words = f"{key} is missing"
     else:
         expected = first["msg"][0].lower() + first["msg"][1:]
-        words = f"{key} is {first['input']!r}: {expected}"
+        words = f"{key} is {shortened(first['input'])}: {expected}"
     return words + (f" (and {len(more)} more)" if more else "")

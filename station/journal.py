@@ -12,16 +12,24 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from pathlib import Path, PureWindowsPath
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from recordings.manifest import CuffSite, DataOrigin
+from pydantic import Field, TypeAdapter
+
+from recordings.manifest import CuffSite, DataOrigin, is_file_name
+from recordings.plain_data import parse_json
+from recordings.regular_file import append_to_regular, read_regular
 from station.file_lock import locked
 from station.protocol import TrialSpec
 
 JOURNAL_FILE = "session.jsonl"
 LOCK_WAIT_S = 10.0
 """A line takes a millisecond, or what the disk takes for an fsync."""
+
+LARGEST_JOURNAL = 16 * 2**20
+"""Bytes; that of a long day has a hundred thousand."""
+MOST_REPEATS = 1000
 
 Choice = Literal["accept", "redo"]
 
@@ -40,7 +48,7 @@ class Setup:
     subject: str
     operator: str
     cuffs: tuple[str, ...]
-    repeats: int
+    repeats: Annotated[int, Field(ge=1, le=MOST_REPEATS)]
     has_bounce: bool = True
     number: str = "1"
     step_masses_kg: tuple[float, ...] = ()
@@ -113,19 +121,21 @@ def read_journal(folder: Path) -> Journal:
     """
     path = folder / JOURNAL_FILE
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, LARGEST_JOURNAL).decode("utf-8")
     except FileNotFoundError:
         return Journal()
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise JournalError(f"{path} cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
         raise JournalError(f"{path} cannot be read: {error}") from error
-    journal = Journal()
-    for number, line in enumerate(text[: text.rfind("\n") + 1].splitlines(), 1):
+    lines = _Lines()
+    for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n")[:-1], 1):
         try:
-            journal = _with(journal, dict(json.loads(line)))
+            lines.take(dict(parse_json(line)))
         except (ValueError, TypeError, KeyError) as error:
             found = f"expected an entry of the journal, found {line[:60]!r}"
             raise JournalError(f"{path}, line {number}: {found}") from error
-    return journal
+    return lines.journal()
 
 
 def write_setup(folder: Path, setup: Setup) -> None:
@@ -168,58 +178,75 @@ def write_assigned(folder: Path, file: str, assignment: Assignment) -> None:
     _append(folder, "assigned", file=file, **asdict(assignment))
 
 
-def _with(journal: Journal, entry: dict[str, Any]) -> Journal:
-    """The journal and one line more."""
-    kind = entry.pop("kind")
-    at = str(entry.pop("at"))
-    name = str(entry.get("file", "-"))
-    if PureWindowsPath(name).name != name:  # both separators and the drive: what it names stays in the folder
-        raise ValueError(name)
-    if kind == "setup":
-        masses = tuple(entry.pop("step_masses_kg", ()))
-        setup = Setup(**{**entry, "cuffs": tuple(entry["cuffs"])}, step_masses_kg=masses)
-        return replace(journal, setup=setup, begun=journal.begun or at)
-    if kind == "recorded":
-        return replace(journal, recorded=(*journal.recorded, Recorded(**entry)))
-    if kind == "verdict" and entry["choice"] in get_args(Choice):
-        verdict = Verdict(entry["choice"], entry["reason"])
-        return replace(journal, verdicts=_without(journal.verdicts, entry["file"]) | {entry["file"]: verdict})
-    if kind == "mark":
-        named = {**journal.marks.get(entry["file"], {}), int(entry["number"]): str(entry["name"])}
-        return replace(journal, marks={**journal.marks, entry["file"]: named})
-    return _with_change_of_plan(journal, kind, entry)
+class _Lines:
+    """Takes the lines of a journal one after the other, each at the same cost."""
+
+    def __init__(self) -> None:
+        self._setup: Setup | None = None
+        self._begun = ""
+        self._recorded: list[Recorded] = []
+        self._places: dict[str, list[int]] = {}  # in _recorded, by file
+        self._verdicts: dict[str, Verdict] = {}
+        self._marks: dict[str, dict[int, str]] = {}
+        self._donnings: dict[str, int] = {}
+        self._skipped: set[TrialSpec] = set()
+        self._assignments: dict[str, Assignment] = {}
+
+    def take(self, entry: dict[str, Any]) -> None:
+        """Raises ValueError, TypeError or KeyError for what is no entry of a journal."""
+        kind, at = entry.pop("kind"), str(entry.pop("at"))
+        if not is_file_name(entry.get("file", "-"), may_be_empty=True):  # what it names stays in the folder
+            raise ValueError(entry["file"])
+        match kind:
+            case "setup":
+                self._setup, self._begun = _SETUP.validate_python(entry), self._begun or at
+            case "recorded":
+                recorded = _RECORDED.validate_python(entry)
+                self._places.setdefault(recorded.file, []).append(len(self._recorded))
+                self._recorded.append(recorded)
+            case "verdict":
+                self._verdicts.pop(entry["file"], None)  # they stand in the order in which they were given
+                self._verdicts[entry["file"]] = _VERDICT.validate_python(entry)
+            case "mark":
+                self._marks.setdefault(entry["file"], {})[int(entry["number"])] = str(entry["name"])
+            case _:
+                self._change_plan(kind, entry)
+
+    def journal(self) -> Journal:
+        return Journal(
+            self._setup,
+            tuple(self._recorded),
+            self._verdicts,
+            self._marks,
+            self._donnings,
+            frozenset(self._skipped),
+            self._assignments,
+            self._begun,
+        )
+
+    def _change_plan(self, kind: str, entry: dict[str, Any]) -> None:
+        match kind:
+            case "skipped":
+                self._skipped.add(_SPEC.validate_python(entry))
+            case "donned":
+                cuff = str(entry["cuff"])
+                self._donnings[cuff] = self._donnings.get(cuff, 0) + 1
+            case "undone":
+                if entry["donned_cuff"] is not None:
+                    self._donnings[entry["donned_cuff"]] -= 1
+                self._verdicts.pop(entry["file"], None)
+            case "assigned":
+                given = self._assignments[entry["file"]] = _ASSIGNMENT.validate_python(entry)
+                if not is_file_name(given.cuff.name):
+                    raise ValueError(given.cuff.name)
+                for place in self._places.get(entry["file"], ()):
+                    self._recorded[place] = _as_assigned(self._recorded[place], given)
+            case _:
+                raise ValueError(kind)
 
 
-def _with_change_of_plan(journal: Journal, kind: str, entry: dict[str, Any]) -> Journal:
-    if kind == "skipped":
-        return replace(journal, skipped=journal.skipped | {TrialSpec(**entry)})
-    if kind == "donned":
-        cuff = str(entry["cuff"])
-        return replace(journal, donnings={**journal.donnings, cuff: journal.donnings.get(cuff, 0) + 1})
-    file = entry["file"]
-    if kind == "undone":
-        donnings, cuff = dict(journal.donnings), entry["donned_cuff"]
-        if cuff is not None:
-            donnings[cuff] -= 1
-        return replace(journal, verdicts=_without(journal.verdicts, file), donnings=donnings)
-    if kind == "assigned":
-        given = _assignment_from(entry)
-        recorded = tuple(_as_assigned(trial, given) if trial.file == file else trial for trial in journal.recorded)
-        return replace(journal, recorded=recorded, assignments={**journal.assignments, file: given})
-    raise ValueError(kind)
-
-
-def _assignment_from(entry: dict[str, Any]) -> Assignment:
-    cuff, test = entry["cuff"], entry["test"]
-    name, site = str(cuff["name"]), cuff["site"]
-    if PureWindowsPath(name).name != name or site not in ("arm", "waist") or test not in ("static", "dynamic"):
-        raise ValueError(name)
-    markers = (tuple(map(str, cuff[f"{part}_markers"])) for part in ("anchor", "cuff", "rope"))
-    return Assignment(CuffSite(name, site, *markers), test, int(entry["repeat"]), str(entry["donning"]))
-
-
-def _without(verdicts: Mapping[str, Verdict], file: str) -> dict[str, Verdict]:
-    return {name: verdict for name, verdict in verdicts.items() if name != file}
+_SETUP, _RECORDED, _VERDICT = TypeAdapter(Setup), TypeAdapter(Recorded), TypeAdapter(Verdict)
+_SPEC, _ASSIGNMENT = TypeAdapter(TrialSpec), TypeAdapter(Assignment)
 
 
 def _as_assigned(trial: Recorded, given: Assignment) -> Recorded:
@@ -238,7 +265,7 @@ def append_line(path: Path, kind: str, **said: Any) -> None:
     line = json.dumps({"at": datetime.now(UTC).isoformat(timespec="milliseconds"), "kind": kind, **said})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with locked(path.with_name(f".{path.name}.lock"), LOCK_WAIT_S), path.open("a+b") as file:
+        with locked(path.with_name(f".{path.name}.lock"), LOCK_WAIT_S), append_to_regular(path) as file:
             file.seek(0)
             file.truncate(file.read().rfind(b"\n") + 1)
             file.write(line.encode() + b"\n")

@@ -12,7 +12,6 @@ Weights multiply squares of activations and controls; a control of 1 gives the o
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from recordings.plain_data import PlainDataError, read_toml
 from solver.model import Model
 from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
 from station.config import ConfigError, fault_in_words
@@ -63,10 +63,10 @@ class Effort(_Table):
 def read_effort(path: Path) -> Effort:
     """Reads effort.toml. Raises ConfigError in one sentence."""
     try:
-        return Effort.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return Effort.model_validate(read_toml(path))
     except OSError as error:
         raise ConfigError(f"cannot read the weights {path}: {error.strerror}; check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from error
+    except PlainDataError as error:
+        raise ConfigError(f"{path} {error}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {fault_in_words(error)}") from error

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from solver.suit.suit import PARTS
+from recordings.plain_data import PlainDataError, read_json
 from station.sweep.cases import Case
 from station.sweep.plan import AXES, SweepPlan
 from station.sweep.solving import RESULTS, Outcome
@@ -29,10 +30,10 @@ class Parts:
     def read(self, key: str) -> Outcome | None:
         """None where the case is not finished, or its file was damaged."""
         try:
-            found: Outcome = json.loads(self._path(key).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            found: Outcome = read_json(self._path(key))
+        except (OSError, PlainDataError):
             return None
-        return found if set(found) == {*RESULTS, "error"} else None
+        return found if isinstance(found, dict) and set(found) == {*RESULTS, "error"} else None
 
     def write(self, key: str, outcome: Outcome) -> None:
         write_whole(self._path(key), json.dumps(outcome, allow_nan=False) + "\n")

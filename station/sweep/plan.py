@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.suit.scenarios import Condition
+from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml
+from recordings.regular_file import read_regular
 from station.muscles.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]
@@ -23,6 +24,7 @@ Point = dict[str, Value]
 
 NONE = "none"
 METHODS = ("grid", "latin_hypercube", "random")
+MOST_POINTS = 1_000_000
 KEYS = ("every", "method", "count", "seed", "vary")
 
 
@@ -74,9 +76,9 @@ class SweepPlan:
 def read_plan(path: Path) -> SweepPlan:
     """Raises PlanError, naming the key that is missing, unknown or out of range."""
     try:
-        content = path.read_bytes()
-        document = tomllib.loads(content.decode("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = read_regular(path, LARGEST_TOML)
+        document = parse_toml(content)
+    except (OSError, PlainDataError) as error:
         raise PlanError(f"{path} should be a plan in TOML and cannot be read ({error}); correct it") from error
     _ensure_known(document, "plan", KEYS)
     method = document.get("method", "grid")
@@ -84,11 +86,15 @@ def read_plan(path: Path) -> SweepPlan:
         raise PlanError(f"the plan's method should be one of {', '.join(METHODS)} and is {method!r}; correct it")
     if method != "grid" and "count" not in document:
         raise PlanError(f"the plan should say by count how many points a {method} sample has, and does not; add it")
+    axes = _axes(document.get("vary"), is_sample=method != "grid")
+    points = math.prod(len(axis) for axis in axes.values() if not isinstance(axis, Span))
+    if method == "grid" and points > MOST_POINTS:
+        raise PlanError(f"the plan's grid has {points} points, expected at most {MOST_POINTS}; vary less at once")
     return SweepPlan(
         folder=path.resolve().parent,
-        axes=_axes(document.get("vary"), is_sample=method != "grid"),
+        axes=axes,
         method=method,
-        count=_whole(document, "count", 1),
+        count=_whole(document, "count", 1, MOST_POINTS),
         seed=_whole(document, "seed", 0),
         every=_whole(document, "every", 1),
         digest=hashlib.sha256(content).hexdigest(),
@@ -174,10 +180,11 @@ def _is_finite(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _whole(document: dict[str, Any], key: str, least: int) -> int:
+def _whole(document: dict[str, Any], key: str, least: int, most: int = 2**63) -> int:
     value = document.get(key, least)
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise PlanError(f"the plan's {key} should be a whole number from {least} on and is {value!r}; correct it")
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        limits = f"from {least} on" if most == 2**63 else f"from {least} to {most}"
+        raise PlanError(f"the plan's {key} should be a whole number {limits} and is {value!r}; correct it")
     return value
 
 

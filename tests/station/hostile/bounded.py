@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -30,10 +29,10 @@ def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
     """Runs `station` with these words. It is killed at the limit of its processor time, and no allocation of more than
     the address space below succeeds; a time-out of the test ends one that waits for ever.
     """
-    command = [sys.executable, "-c", "from station.cli import main; main()", *map(str, words)]
+    command = [sys.executable, "-c", _LIMITED, *map(str, words)]
     with (folder / "out").open("w+b") as out, (folder / "err").open("w+b") as err:
         child = subprocess.Popen(  # noqa: S603  (our own words)
-            command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=ROOT, preexec_fn=_limit
+            command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=ROOT
         )
         try:
             _, status, used = os.wait4(child.pid, 0)
@@ -47,6 +46,15 @@ def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
     return Ran(child.returncode, *texts), cost
 
 
+_LIMITED = f"""
+import resource
+resource.setrlimit(resource.RLIMIT_CPU, ({MOST_PROCESSOR_S}, {MOST_PROCESSOR_S + 1}))
+resource.setrlimit(resource.RLIMIT_AS, ({8 * MOST_MEMORY}, {8 * MOST_MEMORY}))  # so that the machine survives a failure
+from station.cli import main
+main()
+"""
+
+
 def assert_ends_in_a_sentence(*words: object, folder: Path, codes: tuple[int, ...] = (1, 2, 3)) -> Ran:
     """The verb ends by itself within the limits, with one of these codes and no traceback."""
     ran, cost = run_bounded(*words, folder=folder)
@@ -55,8 +63,3 @@ def assert_ends_in_a_sentence(*words: object, folder: Path, codes: tuple[int, ..
     assert ran.code in codes, (ran.code, ran.err[-500:])
     assert cost.memory < MOST_MEMORY, f"{words[0]} took {cost.memory / 1e6:.0f} MB"
     return ran
-
-
-def _limit() -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_MEMORY, 8 * MOST_MEMORY))  # so that the machine survives a failure
