@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
 from fitting.uncertainty import NORMAL_95, Estimate
-from recordings.manifest import DataOrigin
-from recordings.plain_data import PlainDataError, read_json
+from recordings.manifest import DataOrigin, is_file_name
+from recordings.plain_data import PlainDataError, read_json, shortened
 
 
 class CuffsFileError(Exception):
@@ -35,31 +36,47 @@ def read_cuffs(path: Path) -> dict[str, CuffFit]:
             f'{path} is not a cuffs file, expected {{"cuffs": {{"hand": {{…}}}}}}; make one with `station fit`'
         )
     cuffs = data["cuffs"].items()
+    if unnamed := [name for name in data["cuffs"] if not is_file_name(name)]:
+        raise CuffsFileError(f"{path} has a cuff named {shortened(unnamed[0])}, expected no path: files are named so")
     return {name: _cuff_from(name, cuff, path) for name, cuff in cuffs}
+
+
+class _Beside(BaseModel):
+    """What stands beside the figures of a cuff, where anything does."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    donning: str | int = ""
+    verdict: str = ""
+    notes: tuple[str, ...] = ()
+    sources: dict[str, str] = Field(default_factory=dict)
+    diagnostics: dict[str, float] = Field(default_factory=dict)
+    not_identified: dict[str, Any] | None = None
 
 
 def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
     if not isinstance(cuff, dict):
         raise CuffsFileError(
-            f"{path}: cuff {name} is {cuff!r}, expected an object with {', '.join(QUANTITIES.values())}"
+            f"{path}: cuff {name} is {shortened(cuff)}, expected an object with {', '.join(QUANTITIES.values())}"
         )
+    beside = _beside_from(cuff, f"{path}: {name}")
     estimates = [_quantity_from(cuff, key, f"{path}: {name}") for key in QUANTITIES.values()]
     site = cuff.get("site", "waist" if name == "waist" else "arm")
     if site not in ("arm", "waist"):
-        raise CuffsFileError(f'{path}: {name}.site is {site!r}, expected "arm" or "waist"')
+        raise CuffsFileError(f'{path}: {name}.site is {shortened(site)}, expected "arm" or "waist"')
     return CuffFit(
         name=name,
         site=site,
-        donning=str(cuff.get("donning", "")),
+        donning=str(beside.donning),
         stiffness=estimates[0],
         damping=estimates[1],
         migration=estimates[2],
-        verdicts=_verdicts_of(cuff),
+        verdicts=_verdicts_of(cuff, beside.verdict),
         covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
-        sources=cuff.get("sources", {}),
+        sources=beside.sources,
         origin=_origin_of(cuff),
-        notes=tuple(cuff.get("notes", ())),
-        diagnostics=cuff.get("diagnostics", {}),
+        notes=beside.notes,
+        diagnostics=beside.diagnostics,
         energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),
     )
 
@@ -72,9 +89,25 @@ def _origin_of(cuff: Mapping[str, Any]) -> DataOrigin:
         return DataOrigin.UNKNOWN
 
 
-def _verdicts_of(cuff: Mapping[str, Any]) -> tuple[Verdict, ...]:
+def _beside_from(cuff: Mapping[str, Any], where: str) -> _Beside:
+    given = {key: value for key, value in cuff.items() if key in _Beside.model_fields}
+    if isinstance(notes := given.get("notes"), list):
+        given["notes"] = tuple(notes)
+    try:
+        return _Beside.model_validate(given)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise CuffsFileError(f"{where}.{key} is {shortened(first['input'])}, {_expected(first['msg'])}") from error
+
+
+def _expected(message: str) -> str:
+    """pydantic's own sentence, such as "Input should be a valid string"."""
+    return message.replace("Input should be", "expected")
+
+
+def _verdicts_of(cuff: Mapping[str, Any], said: str) -> tuple[Verdict, ...]:
     """As it says; but what somebody wrote where a wearer looks is meant to be worn, and no verdict takes it away."""
-    said = str(cuff.get("verdict", ""))
     written = {name for name, key in QUANTITIES.items() if _estimate_from(cuff.get(key), key) is not None}
     kept = (each for each in Verdict if each in said and not (DOUBTED.get(each) and written.issuperset(DOUBTED[each])))
     return tuple(kept) or (Verdict.GIVEN,)
@@ -96,7 +129,9 @@ def _covariance_from(entry: Any, independent: NDArray[np.float64], where: str) -
     except (TypeError, ValueError):
         covariance = np.zeros(0)
     if covariance.shape != (3, 3) or not np.isfinite(covariance).all() or np.diag(covariance).min() < 0:
-        raise CuffsFileError(f"{where} is {entry!r}, expected 3 rows of 3 finite numbers, none below 0 in the diagonal")
+        raise CuffsFileError(
+            f"{where} is {shortened(entry)}, expected 3 rows of 3 finite numbers, none below 0 in the diagonal"
+        )
     return covariance
 
 
@@ -107,15 +142,22 @@ def _estimate_from(entry: Any, where: str) -> Estimate | None:
         return None
     value, error = plain["value"], plain.get("standard_error") or 0.0
     if not all(map(_is_finite, (value, error))) or error < 0:
-        raise CuffsFileError(f"{where} is {entry!r}, expected a finite number as value, and no standard_error below 0")
+        raise CuffsFileError(
+            f"{where} is {shortened(entry)}, expected a finite number as value, and no standard_error below 0"
+        )
     ends = plain.get("ci95") or [value - NORMAL_95 * error, value + NORMAL_95 * error]
     if not (isinstance(ends, list) and len(ends) == 2 and all(map(_is_finite, ends)) and ends[0] <= ends[1]):
-        raise CuffsFileError(f"{where} is {entry!r}, expected two finite numbers, the lower first, as ci95")
+        raise CuffsFileError(f"{where} is {shortened(entry)}, expected two finite numbers, the lower first, as ci95")
     low, high = ends
-    parts = {str(cause): float(part) for cause, part in (plain.get("parts") or {}).items()}
-    bound = plain.get("cramer_rao_bound")
+    parts, bound = plain.get("parts") or {}, plain.get("cramer_rao_bound")
+    if not (isinstance(parts, dict) and all(map(_is_finite, parts.values())) and (bound is None or _is_finite(bound))):
+        raise CuffsFileError(f"{where} is {shortened(entry)}, expected numbers as cramer_rao_bound and in its parts")
     return Estimate(
-        float(value), float(error), (float(low), float(high)), parts, None if bound is None else float(bound)
+        float(value),
+        float(error),
+        (float(low), float(high)),
+        {cause: float(part) for cause, part in parts.items()},
+        None if bound is None else float(bound),
     )
 
 

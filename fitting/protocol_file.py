@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from recordings.plain_data import PlainDataError, read_toml
+from recordings.plain_data import PlainDataError, read_toml, shortened
 
 PROTOCOL_FILE = "protocol.toml"
 BETTER = (".recovered.mcap", ".completed.mcap")
@@ -68,18 +68,18 @@ def _steps(table: Mapping[str, Any], path: Path) -> dict[str, tuple[float, ...]]
 def _positive(entry: Any, where: str) -> tuple[float, ...]:
     numbers = _numbers(entry, where)
     if min(numbers, default=1.0) <= 0:
-        raise ProtocolFileError(f"{where} is {entry!r}, expected weights above 0 kg")
+        raise ProtocolFileError(f"{where} is {shortened(entry)}, expected weights above 0 kg")
     return numbers
 
 
 def _rising(entry: Any, where: str) -> tuple[float, ...]:
     numbers = _numbers(entry, where)
     if any(after <= before for before, after in pairwise(numbers)):
-        raise ProtocolFileError(f"{where} is {entry!r}, expected times that rise")
+        raise ProtocolFileError(f"{where} is {shortened(entry)}, expected times that rise")
     return numbers
 
 
 def _numbers(entry: Any, where: str) -> tuple[float, ...]:
     if not isinstance(entry, list) or not all(type(each) in (int, float) and math.isfinite(each) for each in entry):
-        raise ProtocolFileError(f"{where} is {entry!r}, expected a list of finite numbers")
+        raise ProtocolFileError(f"{where} is {shortened(entry)}, expected a list of finite numbers")
     return tuple(float(each) for each in entry)

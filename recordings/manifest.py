@@ -15,6 +15,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from recordings.errors import RecordingError
+from recordings.plain_data import PlainDataError, parse_json
 from recordings.samples import DeviceIdentity
 
 LONGEST_NAME = 200
@@ -167,11 +168,15 @@ def manifest_to_json(manifest: Manifest) -> str:
 def manifest_from_json(text: str) -> Manifest:
     """The manifest back from JSON. Keys that a later version added are passed over; a missing one is an error."""
     try:
-        manifest = _adapter().validate_json(text)
+        manifest = _adapter().validate_python(parse_json(text))
+    except PlainDataError as error:
+        raise RecordingError(f"the manifest cannot be read: it {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the manifest"
         raise RecordingError(f"the manifest cannot be read: at {where}, {first['msg'].lower()}") from error
+    if not 0 <= manifest.start_utc_ns < 2**63:
+        raise RecordingError(f"the manifest has a start_utc_ns of {manifest.start_utc_ns}, expected UTC in nanoseconds")
     if manifest.cuff and not is_file_name(manifest.cuff.name):
         found = manifest.cuff.name[:60]
         raise RecordingError(f"the manifest's cuff is named {found!r}, expected no path: files are named after it")

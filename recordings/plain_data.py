@@ -17,6 +17,7 @@ from recordings.regular_file import read_regular
 
 LARGEST_JSON, LARGEST_TOML = 16 * 2**20, 256 * 2**10  # bytes
 DEEPEST = 100
+LONGEST_QUOTE = 200
 MOST_DOTS = 200
 """In a line of TOML, decimal points of lists aside."""
 
@@ -62,6 +63,12 @@ def parse_toml(content: str | bytes) -> dict[str, Any]:
         raise PlainDataError("holds a number or a date out of range") from error
     _ensure_plain(found, is_json=False)
     return found
+
+
+def shortened(found: object) -> str:
+    """What was found in a file, as much of it as a sentence bears."""
+    words = repr(found)
+    return words if len(words) <= LONGEST_QUOTE else f"{words[:LONGEST_QUOTE]}…"
 
 
 _NUMBER_IN_A_LIST = re.compile(r"(?<![\w.])\d+\.\d+(?=\s*[,\]}])")

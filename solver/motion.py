@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import Model
+from solver.source_file import LARGEST_TABLE, read_source
 
 Array = NDArray[np.float64]
 
@@ -148,7 +149,7 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
     Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_source(path, LARGEST_TABLE).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise MotionError(f"{path} should be a motion file and cannot be read ({error}); check the path") from error
     in_degrees, first = False, 0

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from recordings.manifest import BounceRig, CuffSite, LoadCell, is_file_name
-from recordings.plain_data import PlainDataError, read_toml
+from recordings.plain_data import PlainDataError, read_toml, shortened
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
 
@@ -312,12 +312,6 @@ def keys_of(section: type[BaseModel]) -> list[str]:
             if isinstance(part, type) and issubclass(part, BaseModel):
                 names += keys_of(part)
     return names
-
-
-def shortened(found: object) -> str:
-    """What was found in a file, as much of it as a sentence bears."""
-    words = repr(found)
-    return words if len(words) <= 200 else f"{words[:200]}…"
 
 
 def fault_in_words(error: ValidationError) -> str:

@@ -227,6 +227,7 @@ class _Lines:
     def _change_plan(self, kind: str, entry: dict[str, Any]) -> None:
         match kind:
             case "skipped":
+                entry.pop("name", None)  # a template of files' names comes from the configuration
                 self._skipped.add(_SPEC.validate_python(entry))
             case "donned":
                 cuff = str(entry["cuff"])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile
+from recordings.regular_file import open_regular
 
 MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
 """How programs write a value that is not there."""
@@ -22,7 +23,8 @@ PRINTED_BY_C = re.compile(r"[+-]?(?:nan\(\w+\)|1\.#(?:ind|qnan|snan|inf)0*)", re
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file. Raises ForeignFile where it cannot be read, is empty or is no text."""
     try:
-        raw = path.read_bytes()
+        with open_regular(path) as file:
+            raw = file.read()
     except OSError as error:
         raise ForeignFile(f"{path} cannot be read: {error.strerror or error}") from error
     if b"\0" in raw[:4096]:

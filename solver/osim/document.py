@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import ModelError
+from solver.source_file import LARGEST_MODEL, read_source
 
 Array = NDArray[np.float64]
+DEEPEST, MOST_ELEMENTS = 100, 500_000
 
 BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
 
@@ -118,7 +120,14 @@ def read_document(file: Path) -> Element:
     stack = [top]
     parser = xml.parsers.expat.ParserCreate()
 
+    count = 0
+
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if len(stack) > DEEPEST or count > MOST_ELEMENTS:
+            limits = f"more than {DEEPEST} elements within each other, or more than {MOST_ELEMENTS}"
+            raise ModelError(f"{file.name}, line {parser.CurrentLineNumber}: holds {limits}, as no model does")
         element = Element(file, parser.CurrentLineNumber, tag, attributes)
         stack[-1].children.append(element)
         stack.append(element)
@@ -130,7 +139,7 @@ def read_document(file: Path) -> Element:
     parser.EndElementHandler = lambda _tag: stack.pop()
     parser.CharacterDataHandler = text
     try:
-        parser.Parse(as_utf8(file.read_bytes()), True)
+        parser.Parse(as_utf8(read_source(file, LARGEST_MODEL)), True)
     except OSError as error:
         raise ModelError(f"cannot read {file}: {error.strerror}; check the path") from error
     except xml.parsers.expat.ExpatError as error:

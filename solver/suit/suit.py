@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import Model, with_point_mass
+from solver.source_file import LARGEST_SUIT, read_source
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,9 @@ MigrationDirection = Literal["cord", "bone"]
 Rate = Literal["backward", "central"]
 
 PARTS = ("waist", "shoulder", "arm")
+MOST_REST_LENGTHS = 10_000
+BEYOND_MEASURE = 1e12
+"""No number of a suit, in any unit, is as large."""
 BUNDLED_SUIT = Path(__file__).with_name("suit.toml")
 
 
@@ -75,8 +79,8 @@ class Suit:
 def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
     """Read a suit.toml; raises SuitError naming the key that is missing, unknown or out of range."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = tomllib.loads(read_source(path, LARGEST_SUIT).decode("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise SuitError(f"{path} should be a suit in TOML and cannot be read ({error}); correct it") from error
     document = {"migration_direction": "cord", "rate": "backward", "groups": {}} | document
     reference, lengths, cord, masses, direction, rate, groups = _take(
@@ -180,10 +184,10 @@ def _rest_lengths(table: Any) -> Array:
     first, last, count = (
         _number(value, "rest_lengths_m") for value in _take(table, "rest_lengths_m", "first", "last", "count")
     )
-    if not 0 < first < last or count < 5 or count % 1:
+    if not 0 < first < last or not 5 <= count <= MOST_REST_LENGTHS or count % 1:
         raise SuitError(
-            f"the suit's rest_lengths_m should be 5 or more, rising from above 0, and are {count:g} from {first:g} to "
-            f"{last:g} m; correct it"
+            f"the suit's rest_lengths_m should be 5 to {MOST_REST_LENGTHS}, rising from above 0, and are {count:g} "
+            f"from {first:g} to {last:g} m; correct it"
         )
     return np.linspace(first, last, int(count))
 
@@ -220,7 +224,7 @@ def _inertia(value: Any, where: str) -> Array:
 
 
 def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return type(value) in (int, float) and abs(value) < BEYOND_MEASURE
 
 
 def _one_of(value: Any, where: str, allowed: tuple[Any, ...]) -> Any:

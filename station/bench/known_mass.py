@@ -6,7 +6,6 @@ mass that it stands for. Each is a line in calibration.jsonl in the session's fo
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,12 +18,14 @@ from rich.console import Console
 from fitting.calibration import code_width, level_bias
 from fitting.result import SessionFit
 from fitting.trial import Trial
+from recordings.plain_data import parse_json
+from recordings.regular_file import read_regular
 from station.bench.check import Line, listen, show_lines
 from station.bench.daemon import MakeDevices
 from station.bench.devices import load_cell_for
 from station.clock import RealClock
 from station.config import STANDARD_GRAVITY, StationConfig
-from station.journal import append_line
+from station.journal import LARGEST_JOURNAL, append_line
 
 CHECKS_FILE = "calibration.jsonl"
 LISTEN_S = 3.0
@@ -91,17 +92,19 @@ def read_checks(folder: Path) -> tuple[MassCheck, ...]:
     """The readings of a session, oldest first; a line torn by a power cut is passed over. Raises KnownMassError."""
     path = folder / CHECKS_FILE
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, LARGEST_JOURNAL).decode("utf-8")
     except FileNotFoundError:
         return ()
     except (OSError, UnicodeDecodeError) as error:
         raise KnownMassError(f"{path} cannot be read: {error}") from error
     checks = []
-    for number, line in enumerate(text[: text.rfind("\n") + 1].splitlines(), 1):
+    for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n")[:-1], 1):
         try:
-            said = json.loads(line)
+            said = parse_json(line)
             zero = None if said["zero_n"] is None else float(said["zero_n"])
             mass, expected, found, sd = (float(said[key]) for key in ("mass_kg", "expected_n", "found_n", "u_n"))
+            if mass > 0 and expected <= 0:
+                raise ValueError(expected)
             checks.append(MassCheck(str(said["at"]), mass, expected, found, sd, zero))
         except (ValueError, TypeError, KeyError) as error:
             raise KnownMassError(f"{path}, line {number}: expected a known mass, found {line[:60]!r}") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from fitting.cuffs_file import read_cuffs
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, NotIdentified
 from fitting.uncertainty import NORMAL_95, Estimate
+from recordings.plain_data import read_json
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
@@ -149,7 +149,7 @@ def wearable(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, CuffFit], dict[str
 def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, CuffFit]:
     """Reads cuffs.json; of the cuffs that worn_cuffs would take, raises InputError for a law that no suit wears."""
     cuffs = read_cuffs(path)
-    plain = json.loads(path.read_text(encoding="utf-8"))["cuffs"]
+    plain = read_json(path)["cuffs"]
     for fit in cuffs.values():
         if _is_worn(fit, chosen):
             entry = plain[fit.name]

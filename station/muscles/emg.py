@@ -8,6 +8,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+from solver.source_file import LARGEST_TABLE, read_source
+
 COLUMNS = ("muscle", "reduction_percent", "sd")
 
 
@@ -27,7 +29,9 @@ class MeasuredReduction:
 def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReduction]:
     """Read a table of measured reductions; known are the model's muscles and the suit's groups. Raises EmgError."""
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
+        rows = list(
+            csv.DictReader(read_source(path, LARGEST_TABLE).decode("utf-8-sig").splitlines(), skipinitialspace=True)
+        )
     except (OSError, UnicodeDecodeError) as error:
         raise EmgError(
             f"{path} should be a table of EMG in CSV and cannot be read ({error}); check the path"

@@ -16,6 +16,8 @@ from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file, read_external_loads
 from solver.osim.reader import read_osim
 from solver.raise_arm import simulate_arm_raise
+from solver.raise_arm import raise_arm
+from solver.source_file import LARGEST_TABLE, read_source
 
 BUNDLED = "bundled"
 
@@ -49,7 +51,7 @@ def named_hashes(model: str, motion: Path | None, external_loads: Path | None) -
 
 def named_hash(path: Path) -> str:
     """Its name and its SHA-256."""
-    return f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    return f"{path.name} {hashlib.sha256(read_source(path, LARGEST_TABLE)).hexdigest()}"
 
 
 def without_hash(named: str) -> str:

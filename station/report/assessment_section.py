@@ -8,8 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
+from station.muscles.assessment_file import read_activations
 from station.muscles.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
 from station.muscles.sources import without_hash
 from station.report.muscle_figures import activation_figure, cost_figure, cuffs_figure, reduction_figure
@@ -53,7 +52,7 @@ def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
         together = f"{what}, with every arm cuff shifted and yielding"
         figures.insert(0, PlannedFigure(partial(cuffs_figure, assessment), together))
     if activations_file.is_file():
-        activations = pd.read_csv(activations_file, keep_default_na=False, na_values=["nan"])
+        activations = read_activations(activations_file)
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
         figures += [
             PlannedFigure(

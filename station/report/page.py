@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from fitting.bushing import bushing_force
 from fitting.cuffs_file import read_cuffs
@@ -19,14 +19,19 @@ from fitting.result import CuffFit, SessionFit
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin
+from recordings.plain_data import PlainDataError, read_json
 from station.fit import fit_session_folder, recordings_in
 from station.interval import bracketed, digits_of, of_cuff, rounded
+from station.muscles.assessment_file import read_assessment
+from station.muscles.assessment_json import ASSESSMENT_FILE
 from station.progress import Progress, silent
 from station.report.assessment_section import assessment_section, suit_figures
 from station.report.figures import dynamic_figure, static_figure, trial_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.report.pictures import Picture, PlannedFigure, draw_all
 from station.whole_file import write_whole
+
+T = TypeVar("T")
 
 FIRST = "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
 REPEAT = (
@@ -58,7 +63,7 @@ class CuffSection:
     """One cuff on the page."""
 
     fit: CuffFit
-    truth: Mapping[str, float]
+    truth: _Truth | None
     pictures: tuple[Picture, ...]
 
     @property
@@ -82,10 +87,10 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     if fitted is None and folder.is_dir() and recordings_in(folder):
         fitted = fit_session_folder(folder, None, progress)
     cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
-    assessment = _json_of(folder / "assessment.json")
+    assessment = read_assessment(folder / ASSESSMENT_FILE) if (folder / ASSESSMENT_FILE).is_file() else None
     if not cuffs and not assessment:
         raise ReportError(f"{folder} holds no recording, no cuffs.json and no assessment.json to report")
-    truth = _json_of(folder / TRUTH_FILE) or {}
+    truth = _beside(folder / TRUTH_FILE, _TRUTH) or {}
     curves = fitted.curves if fitted else {}
     planned: dict[str | None, Sequence[PlannedFigure]] = {
         None: suit_figures(assessment, folder) if assessment else (),
@@ -97,10 +102,10 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
         .get_template("page.html")
         .render(
             folder=folder.resolve().name,
-            cuffs=[CuffSection(fit, truth.get(name, {}), pictures[name]) for name, fit in cuffs.items()],
+            cuffs=[CuffSection(fit, truth.get(name), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
             origin=_origin(cuffs, assessment),
-            missing=_json_of(folder / MISSING_FILE) or (),
+            missing=_beside(folder / MISSING_FILE, _MISSING) or (),
             trials=[trial for fit in cuffs.values() for trial in fit.trials],
             rejected=fitted.rejected if fitted else (),
             assessment=assessment,
@@ -126,14 +131,27 @@ def _cuffs_of(folder: Path) -> dict[str, CuffFit]:
     return read_cuffs(path) if path.is_file() else {}
 
 
-def _json_of(path: Path) -> Any:
+class _Truth(BaseModel):
+    stiffness_n_per_m: float
+    damping_n_s_per_m: float
+    migration_m: float
+
+
+_TRUTH, _MISSING = TypeAdapter(dict[str, _Truth]), TypeAdapter(list[str])
+
+
+def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
+    """What stands in a file beside the recordings, None without the file."""
     if not path.is_file():
         return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ReportError(f"{path} is not valid JSON: {error}; make it again") from error
-    return content
+        return kind.validate_python(read_json(path))
+    except OSError as error:
+        raise ReportError(f"{path} cannot be read: {error.strerror or error}") from error
+    except ValidationError as error:
+        raise ReportError(f"{path} holds something else than expected: {error.errors()[0]['msg']}") from error
+    except PlainDataError as error:
+        raise ReportError(f"{path} {error}; make it again") from error
 
 
 def _figures_of(fit: CuffFit, curves: Mapping[str, TrialCurves]) -> list[PlannedFigure]:
@@ -177,7 +195,7 @@ def _environment() -> Environment:
     environment.filters["spoken"] = _spoken
     environment.filters["of_cuff"] = lambda words, fit, quantity: of_cuff(fit, quantity, words)
     environment.filters["figure"] = _figure
-    environment.filters["beside"] = _beside
+    environment.filters["beside"] = _beside_estimate
     return environment
 
 
@@ -186,7 +204,7 @@ def _spoken(estimate: Estimate | None, scale: float = 1.0) -> str:
     return "not identified" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
 
 
-def _beside(true: float, estimate: Estimate | None, scale: float = 1.0) -> str:
+def _beside_estimate(true: float, estimate: Estimate | None, scale: float = 1.0) -> str:
     """What is known exactly, with as many digits as the estimate above it."""
     return rounded(scale * true, digits_of(estimate.ci95 if estimate else None, scale))
 

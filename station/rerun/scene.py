@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from fitting.curves import TrialCurves
 from fitting.session import fit_session
 from fitting.trial import read_trial
+from recordings.plain_data import read_json
 from recordings.reader import open_recording
 from solver.bundled import bundled_model
 from solver.model import ConditionalPathPoint, Model, PathPoint
@@ -95,13 +95,13 @@ class _Activity:
 def _read_activity(folder: Path, model: Model) -> _Activity | None:
     """Of the folder's assessment, if that can be read and is of what is drawn: the body and motion of the solver."""
     try:
-        inputs = json.loads((folder / ASSESSMENT_FILE).read_text(encoding="utf-8"))["inputs"]
+        inputs = dict(read_json(folder / ASSESSMENT_FILE)["inputs"])
         with (folder / ACTIVATIONS_FILE).open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.DictReader(file) if row["condition"] == SHOWN_CONDITION]
         first = [row for row in rows if row["cuff"] == rows[0]["cuff"]]
         time = np.array([float(row["time_s"]) for row in first])
         activations = np.array([[float(row[name]) for name in model.muscle_names] for row in first])
-    except (OSError, ValueError, LookupError):
+    except (OSError, ValueError, LookupError, TypeError):
         return None
     is_drawn = all(inputs.get(role) == named for role, named in named_hashes(BUNDLED, None, None).items())
     return _Activity(time, activations) if is_drawn and first else None

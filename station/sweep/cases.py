@@ -20,6 +20,7 @@ from solver.motion import MotionError, differentiate
 from solver.osim.loads import data_file
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
+from solver.source_file import LARGEST_TABLE, read_source
 from station.muscles.assessment_inputs import read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, loads_of, model_of, motion_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
@@ -133,7 +134,7 @@ class SweepInputs:
         try:
             if axis == "external_loads" and sources:
                 sources.append(data_file(self._path(name)))
-            return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+            return hashlib.sha256(b"".join(read_source(source, LARGEST_TABLE) for source in sources)).hexdigest()
         except OSError as error:
             raise PlanError(
                 f"the plan's vary.{axis} names {name}, which cannot be read ({error.strerror}); paths are relative to "

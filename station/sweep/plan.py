@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from solver.suit.scenarios import Condition
 from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml
+from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml, shortened
 from recordings.regular_file import read_regular
 from station.muscles.sources import BUNDLED
 
@@ -83,7 +84,9 @@ def read_plan(path: Path) -> SweepPlan:
     _ensure_known(document, "plan", KEYS)
     method = document.get("method", "grid")
     if method not in METHODS:
-        raise PlanError(f"the plan's method should be one of {', '.join(METHODS)} and is {method!r}; correct it")
+        raise PlanError(
+            f"the plan's method should be one of {', '.join(METHODS)} and is {shortened(method)}; correct it"
+        )
     if method != "grid" and "count" not in document:
         raise PlanError(f"the plan should say by count how many points a {method} sample has, and does not; add it")
     axes = _axes(document.get("vary"), is_sample=method != "grid")
@@ -148,31 +151,33 @@ def _axis(given: Any, name: str, *, is_sample: bool) -> tuple[Value, ...] | Span
 
 def _word(value: Any, where: str) -> Value:
     if not isinstance(value, str) or not value:
-        raise PlanError(f"{where} should be a name and is {value!r}; correct it")
+        raise PlanError(f"{where} should be a name and is {shortened(value)}; correct it")
     return value
 
 
 def _condition(value: Any, where: str) -> Value:
     if value not in get_args(Condition):
-        raise PlanError(f"{where} should be one of {', '.join(get_args(Condition))} and is {value!r}; correct it")
+        raise PlanError(
+            f"{where} should be one of {', '.join(get_args(Condition))} and is {shortened(value)}; correct it"
+        )
     return str(value)
 
 
 def _number(value: Any, where: str) -> Value:
     if not _is_finite(value) or value < 0:
-        raise PlanError(f"{where} should be a number that is not negative and is {value!r}; correct it")
+        raise PlanError(f"{where} should be a number that is not negative and is {shortened(value)}; correct it")
     return float(value)
 
 
 def _above_zero(value: Any, where: str) -> Value:
     if not _is_finite(value) or value <= 0:
-        raise PlanError(f"{where} should be a number above 0 and is {value!r}; correct it")
+        raise PlanError(f"{where} should be a number above 0 and is {shortened(value)}; correct it")
     return float(value)
 
 
 def _point(value: Any, where: str) -> Value:
     if not (isinstance(value, list) and len(value) == 3 and all(map(_is_finite, value))):
-        raise PlanError(f"{where} should be a point of three numbers and is {value!r}; correct it")
+        raise PlanError(f"{where} should be a point of three numbers and is {shortened(value)}; correct it")
     return tuple(float(each) for each in value)
 
 
@@ -184,7 +189,7 @@ def _whole(document: dict[str, Any], key: str, least: int, most: int = 2**63) ->
     value = document.get(key, least)
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         limits = f"from {least} on" if most == 2**63 else f"from {least} to {most}"
-        raise PlanError(f"the plan's {key} should be a whole number {limits} and is {value!r}; correct it")
+        raise PlanError(f"the plan's {key} should be a whole number {limits} and is {shortened(value)}; correct it")
     return value
 
 

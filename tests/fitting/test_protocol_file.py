@@ -36,7 +36,7 @@ def test_steps_of_a_recording_are_those_of_what_was_recovered_from_it(tmp_path: 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("step_masses_kg = [1,", "cannot be read"),
+        ("step_masses_kg = [1,", "is not valid TOML"),
         ("masses = [1]", "has masses, expected step_masses_kg"),
         ("steps_s = [1]", "no table steps_s"),
         ("step_masses_kg = [1, -2]", "expected weights above 0 kg"),

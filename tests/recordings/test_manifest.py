@@ -32,9 +32,27 @@ def test_a_text_that_is_no_json_is_refused_in_a_sentence() -> None:
         manifest_from_json("{")
 
 
-@pytest.mark.parametrize("name", ["../../hand", "C:hand", "a\\b"])
+@pytest.mark.parametrize("name", ["../../hand", "C:hand", "a\\b", "ha\x00nd", "hand\n", "", "x" * 300])
 def test_a_cuff_that_is_named_like_a_path_is_refused(name: str) -> None:
     changed = json.loads(manifest_to_json(MANIFEST))
     changed["cuff"]["name"] = name
-    with pytest.raises(RecordingError, match="expected no path"):
+    with pytest.raises(RecordingError, match=r"expected no path|holds NUL"):
         manifest_from_json(json.dumps(changed))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("start_utc_ns", 10**400), ("start_utc_ns", -1), ("repeat", 10**400), ("origin_s", "1e999"), ("test", ["static"])],
+)
+def test_a_figure_that_nothing_can_be_computed_with_is_refused(key: str, value: object) -> None:
+    changed = json.loads(manifest_to_json(MANIFEST)) | {key: value}
+    with pytest.raises(RecordingError, match=r"^the manifest "):
+        manifest_from_json(json.dumps(changed).replace('"1e999"', "1e999"))
+
+
+def test_a_manifest_that_is_nested_too_deep_is_refused() -> None:
+    deep = manifest_to_json(MANIFEST).replace(
+        '"effective_config":{', '"effective_config":{"a":' + "[" * 99_999 + "]" * 99_999 + ","
+    )
+    with pytest.raises(RecordingError, match="nested more than 100 deep"):
+        manifest_from_json(deep)

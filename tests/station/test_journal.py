@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from recordings.manifest import CuffSite
+from station import journal
 from station.journal import (
     JOURNAL_FILE,
     Assignment,
@@ -30,6 +31,23 @@ from station.journal import (
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
 TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, "the mocap capture ended")
+
+
+HOSTILE = (
+    "[" * 100_000,
+    '{"a":' * 100_000,
+    '{"kind": "setup", "at": "", "subject": "P01", "operator": "a", "cuffs": ["hand"], "repeats": 1000000000}',
+    '{"kind": "setup", "at": "", "subject": "P01", "operator": "a", "cuffs": "hand", "repeats": 3}',
+    '{"kind": "setup", "at": "", "subject": [], "operator": "a", "cuffs": ["hand"], "repeats": 3}',
+    '{"kind": "mark", "at": "", "file": "a.mcap", "number": ' + "7" * 400 + ', "name": ""}',
+    '{"kind": "mark", "at": "", "file": "a.mcap", "number": 1e999, "name": ""}',
+    '{"kind": "verdict", "at": "", "file": "a\\u0000.mcap", "choice": "accept", "reason": ""}',
+    '{"kind": "verdict", "at": "", "file": ["a.mcap"], "choice": "accept", "reason": ""}',
+    '{"kind": "verdict", "at": "", "file": "a.mcap", "choice": "accept", "reason": {}}',
+    '{"kind": "recorded", "at": "", "file": "a.mcap", "cuff": 1, "test": "static", "repeat": "x", "donning": "1", '
+    '"accepted": true, "lost_samples": 0, "sentence": ""}',
+)
+"""Lines that are whole, and no entries all the same."""
 
 
 def test_a_folder_without_a_journal_has_an_empty_one(tmp_path: Path) -> None:
@@ -104,7 +122,9 @@ def test_a_line_torn_by_a_power_cut_is_passed_over_and_never_glued_to_the_next(t
         assert (journal.setup, set(journal.verdicts)) == (SETUP, {"a.mcap"})
 
 
-@pytest.mark.parametrize("line", ["{", "[]", '{"kind": "setup", "at": ""}', '{"kind": "dream", "at": ""}', "null"])
+@pytest.mark.parametrize(
+    "line", ["{", "[]", '{"kind": "setup", "at": ""}', '{"kind": "dream", "at": ""}', "null", *HOSTILE]
+)
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     (tmp_path / JOURNAL_FILE).write_text(line + "\n")
     with pytest.raises(JournalError, match="line 1: expected an entry"):
@@ -127,3 +147,26 @@ def test_two_processes_that_write_at_once_keep_every_line_of_both(tmp_path: Path
     entries = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
     for who in ("console", "terminal"):
         assert [entry["number"] for entry in entries if entry["name"] == who * 500] == list(range(60))
+
+
+def test_a_long_journal_is_read_in_one_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No line copies those before it: the number of copies is what a journal of a megabyte would be hung by."""
+    copies: list[object] = []
+    monkeypatch.setattr(journal, "replace", lambda *given, **_: copies.append(given))
+    line = '{"at": "", "kind": "mark", "file": "a.mcap", "number": %d, "name": ""}\n'
+    (tmp_path / JOURNAL_FILE).write_text("".join(line % number for number in range(20_000)))
+    assert len(read_journal(tmp_path).marks["a.mcap"]) == 20_000
+    assert not copies
+
+
+@pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
+def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: str) -> None:
+    """Its last line is taken away where no line break ends it, as a torn one: another file's must not be."""
+    other = tmp_path / "letter.txt"
+    other.write_text("first line\nlast line")
+    getattr(tmp_path / JOURNAL_FILE, link)(other)
+    with pytest.raises(
+        JournalError, match=r"session.jsonl cannot be written: a (symbolic link|file with a second name)"
+    ):
+        write_verdict(tmp_path, "a.mcap", "accept", "")
+    assert other.read_text() == "first line\nlast line"

@@ -91,7 +91,7 @@ def test_what_a_suit_file_leaves_out_is_as_published(tmp_path):
         ("mass_kg", "mass_g", "lacks mass_kg"),
         ("count = 31", "count = 31, last_m = 1", "unknown last_m"),
         ("first = 0.58", "first = 0.98", "rising from above 0"),
-        ("count = 31", "count = 4", "should be 5 or more"),
+        ("count = 31", "count = 4", "should be 5 to 10000"),
         ("point_m = [-0.0329, ", "point_m = [", "exotendon.waist.point_m should be three numbers"),
         ("point_m = [-0.0329, ", "point_m = [nan, ", "exotendon.waist.point_m should be three numbers and is"),
         ("inertia_kg_m2 = [2.321e-3", "inertia_kg_m2 = [-1", "waist.inertia_kg_m2 should be three numbers from 0 on"),

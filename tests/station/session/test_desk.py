@@ -113,6 +113,16 @@ def test_a_session_goes_on_another_hour_as_it_was_planned(desk: Desk) -> None:
     assert name in desk.journal.verdicts
 
 
+@pytest.mark.parametrize("line", ["[" * 100_000, '{"kind": "setup", "at": "", "subject": 5}', "\0", '{"at": 1e999}'])
+def test_a_poisoned_journal_hides_no_other_session(desk: Desk, line: str) -> None:
+    desk.begin(SETUP)
+    desk.leave()
+    poisoned = desk.config.session.folder / "sub-P02_ses-1"
+    poisoned.mkdir()
+    (poisoned / "session.jsonl").write_text(line + "\n")
+    assert [each.setup for each in desk.sessions()] == [SETUP]
+
+
 def test_another_plan_under_the_same_number_is_refused(desk: Desk) -> None:
     desk.begin(SETUP)
     desk.leave()

@@ -1,0 +1,186 @@
+"""JSON, TOML and XML made to break their reader: each verb ends in one sentence, and names the file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.station.command import Ran, assert_one_sentence
+from tests.station.hostile.bounded import assert_ends_in_a_sentence
+
+Station = Callable[..., Ran]
+DEEP_JSON = "[" * 100_000 + "]" * 100_000
+DEEP_TOML = f"a = {DEEP_JSON}\n"
+LONG = "7" * 400
+"""An integer that no double and no clock holds."""
+GOOD = {"stiffness_n_per_m": 8000, "damping_n_s_per_m": 200, "migration_m": 0.01}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        DEEP_JSON,
+        '{"cuffs": ' + '{"a":' * 100_000 + "1" + "}" * 100_001,
+        f'{{"cuffs": {{"hand": {{"stiffness_n_per_m": {LONG}}}}}}}',
+        f'{{"cuffs": {{"hand": {{"stiffness_n_per_m": {LONG * 20}}}}}}}',
+        '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": 1, "parts": [1]}}}}',
+        '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": 1, "parts": {"noise": "much"}}}}}',
+        '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": 1, "cramer_rao_bound": []}}}}',
+        '{"cuffs": {"hand": {"notes": 5}}}',
+        '{"cuffs": {"hand": {"notes": [5]}}}',
+        '{"cuffs": {"hand": {"sources": [1]}}}',
+        '{"cuffs": {"hand": {"sources": {"a.mcap": 1}}}}',
+        '{"cuffs": {"hand": {"not_identified": [1]}}}',
+        '{"cuffs": {"hand": {"diagnostics": "none"}}}',
+        '{"cuffs": {"hand": {"verdict": {}}}}',
+        '{"cuffs": {"../hand": {}}}',
+        '{"cuffs": {"ha\\u0000nd": {}}}',
+        '{"cuffs": [1]}',
+    ],
+)
+@pytest.mark.parametrize("verb", ["assess", "report"])
+def test_a_cuffs_file_is_refused_by_name(station: Station, tmp_path: Path, verb: str, text: str) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text(text, encoding="utf-8")
+    ran = station("report", tmp_path) if verb == "report" else station("assess", "--cuffs", path, "--output", tmp_path)
+    assert_one_sentence(ran, 1, "cuffs.json")
+    assert len(ran.err) < 1000
+
+
+@pytest.mark.parametrize(
+    "text", [DEEP_TOML, f"a = {LONG}\n", f"a = {LONG * 20}\n", 'a = "\\u0000"\n', "a = 1979-13-01\n"]
+)
+def test_every_toml_is_refused_by_name(station: Station, tmp_path: Path, text: str) -> None:
+    path = tmp_path / "hostile.toml"
+    path.write_text(text, encoding="utf-8")
+    cuffs = tmp_path / "cuffs.json"
+    cuffs.write_text(json.dumps({"cuffs": {"hand": GOOD}}), encoding="utf-8")
+    for code, *words in (
+        (2, "check", "--config", path),
+        (2, "rmr", "--effort", path, "--output", tmp_path / "a.csv"),
+        (1, "sweep", path, "--output", tmp_path / "out"),
+        (1, "assess", "--cuffs", cuffs, "--suit", path, "--output", tmp_path),
+    ):
+        assert_one_sentence(station(*words), code, "hostile.toml")
+
+
+def test_a_session_s_protocol_is_refused_by_name(station: Station, tmp_path: Path) -> None:
+    (tmp_path / "protocol.toml").write_text(DEEP_TOML, encoding="utf-8")
+    (tmp_path / "a.mcap").write_bytes(b"x")
+    ran = station("fit", tmp_path)
+    assert ran.code == 1
+    last = ran.err.splitlines()[-1]  # the progress is before it
+    assert last.startswith("station: ") and "protocol.toml is nested more than 100 deep" in last
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        DEEP_TOML,
+        "".join(f"k{line}{'.a' * 199} = 1\n" for line in range(600)),
+        "k" + ".a" * 100_000 + " = 1\n",
+        "k" + '.","' * 60_000 + " = 1\n",
+        '[session]\nfile_name = "{run}{test}{cuff:2000000000}"\n',
+        '[session]\nfile_name = "{run}{test}{cuff!r:>{run}}"\n',
+        "[load_cell]\ncalibrated_on = 9999-12-31\ncalibration_valid_days = 36500\n[daq]\nsample_rate_hz = 0",
+    ],
+    ids=["deep", "many dots", "dots", "quoted dots", "width", "nested width", "a date that overflows"],
+)
+def test_a_configuration_costs_no_more_than_its_sentence(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "hostile.toml"
+    path.write_text(text, encoding="utf-8")
+    ran = assert_ends_in_a_sentence("check", "--config", path, folder=tmp_path, codes=(2,))
+    assert "hostile.toml" in ran.err and ran.err.count("\n") == 1
+
+
+def _loads(folder: Path, data: str) -> Path:
+    path = folder / "loads.xml"
+    path.write_text(
+        '<OpenSimDocument Version="40000"><ExternalLoads name="a"><objects/>'
+        f"<datafile>{data}</datafile></ExternalLoads></OpenSimDocument>",
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.mark.parametrize("data", ["/dev/zero", "pipe.sto"])
+def test_external_loads_of_a_device_or_a_pipe_are_refused(tmp_path: Path, data: str) -> None:
+    os.mkfifo(tmp_path / "pipe.sto")
+    output = tmp_path / "a.csv"
+    loads = _loads(tmp_path, data)
+    ran = assert_ends_in_a_sentence("rmr", "--external-loads", loads, "--output", output, folder=tmp_path, codes=(1,))
+    assert "expected a regular file" in ran.err
+
+
+@pytest.mark.parametrize("verb", ["info", "recover"])
+def test_a_pipe_is_no_recording(station: Station, tmp_path: Path, verb: str) -> None:
+    os.mkfifo(tmp_path / "a.mcap")
+    ran = station(verb, tmp_path / "a.mcap")
+    assert (ran.code, ran.out) == (1, "")
+    assert "expected a regular file" in ran.err.splitlines()[-1]
+
+
+def test_a_model_nested_beyond_reason_is_refused(station: Station, tmp_path: Path) -> None:
+    path = tmp_path / "deep.osim"
+    path.write_text("<a>" * 100_000 + "</a>" * 100_000, encoding="utf-8")
+    assert_one_sentence(station("rmr", "--model", path, "--output", tmp_path / "a.csv"), 1, "deep.osim, line 1")
+
+
+def _assessment() -> dict[str, Any]:
+    """The least that a report is made of."""
+    known: Any = {"value": 1.0, "ci95": None}
+    optimum = dict.fromkeys(("rest_length_m", "normalised_cost", "permissible_error_m"), known)
+    by_cuff = {"rigid": known, "hand": {"both": known}}
+    return {
+        **dict.fromkeys(("reference_rest_length_m", "bare_body_cost", "longest_cord_m", "frames", "scenarios"), known),
+        "rest_lengths_m": {"value": [0.5, 0.6], "ci95": None},
+        "waist_cuff": None,
+        "unsolved": {"count": {"value": 0.0, "ci95": None}},
+        "optimum": {"rigid": optimum, "hand": {"both": optimum}},
+        "cost": {"rigid": {"value": [1.0, 0.9]}, "hand": {"both": {"value": [1.0, None]}}},
+        "muscle_reduction": {"rigid": {"DELT": known}, "hand": {"both": {"DELT": known}}},
+        **dict.fromkeys(
+            (
+                "at_rigid_optimum",
+                "optimum_to_slack_m",
+                "largest_cord_force_n",
+                "cord_force_lost_to_migration",
+                "cost_per_arm_migration_per_m",
+            ),
+            by_cuff,
+        ),
+        "inputs": {"model": "bundled", "motion": "m", "suit": "s", "cuffs": "c"},
+        "findings": ["the suit helps"],
+        "emg": [],
+    }
+
+
+def test_the_least_assessment_is_reported(station: Station, tmp_path: Path) -> None:
+    (tmp_path / "assessment.json").write_text(json.dumps(_assessment()), encoding="utf-8")
+    ran = station("report", tmp_path)
+    assert ran.code == 0, ran.err
+
+
+@pytest.mark.parametrize("key", _assessment())
+@pytest.mark.parametrize("wrong", ["missing", [], {}, "x", 5, None, {"rigid": 1}])
+def test_an_assessment_that_is_not_whole_is_refused(station: Station, tmp_path: Path, key: str, wrong: Any) -> None:
+    if (key, wrong) in (("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])):
+        pytest.skip("this is right")
+    plain = _assessment()
+    if wrong == "missing":
+        del plain[key]
+    else:
+        plain[key] = wrong
+    (tmp_path / "assessment.json").write_text(json.dumps(plain), encoding="utf-8")
+    assert_one_sentence(station("report", tmp_path), 1, "assessment.json", key)
+
+
+@pytest.mark.parametrize("text", ["[]", "[1]", "5", '"x"', "{", DEEP_JSON, f'{{"frames": {LONG}}}', '{"cost": {}}'])
+def test_an_assessment_that_is_none_is_refused(station: Station, tmp_path: Path, text: str) -> None:
+    (tmp_path / "assessment.json").write_text(text, encoding="utf-8")
+    assert_one_sentence(station("report", tmp_path), 1, "assessment.json")
