@@ -15,6 +15,10 @@ AGREES_S = 2.0
 and begins one of his own, within so short a time of our beginning."""
 
 
+_DIGITS = 20
+"""Of a UTC in nanoseconds, and more."""
+
+
 class CaptureNote:
     """now_ns gives UTC [ns], of the same pace as QTM's frames also in the next process. Without a path there is none.
 
@@ -27,10 +31,11 @@ class CaptureNote:
     @property
     def age_s(self) -> float | None:
         """Since our capture began; None where we have left none."""
-        if self._path is None:
+        if self._path is None or not self._path.is_file():
             return None
         try:
-            return (self._now_ns() - int(self._path.read_text(encoding="ascii"))) * 1e-9
+            with self._path.open(encoding="ascii") as file:
+                return (self._now_ns() - int(file.read(_DIGITS))) * 1e-9
         except (OSError, ValueError):
             return None
 
@@ -42,7 +47,9 @@ class CaptureNote:
         """Our capture begins now."""
         if self._path is not None:
             with suppress(OSError):
-                self._path.write_text(str(self._now_ns()), encoding="ascii")
+                self._path.unlink(missing_ok=True)  # a link there would have another file written to
+                with self._path.open("x", encoding="ascii") as file:
+                    file.write(str(self._now_ns()))
 
     def erase(self) -> None:
         """It has been saved, or is not there any more."""

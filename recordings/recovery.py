@@ -71,7 +71,8 @@ def recover(path: Path, output: Path | None = None, progress: Callable[[int], No
     output = output or recovered_path(path)
     part = output.with_name(f"{output.name}.{os.getpid()}.part")  # another may recover the same at the same time
     try:
-        with part.open("wb") as file:
+        part.unlink(missing_ok=True)
+        with part.open("xb") as file:
             damage = _copy(path, file, progress)
         _give_name(part, output)
         sync_folder(output.parent)

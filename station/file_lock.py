@@ -9,6 +9,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from recordings.regular_file import append_to_regular
+
 
 @contextmanager
 def locked(path: Path, wait_s: float) -> Iterator[None]:
@@ -16,6 +18,7 @@ def locked(path: Path, wait_s: float) -> Iterator[None]:
 
     Raises TimeoutError where another holds it for longer than wait_s, any other OSError where it cannot be had at all.
     """
+    append_to_regular(path).close()  # filelock before 3.20 empties the file it locks: no link to another
     lock = FileLock(path, timeout=wait_s)
     try:
         lock.acquire()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from station.sweep.cases import Case
 from station.sweep.plan import AXES, SweepPlan
 from station.sweep.solving import RESULTS, Outcome
 from station.versions import solving_versions
-from station.whole_file import write_whole
+from station.whole_file import drafted, write_whole
 
 TABLE_FILE, ACCOUNT_FILE, PARTS_FOLDER = "sweep.parquet", "sweep.json", "parts"
 NAMES = ("model", "motion", "external_loads", "suit", "cuffs", "cuff", "condition")
@@ -59,9 +58,8 @@ def write_table(folder: Path, plan: SweepPlan, cases: Sequence[Case], outcomes: 
     about = {"plan_sha256": plan.digest, "versions": json.dumps(solving_versions())}
     table = pa.Table.from_pylist(rows, schema=pa.schema(fields, metadata=about))
     path = folder / TABLE_FILE
-    draft = path.with_name(f".{path.name}.draft")
-    parquet.write_table(table, draft)
-    os.replace(draft, path)  # noqa: PTH105  (says what it does)
+    with drafted(path) as draft:
+        parquet.write_table(table, draft)
     return path
 
 

@@ -88,3 +88,12 @@ def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
             device.start_capture()
         received(device, 10)
         assert noted(tmp_path, qtm).age_s is None
+
+
+def test_a_note_that_is_a_link_writes_to_no_other_file(tmp_path: Path) -> None:
+    other = tmp_path / "letter.txt"
+    other.write_text("kept")
+    (tmp_path / "note").symlink_to(other)
+    note = CaptureNote(tmp_path / "note", lambda: 5)
+    note.write()
+    assert (other.read_text(), note.age_s) == ("kept", 0.0)

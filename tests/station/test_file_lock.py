@@ -22,3 +22,13 @@ def test_a_file_system_without_locks_is_an_error_in_words(tmp_path: Path, monkey
     monkeypatch.setattr(filelock.FileLock, "_acquire", refuse)
     with pytest.raises(OSError, match="its file system has no locks"):
         locked(tmp_path / "a.lock", wait_s=0).__enter__()
+
+
+@pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
+def test_a_lock_that_is_a_link_empties_no_other_file(tmp_path: Path, link: str) -> None:
+    other = tmp_path / "letter.txt"
+    other.write_text("kept")
+    getattr(tmp_path / "lock", link)(other)
+    with pytest.raises(OSError, match="expected"), locked(tmp_path / "lock", 1.0):
+        pass
+    assert other.read_text() == "kept"
