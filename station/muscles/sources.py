@@ -16,7 +16,6 @@ from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file, read_external_loads
 from solver.osim.reader import read_osim
 from solver.raise_arm import simulate_arm_raise
-from solver.raise_arm import raise_arm
 from solver.source_file import LARGEST_TABLE, read_source
 
 BUNDLED = "bundled"

@@ -18,9 +18,9 @@ from solver.cuff import CuffParameters, by_site
 from solver.model import Model, ModelError, with_point_mass
 from solver.motion import MotionError, differentiate
 from solver.osim.loads import data_file
+from solver.source_file import LARGEST_TABLE, read_source
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
-from solver.source_file import LARGEST_TABLE, read_source
 from station.muscles.assessment_inputs import read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, loads_of, model_of, motion_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value

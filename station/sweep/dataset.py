@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from solver.suit.suit import PARTS
 from recordings.plain_data import PlainDataError, read_json
+from solver.suit.suit import PARTS
 from station.sweep.cases import Case
 from station.sweep.plan import AXES, SweepPlan
 from station.sweep.solving import RESULTS, Outcome

@@ -13,10 +13,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.suit.scenarios import Condition
-from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml
 from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml, shortened
 from recordings.regular_file import read_regular
+from solver.suit.scenarios import Condition
 from station.muscles.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]
