@@ -102,7 +102,7 @@ class Assessment:
     waist_cuff      name of the cuff that yields at the waist, None for a rigid one
     slack           (frames, muscles) activations with a slack cord
     curves          rigid first, then each arm cuff in each condition
-    sureness        None where no cuff carries an uncertainty, or no draws were asked for
+    uncertainty        None where no cuff carries an uncertainty, or no draws were asked for
     scenarios       whose frames were solved
     outcomes        sentence of each FrameOutcome but SOLVED → (frame, scenario) pairs that ended so
     """
@@ -117,7 +117,7 @@ class Assessment:
     slack: Array
     curves: tuple[EffortCurve, ...]
     comparisons: tuple[Comparison, ...]
-    sureness: UncertaintySummary | None
+    uncertainty: UncertaintySummary | None
     scenarios: int
     outcomes: Mapping[str, int]
 
@@ -150,14 +150,14 @@ def assess(
     arms, waist = _arms_and_waist(cuffs)
     worn = prepare_suited_motion(model, kinematics, suit, every, options, loads)
     worn.ensure_pulls()
-    wearings = _wearings(suit, arms, waist)
-    slack, efforts = solve_scenarios(worn, wearings, lambda *count: progress("solving muscles", *count))
+    scenarios = _scenarios(suit, arms, waist)
+    slack, efforts = solve_scenarios(worn, scenarios, lambda *count: progress("solving muscles", *count))
     bare = solve_without_suit(worn, slack)
-    readings = _read(worn, slack, wearings, efforts)
+    readouts = _read(worn, slack, scenarios, efforts)
     drawn = None
     if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
         thinned = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
-        spans = {_place(w): _span(suit, w, reading) for w, reading in zip(wearings, readings, strict=True)}
+        spans = {_place(w): _span(suit, w, reading) for w, reading in zip(scenarios, readouts, strict=True)}
         drawn = solve_draws(thinned, waist, arms, draws, spans, lambda *count: progress("varying cuffs", *count))
     everything = [slack, bare, *efforts]
     return Assessment(
@@ -166,15 +166,15 @@ def assess(
         rest_lengths=suit.rest_lengths,
         reference_rest_length=suit.reference_rest_length,
         bare_body_cost=float(bare.muscles[0]),
-        longest_cord=worn.slack_rest_length(wearings[0]),
+        longest_cord=worn.slack_rest_length(scenarios[0]),
         waist_cuff=waist.name if waist else None,
         slack=slack.activations[0],
         curves=tuple(
-            _curve(worn.measured, wearing, effort, reading, drawn)
-            for wearing, effort, reading in zip(wearings, efforts, readings, strict=True)
+            _curve(worn.measured, scenario, effort, reading, drawn)
+            for scenario, effort, reading in zip(scenarios, efforts, readouts, strict=True)
         ),
-        comparisons=_comparisons(arms, wearings, readings, drawn),
-        sureness=_sureness(wearings, readings, drawn),
+        comparisons=_comparisons(arms, scenarios, readouts, drawn),
+        uncertainty=_uncertainty(scenarios, readouts, drawn),
         scenarios=sum(len(effort.muscles) for effort in everything),
         outcomes=_outcomes(everything),
     )
@@ -190,7 +190,7 @@ def _arms_and_waist(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameter
     return arms, waists[0] if waists else None
 
 
-def _wearings(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | None) -> list[SuitScenario]:
+def _scenarios(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | None) -> list[SuitScenario]:
     """Rigid first, then each cuff in each condition; the reference rest length comes after those tried."""
     lengths = np.append(suit.rest_lengths, suit.reference_rest_length)
     yielding = [SuitScenario(condition, waist, arm, lengths) for arm in arms for condition in CUFF_CONDITIONS]
@@ -198,22 +198,22 @@ def _wearings(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | No
 
 
 def _read(
-    worn: SuitedMotion, slack: ScenarioEffort, wearings: Sequence[SuitScenario], efforts: Sequence[ScenarioEffort]
+    worn: SuitedMotion, slack: ScenarioEffort, scenarios: Sequence[SuitScenario], efforts: Sequence[ScenarioEffort]
 ) -> list[CurveReadouts]:
     """Readings of every wearing; migration is seen against the same cuffs before they slipped."""
-    rigid, *others = zip(wearings, efforts, strict=True)
-    readings = list(read_off_curves(worn, slack, {"rigid": rigid}).values())
+    rigid, *others = zip(scenarios, efforts, strict=True)
+    readouts = list(read_off_curves(worn, slack, {"rigid": rigid}).values())
     for cuff in range(0, len(others), len(CUFF_CONDITIONS)):
         own = dict(zip(CUFF_CONDITIONS, others[cuff : cuff + len(CUFF_CONDITIONS)], strict=True))
-        readings += list(read_off_curves(worn, slack, {"rigid": rigid, **own}).values())[1:]
-    return readings
+        readouts += list(read_off_curves(worn, slack, {"rigid": rigid, **own}).values())[1:]
+    return readouts
 
 
-def _place(wearing: SuitScenario) -> tuple[Condition, str | None]:
-    return wearing.condition, wearing.arm.name if wearing.arm else None
+def _place(scenario: SuitScenario) -> tuple[Condition, str | None]:
+    return scenario.condition, scenario.arm.name if scenario.arm else None
 
 
-def _span(suit: Suit, wearing: SuitScenario, reading: CurveReadouts) -> tuple[float, float]:
+def _span(suit: Suit, scenario: SuitScenario, reading: CurveReadouts) -> tuple[float, float]:
     """Rest lengths that hold the optimum and its permissible error, and those of cuffs that are somewhat different,
     each with what the cuffs have slipped.
     """
@@ -221,18 +221,18 @@ def _span(suit: Suit, wearing: SuitScenario, reading: CurveReadouts) -> tuple[fl
     first, last = length - width, length + width
     if np.isnan(length + width):
         first, last = suit.rest_lengths[[0, -1]].tolist()
-    return first + wearing.migration, last + wearing.migration
+    return first + scenario.migration, last + scenario.migration
 
 
 def _curve(
     measured: Sequence[str],
-    wearing: SuitScenario,
+    scenario: SuitScenario,
     effort: ScenarioEffort,
     reading: CurveReadouts,
     drawn: DrawnScenarios | None,
 ) -> EffortCurve:
-    condition, cuff = _place(wearing)
-    versions = drawn.readings[condition, cuff] if drawn and cuff else None
+    condition, cuff = _place(scenario)
+    versions = drawn.readouts[condition, cuff] if drawn and cuff else None
     names = [field.name for field in fields(CurveReadouts) if field.name != "reduction"]
     return EffortCurve(
         condition=condition,
@@ -264,31 +264,31 @@ def _figure(value: float, versions: Array | None) -> Quantity:
 
 def _comparisons(
     arms: Sequence[CuffParameters],
-    wearings: Sequence[SuitScenario],
-    readings: Sequence[CurveReadouts],
+    scenarios: Sequence[SuitScenario],
+    readouts: Sequence[CurveReadouts],
     drawn: DrawnScenarios | None,
 ) -> tuple[Comparison, ...]:
-    cost = {_place(w)[1]: r.at_reference[0] for w, r in zip(wearings, readings, strict=True) if w.condition == "both"}
+    cost = {_place(w)[1]: r.at_reference[0] for w, r in zip(scenarios, readouts, strict=True) if w.condition == "both"}
     compared = []
     for a, b in combinations([arm.name for arm in arms], 2):
         versions = None
         if drawn:
-            versions = drawn.readings["both", a].at_reference - drawn.readings["both", b].at_reference
+            versions = drawn.readouts["both", a].at_reference - drawn.readouts["both", b].at_reference
         compared.append(Comparison((a, b), _figure(cost[a] - cost[b], versions)))
     return tuple(compared)
 
 
-def _sureness(
-    wearings: Sequence[SuitScenario], readings: Sequence[CurveReadouts], drawn: DrawnScenarios | None
+def _uncertainty(
+    scenarios: Sequence[SuitScenario], readouts: Sequence[CurveReadouts], drawn: DrawnScenarios | None
 ) -> UncertaintySummary | None:
     if drawn is None:
         return None
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
     largest = {}
     for name in names:
-        thinned = [getattr(drawn.readings[_place(wearing)], name)[0] for wearing in wearings]
+        thinned = [getattr(drawn.readouts[_place(scenario)], name)[0] for scenario in scenarios]
         # NaN where one of them is, which max() would tell or hide by their order
-        largest[name] = float(np.max(np.abs(np.subtract(thinned, [getattr(each, name)[0] for each in readings]))))
+        largest[name] = float(np.max(np.abs(np.subtract(thinned, [getattr(each, name)[0] for each in readouts]))))
     return UncertaintySummary(drawn.count, drawn.every, largest)
 
 

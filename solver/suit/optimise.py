@@ -111,8 +111,8 @@ def _costs(worn: SuitedMotion, suit: Suit, condition: Condition, pairs: Sequence
     if not pairs:
         return np.zeros(0)
     length = np.array([suit.reference_rest_length])
-    wearings = [SuitScenario(condition, *(pair if condition != "rigid" else (None, None)), length) for pair in pairs]
-    _, efforts = solve_scenarios(worn.with_suit(suit), wearings)
+    scenarios = [SuitScenario(condition, *(pair if condition != "rigid" else (None, None)), length) for pair in pairs]
+    _, efforts = solve_scenarios(worn.with_suit(suit), scenarios)
     costs = np.concatenate([effort.muscles for effort in efforts])
     costs[np.isnan(costs)] = np.inf
     return costs

@@ -33,7 +33,7 @@ class CurveReadouts:
     cord_force         largest tension at the reference rest length [N]
     cord_force_lost    share of it that migration has taken, against the same cuffs before they slipped
     cost_per_migration normalised cost added at the reference rest length per metre that the arm cuff has slipped [1/m]
-    reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see WornMotion
+    reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see SuitedMotion
     """
 
     at_reference: Array
@@ -54,10 +54,10 @@ def read_off_curves(
     return {condition: _read(worn, slack, curve, _unmigrated(solved, condition)) for condition, curve in solved.items()}
 
 
-def stacked(readings: Sequence[CurveReadouts]) -> CurveReadouts:
+def stacked(readouts: Sequence[CurveReadouts]) -> CurveReadouts:
     """Versions of a curve, one behind the other."""
     return CurveReadouts(
-        **{f.name: np.concatenate([getattr(each, f.name) for each in readings]) for f in fields(CurveReadouts)}
+        **{f.name: np.concatenate([getattr(each, f.name) for each in readouts]) for f in fields(CurveReadouts)}
     )
 
 
@@ -66,21 +66,21 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
 
 
 def _read(worn: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
-    wearing, effort = solved
+    scenario, effort = solved
     force, cost = effort.cord_force[-1], effort.muscles[-1]
     force_before = cost_before = np.nan
     if unmigrated is not None:
         _, before = unmigrated
         force_before, cost_before = before.cord_force[-1], before.muscles[-1]
-    lowest = find_minimum(wearing.rest_lengths[:-1], effort.muscles[:-1])
-    slipped = wearing.arm.migration if wearing.arm else 0.0
+    lowest = find_minimum(scenario.rest_lengths[:-1], effort.muscles[:-1])
+    slipped = scenario.arm.migration if scenario.arm else 0.0
     mean, mean_slack = worn.mean_activation(effort.activations[-1]), worn.mean_activation(slack.activations[0])
     return CurveReadouts(
         at_reference=np.array([cost]),
         rest_length=np.array([lowest.rest_length]),
         lowest_cost=np.array([lowest.cost]),
         permissible_error=np.array([lowest.width]),
-        to_slack=np.array([worn.slack_rest_length(wearing) - lowest.rest_length]),
+        to_slack=np.array([worn.slack_rest_length(scenario) - lowest.rest_length]),
         cord_force=np.array([force]),
         cord_force_lost=np.array([1 - force / force_before]),
         cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),

@@ -130,20 +130,20 @@ class SuitedMotion:
                     f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter"
                 )
 
-    def slack_rest_length(self, wearing: SuitScenario) -> float:
+    def slack_rest_length(self, scenario: SuitScenario) -> float:
         """The rest length from which on the cord never pulls in this motion [m]: the longest that its line becomes."""
-        line = with_migration(self.suit, self.line, wearing.cuffs) if wearing.is_shifted else self.line
+        line = with_migration(self.suit, self.line, scenario.cuffs) if scenario.is_shifted else self.line
         return float(line.length.max())
 
-    def forces(self, wearing: SuitScenario) -> SuitForces:
+    def forces(self, scenario: SuitScenario) -> SuitForces:
         """In the frames that are solved; the cord's tension in all of the motion."""
         return suit_forces(
             self.suit,
             self.line,
-            wearing.rest_lengths,
-            wearing.cuffs,
-            is_shifted=wearing.is_shifted,
-            yields=wearing.yields,
+            scenario.rest_lengths,
+            scenario.cuffs,
+            is_shifted=scenario.is_shifted,
+            yields=scenario.yields,
             every=self.every,
         )
 
@@ -185,7 +185,7 @@ def prepare_suited_motion(
 
 def solve_scenarios(
     worn: SuitedMotion,
-    wearings: Sequence[SuitScenario],
+    scenarios: Sequence[SuitScenario],
     progress: Callable[[int, int], None] = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[ScenarioEffort, list[ScenarioEffort]]:
@@ -194,8 +194,8 @@ def solve_scenarios(
     workers are the threads that share them, as many as there are processors unless a number is given.
     """
     loads, cord_forces = [_no_load(worn)], [np.zeros(1)]
-    for wearing in wearings:
-        forces = worn.forces(wearing)
+    for scenario in scenarios:
+        forces = worn.forces(scenario)
         loads.append(_load(worn, forces))
         cord_forces.append(forces.tension.max(axis=1))
     together = LoadResponse(

@@ -33,7 +33,7 @@ class DrawnScenarios:
     One draw is one set of cuffs: its waist is worn with each of its arm cuffs, so that arm cuffs compare pair by pair.
     """
 
-    readings: Mapping[Place, CurveReadouts]
+    readouts: Mapping[Place, CurveReadouts]
     count: int
     every: int
 
@@ -74,28 +74,28 @@ def solve_draws(
     reference = worn.suit.reference_rest_length
     rigid = SuitScenario("rigid", None, None, np.append(worn.suit.rest_lengths, reference))
     slack, (effort,) = solve_scenarios(worn, [rigid])
-    readings: dict[Place, list[CurveReadouts]] = {
+    readouts: dict[Place, list[CurveReadouts]] = {
         ("rigid", None): [read_off_curves(worn, slack, {"rigid": (rigid, effort)})["rigid"]]
     }
     for first in range(0, len(pairs), PAIRS_AT_ONCE):
         batch = pairs[first : first + PAIRS_AT_ONCE]
-        wearings = [wearing for pair in batch for wearing in _wearings(*pair, spans, reference)]
-        solved = zip(wearings, solve_scenarios(worn, wearings)[1], strict=True)
+        scenarios = [scenario for pair in batch for scenario in _scenarios(*pair, spans, reference)]
+        solved = zip(scenarios, solve_scenarios(worn, scenarios)[1], strict=True)
         for _, arm in batch:
-            own = {wearing.condition: (wearing, found) for wearing, found in islice(solved, len(CUFF_CONDITIONS))}
+            own = {scenario.condition: (scenario, found) for scenario, found in islice(solved, len(CUFF_CONDITIONS))}
             for condition, reading in read_off_curves(worn, slack, {"rigid": (rigid, effort), **own}).items():
                 if condition != "rigid":
-                    readings.setdefault((condition, arm.name), []).append(reading)
+                    readouts.setdefault((condition, arm.name), []).append(reading)
         progress(first + len(batch), len(pairs))
-    return DrawnScenarios({place: stacked(each) for place, each in readings.items()}, count, worn.every)
+    return DrawnScenarios({place: stacked(each) for place, each in readouts.items()}, count, worn.every)
 
 
-def _wearings(
+def _scenarios(
     waist: CuffParameters | None, arm: CuffParameters, spans: Mapping[Place, tuple[float, float]], reference: float
 ) -> list[SuitScenario]:
     """A pair of cuffs in every condition, at rest lengths over its span and at the reference."""
-    wearings = []
+    scenarios = []
     for condition in CUFF_CONDITIONS:
         cord = SuitScenario(condition, waist, arm, np.linspace(*spans[condition, arm.name], NODES))
-        wearings.append(replace(cord, rest_lengths=np.append(cord.rest_lengths - cord.migration, reference)))
-    return wearings
+        scenarios.append(replace(cord, rest_lengths=np.append(cord.rest_lengths - cord.migration, reference)))
+    return scenarios

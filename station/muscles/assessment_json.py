@@ -117,17 +117,17 @@ def _optimum(curve: EffortCurve) -> Plain:
 
 
 def _uncertainty(assessment: Assessment) -> Plain | None:
-    sureness = assessment.sureness
-    if sureness is None:
+    uncertainty = assessment.uncertainty
+    if uncertainty is None:
         return None
     return {
-        "draws": known(sureness.draws),
-        "every_frame": known(sureness.every),
+        "draws": known(uncertainty.draws),
+        "every_frame": known(uncertainty.every),
         "subsampling_difference": {
-            "at_rigid_optimum": known(sureness.largest_difference["at_reference"]),
-            "rest_length_m": known(sureness.largest_difference["rest_length"]),
-            "normalised_cost": known(sureness.largest_difference["lowest_cost"]),
-            "permissible_error_m": known(sureness.largest_difference["permissible_error"]),
+            "at_rigid_optimum": known(uncertainty.largest_difference["at_reference"]),
+            "rest_length_m": known(uncertainty.largest_difference["rest_length"]),
+            "normalised_cost": known(uncertainty.largest_difference["lowest_cost"]),
+            "permissible_error_m": known(uncertainty.largest_difference["permissible_error"]),
         },
     }
 

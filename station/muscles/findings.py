@@ -28,7 +28,7 @@ def findings(assessment: Assessment) -> list[str]:
         *(_compared(each, assessment.reference_rest_length) for each in assessment.comparisons),
         *_at_their_best(assessment),
         *_beyond_what_was_tried(assessment),
-        _sure(assessment.sureness),
+        _uncertainty(assessment.uncertainty),
         *_lost_and_gained(assessment),
         *_reserves(assessment),
         *(_unsolved(assessment, outcome) for outcome in FrameOutcome if outcome.value in assessment.outcomes),
@@ -93,11 +93,11 @@ def _beyond_what_was_tried(assessment: Assessment) -> Iterator[str]:
         )
 
 
-def _sure(sureness: UncertaintySummary | None) -> str:
-    if sureness is None:
+def _uncertainty(uncertainty: UncertaintySummary | None) -> str:
+    if uncertainty is None:
         return "Intervals were not determined: no cuff carries an uncertainty, or no draws were asked for."
-    off = sureness.largest_difference
-    words = f"Intervals come from {sureness.draws} draws of the cuffs on every {sureness.every}th frame"
+    off = uncertainty.largest_difference
+    words = f"Intervals come from {uncertainty.draws} draws of the cuffs on every {uncertainty.every}th frame"
     if np.isnan(list(off.values())).any():
         return f"{words}; what that thinning alone changes is not known of all figures."
     return (

@@ -66,7 +66,7 @@ class SweepInputs:
             geometry = self._geometry(dict(zip(GEOMETRY, named, strict=True)))
             worn = list(group.values())
             frames = 1 if isinstance(geometry, str) else len(geometry.kinematics.time[:: self.plan.every])
-            size = max(1, FRAMES_PER_TASK // (frames * max(len(each.wearing.rest_lengths) for each in worn)))
+            size = max(1, FRAMES_PER_TASK // (frames * max(len(each.scenario.rest_lengths) for each in worn)))
             for first in range(0, len(worn), size):
                 yield Task(geometry, self.plan.every, tuple(worn[first : first + size]))
 
@@ -76,7 +76,7 @@ class SweepInputs:
         if "rest_length_m" not in point:
             lengths = np.append(suit.rest_lengths, lengths)
         waist, arm = self._worn_cuffs(point)
-        wearing = SuitScenario(point["condition"], waist, arm, lengths)  # type: ignore[arg-type]  # the plan has checked it
+        scenario = SuitScenario(point["condition"], waist, arm, lengths)  # type: ignore[arg-type]  # the plan has checked it
         content = {
             "version": metadata.version("cuffstation"),
             "solver": self.solver,
@@ -85,11 +85,11 @@ class SweepInputs:
             "hand_mass": point["hand_mass_kg"],
             "cord": [suit.stiffness, *(getattr(suit, part).location.tolist() for part in PARTS)],
             "rest_lengths": lengths.tolist(),
-            "condition": wearing.condition,
-            "cuffs": [cuff and [cuff.stiffness, cuff.damping, cuff.migration] for cuff in wearing.cuffs],
+            "condition": scenario.condition,
+            "cuffs": [cuff and [cuff.stiffness, cuff.damping, cuff.migration] for cuff in scenario.cuffs],
         }
         key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-        return Case(number, point, WornCase(key, suit, wearing))
+        return Case(number, point, WornCase(key, suit, scenario))
 
     def _worn_cuffs(self, point: Point) -> tuple[CuffParameters | None, CuffParameters | None]:
         """Those at waist and arm; none is worn in the rigid condition."""

@@ -49,7 +49,7 @@ class WornCase:
 
     key: str
     suit: Suit
-    wearing: SuitScenario
+    scenario: SuitScenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,19 +81,19 @@ def failed(sentence: str) -> Outcome:
 
 def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcome:
     """One thread: there are as many workers as there are cores to use."""
-    wearing, suited = case.wearing, worn.with_suit(case.suit)
+    scenario, suited = case.scenario, worn.with_suit(case.suit)
     try:
         suited.ensure_pulls()
-        slack, (effort,) = solve_scenarios(suited, [wearing], workers=1)
+        slack, (effort,) = solve_scenarios(suited, [scenario], workers=1)
     except SuitError as error:
         return failed(str(error))
-    tried = wearing.rest_lengths[:-1]
+    tried = scenario.rest_lengths[:-1]
     lowest = find_minimum(tried, effort.muscles[:-1]) if len(tried) else None
     numbers = (
         effort.muscles[-1],
         effort.reserves[-1],
         effort.cord_force[-1],
-        suited.slack_rest_length(wearing),
+        suited.slack_rest_length(scenario),
         *((lowest.rest_length, lowest.cost, lowest.width) if lowest else [np.nan] * 3),
         bare_body_cost,
         effort.outcomes.shape[1],

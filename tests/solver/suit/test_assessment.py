@@ -155,20 +155,20 @@ def test_the_same_draws_give_the_same_intervals(assessment):
 
 
 def test_thinned_the_same_way_the_draws_differ_by_interpolation_only(assessment):
-    assert assessment.sureness.draws == DRAWS
-    assert max(assessment.sureness.largest_difference.values()) < 5e-3
+    assert assessment.uncertainty.draws == DRAWS
+    assert max(assessment.uncertainty.largest_difference.values()) < 5e-3
 
 
 def test_along_the_bone_each_condition_is_drawn_for_itself():
     suit = replace(SUIT, migration_direction="bone")
     found = coarse(WAIST, HAND, suit=suit, draws=2)
     assert curve(found, "shift").figures["at_reference"].ci95
-    assert max(found.sureness.largest_difference.values()) < 5e-3
+    assert max(found.uncertainty.largest_difference.values()) < 5e-3
 
 
 def test_cuffs_that_are_given_have_no_interval():
     found = coarse(WAIST, replace(HAND, covariance=np.zeros((3, 3))), draws=DRAWS)
-    assert found.sureness is None
+    assert found.uncertainty is None
     assert curve(found, "both").figures["at_reference"].ci95 is None
 
 

@@ -33,7 +33,7 @@ def assessment(*curves: EffortCurve, **more: object) -> Assessment:
         slack=nothing,
         curves=(curve(None, 0.79, "rigid"), *curves),
         comparisons=(),
-        sureness=None,
+        uncertainty=None,
         scenarios=4,
         outcomes={},
     )
@@ -112,7 +112,7 @@ def test_what_reserves_add_near_the_reference_is_told() -> None:
 def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
     unknown = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    sentences = findings(assessment(unknown, sureness=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan))))
+    sentences = findings(assessment(unknown, uncertainty=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan))))
     assert any(sentence.endswith("thinning alone changes is not known of all figures.") for sentence in sentences)
     assert not any("nan" in sentence for sentence in sentences)
 
@@ -120,7 +120,7 @@ def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
 def test_thinning_and_unsolved_frames_are_told() -> None:
     names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
     sure = UncertaintySummary(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
-    told = findings(assessment(curve("hand", 0.85), sureness=sure, outcomes={FrameOutcome.NOT_CONVERGED.value: 3}))
+    told = findings(assessment(curve("hand", 0.85), uncertainty=sure, outcomes={FrameOutcome.NOT_CONVERGED.value: 3}))
     (sure_of,) = (said for said in told if said.startswith("Intervals come from 200 draws of the cuffs on every 20th "))
     assert sure_of.endswith(
         "costs by up to 0.0020, best rest lengths by up to 0.5 mm and permissible errors by up to 1.5 mm."
