@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 
 from recordings.errors import RecordingError
 from recordings.exchange.c3d_writer import write_c3d
+from recordings.exchange.foxglove import Curve, write_foxglove
 from recordings.exchange.parquet import write_parquet
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
+from recordings.reader import open_recording
+from recordings.samples import Event
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.export_raw import write_raw
@@ -124,6 +127,17 @@ def _c3d(trial: OneClock, stem: Path) -> Iterable[Path]:
     return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
 
 
+def _foxglove(trial: OneClock, stem: Path) -> Iterable[Path]:
+    """In a folder of its own: beside the recordings it would be taken for one."""
+    path = stem.parent / "foxglove" / f"{stem.name}.mcap"
+    curves = {"/force": Curve(trial.line.force_time, trial.line.force)}
+    events = [item for item in open_recording(trial.path).items() if isinstance(item, Event)]
+    notes = {"station": json.dumps(_description(trial, "m"))}
+    with drafted(path) as draft:
+        write_foxglove(draft, trial.edge_utc_ns, curves, trial.markers, events, notes)
+    return [path]
+
+
 LOADS = ("mot", "sto")
 WRITERS: dict[str, Callable[[OneClock, Path], Iterable[Path]]] = {
     "csv": partial(_tables, ",", ".csv"),
@@ -131,6 +145,7 @@ WRITERS: dict[str, Callable[[OneClock, Path], Iterable[Path]]] = {
     "parquet": _parquet,
     "trc": _trc,
     "c3d": _c3d,
+    "foxglove": _foxglove,
 }
 
 

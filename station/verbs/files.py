@@ -15,7 +15,7 @@ from station.verbs.options import Condition, ConfigPath, FormatOption, Rerun, Rr
 if TYPE_CHECKING:
     from station.files.export_trial import Exported
 
-ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids"]
+ExportFormat = Literal["csv", "tsv", "parquet", "trc", "mot", "sto", "c3d", "bids", "foxglove"]
 
 
 def info(

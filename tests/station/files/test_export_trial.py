@@ -10,6 +10,7 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from pyarrow import parquet
 
 from fitting.trial import Trial, read_trial
@@ -284,3 +285,18 @@ def test_a_recovered_copy_never_replaces_its_original_in_an_export(station, stat
     original.unlink()
     ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
     assert all(".recovered" in Path(line).name for line in ran.out.split()), "alone it stands for it"
+
+
+def test_what_foxglove_reads_stands_in_a_folder_of_its_own(station, static: Path, trial: Trial, tmp_path: Path) -> None:
+    ran = station("export", static, "--to", "foxglove", "--output", tmp_path)
+    assert ran.code == 0
+    path = Path(ran.out.strip())
+    assert path == tmp_path / "foxglove" / static.name
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        metadata = next(iter(make_reader(file).iter_metadata()))
+    counts = {summary.channels[channel].topic: n for channel, n in summary.statistics.channel_message_counts.items()}
+    assert counts["/force"] == len(trial.force)
+    assert counts["/markers"] == counts["/tf"] > 100
+    assert json.loads(metadata.metadata["station"])["recording"] == static.name
+    assert not list(tmp_path.glob("*.mcap")), "a fit of the folder would take it for a recording"
