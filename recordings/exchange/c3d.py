@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import ezc3d
 import numpy as np
 
 from recordings.errors import ForeignFile
@@ -62,6 +61,12 @@ def _open(path: Path) -> Any:
     if not path.is_file():
         raise ForeignFile(f"{path} cannot be read: there is no such file")
     layout = read_c3d_layout(path)
+    try:
+        import ezc3d  # not everywhere: it has no wheel for Linux on arm64
+    except ImportError as error:
+        raise ForeignFile(
+            f"{path} cannot be read: C3D needs the package ezc3d, which is not installed; export TRC or TSV instead"
+        ) from error
     try:
         c3d = ezc3d.c3d(str(path))  # type: ignore[no-untyped-call]
     except Exception as error:  # the package raises what its C++ throws: OSError, RuntimeError, MemoryError, IndexError

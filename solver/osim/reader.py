@@ -17,8 +17,11 @@ from solver.osim.paths import read_surface
 
 def read_osim(path: str | Path) -> Model:
     """The model in an OpenSim 4 file. ModelError, naming file and line, for whatever the solver would not reproduce."""
-    file = Path(path)
-    document = read_document(file)
+    return read_osim_model(read_document(Path(path)))
+
+
+def read_osim_model(document: Element) -> Model:
+    """As read_osim, of the root of a document."""
     if document.tag != "OpenSimDocument" or int(document.attributes.get("Version", "0")) < 40000:
         raise document.refusal("is not an OpenSim 4 document; open the model in OpenSim 4 and save it again")
     return _model(document.child("Model"))

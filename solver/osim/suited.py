@@ -14,10 +14,10 @@ from solver.osim.writer import add, add_axes, add_body, add_joint, add_path, add
 from solver.suit.cord import direction_to_joint
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits
+from solver.suit.suited_model import CORD
 
 Array = NDArray[np.float64]
 
-CORD = "exotendon"
 REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not clamped to it
 
 

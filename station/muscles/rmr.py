@@ -12,8 +12,9 @@ import numpy as np
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
+from solver.suit.suited_model import SuitedModel
 from station.muscles.effort import read_effort
-from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes
+from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
 from station.progress import Progress, silent
 from station.versions import solving_versions
 
@@ -60,16 +61,20 @@ def solve_muscles(
     inputs: MuscleInputs, cut: MotionCut, options: RedundancyOptions, progress: Progress = silent
 ) -> SolvedMotion:
     """Files → muscle activations and what comes with them. An effort file overrules the weights of the options."""
-    model = model_of(inputs.model)
+    suited = suited_model_of(inputs.model)
+    model = model_of(inputs.model) if suited is None else suited.model
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
     whole = differentiate(motion_of(inputs.motion, model), cut.cutoff_hz, cut.start, cut.end)
     kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
+    if suited is not None:
+        loads += suited.loads(whole, cut.every)
     solution = solve_motion(
         model, kinematics, options, lambda done, total: progress("solving muscles", done, total), loads
     )
-    return SolvedMotion(model, options, solution, inputs.hashes() | _notes(kinematics, options))
+    suit = {} if suited is None else {"suit": _suit_in_words(suited)}
+    return SolvedMotion(model, options, solution, inputs.hashes() | suit | _notes(kinematics, options))
 
 
 def unsolved_in_words(solution: MotionSolution) -> list[str]:
@@ -88,6 +93,15 @@ def unsolved_in_words(solution: MotionSolution) -> list[str]:
             words += f"up to {missed:.3g} rad/s² or m/s²"
         sentences.append(words)
     return sentences
+
+
+def _suit_in_words(suited: SuitedModel) -> str:
+    cuffs = (("waist", suited.waist), ("arm", suited.arm))
+    held = (
+        f"{site} cuff {'rigid' if cuff is None else f'{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m'}"
+        for site, cuff in cuffs
+    )
+    return f"cord {suited.suit.stiffness:g} N/m from {suited.suit.reference_rest_length:g} m, {', '.join(held)}"
 
 
 def _notes(kinematics: Kinematics, options: RedundancyOptions) -> dict[str, str]:

@@ -15,8 +15,10 @@ from solver.motion import Motion, read_motion
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file, read_external_loads
 from solver.osim.reader import read_osim
+from solver.osim.suited_reader import read_suited
 from solver.raise_arm import simulate_arm_raise
 from solver.source_file import LARGEST_TABLE, read_source
+from solver.suit.suited_model import SuitedModel
 
 BUNDLED = "bundled"
 
@@ -24,6 +26,11 @@ BUNDLED = "bundled"
 def model_of(name: str) -> Model:
     """The model of an .osim file, or the "bundled" one."""
     return bundled_model() if name == BUNDLED else read_osim(Path(name))
+
+
+def suited_model_of(name: str) -> SuitedModel | None:
+    """A model that `station export --osim` dressed in a suit, or None."""
+    return None if name == BUNDLED else read_suited(Path(name))
 
 
 def motion_of(path: Path | None, model: Model) -> Motion:

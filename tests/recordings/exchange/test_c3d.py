@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import ezc3d
@@ -105,6 +106,14 @@ def test_labels_beyond_the_points_are_of_nothing(tmp_path: Path) -> None:
     assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
     fewer = read_c3d_markers(write_raw_c3d(tmp_path / "fewer.c3d", ["a", "b"]))
     assert fewer.labels == ("a", "b")
+
+
+def test_without_the_reader_one_sentence_says_so_and_writing_goes_on(file: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    with pytest.raises(ForeignFile, match="C3D needs the package ezc3d, which is not installed; export TRC or TSV"):
+        read_c3d_markers(file)
+    write_c3d(tmp_path / "again.c3d", walk(), {}, {})
+    assert (tmp_path / "again.c3d").stat().st_size > 2048
 
 
 def test_a_label_that_stands_twice_is_numbered_and_told_of(tmp_path: Path) -> None:

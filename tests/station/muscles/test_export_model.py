@@ -6,14 +6,18 @@ import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from solver.bundled import bundled_model
+from solver.motion import differentiate
 from solver.osim.suited import add_suit
+from solver.osim.suited_reader import read_suited
 from solver.osim.writer import osim_document
-from solver.suit.scenarios import SuitScenario
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.scenarios import Condition, SuitScenario, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
-from station.muscles.assessment_inputs import InputError
+from station.muscles.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.muscles.export_model import SuitToExport, write_suited_model
 from tests.station.command import assert_one_sentence
 from tests.station.muscles.test_assessment import write_cuffs
@@ -108,3 +112,68 @@ def test_the_verb_prints_the_path_and_needs_one(station, tmp_path: Path) -> None
     assert output.is_file()
     assert_one_sentence(station("export", "--osim"), 2, "needs --output")
     assert_one_sentence(station("export", "--osim", "--output", output, "--condition", "both"), 1, "needs cuffs")
+
+
+@pytest.mark.parametrize("condition", ["rigid", "visco_elastic"])
+def test_rmr_reads_the_suited_model_and_finds_what_an_assessment_does(
+    station, tmp_path: Path, condition: Condition
+) -> None:
+    cuffs = write_cuffs(tmp_path / "cuffs.json")
+    out, file = tmp_path / "suited.csv", tmp_path / "suited.osim"
+    chosen = ("--cuffs", cuffs, "--cuff", "hand", "--condition", condition)
+    assert station("export", "--osim", "--output", file, *chosen).code == 0
+    ran = station("rmr", "--model", file, "--every", 60, "--output", out)
+    assert ran.code == 0, ran.err
+    table = pd.read_csv(out, comment="#")
+    motion = differentiate(simulate_arm_raise(bundled_model()))
+    suit = read_suit()
+    worn = prepare_suited_motion(bundled_model(), motion, suit, 60)
+    waist, arm = (
+        (cuff if condition != "rigid" else None) for cuff in worn_cuffs(read_cuffs_to_wear(cuffs, ("hand",)), ("hand",))
+    )
+    wearing = SuitScenario(condition, waist, arm, np.array([suit.reference_rest_length]))
+    slack, (effort,) = solve_scenarios(worn, [wearing])
+    names = list(bundled_model().muscle_names)
+    np.testing.assert_allclose(table[names].to_numpy(), effort.activations[0], atol=1e-7)
+    assert np.abs(effort.activations[0] - slack.activations[0]).max() > 0.01, "the suit does something"
+    assert "# suit=cord 500 N/m from 0.74 m" in out.read_text()
+
+
+@pytest.mark.oracle
+def test_a_suited_model_that_opensim_saved_again_is_the_same(tmp_path: Path) -> None:
+    opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
+    ours, again = tmp_path / "ours.osim", tmp_path / "again.osim"
+    write_suited_model(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="hand"), ours)
+    model = opensim.Model(str(ours))
+    model.finalizeConnections()
+    model.printToXML(str(again))
+    one, other = read_suited(ours), read_suited(again)
+    assert one is not None and other is not None
+    for part in ("waist", "shoulder", "arm"):
+        found, expected = getattr(other.suit, part), getattr(one.suit, part)
+        assert found.body == expected.body
+        np.testing.assert_allclose(found.location, expected.location, atol=1e-12)
+    for found, expected in ((other.waist, one.waist), (other.arm, one.arm)):
+        assert found is not None and expected is not None
+        assert (found.stiffness, found.damping) == (expected.stiffness, expected.damping)
+    assert other.suit.reference_rest_length == pytest.approx(one.suit.reference_rest_length)
+    assert [body.name for body in other.bare.bodies] == [body.name for body in bundled_model().bodies]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<location>0.0 0.0 0.0</location>", "<location>0.1 0.0 0.0</location>", "does not run straight through"),
+        ("<dissipation>0.0<", "<dissipation>0.5<", "has a dissipation"),
+        ("8520.0 8520.0 8520.0", "8520.0 8520.0 1.0", "differs between axes"),
+    ],
+)
+def test_a_suit_that_was_changed_into_none_of_ours_is_refused(
+    station, tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    file = tmp_path / "suited.osim"
+    write_suited_model(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="hand"), file)
+    text = file.read_text(encoding="utf-8")
+    at = text.index(old, text.index("<PathSpring") if old.startswith("<") else 0)
+    file.write_text(text[:at] + text[at:].replace(old, new, 1), encoding="utf-8")
+    assert_one_sentence(station("rmr", "--model", file, "--output", tmp_path / "out.csv"), 1, words)

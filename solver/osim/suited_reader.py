@@ -1,0 +1,118 @@
+"""Reads a suited model back that solver/osim/suited.py wrote: the suit apart, the bare model as the reader takes it.
+
+A cuff that yields is a body on a bushing, with three coordinates that no motion from markers has. So it is not solved
+as a body: its quasi-static equilibrium gives its force, as in an assessment.
+"""
+
+from __future__ import annotations
+
+import posixpath
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cuff import CuffParameters
+from solver.osim.document import Element, read_document
+from solver.osim.reader import read_osim_model
+from solver.suit.suit import Suit, SuitMass, SuitPoint
+from solver.suit.suited_model import CORD, CUFF_NAMES, SuitedModel
+
+Array = NDArray[np.float64]
+
+SETS = ("BodySet", "JointSet", "ForceSet")
+
+
+def read_suited(path: str | Path) -> SuitedModel | None:
+    """The suited model in a file of ours, None where the file wears none. ModelError, with the line, where the suit was
+    changed into one that no suit of ours is, or the bare model cannot be read.
+    """
+    document = read_document(Path(path))
+    element = document.find("Model")
+    cord = None if element is None else _named(element, "ForceSet", CORD)
+    if element is None or cord is None or any(_named(element, "BodySet", name) is None for name in CUFF_NAMES):
+        return None
+    points, masses = zip(*(_cuff(element, name) for name in CUFF_NAMES), strict=True)
+    _require_straight_cord(cord)
+    if cord.number("dissipation", "0"):
+        raise cord.refusal("has a dissipation, which grows with the stretch, and no cord of ours does; set it to 0")
+    rest_length = cord.number("resting_length")
+    suit = Suit(
+        waist=points[0],
+        shoulder=points[1],
+        arm=points[2],
+        stiffness=cord.number("stiffness"),
+        damping=0.0,
+        masses=masses,
+        rest_lengths=np.array([rest_length]),
+        reference_rest_length=rest_length,
+    )
+    return SuitedModel(
+        bare=read_osim_model(replace(document, children=[_bare(element)])),
+        suit=suit,
+        waist=_spring(element, "waist"),
+        arm=_spring(element, "arm"),
+    )
+
+
+def _named(element: Element, holder: str, name: str) -> Element | None:
+    return next((member for member in element.objects(holder) if member.name == name), None)
+
+
+def _cuff(element: Element, name: str) -> tuple[SuitPoint, SuitMass]:
+    """Where the cord meets its holder, and its mass there."""
+    body, joint = _named(element, "BodySet", name), _named(element, "JointSet", f"{name}_joint")
+    if body is None or joint is None:
+        raise element.refusal(f"wears a {name} without its joint {name}_joint; export the suited model again")
+    frames = {posixpath.basename(frame.child("socket_parent").text): frame for frame in joint.members("frames")}
+    own = frames.pop(name, None)
+    if own is None or len(frames) != 1 or any(frame.series("orientation").any() for frame in (own, *frames.values())):
+        raise joint.refusal("does not hold the cuff on one body in that body's axes; export the suited model again")
+    (holder, frame), shift = *frames.items(), own.numbers("translation", 3, "0 0 0")
+    location = frame.numbers("translation", 3, "0 0 0") - shift
+    inertia = body.numbers("inertia", 6, "0 0 0 0 0 0")[:3]
+    center = location + body.numbers("mass_center", 3, "0 0 0")
+    return SuitPoint(holder, location), SuitMass(holder, body.number("mass"), center, inertia)
+
+
+def _require_straight_cord(cord: Element) -> None:
+    path = cord.child("GeometryPath")
+    points = path.objects("PathPointSet")
+    bodies = tuple(posixpath.basename(point.child("socket_parent_frame").text) for point in points)
+    if bodies != CUFF_NAMES or any(point.numbers("location", 3).any() for point in points):
+        raise cord.refusal(f"does not run straight through the origins of {', '.join(CUFF_NAMES)}; export it again")
+    if path.objects("PathWrapSet"):
+        raise cord.refusal("wraps, and the cord of a suit of ours does not; export it again")
+
+
+def _spring(element: Element, part: Literal["waist", "arm"]) -> CuffParameters | None:
+    bushing = _named(element, "ForceSet", f"{part}_cuff_bushing")
+    if bushing is None:
+        return None
+    stiffness, damping = (_isotropic(bushing, f"translational_{what}") for what in ("stiffness", "damping"))
+    for what in ("stiffness", "damping"):
+        if bushing.numbers(f"rotational_{what}", 3, "0 0 0").any():
+            raise bushing.refusal(f"resists rotation, and a cuff of ours does not; set rotational_{what} to 0")
+    return CuffParameters(part, part, stiffness, damping, 0.0, source=f"the bushing of {element.file.name}")
+
+
+def _isotropic(bushing: Element, tag: str) -> float:
+    values = bushing.numbers(tag, 3)
+    if np.ptp(values):
+        raise bushing.refusal(f"has a {tag} that differs between axes, and a cuff of ours has one; make them equal")
+    return float(values[0])
+
+
+def _bare(element: Element) -> Element:
+    """The model without the suit."""
+    worn = {CORD, *CUFF_NAMES, *(f"{name}_{what}" for name in CUFF_NAMES for what in ("joint", "bushing"))}
+    children = []
+    for child in element.children:
+        if child.tag in SETS:
+            kept = [member for member in child.members("objects") if member.name not in worn]
+            holder = replace(child.child("objects"), children=kept)
+            child = replace(child, children=[holder if each.tag == "objects" else each for each in child.children])  # noqa: PLW2901
+        children.append(child)
+    return replace(element, children=children)
