@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import time
 import uuid
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,11 @@ from drivers.errors import DeviceUnavailable
 FOLDER = ".cuffstation"
 """In the user's home: the note of each device's session. A folder for temporary files may be emptied by a restart of
 this computer, and the server runs on."""
+
+LONGEST_ROUND_TRIP = 0.1
+"""Of one call, as a part of the time-out for connecting (0.3 s of 3 s): opening takes forty calls in a row, and a trial
+waits 15 s for its devices."""
+ROUND_TRIPS = 3  # the fastest counts: a busy machine may hold up one
 
 NOTED_NAME = re.compile(r"cuffstation_[0-9a-f]{32}")
 
@@ -89,6 +95,7 @@ class DaqSession:
     def __init__(self, device: str, target: str | None, deadline_s: float, connect_timeout_s: float) -> None:
         self._device, self._target = device, target
         self._deadline_s, self._connect_timeout_s = deadline_s, connect_timeout_s
+        self._is_near = False
         self._claim = SessionClaim(target, device) if target else None
         self._channel: Any = None
         self._local_task: Any = None
@@ -99,6 +106,7 @@ class DaqSession:
             self._claim.acquire()
 
     def connect(self) -> None:
+        """Raises DeviceUnavailable where no server answers or, the first time, where the network is too slow."""
         if self._target is None:
             return
         import grpc
@@ -111,6 +119,13 @@ class DaqSession:
                 f"NI {self._device} expected an NI gRPC device server at {self._target}, and none answered within "
                 f"{self._connect_timeout_s:g} s; start it, or correct daq.grpc_target"
             ) from error
+        fastest_s = 0.0 if self._is_near else min(_round_trip_s(self._channel) for _ in range(ROUND_TRIPS))
+        if fastest_s > (longest_s := LONGEST_ROUND_TRIP * self._connect_timeout_s):
+            raise DeviceUnavailable(
+                f"NI {self._device} at {self._target} takes {fastest_s:.1f} s to answer a call, expected at most "
+                f"{longest_s:.1f} s; the network is too slow: connect the two computers by cable, without Wi-Fi or VPN"
+            )
+        self._is_near = True
 
     @property
     def options(self) -> Any:
@@ -198,6 +213,21 @@ def _is_acquiring(task: Any) -> bool:
         return not task.is_task_done() and task.in_stream.total_samp_per_chan_acquired > 0
     except Error:
         return False
+
+
+def _round_trip_s(channel: Any) -> float:
+    """Wall seconds of one call that asks for nothing; raises grpc.RpcError where it is not answered."""
+    import grpc
+
+    call = channel.unary_unary("/nidaqmx_grpc.NiDAQmx/GetSystemInfoAttributeUInt32")
+    begun_s = time.monotonic()
+    try:
+        call(b"")
+    except grpc.RpcError as error:  # a refusal is an answer, too
+        answer: Any = error
+        if answer.code() in (grpc.StatusCode.DEADLINE_EXCEEDED, grpc.StatusCode.UNAVAILABLE):
+            raise
+    return time.monotonic() - begun_s
 
 
 def _channel_with_deadline(target: str, deadline_s: float) -> Any:

@@ -14,6 +14,7 @@ from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Strea
 PATIENCE_S = 10.0  # of the clock that is given; after it the device is lost for good
 FIRST_PAUSE_S = 0.1
 LONGEST_PAUSE_S = 0.5
+CAPTURE_AGREES_S = 2.0  # device and host may disagree by so much on how long an outage was: delays of the network
 PROBE_S = 0.05  # a device that was resumed and is lost within it has not come back
 
 Seconds = Callable[[], float]
@@ -139,9 +140,26 @@ class Reconnecting:
 
 
 class ReconnectingCapture(Reconnecting):
-    """The same for a device that controls the capture."""
+    """The same for a device that controls the capture, and numbers its frames by itself.
+
+    After an outage its clock must have gone on as ours has. Where it has not, another capture runs there, or another
+    device answers at the address: the event "capture_replaced" says so.
+    """
 
     device: ResumableCapture
+
+    def _gap(self, last: _Place, item: Samples | Loss) -> list[Item]:
+        first = item.first_missing if isinstance(item, Loss) else int(item.sample_numbers[0])
+        device_s = (_start_ns(item) - last.device_time_ns) * 1e-9
+        host_s = (item.host_time_ns - last.host_time_ns) * 1e-9
+        if first > last.number and (isinstance(item, Loss) or abs(device_s - host_s) < CAPTURE_AGREES_S):
+            return super()._gap(last, item)
+        text = (
+            f"{self.name} is back with another capture: frame {first} at {_start_ns(item) * 1e-9:.1f} s came "
+            f"{host_s:.1f} s after frame {last.number} at {last.device_time_ns * 1e-9:.1f} s; check that mocap.host "
+            "names the right QTM"
+        )
+        return [Event("capture_replaced", text, item.host_time_ns, self.name)]
 
     def start_capture(self) -> None:
         self.device.start_capture()
@@ -170,9 +188,14 @@ class _Place:
 
     number: int
     device_time_ns: int
+    host_time_ns: int
 
 
 def _end_of(item: Samples | Loss) -> _Place:
     if isinstance(item, Loss):
-        return _Place(item.first_missing + item.count - 1, item.last_device_time_ns)
-    return _Place(int(item.sample_numbers[-1]), int(item.device_time_ns[-1]))
+        return _Place(item.first_missing + item.count - 1, item.last_device_time_ns, item.host_time_ns)
+    return _Place(int(item.sample_numbers[-1]), int(item.device_time_ns[-1]), item.host_time_ns)
+
+
+def _start_ns(item: Samples | Loss) -> int:
+    return item.last_device_time_ns if isinstance(item, Loss) else int(item.device_time_ns[0])

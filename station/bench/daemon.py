@@ -23,6 +23,7 @@ from station.bench.feed import Delivered, Feeds, Gone, Opened
 from station.bench.session import POST_ROLL_S, Snapshot, State, TrialRules, TrialSession
 from station.bench.session_folder import why_mixed
 from station.bench.stepped_feed import SteppedFeeds
+from station.bench.trial_order import start_after_all_in
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.file_lock import locked
@@ -119,7 +120,8 @@ class Daemon:
                 raise TrialRefused("cancelled by the operator while the devices were opening; nothing was recorded")
             if time.monotonic() > deadline:
                 raise DeviceUnavailable(
-                    f"{', '.join(sorted(waiting))} did not open within {timeout_s:g} s; check power and cables"
+                    f"{', '.join(sorted(waiting))} did not open within {timeout_s:g} s; check power, cables and "
+                    "the network"
                 )
             for message in feeds.poll():
                 if isinstance(message, Gone):
@@ -146,7 +148,8 @@ class Daemon:
         _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
-        manifest = self._manifest(spec, run, subject, devices)
+        start_utc_ns, set_back = start_after_all_in(folder, self._clock.wall_utc_ns())
+        manifest = self._manifest(spec, run, subject, devices, start_utc_ns)
         writer = RecordingWriter(path, manifest, streams)
         rules = TrialRules(
             self._config.daq.start,
@@ -158,6 +161,8 @@ class Daemon:
         session = TrialSession(rules, writer, self._clock)
         try:
             session.arm(streams, device_of)
+            if set_back:
+                session.note("clock_set_back", set_back)
             self._run(session, feeds, DiskWatch(folder, self._clock))
         except RecordingError as error:
             session.abandon(str(error))
@@ -218,7 +223,12 @@ class Daemon:
             view.show(session.snapshot())
 
     def _manifest(
-        self, spec: TrialSpec, run: int, subject: CuffSite | BounceRig, devices: tuple[DeviceIdentity, ...]
+        self,
+        spec: TrialSpec,
+        run: int,
+        subject: CuffSite | BounceRig,
+        devices: tuple[DeviceIdentity, ...],
+        start_utc_ns: int,
     ) -> Manifest:
         return Manifest(
             cuff=subject if isinstance(subject, CuffSite) else None,
@@ -230,7 +240,7 @@ class Daemon:
             start=self._config.daq.start,
             sync_threshold_v=self._config.sync.threshold_v,
             load_cell=self._config.calibration(),
-            start_utc_ns=self._clock.wall_utc_ns(),
+            start_utc_ns=start_utc_ns,
             effective_config=self._config.model_dump(mode="json"),
             versions=installed_versions(),
             devices=devices,

@@ -30,7 +30,7 @@ class FirstFrame:
 
     def follow(self, event: Event) -> None:
         """Numbers that start again are those of a capture."""
-        self._is_awaited |= event.kind == "numbering_restarted"
+        self._is_awaited |= event.kind in ("numbering_restarted", "capture_replaced")
 
     def feed(self, block: Samples) -> Loss | None:
         """Takes a block with at least one frame; what should have come before it, once that is known."""

@@ -16,6 +16,7 @@ from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.falls import ALREADY_CAPTURING, ARMED, Falls
 from station.bench.first_frame import FirstFrame
 from station.bench.hearing import SILENCE_S, Hearing
+from station.bench.overload import Overload
 from station.bench.pre_roll import LATENESS_S, PRE_ROLL_S, PreRoll
 from station.bench.shortfall import SHORT_S, Shortfall
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine, wrong_polarity
@@ -104,6 +105,8 @@ class TrialSession:
         self._edge_s = 0.0
         self._falls = Falls()
         self._dip: Edge | None = None  # the latest fall while recording
+        self._notes: list[Event] = []
+        self._overload = Overload()
         self._doubt = ""  # why the trial will not be accepted, though it goes on
         self._has_capture_ended = False
         self._closing_host_ns, self._closing_s, self._closing_ok = 0, 0.0, True
@@ -153,6 +156,8 @@ class TrialSession:
         elif isinstance(item, Loss):
             self.lost_samples += item.count if self.has_edge else 0
         self._record(item)
+        if self.has_edge and (words := self._overload.feed(item, self._clock.utc_ns())):
+            self._record(self._event("overloaded", words))
         if isinstance(item, Event):
             self._follow_capture(item)
             self._hearing.follow(item)
@@ -189,6 +194,10 @@ class TrialSession:
         if self.state in (State.RECORDING, State.CLOSING):
             self.marks += 1
             self._record(self._event("mark", f"mark {self.marks}"))
+
+    def note(self, kind: str, words: str) -> None:
+        """What the operator should know of the armed trial: an event at its edge, and a part of its last sentence."""
+        self._notes.append(self._event(kind, words))
 
     def fail(self, sentence: str, device: str = "", cause: str = "disconnected") -> None:
         """A device is gone: the trial ends here. One that goes while the trial is closing takes nothing with it."""
@@ -269,7 +278,7 @@ class TrialSession:
         self.has_edge = True
         self._edge_device_ns, self._edge_s = device_time_ns, self._clock.station_s()
         self._enter(State.RECORDING, "recording")
-        for item in self._pre_roll.cut(device_time_ns):
+        for item in [*self._pre_roll.cut(device_time_ns), *self._notes]:
             self._recorder.write(item)
         self._record(self._event("sync_edge", f"{words} at sample {sample_number}; recording"))
         since_edge_ns = self._latest_device_ns - device_time_ns
@@ -293,11 +302,13 @@ class TrialSession:
     def _follow_capture(self, event: Event) -> None:
         if self.state is State.ARMED:
             self._falls.note_capture(event.kind, self._clock.station_s())
-            if event.kind in ("capture_stopped", "numbering_restarted"):
+            if event.kind in ("capture_stopped", "numbering_restarted", "capture_replaced"):
                 self._pre_roll.forget_frames()
         elif event.kind == "capture_stopped" and self.state is State.RECORDING:
             self._note_empty_capture()
             self._close("capture_ended", "the mocap capture ended", accepted=True)
+        elif event.kind == "capture_replaced":
+            self.cut_short(event.kind, event.text)
         elif event.kind == "numbering_restarted" and self._recorded_s > LATENESS_S:
             self._close("capture_ended", "the mocap system numbers its frames anew: its capture ended", accepted=True)
 
@@ -345,7 +356,7 @@ class TrialSession:
     def _close(self, kind: str, sentence: str, accepted: bool) -> None:
         self._closing_ok = accepted and not self._doubt
         sentence = f"{sentence}; {self._doubt}" if self._doubt else sentence
-        self._has_capture_ended = kind == "capture_ended"
+        self._has_capture_ended = kind in ("capture_ended", "capture_replaced")
         self._closing_host_ns, self._closing_s = self._clock.utc_ns(), self._clock.station_s()
         self._enter(State.CLOSING, sentence)
         self._record(self._event(kind, sentence))
@@ -371,6 +382,9 @@ class TrialSession:
             words = "the sync line is still high where the recording ends, so the start edge alone ties the clocks"
             self._record(self._event("no_stop_edge", words))
             self.sentence += f"; {words}"
+        self.sentence = "; ".join(
+            filter(None, [self.sentence, *(note.text for note in self._notes), self._overload.sentence])
+        )
         self._enter(State.CLOSED if self._closing_ok else State.FAILED, self.sentence)
 
     def _enter(self, state: State, sentence: str) -> None:

@@ -265,7 +265,7 @@ def unaccounted(items: list[Item], stream: str) -> list[tuple[int, int]]:
     expected: int | None = None
     breaks = []
     for item in items:
-        if isinstance(item, Event) and item.kind == "numbering_restarted":
+        if isinstance(item, Event) and item.kind in ("numbering_restarted", "capture_replaced"):
             expected = None
         if not isinstance(item, Samples | Loss) or item.stream != stream:
             continue

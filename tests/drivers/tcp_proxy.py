@@ -15,7 +15,7 @@ class TcpProxy:
     """A context manager; forwards connections to a port of this machine, delay_s later in either direction."""
 
     def __init__(self, target_port: int, delay_s: float = 0.0) -> None:
-        self._target_port, self.delay_s = target_port, delay_s
+        self.target_port, self.delay_s = target_port, delay_s
         self._sockets: set[socket.socket] = set()
         self._listener: socket.socket | None = None
         self.port = 0
@@ -52,7 +52,7 @@ class TcpProxy:
         with contextlib.suppress(OSError):
             while True:
                 client, _ = listener.accept()
-                server = socket.create_connection(("127.0.0.1", self._target_port))
+                server = socket.create_connection(("127.0.0.1", self.target_port))
                 for one in (client, server):
                     one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._sockets |= {client, server}

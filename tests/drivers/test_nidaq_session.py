@@ -215,6 +215,18 @@ def test_a_task_that_died_behind_a_broken_link_is_begun_anew(server: NiDaqSimula
     assert unaccounted(items, "/force") == []
 
 
+def test_a_network_of_half_a_second_each_way_is_named_as_the_reason(
+    server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", 9.0)
+    monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(10.0))
+    with (  # a call may take a tenth of the time-out for connecting
+        TcpProxy(server.port, delay_s=0.5) as slow,
+        pytest.raises(DeviceUnavailable, match=r"takes 1\.\d s to answer a call, .* the network is too slow: connect"),
+    ):
+        driver(slow.port, world).open()
+
+
 def read_until_lost(device: Reconnecting) -> list[Item]:
     items: list[Item] = []
     give_up_s = time.monotonic() + scaled_timeout(20.0)

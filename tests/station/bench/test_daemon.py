@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sys
@@ -73,6 +74,22 @@ def test_a_trial_is_recorded_from_before_the_edge_to_after_the_capture(tmp_path:
 def test_a_second_recording_of_the_same_repeat_gets_the_next_number(tmp_path: Path) -> None:
     paths = [Rig().daemon().record(tmp_path, SPEC).path for _ in range(2)]
     assert [p.name for p in paths if p] == [SPEC.file_name(1), SPEC.file_name(2)]
+
+
+def test_a_clock_that_is_set_back_between_two_trials_is_told_and_leaves_their_order(tmp_path: Path) -> None:
+    first = Rig().daemon().record(tmp_path, SPEC)
+    assert first.path is not None and "set back" not in first.sentence
+    an_hour_ahead_s = time.time() + 3600.0
+    os.utime(first.path, (an_hour_ahead_s, an_hour_ahead_s))
+    rig = Rig()
+    rig.clock = ManualClock(ManualClock().utc_ns() - 3600 * 10**9)
+    second = rig.daemon().record(tmp_path, SPEC)
+    assert second.path is not None and second.accepted
+    assert "the clock was set back. This trial is dated after the others" in second.sentence
+    recordings = [open_recording(path) for path in (first.path, second.path)]
+    assert recordings[0].manifest.start_utc_ns < recordings[1].manifest.start_utc_ns
+    kinds = [item.kind for item in recordings[1].items() if isinstance(item, Event)]
+    assert "clock_set_back" in kinds
 
 
 def test_no_edge_leaves_no_file(tmp_path: Path) -> None:

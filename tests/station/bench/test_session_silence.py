@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recordings.samples import Event, Loss
+from recordings.samples import Event, Loss, Samples
 from station.bench.session import State
 from tests.station.bench_by_hand import Bench
 
@@ -148,3 +148,48 @@ def test_a_station_that_stood_still_itself_calls_no_device_silent_and_takes_what
     bench.mocap_sends = False
     bench.run(4.0)
     assert bench.session.state is State.FAILED, "who falls silent thereafter is still told"
+
+
+def test_a_capture_that_was_replaced_by_another_ends_the_trial_which_is_not_accepted() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    before = frames_recorded(bench)
+    bench.event("capture_replaced")
+    bench.run(2.0)
+    assert bench.session.state is State.FAILED
+    assert frames_recorded(bench) == before, "the frames of the other capture are not ours"
+
+
+def test_a_computer_that_is_too_slow_is_named_while_it_is_and_in_the_trial_s_last_sentence() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.session.handle(Loss("/force", "overrun", 10_000, 250, 0, bench.clock.utc_ns()))
+    bench.run(1.0)
+    bench.session.handle(Loss("/sync", "queue_overflow", 10_000, 50, 0, bench.clock.utc_ns()))
+    bench.stop_capture()
+    bench.run(3.0)
+    told = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "overloaded"]
+    assert len(told) == 1 and "this computer is too slow: 250 samples were overwritten before it read them" in told[0]
+    assert "this computer is too slow: 300 samples were overwritten" in bench.session.sentence
+    assert bench.session.state is State.CLOSED
+
+
+def test_samples_that_wait_in_the_station_are_a_sign_of_a_slow_computer() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    late = next(i for i in reversed(bench.recorder.items) if isinstance(i, Samples) and i.stream == "/force")
+    bench.clock.advance(3.0)
+    bench.session.handle(late)
+    told = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "overloaded"]
+    assert len(told) == 1 and "samples waited 3.0 s until it recorded them" in told[0]
+
+
+def frames_recorded(bench: Bench) -> int:
+    blocks = [item for item in bench.recorder.items if isinstance(item, Samples) and item.stream == "/markers"]
+    return sum(len(block.sample_numbers) for block in blocks)
