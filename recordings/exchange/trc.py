@@ -26,9 +26,9 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     header = dict(zip(_fields(lines[1]), _fields(lines[2]), strict=False))
     labels, notes = distinct_labels(_fields(lines[3])[2:], str(path))
     first = next((i for i in range(4, len(lines)) if lines[i].split("\t", 1)[0].strip().isdigit()), len(lines))
-    rows = lines[first:]
     _require_markers(header, len(labels), path)
-    notes += _notes(header, rows, path)
+    rows, stale = _whole_rows(header, lines[first:], path)
+    notes += stale + _notes_on_missing(rows, path)
     values = read_numbers(rows, "\t", range(2 + 3 * len(labels)), path, first + 1)
     scale = millimetres(unit or header.get("Units", ""), str(path))
     positions = scale * values[:, 2:].reshape(len(rows), len(labels), 3)
@@ -76,20 +76,24 @@ def _require_markers(header: dict[str, str], found: int, path: Path) -> None:
         raise ForeignFile(f"{path} announces NumMarkers {announced} and names {found}; export it again, whole")
 
 
-def _notes(header: dict[str, str], rows: Sequence[str], path: Path) -> tuple[str, ...]:
-    """What is odd and readable. Raises ForeignFile where the last row is cut."""
-    notes: tuple[str, ...] = ()
-    announced, found = header.get("NumFrames", str(len(rows))).removesuffix(".0"), str(len(rows))
-    if announced != found:
-        if not rows or rows[-1].count("\t") < rows[0].count("\t") or not path.read_bytes().endswith((b"\n", b"\r")):
-            raise ForeignFile(f"{path} announces NumFrames {announced} and holds {found}; export it again, whole")
-        notes += (
-            f"{path} announces NumFrames {announced} and holds {found}: all that it holds are read; is it whole?",
-        )
+def _whole_rows(header: dict[str, str], rows: list[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
+    """The rows that are whole, and a note where they are not as many as announced.
+
+    Where a file holds fewer and does not end with its last line, a digit of that line may be missing: it is left out.
+    """
+    announced, found = header.get("NumFrames", str(len(rows))).removesuffix(".0"), len(rows)
+    if announced == str(found):
+        return rows, ()
+    note = f"{path} announces NumFrames {announced} and holds {found}: all that it holds are read; is it whole?"
+    is_ended = path.read_bytes().endswith((b"\n", b"\r"))
+    if is_ended or not announced.isdigit() or int(announced) < found:
+        return rows, (note,)
+    return rows[:-1], (f"{path} announces NumFrames {announced} and ends within row {found}: {found - 1} are read",)
+
+
+def _notes_on_missing(rows: Sequence[str], path: Path) -> tuple[str, ...]:
     printed = printed_by_c(rows)
-    if printed:
-        notes += (f"{path} writes {', '.join(printed)} where a value is missing, and is read so",)
-    return notes
+    return (f"{path} writes {', '.join(printed)} where a value is missing, and is read so",) if printed else ()
 
 
 def _origin(positions: NDArray[np.float64], labels: Sequence[str], tracked: Collection[str]) -> int | None:
