@@ -63,7 +63,9 @@ class SessionClaim:
     def note(self) -> None:
         """To be called before a session of this name is made."""
         with contextlib.suppress(OSError):  # on a full disk the recording is told so, in its own words
-            self._note.write_text(self.name, encoding="ascii")
+            self._note.unlink(missing_ok=True)  # what a link of its name leads to is not ours
+            with self._note.open("x", encoding="ascii") as note:
+                note.write(self.name)
 
     def erase(self) -> None:
         """To be called when the session is closed."""

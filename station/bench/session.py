@@ -382,9 +382,8 @@ class TrialSession:
             words = "the sync line is still high where the recording ends, so the start edge alone ties the clocks"
             self._record(self._event("no_stop_edge", words))
             self.sentence += f"; {words}"
-        self.sentence = "; ".join(
-            filter(None, [self.sentence, *(note.text for note in self._notes), self._overload.sentence])
-        )
+        notes = [note.text for note in self._notes]
+        self.sentence = "; ".join(filter(None, [self.sentence, *notes, self._overload.sentence]))
         self._enter(State.CLOSED if self._closing_ok else State.FAILED, self.sentence)
 
     def _enter(self, state: State, sentence: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from nidaqmx.constants import AcquisitionType, TerminalConfiguration
 
-from drivers import nidaq
+from drivers import nidaq, nidaq_session
 from drivers.errors import DeviceUnavailable
 from drivers.nidaq import NiDaq
 from drivers.reconnecting import Reconnecting
@@ -225,6 +226,23 @@ def test_a_network_of_half_a_second_each_way_is_named_as_the_reason(
         pytest.raises(DeviceUnavailable, match=r"takes 1\.\d s to answer a call, .* the network is too slow: connect"),
     ):
         driver(slow.port, world).open()
+
+
+def test_a_link_in_the_place_of_the_note_leads_to_no_other_file(
+    server: NiDaqSimulator, world: StandInWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(nidaq_session, "FOLDER", str(tmp_path))
+    other = tmp_path / "precious.txt"
+    other.write_text("precious")
+    device = driver(server.port, world)
+    device.open()
+    note = next(tmp_path.glob("*.session"))
+    device.close()
+    assert not note.exists(), "a session that was closed leaves no note"
+    note.symlink_to(other)
+    device.open()
+    device.close()
+    assert other.read_text() == "precious"
 
 
 def read_until_lost(device: Reconnecting) -> list[Item]:
