@@ -37,7 +37,7 @@ class UnusableTrial(Exception):
 
 
 def damage_sentence(damage: tuple[str, ...]) -> str:
-    """What to tell of a file that is damaged, and nothing else of it."""
+    """The only note on a damaged file."""
     more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
     return (
         f"the file is damaged ({damage[0]}{more}), so nothing else in it is diagnosed; restore it from a copy, or "
@@ -58,7 +58,7 @@ def require_labels(wanted: tuple[str, ...], present: tuple[str, ...]) -> None:
 def require_sound_force(values: NDArray[np.float64], limit: float, unit: str = "V") -> None:
     """Raises UnusableTrial for force samples (n,), in the device's unit, that are no measurement.
 
-    limit is the largest reading that is a measurement, inf where nobody knows.
+    limit is the largest valid reading, inf if it is not known.
     """
     broken = np.count_nonzero(~np.isfinite(values))
     if broken:

@@ -43,13 +43,13 @@ class Trial:
     markers         (frames, markers, 3) m in the mocap frame; a marker not seen, and a frame not received, is NaN
     lag             of force against markers: what it was taken to be, and its uncertainty
     sync_fall       s, when the sync line fell again; None where that was not recorded
-    sync            what the sync line's edges are worth; None where there is no sync line
+    sync            certificate of the sync line's edges; None where there is no sync line
     zero_drift      N by which the force at rest changed from start to end; None without rest, or the capture's end
     gain_sd         relative standard uncertainty of the load cell's scale
     calibration     of the load cell by the session's bounce trials, already applied; None without one
     cuff_mass       kg moving with the cuff between load cell and body
-    step_masses     kg, the weights of a static test in the order they were to be hung on; empty if nobody said
-    step_times      s, when the load changed, where the session's protocol.toml says so; None to find them
+    step_masses     kg, the weights of a static test in the order in which they are hung on; empty if not given
+    step_times      s, when the load changed, where the session's protocol.toml gives them; None: detected
     force_gaps, frame_gaps  (start, end) s of samples that were numbered and not recorded
     origin          measured or simulated, as the devices said of themselves
     is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
@@ -142,7 +142,7 @@ def read_bounce(path: Path) -> BounceTrial:
 def read_trials(
     paths: Iterable[Path], readings: Mapping[str, TrialReading] = MappingProxyType({})
 ) -> tuple[tuple[Trial, ...], tuple[RejectedTrial, ...]]:
-    """Reads every recording that can be used, and says why the others cannot.
+    """Reads every recording that can be used; the others come with the reason why not.
 
     Where there are bounce trials among them, lag and gain of all others are what those say. What protocol.toml beside
     a recording says of its steps counts; raises ProtocolFileError if that cannot be read. readings, by file name, are

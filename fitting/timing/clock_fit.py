@@ -169,7 +169,7 @@ def _interval(record: _Record, stop: StopWindow, missing: int) -> tuple[float, f
     """95 % interval of the drift.
 
     Central for a declared window. Where two positions of the stop edge cannot be distinguished (the two ends of a
-    window that is not declared, or all frames received and some missing), the interval holds both, each with 95 %.
+    window that is not declared, or all frames received and some missing), the interval holds both, with 95 % for each.
     """
     early, late = stop, stop.shifted(missing)
     if not stop.is_declared:

@@ -1,4 +1,4 @@
-"""Two clocks made one: session time 0 is the rising edge of /sync, and seconds are those of the mocap system."""
+"""Common time of both devices: session time 0 is the rising edge of /sync, in seconds of the mocap system."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fitting.timing.stop_edge import StopWindow
 
 DECLARED_LAG_SD = 0.5e-3
-"""Seconds: amplifier, exposure and conversion, where neither a bounce trial nor the configuration says better."""
+"""Seconds: amplifier, exposure and conversion, unless a bounce trial or the configuration states another."""
 DECLARED = "declared"
 DRIFT_PRIOR_SD = 50e-6
 """Standard uncertainty of one clock's rate against the other's, assumed where nothing measures it: two crystals."""
@@ -31,8 +31,8 @@ STAMP_TOLERANCE = 1.5
 class SyncEdges:
     """The capture as the DAQ saw it, in seconds of the DAQ clock.
 
-    rising_sd and falling_sd are the standard uncertainties of the edges' places, between two samples: a uniform
-    distribution as wide as √12 of them. falling is None if it never fell. findings are what was odd about the line.
+    rising_sd and falling_sd are the standard uncertainties of the edges, which lie between two samples: a uniform
+    distribution √12 times as wide. falling is None if the line never fell. findings are irregularities of the line.
     """
 
     rising: float
@@ -46,12 +46,12 @@ class SyncEdges:
 class LagUncertainty:
     """The lag of force against markers, by which the force's times were moved, and its standard uncertainty.
 
-    edge      [s] new in every trial: where between two samples its edges were, at the middle of the trial
-    declared  [s] the same in all trials: delays, as declared or as a bounce trial calibrated them
-    drift     [s/s] the same in all trials: rate of one clock against the other, 0 where two edges measured it
+    edge      [s] independent in every trial: position of its edges between two samples, at the middle of the trial
+    declared  [s] common to all trials: delays, as declared or as a bounce trial calibrated them
+    drift     [s/s] common to all trials: rate of one clock against the other, 0 where two edges measured it
     since     [s] session time from which drift counts: the edge, or the middle of the bounce trial
     value     [s] a force sample stamped t was taken at t + value; already in the trial's times
-    source    who says so: "declared", or the bounce trials' files
+    source    of the value: "declared", or the bounce trials' files
     """
 
     edge: float

@@ -23,13 +23,13 @@ class StopWindow:
     is_declared: bool
 
     def shifted(self, frames: int) -> StopWindow:
-        """The same, so many frames later."""
+        """The same window, `frames` frames later."""
         later = frames * self.frame
         return replace(self, earliest=self.earliest + later, latest=self.latest + later)
 
 
 def stop_window(sync: Mapping[str, Any], frame: float) -> StopWindow:
-    """From the configuration's section [sync], for frames of so many seconds.
+    """The window that the configuration's section [sync] declares, for a frame period of `frame` [s].
 
     Qualisys documents that the output MEASUREMENT TIME stays "until the end of the last frame", which is the end of
     its exposure or of its period. So nothing is assumed but the last frame, unless sync.stop_edge states more.

@@ -1,4 +1,4 @@
-"""The recorded sync line → the capture's two edges, and everything on the line that a clean capture would not leave."""
+"""The recorded sync line → the two edges of the capture, and every irregularity of the line."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ BOUNCE = 0.02
 REST = 1.5
 """Seconds of low line before the edge that the station's pre-roll of 2 s leaves, whatever the blocks' bounds."""
 NO_STOP = (
-    "the sync line has not fallen when the recording ends, so one edge alone tells the time, and the clocks' rates are "
-    "taken as equal within 50 ppm; let the capture end before the recording to have both"
+    "the sync line has not fallen when the recording ends: the start edge alone gives the time, and the clock ratio is "
+    "assumed to be 0 ± 50 ppm; let the capture end before the recording"
 )
 
 
 def find_edges(time: NDArray[np.float64], level: NDArray[np.float64], threshold: float) -> SyncEdges:
     """The start and the stop edge of the capture, with findings for glitches, bounces, an early or a missing edge.
 
-    time (n,) [s] on the DAQ clock, level (n,) and threshold in volts. Raises UnusableTrial where the line tells no
+    time (n,) [s] on the DAQ clock, level (n,) and threshold in volts. Raises UnusableTrial where the line has no
     single start: it never rises, starts high, is inverted, or holds more than one pulse.
     """
     if not len(level) or not np.isfinite(level).all():
@@ -99,7 +99,7 @@ def _short(time: NDArray[np.float64], pulses: list[_Pulse]) -> list[_Pulse]:
 def _refuse_high_start(
     time: NDArray[np.float64], level: NDArray[np.float64], threshold: float, pulses: list[_Pulse]
 ) -> None:
-    """Says whether the line is inverted or the capture ran already: an inverted line is low during the capture only."""
+    """Refuse a line that starts high: inverted if it is low during the capture only, else the capture ran already."""
     starts = f"the sync line starts at {level[0]:.2f} V, expected below {threshold:g} V until the capture starts"
     gaps = [float(time[after.first] - time[before.after or 0]) for before, after in pairwise(pulses)]
     if len(gaps) == 1 and pulses[1].after is None:
@@ -114,7 +114,7 @@ def _refuse_high_start(
 
 
 def _glitches(time: NDArray[np.float64], spikes: list[_Pulse], capture: _Pulse) -> tuple[str, ...]:
-    """What was passed over: spikes beside the capture, dips within it, bounces at its edges."""
+    """Findings on what was ignored: spikes beside the capture, dips within it, bounces at its edges."""
     edges = [time[capture.first], *([] if capture.after is None else [time[capture.after]])]
     at_edge = [dip for dip in capture.dips if min(abs(time[dip[0]] - edge) for edge in edges) <= BOUNCE]
     dips = [dip for dip in capture.dips if dip not in at_edge]
@@ -126,7 +126,7 @@ def _glitches(time: NDArray[np.float64], spikes: list[_Pulse], capture: _Pulse) 
     ):
         if starts:
             at = ", ".join(f"{time[start]:.3f} s" for start in starts[:3]) + (", …" if len(starts) > 3 else "")
-            found += (f"{what} {len(starts)} time(s) for less than 20 ms, at {at}; passed over, check the cable",)
+            found += (f"{what} {len(starts)} time(s) for less than 20 ms, at {at}; ignored, check the cable",)
     return found
 
 

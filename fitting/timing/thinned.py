@@ -1,4 +1,4 @@
-"""A recording thinned while it is read: what clocks and highest rates are told from, twenty rows a second and no more.
+"""A recording decimated while it is read, to at most twenty rows a second: enough for clocks and highest rates.
 
 A row stands for BIN of samples. It keeps the number and the device's time of the last of them, the least delay of all,
 and their mean where none is missing. Of the sync line every sample at a crossing of the threshold is kept instead.
@@ -85,7 +85,7 @@ class Thinning:
         return {name: one.track() for name, one in self._thinning.items()}
 
     def _columns(self, name: str) -> int | None:
-        """That a block must have: where its labels were lost with a damaged chunk, it says nothing."""
+        """Number of columns of a block; None where its labels were lost with a damaged chunk."""
         return len(self._in_force[name].labels) if name in self._in_force else None
 
     def _clear(self, name: str) -> None:
@@ -116,7 +116,7 @@ def thinned(manifest: Manifest, tracks: Mapping[str, Track]) -> dict[str, Track]
 
 
 def highest_rate(numbers: NDArray[np.int64], means: NDArray[np.float64], rate_hz: float) -> float:
-    """Between neighbouring rows of samples taken at rate_hz, means (n, columns), per second; gaps are passed over."""
+    """Between neighbouring rows of samples taken at rate_hz, means (n, columns), per second; gaps are skipped."""
     width = _samples_per_row(rate_hz)
     steps = np.linalg.norm(np.diff(means, axis=0), axis=1)[np.diff(numbers // width) == 1]
     return float(steps[np.isfinite(steps)].max(initial=0.0)) * rate_hz / width

@@ -129,7 +129,7 @@ def _counted(tracks: Mapping[str, Track], name: str) -> Counted:
     if name != "/markers" and np.any(steps <= 0):  # QTM numbers its frames anew where a capture begins
         raise UnusableTrial(
             f"the sample numbers of {name} go back or repeat at sample {int(numbers[np.argmax(steps <= 0)])}, expected "
-            "each to be higher than the one before; record the trial again"
+            "increasing numbers; record the trial again"
         )
     device_time, host_time = (1e-9 * ns.astype(np.float64) for ns in (track.device_time_ns, track.host_time_ns))
     return Counted(track.stream, numbers, device_time, host_time, track.values)

@@ -131,6 +131,7 @@ def _config(bench: Bench) -> StationConfig:
         {
             "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
             "mocap": {"port": bench.ports["qtm"]},
+            "sync": {"stop_edge": "end_of_frame"},
             "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
         },
         "test",
