@@ -83,6 +83,7 @@ class RecordingWriter:
         self._size = 0  # bytes of the file at the last flush
         try:
             self._file = create(path)
+            self._identity = os.fstat(self._file.fileno())
         except FileExistsError as error:
             raise RecordingError(f"{path} exists, and a recording is never overwritten; take another run") from error
         except OSError as error:
@@ -250,7 +251,7 @@ class RecordingWriter:
     @property
     def _is_at_its_path(self) -> bool:
         try:
-            return os.path.samestat(self._path.stat(), os.fstat(self._file.fileno()))
+            return os.path.samestat(self._path.stat(), self._identity)
         except FileNotFoundError:
             return False
 

@@ -23,6 +23,7 @@ from tests.fitting.experiment import Session, published
 CONFIG = {
     "cuffs": {"hand": {"anchor_markers": [f"anchor_{i}" for i in (1, 2, 3, 4)], "cuff_markers": ["cuff_1"]}},
     "bounce": {"mass_kg": 2.0, "marker": "cuff_1"},
+    "sync": {"stop_edge": "end_of_frame"},
 }
 
 
