@@ -32,6 +32,9 @@ WAY = {
 """Where on the way, from left to right → its verbs."""
 VERBS = {verb.__name__.rstrip("_"): verb for verbs in WAY.values() for verb in verbs}
 
+ODD_NAMES = "backslashreplace" if sys.platform == "win32" else "surrogateescape"
+"""A name that is no text keeps its bytes; on Windows it has none but halves of UTF-16 pairs, which are spelt out."""
+
 app = typer.Typer(
     help=f"From the cuff on the bench to the muscles under the suit, left to right: {', '.join(list(VERBS)[1:])}. "
     "`demo` walks the whole way on simulated devices.",
@@ -86,7 +89,7 @@ def _ready_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115  (until we end)
         stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(encoding="utf-8", errors="surrogateescape")
+            stream.reconfigure(encoding="utf-8", errors=ODD_NAMES)
 
 
 def _one_line(error: Exception) -> str:

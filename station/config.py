@@ -15,6 +15,7 @@ from recordings.manifest import BounceRig, CuffSite, LoadCell, is_file_name
 from recordings.plain_data import PlainDataError, read_toml, shortened
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
+from station.windows_names import why_no_windows_name
 
 STANDARD_GRAVITY = 9.80665
 DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
@@ -189,6 +190,8 @@ class Session(_Section):
             raise ValueError(
                 f"{template!r} must hold {{test}}, {{cuff}}, {{run}} and no folder: no two trials may share a name"
             )
+        if why := why_no_windows_name(template):
+            raise ValueError(f"{template!r} {why}; sessions move between computers")
         return template
 
 
@@ -210,6 +213,11 @@ class StationConfig(_Section):
         for name in cuffs:
             if not CUFF_NAME.fullmatch(name):
                 raise ValueError(f"{name!r} is no cuff's name, expected letters, digits, - and _: files are named so")
+        same = [name for name in cuffs if sum(name.casefold() == other.casefold() for other in cuffs) > 1]
+        if same:
+            raise ValueError(
+                f"{' and '.join(same)} differ in case alone: Windows and macOS take their files for the same"
+            )
         return cuffs
 
     @model_validator(mode="before")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -29,6 +30,7 @@ from station.config import StationConfig
 from station.file_lock import locked
 from station.protocol import TrialSpec
 from station.versions import installed_versions
+from station.windows_names import why_path_too_long
 
 OPEN_TIMEOUT_S = 15.0
 """Wall seconds for all devices to open; they should take less than 4, a driver that hangs must not hold us for ever."""
@@ -148,6 +150,8 @@ class Daemon:
         _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
+        if sys.platform == "win32" and (why := why_path_too_long(path)):
+            raise TrialRefused(why)
         start_utc_ns, set_back = start_after_all_in(folder, self._clock.wall_utc_ns())
         manifest = self._manifest(spec, run, subject, devices, start_utc_ns)
         writer = RecordingWriter(path, manifest, streams)

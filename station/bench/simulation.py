@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from recordings.manifest import TestKind
 from station.bench.typed_faults import obey_in_a_thread
 from station.config import StationConfig, parse_config
+from station.end_signals import end_signals
 from station.exit_code import WRONG_USAGE
 from station.protocol import CUFF_TESTS
 
@@ -154,7 +155,7 @@ def serve_until_stopped(
     from drivers.simulators.settings import settings_from_dict
 
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in end_signals():
         signal.signal(number, lambda *_: stopped.set())
     try:
         ports = {"ports": {"ni": _port(config.daq.grpc_target, NI_PORT), "qtm": config.mocap.port}}

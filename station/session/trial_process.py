@@ -14,6 +14,12 @@ from station.config import StationConfig
 from station.journal import Recorded
 from station.protocol import TrialSpec
 
+DETACHED: dict[str, Any] = (
+    {"creationflags": 0x0800_0000 | 0x0000_0200}  # CREATE_NO_WINDOW and CREATE_NEW_PROCESS_GROUP
+    if sys.platform == "win32"
+    else {"start_new_session": True}
+)
+"""A terminal that is closed, and its Ctrl-C or Ctrl-Break, reach the session and not the trial that it records."""
 LONGEST_LINE = 4 * 2**20
 """Bytes; a line that came after a page stood still for minutes is long."""
 
@@ -41,7 +47,7 @@ class TrialProcess:
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             limit=LONGEST_LINE,
-            start_new_session=True,  # a terminal that is closed takes the console along, not the trial
+            **DETACHED,
         )
         trial = cls(child)
         request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}

@@ -83,7 +83,7 @@ class LineParser:
 
 def _parsed(line: str) -> Command | UnknownCommand:
     try:
-        return parse_command(line)
+        return parse_command(line.lstrip("\ufeff"))  # which PowerShell sends first
     except UnknownCommand as unknown:
         return unknown
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from station.bench.session_folder import SIMULATED_FOLDER, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, serves_simulated, simulator_settings
 from station.config import StationConfig
+from station.end_signals import end_signals
 from station.exit_code import DONE, LOSSY
 from station.journal import Setup, read_journal
 from station.session.desk import Desk
@@ -23,9 +24,6 @@ from station.terminal.conductor import Conductor, Face, Request
 from station.terminal.json_face import JsonFace
 from station.terminal.keyboard import is_interactive, listen_to_lines, listening_to_keys
 from station.terminal.text_face import TextFace
-
-END_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-"""The third: its terminal was closed; Windows has the last in its place."""
 
 
 class SetupMissing(Exception):
@@ -130,9 +128,8 @@ def _end_on_signals(end: Callable[[], None]) -> None:
     def handle(_signal: int, _frame: Any) -> None:
         end()
 
-    for name in END_SIGNALS:
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), handle)
+    for number in end_signals():
+        signal.signal(number, handle)
 
 
 def _number(folder: Path) -> str:

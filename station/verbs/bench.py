@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from station.end_signals import end_signals
 from station.exit_code import DONE, FAILED, LOSSY
 from station.verbs.options import ConfigPath, Format, FormatOption, Rerun, Rrd, Seed, Speed, Test, print_result, say
 
@@ -185,9 +186,8 @@ def _stop_on_signals(daemon: Any) -> None:
     def stop(_signal: int, _frame: Any) -> None:
         daemon.stop()
 
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the last: its terminal was closed; Windows has none
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), stop)
+    for number in end_signals():
+        signal.signal(number, stop)
 
 
 def _leave(code: int, left_behind: list[str]) -> NoReturn:

@@ -1,0 +1,51 @@
+"""Dependencies of other platforms, resolved by wheels alone: what is said without an index, and of a missing wheel."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from benchmarks.wheels import ROOT, refused, resolve
+
+
+def test_without_a_package_index_the_platforms_are_skipped_with_a_message(tmp_path: Path) -> None:
+    environment = {**os.environ, "UV_OFFLINE": "1", "UV_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(
+        [sys.executable, "-m", "benchmarks.wheels"], capture_output=True, text=True, check=False, env=environment
+    )
+    assert ran.returncode == 0 and ran.stdout == ""
+    assert ran.stderr.startswith("skipped: no package index can be reached")
+
+
+def test_a_package_without_a_wheel_is_no_lack_of_an_index() -> None:
+    """uv's own words, of numba on an Intel Mac."""
+    words = (
+        "error: No solution found when resolving dependencies\n  cause: Because numba>=0.63.0 has no usable wheels and "
+        "cuffstation depends on numba>=0.63, we can conclude that your requirements are unsatisfiable."
+    )
+    found = refused(words)
+    assert not found.is_offline and found.count == 0 and "numba" in found.why
+
+
+def test_a_project_that_needs_nothing_is_resolved_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UV_OFFLINE", "1")
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "a"\nversion = "1"\ndependencies = []\n')
+    found = resolve("x86_64-pc-windows-msvc", tmp_path / "pyproject.toml")
+    assert (found.count, found.is_offline, found.why) == (0, False, "")
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "is_needed"),
+    [("linux", "x86_64", True), ("linux", "aarch64", False), ("darwin", "arm64", True), ("win32", "AMD64", True)],
+)
+def test_c3d_is_left_out_where_it_has_no_wheel(system: str, machine: str, is_needed: bool) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (needed,) = [Requirement(text) for text in project["dependencies"] if text.startswith("ezc3d")]
+    assert needed.marker is not None
+    assert needed.marker.evaluate({"sys_platform": system, "platform_machine": machine}) is is_needed

@@ -1,0 +1,202 @@
+"""What can be held to Windows without one: files that are open, names, lengths, Ctrl-Break, the packages' wheels."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import station.bench.daemon
+from drivers.capture_note import CaptureNote
+from recordings.errors import ForeignFile
+from recordings.exchange.c3d import read_c3d_markers
+from recordings.reader import open_recording
+from recordings.recovery import recover
+from station import end_signals
+from station.bench.daemon import TrialRefused
+from station.config import ConfigError, parse_config
+from station.journal import Setup, read_journal, write_setup, write_verdict
+from station.session import trial_process
+from station.whole_file import write_whole
+from station.windows_names import why_no_windows_name
+from tests.station.bench.test_daemon import SPEC, Rig
+from tests.windows_files import behave_as_windows
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("station", "drivers", "recordings", "fitting", "solver")
+POSIX_MODULES = {"fcntl", "termios", "tty", "pty", "pwd", "grp", "resource", "posix", "readline", "syslog", "crypt"}
+POSIX_CALLS = {
+    "fork", "forkpty", "getpgrp", "getpgid", "tcgetpgrp", "setsid", "setpgrp", "killpg", "nice", "getuid", "geteuid",
+    "mkfifo", "statvfs", "getloadavg", "sched_getaffinity", "O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "SIGHUP",
+    "SIGKILL", "SIGTTIN", "SIGUSR1", "SIGUSR2", "SIGCONT", "SIGSTOP", "SIGPIPE", "pthread_kill", "setitimer",
+    "pread", "pwrite", "posix_fallocate", "fchmod", "chown", "AF_UNIX", "SO_REUSEPORT", "add_signal_handler",
+    "getpwuid", "WNOHANG", "waitpid", "sync", "register_at_fork",
+}  # fmt: skip
+OWNERS = ("os", "signal", "socket", "select", "loop", "time")
+GUARDED = {
+    "station/terminal/keyboard.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
+    "station/session/worker.py": {"nice"},
+    "station/bench/typed_faults.py": {"SIGTTIN"},
+    "solver/compile_ahead.py": {"nice"},
+}
+"""Every name that POSIX alone has, by file; docs/windows.md says how each is guarded."""
+pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks at open files as Linux shows them")
+
+
+@pytest.fixture
+def windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    behave_as_windows(monkeypatch, tmp_path)
+    return tmp_path
+
+
+def test_the_file_system_of_these_tests_refuses_what_windows_refuses(windows: Path) -> None:
+    path = windows / "a.txt"
+    with path.open("w"):
+        for refused in (path.unlink, lambda: path.replace(windows / "b.txt"), lambda: path.rename(windows / "b.txt")):
+            with pytest.raises(PermissionError):
+                refused()
+    with pytest.raises(PermissionError):
+        os.open(windows, os.O_RDONLY)
+    for name in ("nul", "COM1.mcap", "a:b", "end."):
+        with pytest.raises(OSError, match="Windows"):
+            (windows / name).open("w")
+    path.unlink()
+
+
+def test_a_trial_is_recorded_read_recovered_and_one_without_an_edge_leaves_nothing(windows: Path) -> None:
+    result = Rig().daemon().record(windows, SPEC)
+    assert result.accepted and result.path is not None
+    assert open_recording(result.path).complete
+    cut = windows / "cut.mcap"
+    cut.write_bytes(result.path.read_bytes()[:-2000])
+    assert open_recording(recover(cut).output).complete
+    assert Rig(delay_s=100.0).daemon().record(windows, SPEC).path is None
+    assert sorted(path.name for path in windows.glob("*.mcap")) == [
+        "cuff-hand_test-static_run-1.mcap",
+        "cut.mcap",
+        "cut.recovered.mcap",
+    ]
+
+
+def test_decisions_drafts_and_notes_are_written_and_a_file_that_is_open_elsewhere_is_named(windows: Path) -> None:
+    write_setup(windows, Setup("P01", "", ("hand",), 1))
+    write_verdict(windows, "a.mcap", "accept", "")
+    assert read_journal(windows).verdicts["a.mcap"].choice == "accept"
+    report = windows / "report.html"
+    write_whole(report, "first")
+    with report.open(), pytest.raises(PermissionError, match=r"report\.html"):
+        write_whole(report, "second")
+    assert report.read_text() == "first" and not list(windows.glob(".draft*"))
+    note = CaptureNote(windows / ".capture", lambda: 0)
+    note.write()
+    note.erase()
+    assert not (windows / ".capture").exists()
+
+
+@pytest.mark.parametrize("name", ["aux", "NUL.mcap", "lpt9.x.mcap", "a?b", "a:b", "trailing.", "trailing ", "tab\t"])
+def test_a_name_that_windows_gives_no_file_is_told(name: str) -> None:
+    assert why_no_windows_name(name)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"session": {"file_name": "x?{test}_{cuff}_{run}"}}, "which no file name on Windows may"),
+        ({"session": {"file_name": "con.{test}_{cuff}_{run}"}}, "a device of Windows"),
+        ({"session": {"file_name": "{test}_{cuff}_{run}."}}, "ends in a dot"),
+    ],
+)
+def test_a_configuration_that_windows_could_not_follow_is_refused_everywhere(
+    data: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ConfigError, match=words):
+        parse_config(data, "test")
+
+
+def test_two_cuffs_that_differ_in_case_alone_are_refused() -> None:
+    cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
+    with pytest.raises(ConfigError, match="Hand and hand differ in case alone"):
+        parse_config({"cuffs": {"Hand": cuff, "hand": cuff}}, "test")
+
+
+def test_a_path_that_is_too_long_for_windows_is_refused_before_anything_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(station.bench.daemon.sys, "platform", "win32")
+    with pytest.raises(TrialRefused, match="too long for Windows"):
+        Rig().daemon().record(tmp_path / ("x" * 120) / ("y" * 120), SPEC)
+
+
+def test_ctrl_break_ends_what_ctrl_c_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows has SIGBREAK and no SIGHUP."""
+    monkeypatch.setattr(signal, "SIGBREAK", signal.SIGUSR1, raising=False)
+    monkeypatch.delattr(signal, "SIGHUP")
+    assert end_signals.end_signals() == (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
+
+
+def test_a_recorder_is_no_part_of_its_consoles_window_or_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "win32")
+    try:
+        flags = importlib.reload(trial_process).DETACHED
+    finally:
+        monkeypatch.undo()
+        importlib.reload(trial_process)
+    # the values that subprocess has on Windows
+    assert flags == {"creationflags": 0x08000000 | 0x00000200} and trial_process.DETACHED == {"start_new_session": True}
+
+
+@pytest.mark.parametrize("encoding", ["cp437", "cp1252", "cp65001", "utf-16-le"])
+def test_a_console_of_any_code_page_gets_utf_8_and_half_a_pair_of_utf_16_is_spelt_out(encoding: str) -> None:
+    program = (
+        "import importlib, sys, station.cli\n"
+        "sys.platform = 'win32'\n"
+        "importlib.reload(station.cli)._ready_streams(); print('ẋ \\ud800')"
+    )
+    ran = subprocess.run(  # noqa: S603  (our own words)
+        [sys.executable, "-c", program],
+        capture_output=True,
+        check=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8" if encoding == "cp65001" else encoding, "PYTHONPATH": str(ROOT)},
+    )
+    assert ran.stdout.split() == ["ẋ".encode(), b"\\ud800"]
+
+
+def test_every_call_that_is_posix_alone_is_listed_and_guarded() -> None:
+    found: dict[str, set[str]] = {}
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            names = _posix_names(path)
+            if names:
+                found[path.relative_to(ROOT).as_posix()] = names
+    assert found == GUARDED
+    page = (ROOT / "docs" / "windows.md").read_text(encoding="utf-8")
+    assert all(file in page for file in GUARDED)
+
+
+def _posix_names(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names} & POSIX_MODULES
+        elif isinstance(node, ast.ImportFrom):
+            names |= {node.module or ""} & POSIX_MODULES
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) in OWNERS:
+            names |= {node.attr} & POSIX_CALLS
+    return names
+
+
+def test_c3d_without_its_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Linux on arm64, for which ezc3d has no wheel."""
+    path = tmp_path / "trial.c3d"
+    path.write_bytes(b"")
+    monkeypatch.setattr("recordings.exchange.c3d.read_c3d_layout", lambda _: None)
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    with pytest.raises(ForeignFile, match="C3D needs the package ezc3d, which is not installed"):
+        read_c3d_markers(path)
