@@ -29,6 +29,10 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "station_token"
 HEARTBEAT_S = 1.0
 
+OWN_SITE = ("same-origin", "none")
+"""What a browser calls a request by our own page, and one that its user typed; older browsers say nothing."""
+NO_FRAMES = ((b"content-security-policy", b"frame-ancestors 'none'"), (b"x-frame-options", b"DENY"))
+
 Scope = dict[str, Any]
 AsgiApp = Callable[[Scope, Any, Any], Awaitable[None]]
 
@@ -40,8 +44,8 @@ class ServeError(Exception):
 class Doorkeeper:
     """Lets in whoever shows the token, where there is one, and no page of another site in any case.
 
-    A browser names the site a request comes from in Origin; one that is not ours is a page elsewhere that tries to
-    steer the console through its reader's browser.
+    A browser names the site a request comes from in Origin and, also for a GET, in Sec-Fetch-Site; one that is not ours
+    is a page elsewhere that tries to steer the console through its reader's browser. No page may show ours in a frame.
     """
 
     def __init__(self, inner: AsgiApp, token: str | None) -> None:
@@ -53,7 +57,9 @@ class Doorkeeper:
             return
         headers = {name.decode().lower(): value.decode("latin-1") for name, value in scope["headers"]}
         origin, host = headers.get("origin"), headers.get("host", "")
-        if origin is not None and origin.split("://", 1)[-1] != host:
+        send = _without_frames(send)
+        is_foreign = origin is not None and origin.split("://", 1)[-1] != host
+        if is_foreign or headers.get("sec-fetch-site", "none") not in OWN_SITE:
             await self._turn_away(scope, receive, send, "this page is steered from its own address only")
         elif self._token is None:
             if host.rsplit(":", 1)[0].strip("[]") in LOOPBACK:
@@ -63,7 +69,7 @@ class Doorkeeper:
         elif self._is_shown_in(SimpleCookie(headers.get("cookie", "")).get(COOKIE)):
             await self._inner(scope, receive, send)
         elif scope["type"] == "http" and self._is_right(parse_qs(scope["query_string"].decode()).get("token", [""])[0]):
-            answer = RedirectResponse(scope["path"])
+            answer = RedirectResponse("/" + scope["path"].lstrip("/\\"))  # //name would lead to another host
             answer.set_cookie(COOKIE, self._token or "", httponly=True, samesite="strict")
             await answer(scope, receive, send)
         else:
@@ -80,6 +86,15 @@ class Doorkeeper:
             await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse(words, 403)(scope, receive, send)
+
+
+def _without_frames(send: Any) -> Any:
+    async def send_with_policy(message: dict[str, Any]) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", ()), *NO_FRAMES]}
+        await send(message)
+
+    return send_with_policy
 
 
 def serve(

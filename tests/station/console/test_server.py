@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from typing import Any
+from urllib.parse import urljoin
 
 import pytest
 
@@ -14,7 +15,9 @@ from station.console.server import COOKIE, Doorkeeper, ServeError, serve
 TOKEN = "right-token"  # noqa: S105  (nobody's)
 
 
-def _asked(token: str | None, kind: str = "http", query: str = "", **headers: str) -> tuple[bool, list[dict[str, Any]]]:
+def _asked(
+    token: str | None, kind: str = "http", query: str = "", path: str = "/", **headers: str
+) -> tuple[bool, list[dict[str, Any]]]:
     """Whether the request came through, and what was answered instead."""
     let_in: list[str] = []
     answers: list[dict[str, Any]] = []
@@ -31,7 +34,7 @@ def _asked(token: str | None, kind: str = "http", query: str = "", **headers: st
     scope = {
         "type": kind,
         "method": "GET",
-        "path": "/",
+        "path": path,
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
@@ -91,6 +94,55 @@ def test_a_wrong_token_in_the_address_is_turned_away(query: str) -> None:
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_the_cookie_lets_in(kind: str) -> None:
     assert _asked(TOKEN, kind, host="lab.example:8421", cookie=f"{COOKIE}={TOKEN}") == (True, [])
+
+
+@pytest.mark.parametrize("token", [None, TOKEN])
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_a_page_of_another_site_gets_nothing_without_naming_its_origin(token: str | None, site: str, kind: str) -> None:
+    """An image, a script or a link there is a GET without Origin; localhost with another port is the same site."""
+    headers = {"host": "localhost:8421", "sec-fetch-site": site, "cookie": f"{COOKIE}={TOKEN}"}
+    came, answers = _asked(token, kind, f"token={TOKEN}", **headers)
+    assert not came
+    assert answers[0].get("status", answers[0].get("code")) in (403, 1008)
+
+
+@pytest.mark.parametrize("site", ["same-origin", "none"])
+def test_our_own_page_and_a_typed_address_get_in(site: str) -> None:
+    assert _asked(None, host="localhost:8421", **{"sec-fetch-site": site})[0]
+
+
+@pytest.mark.parametrize(
+    "path", ["//elsewhere.example", "//elsewhere.example/report", "/\\elsewhere.example", "///e.example"]
+)
+def test_the_right_token_leads_to_no_other_host(path: str) -> None:
+    _, answers = _asked(TOKEN, query=f"token={TOKEN}", path=path, host="lab.example:8421")
+    location = dict(answers[0]["headers"])[b"location"].decode()
+    assert urljoin("http://lab.example:8421/", location).startswith("http://lab.example:8421/")
+    assert location[:2] not in ("//", "/\\")
+
+
+@pytest.mark.parametrize("headers", [{"host": "localhost:8421"}, {"host": "elsewhere.example"}])
+def test_no_page_shows_the_console_in_a_frame(headers: dict[str, str]) -> None:
+    async def page(_: dict[str, Any], __: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
+
+    answers: list[dict[str, Any]] = []
+
+    async def send(message: dict[str, Any]) -> None:
+        answers.append(message)
+
+    scope = {
+        "type": "http",
+        "path": "/",
+        "query_string": b"",
+        "headers": [(k.encode(), v.encode()) for k, v in headers.items()],
+    }
+    asyncio.run(Doorkeeper(page, None)(scope, None, send))
+    sent = dict(answers[0]["headers"])
+    assert sent[b"content-security-policy"] == b"frame-ancestors 'none'"
+    assert sent[b"x-frame-options"] == b"DENY"
+    assert b"content-type" in sent
 
 
 def test_a_websocket_gets_in_by_the_cookie_alone() -> None:
