@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from solver.functions.fibre import Curves, MillardCurves, ThelenCurves
@@ -41,6 +43,8 @@ def read_actuator(element: Element, names: Names) -> CoordinateActuator:
         max_control=greatest,
     )
 
+
+LEAST_FIBER_DAMPING, LEAST_ACTIVE_FORCE = 0.001, 0.1
 
 MILLARD_OPTIONS = {
     "ActiveForceLengthCurve": {
@@ -87,7 +91,23 @@ def _millard_curves(element: Element) -> Curves:
     if "passive_slope" not in given:  # OpenSim's own rule for a curve whose slopes are not given
         strain = given.get("passive_end", MillardCurves.passive_end) - given.get("passive_start", 0.0)
         given["passive_slope"] = 2.0 / strain
-    return MillardCurves(**given)
+    return _as_integrated(MillardCurves(**given), element)
+
+
+def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
+    """The curves that OpenSim computes with: damping in the fibre, or a rigid tendon, lets them reach zero.
+
+    Otherwise it keeps the active force from zero, and the force at speed from being level at its ends.
+    """
+    is_damped = element.number("fiber_damping", "0.1") >= LEAST_FIBER_DAMPING
+    if is_damped or element.word("ignore_tendon_compliance", "false") == "true":
+        return replace(curves, minimum=0.0, concentric_slope=0.0, eccentric_slope=0.0)
+    return replace(
+        curves,
+        minimum=max(curves.minimum, LEAST_ACTIVE_FORCE),
+        concentric_slope=max(curves.concentric_slope, curves.near_concentric_slope / 2),
+        eccentric_slope=max(curves.eccentric_slope, curves.near_eccentric_slope / 2),
+    )
 
 
 def _thelen_curves(element: Element) -> Curves:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver.model import GROUND, Body, Constraint, Joint, Marker, Model, WrapSurface
+from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
 from solver.osim.forces import COORDINATE_FORCES, read_coordinate_force
 from solver.osim.frames import Names
@@ -24,7 +25,7 @@ def read_osim_model(document: Element) -> Model:
     """As read_osim, of the root of a document."""
     if document.tag != "OpenSimDocument" or int(document.attributes.get("Version", "0")) < 40000:
         raise document.refusal("is not an OpenSim 4 document; open the model in OpenSim 4 and save it again")
-    return _model(document.child("Model"))
+    return _model(with_defaults(document.child("Model")))
 
 
 _MUSCLES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")

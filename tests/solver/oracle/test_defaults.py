@@ -1,0 +1,159 @@
+"""<defaults> of a model file as OpenSim reads them, in files that OpenSim wrote and that lost what a default gives."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from solver.functions.fibre import MillardCurves
+from solver.osim.reader import read_osim
+from tests.solver.oracle.test_muscles import span
+from tests.solver.oracle.two_bodies import model_with, opensim
+
+pytestmark = pytest.mark.oracle
+
+ACTIVE = "<ActiveForceLengthCurve name='c'>{}</ActiveForceLengthCurve>"
+MUSCLE = "<Millard2012EquilibriumMuscle name='default'>{}</Millard2012EquilibriumMuscle>"
+SHORTEST = "<min_norm_active_fiber_length>0.33</min_norm_active_fiber_length>"
+LONGEST = "<max_norm_active_fiber_length>1.62</max_norm_active_fiber_length>"
+SLOPE = "<shallow_ascending_slope>0.7</shallow_ascending_slope>"
+STRAIN = (
+    "<FiberForceLengthCurve name='p'><strain_at_one_norm_force>0.5</strain_at_one_norm_force></FiberForceLengthCurve>"
+)
+SPEED = (
+    "<ForceVelocityCurve name='v'>"
+    "<max_eccentric_velocity_force_multiplier>1.7</max_eccentric_velocity_force_multiplier>"
+    "<concentric_slope_at_vmax>0.2</concentric_slope_at_vmax></ForceVelocityCurve>"
+)
+STRENGTH = "<max_isometric_force>321</max_isometric_force><max_contraction_velocity>7</max_contraction_velocity>"
+UNDAMPED = "<fiber_damping>0</fiber_damping>"
+RIGID = "<ignore_tendon_compliance>true</ignore_tendon_compliance>"
+
+# what stands in <defaults>, and what of the curves stands in the muscle itself
+CASES = {
+    "nothing at all": ("", ""),
+    "a muscle's numbers": (MUSCLE.format(STRENGTH), ""),
+    "a muscle's curve": (MUSCLE.format(ACTIVE.format(SHORTEST + LONGEST) + STRAIN + SPEED), ""),
+    "the muscle has a curve of its own": (MUSCLE.format(ACTIVE.format(SHORTEST)), ACTIVE.format(LONGEST)),
+    "the muscle has an empty curve": (MUSCLE.format(ACTIVE.format(SHORTEST)), ACTIVE.format("")),
+    "a curve's class, before the muscle": (ACTIVE.format(SLOPE) + MUSCLE.format(ACTIVE.format(SHORTEST)), ""),
+    "a curve's class, behind the muscle": (MUSCLE.format(ACTIVE.format(SHORTEST)) + ACTIVE.format(SLOPE), ""),
+    "a curve's class and a curve": (ACTIVE.format(SLOPE), ACTIVE.format(LONGEST)),
+    "a class twice": (ACTIVE.format(SLOPE) + ACTIVE.format(SHORTEST), ACTIVE.format(LONGEST)),
+    "another class of muscles": (MUSCLE.format(STRENGTH).replace("Millard2012Equilibrium", "Thelen2003"), ""),
+    "no fibre damping": (MUSCLE.format(UNDAMPED), ""),
+    "no fibre damping, a curve at speed": (
+        MUSCLE.format(UNDAMPED + SPEED),
+        ACTIVE.format("<minimum_value>0.2</minimum_value>"),
+    ),
+    "no fibre damping, a rigid tendon": (MUSCLE.format(UNDAMPED + RIGID), ""),
+}
+LEFT = (
+    "optimal_fiber_length",
+    "tendon_slack_length",
+    "pennation_angle_at_optimal",
+    "GeometryPath",
+    "maximum_pennation_angle",
+)
+"""Elements of the muscle that stay in its file."""
+
+
+@pytest.fixture(autouse=True)
+def _pristine() -> Iterator[None]:
+    """OpenSim keeps the defaults of a file for every model that the process reads after it."""
+    yield
+    for kind in (
+        "ActiveForceLengthCurve",
+        "ForceVelocityCurve",
+        "FiberForceLengthCurve",
+        "Millard2012EquilibriumMuscle",
+        "Thelen2003Muscle",
+        "CoordinateActuator",
+        "Body",
+    ):
+        opensim.OpenSimObject.registerType(getattr(opensim, kind)())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_muscle_is_what_opensim_makes_of_its_defaults(name: str, tmp_path: Path) -> None:
+    defaults, own = CASES[name]
+    ours, theirs = _read_by_both(tmp_path, defaults, own)
+    index = ours.muscle_names.index("bare")
+    muscle = opensim.Millard2012EquilibriumMuscle.safeDownCast(theirs.getMuscles().get("bare"))
+    found = ours.muscles[index]
+    assert found.max_isometric_force == muscle.getMaxIsometricForce()
+    assert found.max_contraction_velocity == muscle.getMaxContractionVelocity()
+    assert found.activation_time_constant == muscle.getActivationTimeConstant()
+    assert vars(found.curves) == pytest.approx(vars(_curves_of(muscle)), rel=1e-12, abs=0)
+
+
+def _curves_of(muscle: Any) -> MillardCurves:
+    active, passive, speed = (
+        muscle.getActiveForceLengthCurve(),
+        muscle.getFiberForceLengthCurve(),
+        muscle.getForceVelocityCurve(),
+    )
+    return MillardCurves(
+        shortest=active.getMinActiveFiberLength(),
+        transition=active.getTransitionFiberLength(),
+        longest=active.getMaxActiveFiberLength(),
+        shallow_slope=active.getShallowAscendingSlope(),
+        minimum=active.getMinValue(),
+        concentric_slope=speed.getConcentricSlopeAtVmax(),
+        near_concentric_slope=speed.getConcentricSlopeNearVmax(),
+        isometric_slope=speed.getIsometricSlope(),
+        eccentric_slope=speed.getEccentricSlopeAtVmax(),
+        near_eccentric_slope=speed.getEccentricSlopeNearVmax(),
+        strongest=speed.getMaxEccentricVelocityForceMultiplier(),
+        concentric_curviness=speed.getConcentricCurviness(),
+        eccentric_curviness=speed.getEccentricCurviness(),
+        passive_start=passive.getStrainAtZeroForce(),
+        passive_end=passive.getStrainAtOneNormForce(),
+        passive_low_slope=passive.getStiffnessAtLowForceInUse(),
+        passive_slope=passive.getStiffnessAtOneNormForceInUse(),
+        passive_curviness=passive.getCurvinessInUse(),
+    )
+
+
+def test_defaults_of_coordinates_actuators_and_bodies_count_and_those_of_a_set_do_not(tmp_path: Path) -> None:
+    defaults = (
+        "<CoordinateActuator name='default'><optimal_force>77</optimal_force><min_control>-0.5</min_control>"
+        "</CoordinateActuator><Body name='default'><mass>5.5</mass></Body>"
+    )
+    ours, theirs = _read_by_both(
+        tmp_path, defaults, "", "<CoordinateActuator name='a'><coordinate>c</coordinate></CoordinateActuator>"
+    )
+    assert [(each.optimal_force, each.min_control) for each in ours.actuators] == [(77.0, -0.5)]
+    actuator = opensim.CoordinateActuator.safeDownCast(theirs.getForceSet().get("a"))
+    assert (actuator.getOptimalForce(), actuator.getMinControl()) == (77.0, -0.5)
+    for found in ours.bodies[1:]:
+        assert found.mass == theirs.getBodySet().get(found.name).get_mass()
+
+
+def _read_by_both(folder: Path, defaults: str, own: str, force: str = "") -> tuple[Any, Any]:
+    """A model of two bodies with the muscle `bare`, whose element holds what is LEFT and `own`, in a file with these
+    defaults: as read by the solver and by OpenSim.
+    """
+    built = model_with()
+    span(built, opensim.Millard2012EquilibriumMuscle("bare", 300.0, 0.2, 0.15, 0.2))
+    built.finalizeConnections()
+    path = folder / "defaults.osim"
+    built.printToXML(str(path))
+    text = path.read_text(encoding="utf-8")
+    start = text.index('<Millard2012EquilibriumMuscle name="bare">')
+    end = text.index("</Millard2012EquilibriumMuscle>", start)
+    kept = "".join(
+        found[0] for tag in LEFT if (found := re.search(rf"<{tag}\b.*?</{tag}>", text[start:end], re.DOTALL))
+    )
+    text = text[:start] + f'<Millard2012EquilibriumMuscle name="bare">{kept}{own}' + text[end:]
+    coordinate = re.search(r'<Coordinate name="([^"]+)"', text)
+    assert coordinate is not None
+    force = force.replace(">c<", f">{coordinate[1]}<")
+    text = text.replace("</Millard2012EquilibriumMuscle>", f"</Millard2012EquilibriumMuscle>{force}", 1)
+    text = re.sub(r"(<Model name=[^>]*>)", lambda found: found[0] + f"<defaults>{defaults}</defaults>", text, count=1)
+    path.write_text(text, encoding="utf-8")
+    return read_osim(path), opensim.Model(str(path))
