@@ -1,7 +1,7 @@
 """<defaults> of a model: what an object of a class is where its own element says nothing, as OpenSim reads them.
 
-OpenSim makes each object of a file as a copy of its class's default, then reads what its element holds. So a property that
-the element lacks comes from the default, one that it holds replaces the default's as a whole, and an object within
+OpenSim makes each object of a file as a copy of its class's default, then reads what its element holds. So a property
+that the element lacks comes from the default, one that it holds replaces the default's as a whole, and an object within
 it (the curve of a muscle) is in turn made from its own class's default, not from the part of its owner's. Defaults are
 read in the order of the file, so that one counts in those after it, and the first of a class counts. Only those
 directly below <Model> do.
