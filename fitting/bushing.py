@@ -19,6 +19,7 @@ def bushing_force(fit: CuffFit) -> str:
     return (
         f"<BushingForce name={quoteattr(f'{cuff.name}_cuff')}>\n"
         f"  <!-- {MEASURED_ALONG} -->\n"
+        f"{''.join(f'  <!-- {remark} -->{chr(10)}' for remark in fit.remarks)}"
         f"  <socket_frame1>/bodyset/{'humerus' if cuff.site == 'arm' else 'thorax'}</socket_frame1>\n"
         f"  <socket_frame2>/bodyset/{cuff.name}_cuff</socket_frame2>\n"
         "  <rotational_stiffness>0 0 0</rotational_stiffness>\n"

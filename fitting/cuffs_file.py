@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
+from fitting.seal import SEAL, check_cuff
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin, is_file_name
 from recordings.plain_data import PlainDataError, read_json, shortened
@@ -38,7 +39,8 @@ def read_cuffs(path: Path) -> dict[str, CuffFit]:
     cuffs = data["cuffs"].items()
     if unnamed := [name for name in data["cuffs"] if not is_file_name(name)]:
         raise CuffsFileError(f"{path} has a cuff named {shortened(unnamed[0])}, expected no path: files are named so")
-    return {name: _cuff_from(name, cuff, path) for name, cuff in cuffs}
+    seals = data[SEAL].get("cuffs") if isinstance(data.get(SEAL), dict) else None
+    return {name: _cuff_from(name, cuff, seals, path) for name, cuff in cuffs}
 
 
 class _Beside(BaseModel):
@@ -54,7 +56,7 @@ class _Beside(BaseModel):
     not_identified: dict[str, Any] | None = None
 
 
-def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
+def _cuff_from(name: str, cuff: Any, seals: Any, path: Path) -> CuffFit:
     if not isinstance(cuff, dict):
         raise CuffsFileError(
             f"{path}: cuff {name} is {shortened(cuff)}, expected an object with {', '.join(QUANTITIES.values())}"
@@ -64,6 +66,7 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
     site = cuff.get("site", "waist" if name == "waist" else "arm")
     if site not in ("arm", "waist"):
         raise CuffsFileError(f'{path}: {name}.site is {shortened(site)}, expected "arm" or "waist"')
+    standing, given = check_cuff(name, cuff, seals, QUANTITIES)
     return CuffFit(
         name=name,
         site=site,
@@ -75,6 +78,8 @@ def _cuff_from(name: str, cuff: Any, path: Path) -> CuffFit:
         covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
         sources=beside.sources,
         origin=_origin_of(cuff),
+        given=tuple(figure for figure in QUANTITIES if figure in given),
+        standing=standing,
         notes=beside.notes,
         diagnostics=beside.diagnostics,
         energy=_estimate_from(cuff.get("hysteresis_energy_j"), f"{path}: {name}.hysteresis_energy_j"),

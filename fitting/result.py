@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Literal
 
@@ -26,6 +26,7 @@ from fitting.plain import (
     plain_swing,
     plain_sync,
 )
+from fitting.seal import SEAL, CheckedFile, Standing, digest, seal_cuff
 from fitting.spatial.tensor import Tensors, plain_tensor
 from fitting.timing.sync_certificate import SyncCertificate
 from fitting.trial import RejectedTrial
@@ -35,6 +36,9 @@ from solver.cuff import CuffParameters
 
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 """Field of CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
+
+
+UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
 
 
 class Verdict(StrEnum):
@@ -146,6 +150,7 @@ class CuffFit:
     complex_stiffness  K* in bands of frequency from all dynamic trials
     classes     how laws richer than a spring and a damper compare;  diagnosis: checks and what may be wrong
     origin      of the recordings that were used: simulated if any of them is, unknown where the figures were given
+    given       which of the figures were given by hand;  standing: against its seal in cuffs.json, None unless read
     tensors     K and C in three dimensions, or why there are none
                 (these four are not read back from cuffs.json)
     """
@@ -170,6 +175,20 @@ class CuffFit:
     diagnosis: Diagnosis | None = None
     tensors: Tensors | None = None
     origin: DataOrigin = DataOrigin.UNKNOWN
+    given: tuple[str, ...] = ()
+    standing: Standing | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader must know of where the figures come from, in clauses."""
+        simulated = ("simulated data",) if self.origin is DataOrigin.SIMULATED else ()
+        by_hand = tuple(
+            f"{name} {getattr(self, name).value:.6g} {UNITS[name]} is given by hand"
+            for name in self.given
+            if getattr(self, name)
+        )
+        changed = ("changed since it was fitted",) if self.standing is Standing.CHANGED else ()
+        return simulated + by_hand + changed
 
     @property
     def verdict(self) -> str:
@@ -209,12 +228,14 @@ class SessionFit:
     rejected  recordings that could not be read as a trial at all
     curves    file → the arrays behind the figures, for every trial that was used
     calibration  of the load cell by the session's bounce trials, None without one
+    recordings   file → its hash, and how it stood to what was recorded of it; also of those that were set aside
     """
 
     donnings: Mapping[str, Mapping[str, CuffFit]]
     rejected: tuple[RejectedTrial, ...]
     curves: Mapping[str, TrialCurves]
     calibration: Calibration | None = None
+    recordings: Mapping[str, CheckedFile] = field(default_factory=dict)
 
     @property
     def cuffs(self) -> dict[str, CuffFit]:
@@ -246,11 +267,16 @@ class SessionFit:
         rejected = [
             {"file": trial.file, "reason": trial.reason, "damage": list(trial.damage)} for trial in self.rejected
         ]
-        plain = {
+        plain: dict[str, Any] = {
             "origin": self.origin,
             "cuffs": cuffs,
             "rejected": rejected,
             "calibration": plain_calibration(self.calibration),
+            "recordings": {file: asdict(checked) for file, checked in self.recordings.items()},
+        }
+        plain[SEAL] = {
+            "cuffs": {name: seal_cuff(cuff, QUANTITIES) for name, cuff in cuffs.items()},
+            "session": digest({key: value for key, value in plain.items() if key != "cuffs"}),
         }
         return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 

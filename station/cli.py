@@ -1,6 +1,7 @@
 """The verbs, in the order of the data. Each is a short function in station/verbs, by where on the way it works.
 
-Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing; 130 Ctrl-C.
+Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing, or a file has
+changed since it was recorded; 130 Ctrl-C.
 stdout carries data, stderr talk, both in UTF-8.
 """
 
@@ -27,7 +28,7 @@ WAY = {
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
     "The suit on the muscles": (muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
-    "Report": (whole.report,),
+    "Report": (whole.report, whole.verify),
 }
 """Where on the way, from left to right → its verbs."""
 VERBS = {verb.__name__.rstrip("_"): verb for verbs in WAY.values() for verb in verbs}

@@ -10,12 +10,14 @@ from types import MappingProxyType
 from fitting.bushing import bushing_force
 from fitting.protocol_file import read_protocol
 from fitting.result import SessionFit
+from fitting.seal import CheckedFile
 from fitting.session import fit_session
 from fitting.trial import RejectedTrial, Trial, TrialReading, read_alone, read_trials
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.reader import open_recording
 from station.bench.known_mass import inherited, listed, read_checks
+from station.checksums import sha256_of, standing_of, write_checksums
 from station.journal import Assignment, Journal, read_journal
 from station.progress import Progress, silent
 from station.whole_file import write_whole
@@ -67,10 +69,10 @@ def fit_session_folder(
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     checks = read_checks(folder)
     fitting = fit_session(inherited(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
-    fitted = listed(fitting, checks)
+    fitted = replace(listed(fitting, checks), recordings=_checked(paths))
     if output is not None:
         write_whole(output, fitted.to_json())
-        _write_bushings(output.parent, fitted)
+        write_checksums(output, *_write_bushings(output.parent, fitted))
     return fitted
 
 
@@ -82,11 +84,18 @@ def _original_of(path: Path) -> Path:
     return path.with_suffix("").with_suffix(".mcap")
 
 
-def _write_bushings(folder: Path, fitted: SessionFit) -> None:
+def _checked(paths: Sequence[Path]) -> dict[str, CheckedFile]:
+    """Every recording against what was recorded of it when it ended."""
+    hashes = {path: sha256_of(path) for path in paths}
+    return {path.name: CheckedFile(sha256, standing_of(path, sha256)) for path, sha256 in hashes.items()}
+
+
+def _write_bushings(folder: Path, fitted: SessionFit) -> list[Path]:
     """Beside cuffs.json, each cuff that is identified as OpenSim's BushingForce."""
-    for name, fit in fitted.cuffs.items():
-        if not fit.missing:
-            write_whole(folder / f"bushing_{name}.xml", bushing_force(fit))
+    identified = {folder / f"bushing_{name}.xml": fit for name, fit in fitted.cuffs.items() if not fit.missing}
+    for path, fit in identified.items():
+        write_whole(path, bushing_force(fit))
+    return list(identified)
 
 
 def _set_aside(path: Path, journal: Journal) -> RejectedTrial:

@@ -42,6 +42,8 @@ def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) ->
 
 def of_cuff(fit: CuffFit, quantity: str, words: str) -> str:
     """The words for a cuff's stiffness, damping or migration; a figure that nobody should wear is told as such."""
+    if quantity in fit.given:
+        return f"{words} (given by hand)"
     is_doubtful = quantity in fit.missing and getattr(fit, quantity) is not None
     return f"not identified: {words}" if is_doubtful else words
 

@@ -63,7 +63,7 @@ def cuff_table(cuffs: Mapping[str, CuffFit], truth: Truth | None = None) -> Tabl
             name,
             of_cuff(fit, "stiffness", _spoken(fit.stiffness, true=true.get("stiffness_n_per_m"))),
             of_cuff(fit, "damping", _spoken(fit.damping, true=true.get("damping_n_s_per_m"))),
-            _spoken(fit.migration, 1000.0, true=true.get("migration_m")),
+            of_cuff(fit, "migration", _spoken(fit.migration, 1000.0, true=true.get("migration_m"))),
             fit.verdict,
         )
     return table

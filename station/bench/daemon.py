@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
@@ -25,6 +25,7 @@ from station.bench.session import POST_ROLL_S, Snapshot, State, TrialRules, Tria
 from station.bench.session_folder import why_mixed
 from station.bench.stepped_feed import SteppedFeeds
 from station.bench.trial_order import start_after_all_in
+from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.file_lock import locked
@@ -179,6 +180,8 @@ class Daemon:
             writer.close(Outcome(accepted, session.state.value, session.sentence))
         except RecordingError as error:
             return TrialResult(path, False, session.lost_samples, str(error), manifest.origin)
+        with suppress(OSError):  # the trial is whole; that nobody can tell whether it stays so is told by every reader
+            write_checksums(path)
         return TrialResult(path, accepted, session.lost_samples, session.sentence, manifest.origin)
 
     def _run(self, session: TrialSession, feeds: Feeds | SteppedFeeds, disk: DiskWatch) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fitting.quality import UnusableTrial
 from fitting.trial import read_trial
+from recordings.manifest import DataOrigin
 from solver.motion import write_table
 from station.files.one_clock import ExportRefused, OneClock
 from station.files.pieces import LEAST_ROWS, Pieces, fill_gaps, find_pieces
@@ -59,7 +60,7 @@ def _write_pieces(trial: OneClock, stem: Path, suffix: str, table: Array, pieces
     time, count = trial.line.force_time, len(pieces.slices)
     numbers = [""] if count == 1 else [f"_{i}" for i in range(1, count + 1)]
     files = tuple(
-        _write(stem.with_name(f"{stem.name}_force{number}{suffix}"), time[part], table[part])
+        _write(stem.with_name(f"{stem.name}_force{number}{suffix}"), time[part], table[part], trial.manifest.origin)
         for number, part in zip(numbers, pieces.slices, strict=True)
     )
     described = [
@@ -77,7 +78,8 @@ def _write_pieces(trial: OneClock, stem: Path, suffix: str, table: Array, pieces
 
 def _write_filled(trial: OneClock, stem: Path, suffix: str, table: Array) -> WrittenLoads:
     filled = fill_gaps(trial.line.force_time, table)
-    file = _write(stem.with_name(f"{stem.name}_force{suffix}"), filled.time, filled.values)
+    path = stem.with_name(f"{stem.name}_force{suffix}")
+    file = _write(path, filled.time, filled.values, trial.manifest.origin)
     gaps = {
         "filled": "along straight lines between the known rows: direction, point and, where samples were lost, force",
         "rows_filled": {"marker_hidden": filled.unknown, "samples_lost": filled.lost},
@@ -90,10 +92,11 @@ def _write_filled(trial: OneClock, stem: Path, suffix: str, table: Array) -> Wri
     return WrittenLoads((file,), gaps, (note,) if filled.unknown or filled.lost else ())
 
 
-def _write(path: Path, time: Array, table: Array) -> Path:
-    """table (rows, 7): force [N], direction, which need not have length 1, and point [m]."""
+def _write(path: Path, time: Array, table: Array, origin: DataOrigin) -> Path:
+    """table (rows, 7): force [N], direction, which need not have length 1, and point [m]; origin is for the header."""
     direction = table[:, 1:4] / np.linalg.norm(table[:, 1:4], axis=1, keepdims=True)
     force = table[:, :1] * direction
     with drafted(path) as draft:
-        write_table(draft, COLUMNS, time, np.column_stack((force, table[:, 4:], np.zeros_like(force))))
+        values = np.column_stack((force, table[:, 4:], np.zeros_like(force)))
+        write_table(draft, COLUMNS, time, values, {"data": origin})
     return path

@@ -22,6 +22,7 @@ from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
 from recordings.reader import open_recording
 from recordings.samples import Event
+from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.export_raw import write_raw
@@ -73,7 +74,7 @@ def export_recordings(
         written += write_bids(for_bids, output, subject)
     if not written:
         raise ExportRefused("; ".join(refused) or "there is no recording to export")
-    return Exported(tuple(written), tuple(notes), tuple(refused))
+    return Exported(tuple(written), (*changed_files(paths), *notes), tuple(refused))
 
 
 def _without_clock(path: Path, to: str, output: Path, error: NoCommonClock) -> tuple[list[Path], str]:
@@ -181,6 +182,7 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
     return {
         "recording": trial.path.name,
         "sha256": trial.sha256,
+        "checked": standing_of(trial.path, trial.sha256),
         "origin": manifest.origin,
         "devices": [vars(device) for device in manifest.devices],
         "cuff": None if manifest.cuff is None else vars(manifest.cuff),

@@ -20,6 +20,7 @@ from recordings.contents import Contents, sum_up
 from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file
 from recordings.recovery import recover
+from station.checksums import CHECKSUMS_FILE, changed_files, standing_of, write_checksums
 from station.exit_code import DONE, LOSSY
 from station.progress import busy, progress_bars
 
@@ -28,11 +29,13 @@ def show_contents(path: Path, as_json: bool) -> int:
     """Prints what is in the file to stdout; returns 0, or 3 where something of it is missing."""
     with busy(f"reading {path.name}"):
         contents, certificate, sentence = _read(path)
+    standing = standing_of(path)
     if as_json:
         origin = contents.manifest.origin if contents.manifest else DataOrigin.UNKNOWN
         plain = {
             **json.loads(contents.to_json()),
             "origin": origin,
+            "checked": standing,
             "sync": plain_sync(certificate),
             "sync_sentence": sentence,
         }
@@ -41,7 +44,9 @@ def show_contents(path: Path, as_json: bool) -> int:
         _print_tables(contents, Console(markup=False))
         for words in (f"sync: {sentence}", *(certificate.findings if certificate else ())):
             print(words)
-    return DONE if contents.complete and not contents.gaps else LOSSY
+        print(f"{path.name}: {standing}, by {CHECKSUMS_FILE}")
+    is_whole = contents.complete and not contents.gaps and not standing.is_break
+    return DONE if is_whole else LOSSY
 
 
 def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
@@ -58,7 +63,8 @@ def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
         size = path.stat().st_size if path.is_file() else 0
         progress("recovering, kB", 0, size // 1000)
         report = recover(path, output, lambda done: progress("recovering, kB", done // 1000, size // 1000))
-    for sentence in report.sentences():
+    write_checksums(report.output)
+    for sentence in (*changed_files([path]), *report.sentences()):
         print(sentence, file=sys.stderr)
     if as_json:
         print(json.dumps(_recovered(report.source, report.output, report.lossless, report.sentences()), indent=2))

@@ -13,6 +13,7 @@ from fitting.trial import read_trials
 from recordings.manifest import Manifest, Outcome
 from recordings.samples import Item, Loss, Samples, Stream
 from recordings.writer import RecordingWriter
+from station.checksums import write_checksums
 from station.files.foreign_files import ImportRefused
 
 BLOCK_S = 0.5
@@ -62,5 +63,6 @@ def write_recording(
         if path.exists():
             raise ImportRefused(f"{path} exists, and a recording is never overwritten; move it away")
         draft.replace(path)
+        write_checksums(path)
     finally:
         writer.discard()

@@ -10,10 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from fitting.result import CuffFit
+from fitting.seal import Standing
 from recordings.manifest import DataOrigin
 from solver.redundancy.motion import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
-from station.muscles.assessment_inputs import AssessmentInputs, ensure_folder, read_cuffs_to_wear, worn_cuffs
+from station.checksums import write_checksums
+from station.muscles.assessment_inputs import (
+    AssessmentInputs,
+    ensure_folder,
+    read_cuffs_to_wear,
+    standing_of_cuffs,
+    worn_cuffs,
+)
 from station.muscles.assessment_json import (
     ACTIVATIONS_FILE,
     ASSESSMENT_FILE,
@@ -34,8 +42,8 @@ BESIDE_FRAMES, BESIDE_REST_LENGTHS = 40, 16
 
 @dataclass(frozen=True)
 class AssessedSuit:
-    """The cuffs worn, an assessment, a short one of another motion (its name first) or None, measured EMG, and what
-    went in.
+    """The cuffs worn, an assessment, a short one of another motion (its name first) or None, measured EMG, what went
+    in, and how the cuffs' file stood to what was recorded of it.
     """
 
     cuffs: tuple[CuffFit, ...]
@@ -43,6 +51,7 @@ class AssessedSuit:
     beside: tuple[str, Assessment] | None
     emg: tuple[MeasuredReduction, ...]
     inputs: dict[str, str]
+    cuffs_standing: Standing
 
     @property
     def origin(self) -> DataOrigin:
@@ -88,7 +97,7 @@ def assess_cuffs(
         progress=progress,
     )
     fits = tuple(cuffs[each.name] for each in worn)
-    return AssessedSuit(fits, assessment, beside, emg, inputs.hashes())
+    return AssessedSuit(fits, assessment, beside, emg, inputs.hashes(), standing_of_cuffs(inputs.cuffs, fits))
 
 
 def _count_beside(progress: Progress, what: str, done: int, total: int) -> None:
@@ -118,6 +127,8 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     plain["findings"] = findings(assessed.assessment)
     plain["emg"] = plain_emg(assessed.emg)
     plain["inputs"] = assessed.inputs
+    plain["inputs_checked"] = {"cuffs": assessed.cuffs_standing}
     plain["versions"] = solving_versions()
     write_whole(folder / ASSESSMENT_FILE, json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
+    write_checksums(folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE)

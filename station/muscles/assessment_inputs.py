@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from fitting.cuffs_file import read_cuffs
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, NotIdentified
+from fitting.seal import Standing
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.plain_data import read_json
 from solver.cuff import PARAMETER_ORDER, CuffParameters
@@ -20,6 +21,7 @@ from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
+from station.checksums import standing_of
 from station.exit_code import WRONG_USAGE
 from station.muscles.emg import MeasuredReduction, read_emg
 from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes
@@ -100,6 +102,23 @@ class AssessmentInputs:
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 
+def standing_of_cuffs(path: Path, cuffs: Iterable[CuffFit]) -> Standing:
+    """How the file stands to what was recorded of it; figures given by hand in these cuffs explain a change."""
+    found = {fit.standing for fit in cuffs}
+    if Standing.CHANGED in found:
+        return Standing.CHANGED
+    return Standing.BY_HAND if Standing.BY_HAND in found else standing_of(path)
+
+
+def cuff_remarks(path: Path, cuffs: Iterable[CuffFit]) -> list[str]:
+    """What a reader of a result must know of the cuffs that went into it, in sentences."""
+    cuffs = tuple(cuffs)
+    said = [f"cuff {fit.name}: {remark}" for fit in cuffs for remark in fit.remarks]
+    if standing_of_cuffs(path, cuffs) is Standing.CHANGED:
+        said.append(f"{path} has changed since it was recorded; fit the session again, or see `station verify`")
+    return said
+
+
 def ensure_folder(output: Path) -> None:
     """Before anything is solved. Raises InputError where results have no place to go."""
     if output.exists() and not output.is_dir():
@@ -114,7 +133,7 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
             f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
             "another"
         )
-    worn = [fit for fit in cuffs.values() if _is_worn(fit, chosen)]
+    worn = worn_fits(cuffs, chosen)
     for fit in worn:
         if fit.name == RIGID:
             raise InputError(f"a cuff is called {RIGID}, as is the suit with cuffs that do not yield; rename it")
@@ -135,6 +154,11 @@ def without_shift(fit: CuffFit) -> CuffFit:
     return replace(fit, migration=Estimate(0.0, 0.0, (0.0, 0.0)), notes=(*fit.notes, NO_SHIFT))
 
 
+def worn_fits(cuffs: Mapping[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffFit]:
+    """Those of the chosen cuffs, or of all, and the waist's."""
+    return [fit for fit in cuffs.values() if not chosen or fit.name in chosen or fit.site == "waist"]
+
+
 def wearable(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, CuffFit], dict[str, str]]:
     """The cuffs that can be worn, and of the others by name why not."""
     left_out = {}
@@ -150,23 +174,18 @@ def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, Cu
     """Reads cuffs.json; of the cuffs that worn_cuffs would take, raises InputError for a law that no suit wears."""
     cuffs = read_cuffs(path)
     plain = read_json(path)["cuffs"]
-    for fit in cuffs.values():
-        if _is_worn(fit, chosen):
-            entry = plain[fit.name]
-            _ensure_is_worn_as(entry.get("law"), fit.name)
-            _ensure_is_worn_as(_named(entry.get("model_class"), "chosen"), fit.name)
-            if any(_named(entry.get(key), "value") for key in TENSOR_KEYS):
-                _ensure_is_worn_as(TENSOR, fit.name)
+    for fit in worn_fits(cuffs, chosen):
+        entry = plain[fit.name]
+        _ensure_is_worn_as(entry.get("law"), fit.name)
+        _ensure_is_worn_as(_named(entry.get("model_class"), "chosen"), fit.name)
+        if any(_named(entry.get(key), "value") for key in TENSOR_KEYS):
+            _ensure_is_worn_as(TENSOR, fit.name)
     return cuffs
 
 
 def _named(entry: Any, key: str) -> Any:
     """What an object has under its key, or what stands in the object's place."""
     return entry.get(key) if isinstance(entry, dict) else entry
-
-
-def _is_worn(fit: CuffFit, chosen: tuple[str, ...]) -> bool:
-    return not chosen or fit.name in chosen or fit.site == "waist"
 
 
 def _ensure_is_worn_as(law: Any, name: str) -> None:

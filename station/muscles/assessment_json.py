@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.result import QUANTITIES, CuffFit
+from fitting.seal import Standing
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import Assessment, EffortCurve, Quantity
 from station.muscles.assessment_inputs import NO_SHIFT
@@ -101,7 +102,10 @@ def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
         fit.name: {
             "site": fit.site,
             "origin": fit.origin,
-            **{key: number(getattr(fit, name)) for name, key in QUANTITIES.items()},
+            **{
+                key: {**number(getattr(fit, name)), "source": Standing.BY_HAND if name in fit.given else "fit"}
+                for name, key in QUANTITIES.items()
+            },
             **({"assumed": NO_SHIFT} if NO_SHIFT in fit.notes else {}),
         }
         for fit in cuffs

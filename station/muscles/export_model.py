@@ -13,7 +13,7 @@ from solver.osim.suited import add_suit
 from solver.osim.writer import osim_document
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, read_suit
-from station.muscles.assessment_inputs import InputError, UnknownCuff, read_cuffs_to_wear, worn_cuffs
+from station.muscles.assessment_inputs import InputError, UnknownCuff, cuff_remarks, read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, model_of
 from station.whole_file import write_whole
 
@@ -30,33 +30,42 @@ class SuitToExport:
     rest_length: float | None = None
 
 
-def write_suited_model(worn: SuitToExport, output: Path) -> None:
-    """Write the .osim; a user's own model keeps all it has. Raises as the readers do, and where they do not fit."""
+def write_suited_model(worn: SuitToExport, output: Path) -> list[str]:
+    """Write the .osim; a user's own model keeps all it has. Returns remarks on the cuffs, which the file holds, too.
+
+    Raises as the readers do, and where they do not fit.
+    """
     suit = read_suit(worn.suit)
     if worn.rest_length is not None:
         suit = replace(suit, reference_rest_length=worn.rest_length)
     model = model_of(worn.model)
     root = osim_document(model) if worn.model == BUNDLED else _document(Path(worn.model))
-    add_suit(root, model, suit, _wearing(worn, suit.reference_rest_length))
+    wearing, remarks = _wearing(worn, suit.reference_rest_length)
+    add_suit(root, model, suit, wearing)
+    for remark in reversed(remarks):
+        root.insert(0, Xml.Comment(f" {remark.replace('--', '-')} "))
     Xml.indent(root, "\t")
     write_whole(output, '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n")
+    return remarks
 
 
-def _wearing(worn: SuitToExport, rest_length: float) -> SuitScenario:
+def _wearing(worn: SuitToExport, rest_length: float) -> tuple[SuitScenario, list[str]]:
     lengths = np.array([rest_length])
     if worn.cuffs is None:
         if worn.cuff is not None:
             raise UnknownCuff(f"the cuff {worn.cuff} needs a cuffs.json that holds it; name one by --cuffs")
         if worn.condition not in (None, "rigid"):
             raise InputError(f"the condition {worn.condition} needs cuffs, and none are given; name a cuffs.json")
-        return SuitScenario("rigid", None, None, lengths)
+        return SuitScenario("rigid", None, None, lengths), []
     chosen = (worn.cuff,) if worn.cuff else ()
-    cuffs = worn_cuffs(read_cuffs_to_wear(worn.cuffs, chosen), chosen)
+    fits = read_cuffs_to_wear(worn.cuffs, chosen)
+    cuffs = worn_cuffs(fits, chosen)
     arms, waists = ([cuff for cuff in cuffs if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"
         raise InputError(f"a suited model wears one arm cuff and there are {names}; choose one by --cuff")
-    return SuitScenario(worn.condition or "both", waists[0] if waists else None, arms[0], lengths)
+    remarks = cuff_remarks(worn.cuffs, (fits[cuff.name] for cuff in cuffs))
+    return SuitScenario(worn.condition or "both", waists[0] if waists else None, arms[0], lengths), remarks
 
 
 def _document(path: Path) -> Xml.Element:

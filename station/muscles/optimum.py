@@ -13,9 +13,11 @@ from solver.cuff import by_site
 from solver.suit.optimise import Freedom, OptimisedSuit, SuitCandidate, optimise_suit
 from solver.suit.scenarios import Condition
 from solver.suit.suit import PARTS, Suit, suit_toml
+from station.checksums import write_checksums
 from station.muscles.assessment_inputs import (
     AssessmentInputs,
     InputError,
+    cuff_remarks,
     ensure_folder,
     read_cuffs_to_wear,
     worn_cuffs,
@@ -64,6 +66,7 @@ def optimise_file(
         "cuff": arms[0].name,
         "free": ["rest_length", *free],
         **_plain_suits(found),
+        "remarks": cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists))),
         "inputs": inputs.hashes(),
         "versions": solving_versions(),
     }
@@ -71,6 +74,8 @@ def optimise_file(
     _write_suit(output / "suit.toml", found.fitted, f"the best of {found.tried} suits tried with {arms[0].name}")
     if draws := found.robust.drawn.size:
         _write_suit(output / "robust_suit.toml", found.robust, f"the best on average over {draws} draws of the cuffs")
+    written = ("optimum.json", "suit.toml", *(("robust_suit.toml",) if found.robust.drawn.size else ()))
+    write_checksums(*(output / name for name in written))
     return found
 
 

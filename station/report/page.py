@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,15 +17,18 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from fitting.bushing import bushing_force
 from fitting.cuffs_file import read_cuffs
 from fitting.curves import TrialCurves
-from fitting.result import CuffFit, SessionFit
+from fitting.result import QUANTITIES, UNITS, CuffFit, SessionFit
+from fitting.seal import Standing
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin
 from recordings.plain_data import PlainDataError, read_json
+from station.checksums import sha256_of, write_checksums
+from station.files.chain import CUFFS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder, recordings_in
 from station.interval import bracketed, digits_of, of_cuff, rounded
 from station.muscles.assessment_file import read_assessment
-from station.muscles.assessment_json import ASSESSMENT_FILE
+from station.muscles.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.progress import Progress, silent
 from station.report.assessment_section import assessment_section, suit_figures
 from station.report.figures import dynamic_figure, static_figure, trial_figure
@@ -33,6 +38,7 @@ from station.whole_file import write_whole
 
 T = TypeVar("T")
 
+DOUBTFUL = (Standing.CHANGED, Standing.MISSING, Standing.BY_HAND)
 FIRST = "Force at the load cell and the cuff's displacement along the rope, sway removed; shaded: what is fitted"
 REPEAT = (
     "Left: held loads, the line of the common stiffness, and how far they lie off it. Middle: the swing as measured "
@@ -91,6 +97,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     if not cuffs and not assessment:
         raise ReportError(f"{folder} holds no recording, no cuffs.json and no assessment.json to report")
     truth = _beside(folder / TRUTH_FILE, _TRUTH) or {}
+    chain = chain_of(folder, is_report_included=False)
     curves = fitted.curves if fitted else {}
     planned: dict[str | None, Sequence[PlannedFigure]] = {
         None: suit_figures(assessment, folder) if assessment else (),
@@ -105,6 +112,9 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
             cuffs=[CuffSection(fit, truth.get(name), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
             origin=_origin(cuffs, assessment),
+            chain=chain,
+            doubts=[str(link) for link in chain if link.standing in DOUBTFUL] + _contradictions(cuffs, assessment),
+            inputs=json.dumps(_inputs(folder), indent=1).replace("<", "\\u003c"),
             missing=_beside(folder / MISSING_FILE, _MISSING) or (),
             trials=[trial for fit in cuffs.values() for trial in fit.trials],
             rejected=fitted.rejected if fitted else (),
@@ -113,9 +123,33 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
             version=metadata.version("cuffstation"),
         )
     )
-    path = folder / "report.html"
+    path = folder / REPORT_FILE
     write_whole(path, page)
+    write_checksums(path)
     return path
+
+
+def _inputs(folder: Path) -> dict[str, str]:
+    """File → SHA-256 of all that the page is made of."""
+    made_of = [*recordings_in(folder), *(folder / name for name in (CUFFS_FILE, ASSESSMENT_FILE, ACTIVATIONS_FILE))]
+    return {path.name: sha256_of(path) for path in made_of if path.is_file()}
+
+
+def _contradictions(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] | None) -> list[str]:
+    """Where the assessment wears other figures than those in the table of cuffs, in sentences."""
+    said = []
+    for name, worn in ((assessment or {}).get("cuffs") or {}).items():
+        for quantity, key in QUANTITIES.items() if name in cuffs else ():
+            shown, entry = getattr(cuffs[name], quantity), worn.get(key) or {}
+            value = entry.get("value")
+            if shown is None or value is None or math.isclose(shown.value, value, rel_tol=1e-9):
+                continue
+            by_hand = f", {Standing.BY_HAND}" if entry.get("source") == Standing.BY_HAND else ""
+            said.append(
+                f"the muscles below were solved with another {quantity} of cuff {name} than the one in the table: "
+                f"{value:.6g} {UNITS[quantity]}{by_hand}, and the table has {shown.value:.6g}"
+            )
+    return said
 
 
 def _origin(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] | None) -> DataOrigin:
@@ -195,8 +229,15 @@ def _environment() -> Environment:
     environment.filters["spoken"] = _spoken
     environment.filters["of_cuff"] = lambda words, fit, quantity: of_cuff(fit, quantity, words)
     environment.filters["figure"] = _figure
+    environment.filters["worn"] = _worn
     environment.filters["beside"] = _beside_estimate
     return environment
+
+
+def _worn(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
+    """A figure that the assessment wears, with its source where that is not the fit."""
+    by_hand = number is not None and number.get("source") == Standing.BY_HAND
+    return f"{_figure(number, scale, digits)}{' (given by hand)' if by_hand else ''}"
 
 
 def _spoken(estimate: Estimate | None, scale: float = 1.0) -> str:

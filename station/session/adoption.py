@@ -10,6 +10,7 @@ from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from station.bench.daemon import LOCK
+from station.checksums import write_checksums
 from station.fit import recordings_in
 from station.journal import Recorded, read_journal, write_recorded
 
@@ -35,6 +36,7 @@ def _account_of(path: Path) -> Recorded:
         words = ""
         if not recording.complete:
             report = recover(path)
+            write_checksums(path, report.output)
             path, words = report.output, "; ".join(("the recorder was killed in mid trial", *report.sentences()))
         manifest, outcome = recording.manifest, recording.outcome
     except RecordingError as error:

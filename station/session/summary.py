@@ -39,7 +39,7 @@ def summarise(folder: Path) -> Summary:
             "cuff": name,
             "k [N/m]": of_cuff(cuff, "stiffness", _words(cuff.stiffness)),
             "c [N s/m]": of_cuff(cuff, "damping", _words(cuff.damping)),
-            "migration [mm]": _words(cuff.migration, 1e3),
+            "migration [mm]": of_cuff(cuff, "migration", _words(cuff.migration, 1e3)),
             "verdict": cuff.verdict,
         }
         for name, cuff in fitted.cuffs.items()

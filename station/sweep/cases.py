@@ -21,7 +21,7 @@ from solver.osim.loads import data_file
 from solver.source_file import LARGEST_TABLE, read_source
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
-from station.muscles.assessment_inputs import read_cuffs_to_wear, worn_cuffs
+from station.muscles.assessment_inputs import cuff_remarks, read_cuffs_to_wear, worn_cuffs
 from station.muscles.sources import BUNDLED, loads_of, model_of, motion_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
 from station.sweep.solving import Geometry, Task, WornCase
@@ -40,6 +40,7 @@ class Case:
     number: int
     point: Point
     worn: WornCase
+    remarks: str
 
     @property
     def key(self) -> str:
@@ -89,7 +90,9 @@ class SweepInputs:
             "cuffs": [cuff and [cuff.stiffness, cuff.damping, cuff.migration] for cuff in scenario.cuffs],
         }
         key = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-        return Case(number, point, WornCase(key, suit, scenario))
+        fits = self.cuffs(point["cuffs"])
+        remarks = cuff_remarks(self._path(point["cuffs"]), (fits[cuff.name] for cuff in scenario.cuffs if cuff))
+        return Case(number, point, WornCase(key, suit, scenario), "; ".join(remarks))
 
     def _worn_cuffs(self, point: Point) -> tuple[CuffParameters | None, CuffParameters | None]:
         """Those at waist and arm; none is worn in the rigid condition."""

@@ -52,8 +52,8 @@ def write_table(folder: Path, plan: SweepPlan, cases: Sequence[Case], outcomes: 
     import pyarrow as pa
     from pyarrow import parquet
 
-    rows = [{**_design(case), **outcomes[case.key], "key": case.key} for case in cases]
-    kinds = {**dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys([*NAMES, "error", "key"], pa.string())}
+    rows = [{**_design(case), **outcomes[case.key], "remarks": case.remarks, "key": case.key} for case in cases]
+    kinds = {**dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys([*NAMES, "error", "remarks", "key"], pa.string())}
     fields = [pa.field(name, kinds.get(name, pa.float64())) for name in rows[0]]
     about = {"plan_sha256": plan.digest, "versions": json.dumps(solving_versions())}
     table = pa.Table.from_pylist(rows, schema=pa.schema(fields, metadata=about))

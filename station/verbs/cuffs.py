@@ -45,7 +45,10 @@ def fit(
     if not fitted.curves:
         say("not one trial could be used; why stands beside each above, or in cuffs.json")
         raise typer.Exit(FAILED)
-    is_whole = all(curves.trial.is_whole for curves in fitted.curves.values())
+    changed = [file for file, checked in fitted.recordings.items() if checked.standing.is_break]
+    for file in changed:
+        say(f"{file} has changed since it was recorded: its SHA-256 is not the one in SHA256SUMS")
+    is_whole = not changed and all(curves.trial.is_whole for curves in fitted.curves.values())
     raise typer.Exit(DONE if is_whole and not fitted.damage else LOSSY)
 
 

@@ -46,11 +46,14 @@ def replay(
     from station.bench.daemon import TrialRefused, View
     from station.bench.live import LiveView
     from station.bench.session_folder import why_not_here
+    from station.checksums import changed_files
     from station.clock import RealClock
     from station.files.replay import replay as play_back
     from station.rerun.log import open_rerun
     from station.rerun.scene import log_scene
 
+    for sentence in changed_files([file]):
+        say(sentence)
     with ExitStack() as stack:
         manifest = open_recording(file).manifest
         if session is not None and (why_not := why_not_here(session, manifest.devices)):
@@ -110,6 +113,7 @@ def import_(
     over: Annotated[Path | None, typer.Option(help="Instead: a recording of the station, to be completed.")] = None,
 ) -> None:
     """Make a recording of files that other programs left. Prints its path."""
+    from station.checksums import changed_files
     from station.config import load_config
     from station.files.complete_trial import complete_trial
     from station.files.foreign_files import ForceSource, MarkerSource, WrongImport, parse_names
@@ -130,7 +134,7 @@ def import_(
         spec = TrialSpec(cuff, test, repeat, donning)
         with busy(f"importing {mocap.name}"):
             done = import_trial(session, spec, with_lag(load_config(config), lag_s, lag_sd_s), source, markers, start)
-    for note in done.notes:
+    for note in (*(changed_files([over]) if over is not None else ()), *done.notes):
         say(note)
     print(done.path)
 
@@ -170,8 +174,8 @@ def export(
         raise WrongExport("an export with --osim needs --output, and no FILE, --session or --to; see --help")
     else:
         with busy("writing the model"):
-            write_suited_model(SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m), output)
-        done = Exported((output,), (), ())
+            suited = SuitToExport(model, suit or BUNDLED_SUIT, cuffs, cuff, condition, rest_length_m)
+            done = Exported((output,), tuple(write_suited_model(suited, output)), ())
     for sentence in (*done.notes, *done.refused):
         say(sentence)
     if format == "json":

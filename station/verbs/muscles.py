@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import SIMULATED_DATA, Condition, Freedom, Paths, say
+from station.verbs.options import Condition, Freedom, Paths, say
 
 CuffsFile = Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")]
 BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")]
@@ -94,7 +94,7 @@ def assess(
 
     from solver.suit.suit import BUNDLED_SUIT
     from station.muscles.assess import assess_file
-    from station.muscles.assessment_inputs import AssessmentInputs
+    from station.muscles.assessment_inputs import AssessmentInputs, cuff_remarks
     from station.muscles.compilation import compilation_shown
     from station.muscles.findings import findings
     from station.progress import progress_bars
@@ -107,12 +107,13 @@ def assess(
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         assessed = assess_file(inputs, output, draws, progress)
     write_report(output)
-    if assessed.origin == "simulated":
-        say(SIMULATED_DATA)
     Console(markup=False).print(assessment_table(assessed.assessment))
+    for sentence in cuff_remarks(cuffs, assessed.cuffs):
+        say(sentence)
     for sentence in findings(assessed.assessment):
         say(sentence)
-    raise typer.Exit(LOSSY if assessed.assessment.unsolved else DONE)
+    is_changed = assessed.cuffs_standing.is_break
+    raise typer.Exit(LOSSY if assessed.assessment.unsolved or is_changed else DONE)
 
 
 def optimise(
@@ -132,8 +133,9 @@ def optimise(
     """The rest length, and where asked the stiffness and points of the cord, that save the muscles most."""
     from rich.console import Console
 
+    from fitting.cuffs_file import read_cuffs
     from solver.suit.suit import BUNDLED_SUIT
-    from station.muscles.assessment_inputs import AssessmentInputs
+    from station.muscles.assessment_inputs import AssessmentInputs, cuff_remarks, worn_fits
     from station.muscles.compilation import compilation_shown
     from station.muscles.optimum import optimise_file
     from station.progress import progress_bars
@@ -145,6 +147,8 @@ def optimise(
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
     Console(markup=False).print(optimum_table(optimised))
+    for sentence in cuff_remarks(cuffs, worn_fits(read_cuffs(cuffs), chosen)):
+        say(sentence)
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
         say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")
 

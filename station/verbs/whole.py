@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from station.verbs.options import ConfigPath, Seed, say
+from station.exit_code import DONE, FAILED, LOSSY
+from station.verbs.options import ConfigPath, FormatOption, Seed, say
 
 
 def demo(
@@ -63,14 +64,54 @@ def judge(
     redo: Annotated[str | None, typer.Option(help="It does not count, and this is why; without it, it counts.")] = None,
 ) -> None:
     """Let a recording count, or set it aside with the reason; the session's journal keeps both."""
+    from station.checksums import changed_files
     from station.journal import write_verdict
 
     if not file.is_file() or file.suffix != ".mcap":
         raise typer.BadParameter(f"there is no recording {file}")
     if redo is not None and not redo.strip():
         raise typer.BadParameter("--redo needs the reason why the recording does not count, and it is empty")
+    for sentence in changed_files([file]):
+        say(sentence)
     write_verdict(file.parent, file.name, "redo" if redo else "accept", redo or "")
     say(f"{file.name} {'is set aside' if redo else 'counts'}; `station fit` goes by it")
+
+
+def verify(
+    folder: Annotated[Path, typer.Argument(help="Folder of a session.")],
+    sign: Annotated[
+        Path | None, typer.Option(help="Then sign the folder with this SSH key, if the chain is whole.")
+    ] = None,
+    signers: Annotated[
+        Path | None, typer.Option(help="OpenSSH's list of allowed signers, to check whose signature it is.")
+    ] = None,
+    format: FormatOption = "table",  # noqa: A002
+) -> None:
+    """Check every file of a session against what was recorded of it, from the report to the recordings.
+
+    One line a link; exit code 1 where any has changed or is missing.
+    """
+    import json
+    from dataclasses import asdict
+
+    from station.files.chain import verify_folder
+    from station.files.signature import sign as sign_folder
+    from station.files.signature import signature_of
+
+    links = verify_folder(folder)
+    if sign is not None:
+        say(f"signed: {sign_folder(folder, sign)}")
+        links = verify_folder(folder)
+    if signed := signature_of(folder, signers):
+        links.insert(0, signed)
+    if format == "json":
+        print(json.dumps([{**asdict(link), "is_break": link.standing.is_break} for link in links], indent=2))
+    else:
+        print("\n".join(map(str, links)))
+    breaks = sum(link.standing.is_break for link in links)
+    unrecorded = sum(link.standing == "no hash recorded" for link in links)
+    say(f"{len(links)} links, {breaks} broken, {unrecorded} without a hash to compare with")
+    raise typer.Exit(FAILED if breaks else DONE)
 
 
 def report(
@@ -79,9 +120,17 @@ def report(
     """Write report.html, one self-contained page, of all that a folder holds. Prints its path."""
     from rich.console import Console
 
+    from fitting.seal import Standing
+    from station.files.chain import chain_of
     from station.progress import progress_bars
     from station.report.page import write_report
 
     with progress_bars(Console(stderr=True)) as progress:
         written = write_report(folder, progress=progress)
     print(written)
+    links = [
+        link for link in chain_of(folder) if link.standing in (Standing.CHANGED, Standing.MISSING, Standing.BY_HAND)
+    ]
+    for link in links:
+        say(str(link))
+    raise typer.Exit(LOSSY if any(link.standing.is_break for link in links) else DONE)

@@ -12,7 +12,7 @@ from recordings.samples import Event, Loss, Samples
 
 DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?")
 HASHES = re.compile(r"\b[0-9a-f]{12,64}\b")
-ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc", "inputs")
+ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc", "inputs", "seal")
 
 
 def differences(one: Path, other: Path) -> list[str]:

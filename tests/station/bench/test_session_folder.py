@@ -79,6 +79,8 @@ def test_an_export_says_it_beside_the_files(simulated: Path, tmp_path: Path, sta
     (sidecar,) = tmp_path.glob("*.json")
     plain = json.loads(sidecar.read_text(encoding="utf-8"))
     assert plain["origin"] == "simulated" and len(plain["devices"]) == 2
+    assert station("export", simulated, "--to", "mot", "--output", tmp_path).code == 0
+    assert "\ndata=simulated\n" in next(tmp_path.glob("*.mot")).read_text(encoding="utf-8")
 
 
 def test_a_replay_stays_what_its_recording_is(simulated: Path, tmp_path: Path, station: Station) -> None:

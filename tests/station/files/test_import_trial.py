@@ -16,6 +16,7 @@ from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.reader import open_recording, read_manifest
+from station.checksums import read_checksums
 from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource
 from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
@@ -222,7 +223,9 @@ def test_nothing_is_overwritten_and_nothing_is_left_of_what_was_refused(
     static[0].write_text("time_s,force_v,sync_v\n" + "".join(f"{i / 1000},1.0,{5 * (i > 500)}\n" for i in range(30000)))
     with pytest.raises(ImportRefused, match=r"daq.csv and trial.tsv cannot be used: force reads 1"):
         run(session, *static)
-    assert sorted(path.name for path in session.iterdir()) == [first.name, second.name]
+    left = {path.name for path in session.iterdir() if not path.name.startswith(".")}
+    assert left == {first.name, second.name, "SHA256SUMS"}
+    assert set(read_checksums(session)) == {first.name, second.name}
     assert first.read_bytes() == content
 
 

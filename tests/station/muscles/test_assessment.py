@@ -102,7 +102,8 @@ def test_the_cuffs_that_were_worn_stand_in_the_report_with_their_intervals(
     low, high = plain["cuffs"]["hand"]["stiffness_n_per_m"]["ci95"]
     assert (plain["cuffs"]["waist"]["site"], low) == ("waist", pytest.approx(8520 * (1 - 0.03 * 1.96), rel=1e-3))
     shutil.copy(folder / "assessment.json", tmp_path)  # without the cuffs.json beside it
-    assert f"<td>8520 ({low:.0f}\u00a0to\u00a0{high:.0f})</td>" in write_report(tmp_path).read_text(encoding="utf-8")
+    figure = f"<td>8520 ({low:.0f}\u00a0to\u00a0{high:.0f}) (given by hand)</td>"
+    assert figure in write_report(tmp_path).read_text(encoding="utf-8")
 
 
 def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, Any]) -> None:

@@ -1,0 +1,202 @@
+"""The chain from the report to the recordings: what each file says that it was made of, against what is there now."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fitting.cuffs_file import CuffsFileError, read_cuffs
+from fitting.seal import SEAL, Standing, digest
+from recordings.errors import RecordingError
+from recordings.plain_data import PlainDataError, parse_json, read_json
+from recordings.reader import survey_file
+from recordings.regular_file import read_regular
+from solver.suit.suit import BUNDLED_SUIT
+from station.checksums import CHECKSUMS_FILE, read_checksums, sha256_of
+from station.fit import recordings_in
+from station.muscles.assessment_json import ASSESSMENT_FILE
+
+REPORT_FILE, CUFFS_FILE = "report.html", "cuffs.json"
+LARGEST_REPORT = 1 << 28
+"""Bytes; the figures are in it."""
+INPUTS = re.compile(r'<script type="application/json" id="inputs">(.*?)</script>', re.DOTALL)
+
+
+class ChainError(Exception):
+    """There is nothing to verify; one sentence."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """One step of the chain: what was read or written, and how it stands to what was recorded of it."""
+
+    what: str
+    standing: Standing
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.standing}" + (f" ({self.detail})" if self.detail else "")
+
+
+def verify_folder(folder: Path) -> list[Link]:
+    """Every link, and the damage inside recordings. Raises ChainError where there is nothing to verify."""
+    if not folder.is_dir():
+        raise ChainError(f"{folder} is not a folder; give the folder of a session")
+    links = [*chain_of(folder), *damage_of(folder)]
+    if not links:
+        raise ChainError(f"{folder} holds no recording, no {CUFFS_FILE} and no {REPORT_FILE} to verify")
+    return links
+
+
+def chain_of(folder: Path, *, is_report_included: bool = True) -> list[Link]:
+    """Every link from report.html to the recordings, by their hashes."""
+    files = _Files(folder)
+    links = [*_of_report(files)] if is_report_included else []
+    return [*links, *_of_assessment(files), *_of_cuffs(files), *_of_checksums(files, is_report_included)]
+
+
+def damage_of(folder: Path) -> list[Link]:
+    """A link for every recording that cannot be read whole, by its own CRCs; each is read to its end.
+
+    Not for one that was cut and has a recovered copy: that says what is missing.
+    """
+    links = []
+    for path in recordings_in(folder):
+        try:
+            damage = tuple(map(str, survey_file(path).damage))
+        except (RecordingError, OSError) as error:
+            damage = (str(error),)
+        if damage:
+            links.append(Link(f"{path.name}, its content", Standing.MISSING, damage[0]))
+    return links
+
+
+class _Files:
+    """What is in the folder now, each file hashed once."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.recorded = folder, read_checksums(folder)
+        self.sha256 = cache(self._sha256)
+
+    def link(self, reader: str, name: str, expected: str) -> Link:
+        """Of a file that another one read, whose hash it then had."""
+        return Link(f"{reader} ← {name}", self._compared(name, expected))
+
+    def itself(self, name: str) -> Link:
+        """Of a file against SHA256SUMS."""
+        recorded = self.recorded.get(name)
+        return Link(name, Standing.UNRECORDED if recorded is None else self._compared(name, recorded))
+
+    def json(self, name: str) -> dict[str, Any]:
+        """Empty where it is not there or no object."""
+        try:
+            found = read_json(self.folder / name)
+        except (OSError, PlainDataError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def _compared(self, name: str, expected: str) -> Standing:
+        found = self.sha256(name)
+        if found is None:
+            return Standing.MISSING
+        return Standing.AS_RECORDED if found == expected else Standing.CHANGED
+
+    def _sha256(self, name: str) -> str | None:
+        path = self.folder / name
+        return sha256_of(path) if path.name == name and path.is_file() else None
+
+
+def _of_report(files: _Files) -> Iterator[Link]:
+    path = files.folder / REPORT_FILE
+    if not path.is_file():
+        return
+    yield files.itself(REPORT_FILE)
+    try:
+        found = INPUTS.search(read_regular(path, LARGEST_REPORT).decode("utf-8", "replace"))
+        inputs = parse_json(found[1]) if found else {}
+    except (OSError, PlainDataError):
+        inputs = {}
+    for name, sha256 in _texts(inputs):
+        yield files.link(REPORT_FILE, name, sha256)
+
+
+def _of_assessment(files: _Files) -> Iterator[Link]:
+    if not (files.folder / ASSESSMENT_FILE).is_file():
+        return
+    yield files.itself(ASSESSMENT_FILE)
+    plain = files.json(ASSESSMENT_FILE)
+    for role, named in _texts(plain.get("inputs")):
+        name, _, sha256 = named.rpartition(" ")
+        if len(sha256) == 64:
+            yield _of_input(files, role, name, sha256)
+    worn = plain.get("cuffs")
+    for cuff, figures in worn.items() if isinstance(worn, dict) else ():
+        for key, figure in figures.items() if isinstance(figures, dict) else ():
+            if isinstance(figure, dict) and figure.get("source") == Standing.BY_HAND:
+                yield Link(f"{ASSESSMENT_FILE} ← {cuff}, {key} {figure.get('value')}", Standing.BY_HAND)
+
+
+def _of_input(files: _Files, role: str, name: str, sha256: str) -> Link:
+    """Of a file that an assessment read. Only the cuffs' is known to belong into this folder."""
+    is_ours = role == "cuffs" and (name in files.recorded or files.sha256(name) is not None)
+    if is_ours or files.sha256(name) == sha256:
+        return files.link(ASSESSMENT_FILE, name, sha256)
+    what = f"{ASSESSMENT_FILE} ← {name}"
+    if sha256 == sha256_of(BUNDLED_SUIT):
+        return Link(what, Standing.AS_RECORDED, "it comes with the station")
+    return Link(what, Standing.UNRECORDED, "it is not in this folder")
+
+
+def _of_cuffs(files: _Files) -> Iterator[Link]:
+    path = files.folder / CUFFS_FILE
+    if not path.is_file():
+        return
+    yield files.itself(CUFFS_FILE)
+    try:
+        fits = read_cuffs(path)
+    except CuffsFileError as error:
+        yield Link(f"{CUFFS_FILE}, its content", Standing.CHANGED, str(error))
+        return
+    for name, fit in fits.items():
+        remark = ", ".join(fit.remarks)
+        yield Link(f"{CUFFS_FILE}, cuff {name}", fit.standing or Standing.UNRECORDED, remark)
+    plain = files.json(CUFFS_FILE)
+    seal = plain.get(SEAL)
+    if isinstance(seal, dict):
+        rest = digest({key: value for key, value in plain.items() if key not in ("cuffs", SEAL)})
+        is_kept = rest == seal.get("session")
+        yield Link(f"{CUFFS_FILE}, the session", Standing.AS_RECORDED if is_kept else Standing.CHANGED)
+    yield from (files.link(CUFFS_FILE, name, sha256) for name, sha256 in _recordings(plain).items())
+
+
+def _recordings(plain: Mapping[str, Any]) -> dict[str, str]:
+    """File → SHA-256 of all that a fit read; those of an older station name the trials that were used."""
+    listed = plain.get("recordings")
+    if isinstance(listed, dict):
+        return {name: str(entry.get("sha256")) for name, entry in listed.items() if isinstance(entry, dict)}
+    cuffs = plain.get("cuffs")
+    used = [cuff.get("sources") for cuff in cuffs.values() if isinstance(cuff, dict)] if isinstance(cuffs, dict) else []
+    return {name: sha256 for sources in used for name, sha256 in _texts(sources)}
+
+
+def _of_checksums(files: _Files, is_report_included: bool) -> Iterator[Link]:
+    """What is left: the recordings, and other files that the station wrote."""
+    above = {REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE}
+    names = {*files.recorded, *(path.name for path in files.folder.glob("*.mcap"))} - above
+    for name in sorted(names):
+        yield files.itself(name)
+    absent = [name for name in sorted(above & set(files.recorded)) if not (files.folder / name).is_file()]
+    for name in absent:
+        if is_report_included or name != REPORT_FILE:
+            yield Link(name, Standing.MISSING, f"{CHECKSUMS_FILE} names it")
+
+
+def _texts(entries: Any) -> Iterator[tuple[str, str]]:
+    """The pairs of an object whose values are texts."""
+    for key, value in entries.items() if isinstance(entries, dict) else ():
+        if isinstance(value, str):
+            yield key, value

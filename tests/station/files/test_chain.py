@@ -1,0 +1,316 @@
+"""What was changed since it was recorded is told by every verb that reads it, and found by `station verify`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fitting.cuffs_file import read_cuffs
+from fitting.seal import Standing, digest
+from solver.bundled import bundled_model
+from solver.motion import write_table
+from solver.raise_arm import simulate_arm_raise
+from station.checksums import CHECKSUMS_FILE, read_checksums, write_checksums
+from station.journal import write_verdict
+from tests.station.bench.test_session_folder import record
+from tests.station.command import Ran, assert_one_sentence
+from tests.station.foreign import static_and_dynamic
+
+Station = Callable[..., Ran]
+
+STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
+AS_RECORDED, CHANGED, BY_HAND, MISSING = (
+    Standing.AS_RECORDED,
+    Standing.CHANGED,
+    Standing.BY_HAND,
+    Standing.MISSING,
+)
+needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs OpenSSH's ssh-keygen")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session as it was recorded, fitted, assessed with a short motion, and reported."""
+    from station.fit import fit_session_folder
+    from station.muscles.assess import assess_cuffs, write_assessment
+    from station.muscles.assessment_inputs import AssessmentInputs
+    from station.report.page import write_report
+
+    folder = tmp_path_factory.mktemp("made") / "session"
+    folder.mkdir()
+    for truth, file in zip(static_and_dynamic(), (STATIC, DYNAMIC), strict=True):
+        truth.record(folder / file)
+    write_checksums(folder / STATIC, folder / DYNAMIC)  # as the recorder does when a trial ends
+    fitted = fit_session_folder(folder, folder / "cuffs.json")
+    inputs = AssessmentInputs(folder / "cuffs.json")
+    write_assessment(assess_cuffs(fitted.cuffs, inputs, most_frames=4, most_rest_lengths=5, draws=0), folder)
+    write_report(folder, fitted)
+    return folder
+
+
+@pytest.fixture
+def session(made: Path, tmp_path: Path) -> Path:
+    """A copy to spoil."""
+    return Path(shutil.copytree(made, tmp_path / "session"))
+
+
+@pytest.fixture
+def motion(tmp_path: Path) -> Path:
+    raised = simulate_arm_raise(bundled_model())
+    path = tmp_path / "short.mot"
+    write_table(path, raised.names, raised.time[:60:4], raised.coordinates[:60:4])
+    return path
+
+
+def edit(path: Path, change: Callable[[Any], None]) -> None:
+    """As a person does in an editor."""
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    change(plain)
+    path.write_text(json.dumps(plain, indent=1), encoding="utf-8")
+
+
+def stiffen(plain: Any) -> None:
+    plain["cuffs"]["hand"]["stiffness_n_per_m"]["value"] = 40000
+
+
+def replace_trial(path: Path) -> None:
+    """By another one under its name."""
+    path.unlink()
+    static_and_dynamic(4)[0].record(path)
+
+
+def standings(ran: Ran) -> dict[str, str]:
+    """Link → standing of a verification as JSON."""
+    return {link["what"]: link["standing"] for link in json.loads(ran.out)}
+
+
+def test_a_session_that_nobody_touched_is_whole_from_the_report_to_the_recordings(made: Path, station: Station) -> None:
+    ran = station("verify", made)
+    assert ran.code == 0, ran.out
+    lines = ran.out.splitlines()
+    assert all(line.split(" (")[0].endswith(": as recorded") for line in lines), ran.out
+    links = [line.rpartition(": as recorded")[0] for line in lines]
+    assert links.index("report.html") < links.index("report.html ← assessment.json")
+    assert links.index("assessment.json ← cuffs.json") < links.index(f"cuffs.json ← {STATIC}") < links.index(STATIC)
+    assert f"report.html ← {DYNAMIC}" in links
+
+
+def test_the_checksums_are_those_of_sha256sum(made: Path) -> None:
+    program = shutil.which("sha256sum")
+    if program is None:
+        pytest.skip("there is no sha256sum")
+    ran = subprocess.run([program, "--strict", "-c", CHECKSUMS_FILE], cwd=made, check=False, capture_output=True)  # noqa: S603
+    assert ran.returncode == 0 and ran.stdout.count(b": OK") == len(read_checksums(made)) >= 6
+
+
+def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
+    path = record(tmp_path, None)
+    assert read_checksums(tmp_path) == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
+
+
+def test_a_stiffness_edited_in_the_cuffs_file_is_told_by_assess_and_report(
+    session: Path, motion: Path, station: Station
+) -> None:
+    edit(session / "cuffs.json", stiffen)
+    ran = station("report", session)
+    assert ran.code == 3
+    assert "cuffs.json: changed since" in ran.err
+    assert "cuffs.json, cuff hand: given by hand (stiffness 40000 N/m is given by hand)" in ran.err
+    page = (session / "report.html").read_text(encoding="utf-8")
+    assert '<div class="note" id="doubts">' in page and "stiffness 40000 N/m is given by hand" in page
+
+    ran = station("assess", "--cuffs", session / "cuffs.json", "--output", session, "--motion", motion, "--draws", 0)
+    assert ran.code == 0, ran.err
+    assert "cuff hand: stiffness 40000 N/m is given by hand" in ran.err
+    assert "changed since" not in ran.err
+    plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
+    worn = plain["cuffs"]["hand"]
+    assert [worn[key]["source"] for key in ("stiffness_n_per_m", "damping_n_s_per_m")] == [BY_HAND, "fit"]
+    assert worn["stiffness_n_per_m"]["value"] == 40000
+    assert plain["inputs_checked"] == {"cuffs": BY_HAND}
+    page = (session / "report.html").read_text(encoding="utf-8")
+    assert "were solved with another stiffness of cuff hand than the one in the table: 40000 N/m, given by hand" in page
+
+    found = station("verify", session, "--format", "json")
+    assert found.code == 1
+    links = standings(found)
+    assert links["cuffs.json"] == CHANGED
+    assert links["cuffs.json, cuff hand"] == links["assessment.json ← hand, stiffness_n_per_m 40000.0"] == BY_HAND
+
+
+def test_an_assessment_of_edited_cuffs_stays_behind_when_they_are_fitted_again(session: Path, station: Station) -> None:
+    edit(session / "assessment.json", lambda plain: plain["cuffs"]["hand"]["stiffness_n_per_m"].update(value=40000))
+    assert station("fit", session).code == 0
+    ran = station("report", session)
+    assert ran.code == 3 and "assessment.json: changed since" in ran.err
+    assert "than the one in the table: 40000 N/m, and the table has" in (session / "report.html").read_text()
+
+
+def test_a_trial_replaced_under_its_name_is_named_by_every_verb(
+    session: Path, tmp_path: Path, station: Station
+) -> None:
+    replace_trial(session / STATIC)
+    words = f"{STATIC} has changed since it was recorded"
+    ran = station("info", session / STATIC)
+    assert ran.code == 3 and f"{STATIC}: changed since, by {CHECKSUMS_FILE}" in ran.out
+    exported = station("export", session / STATIC, "--to", "csv", "--output", tmp_path / "out")
+    assert words in exported.err
+    (sidecar,) = (tmp_path / "out").glob("*.json")
+    assert json.loads(sidecar.read_text(encoding="utf-8"))["checked"] == CHANGED
+    assert words in station("replay", session / STATIC, "--speed", "100").err
+
+    ran = station("report", session)
+    assert ran.code == 3 and f"cuffs.json ← {STATIC}: changed since" in ran.err
+    ran = station("fit", session)
+    assert ran.code == 3 and words in ran.err
+    fitted = json.loads((session / "cuffs.json").read_text(encoding="utf-8"))
+    assert {name: entry["standing"] for name, entry in fitted["recordings"].items()} == {
+        STATIC: CHANGED,
+        DYNAMIC: AS_RECORDED,
+    }
+    found = station("verify", session)
+    assert found.code == 1
+    assert f"\n{STATIC}: changed since" in found.out
+
+
+def test_a_recording_that_is_gone_is_missing(session: Path, station: Station) -> None:
+    (session / DYNAMIC).unlink()
+    links = standings(ran := station("verify", session, "--format", "json"))
+    assert ran.code == 1
+    assert links[f"report.html ← {DYNAMIC}"] == links[f"cuffs.json ← {DYNAMIC}"] == links[DYNAMIC] == MISSING
+
+
+@pytest.mark.parametrize("name", ["report.html", "assessment.json", "cuffs.json", "activations.csv", STATIC])
+def test_one_changed_byte_breaks_the_chain_at_its_file(session: Path, station: Station, name: str) -> None:
+    content = bytearray((session / name).read_bytes())
+    content[len(content) // 2] ^= 1
+    (session / name).write_bytes(content)
+    ran = station("verify", session)
+    assert ran.code == 1
+    assert f"{name}: changed since" in ran.out.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("change", "standing", "given"),
+    [
+        (lambda hand: None, AS_RECORDED, ()),
+        (stiffen_hand := lambda hand: hand["stiffness_n_per_m"].update(value=1.0), BY_HAND, ("stiffness",)),
+        (lambda hand: hand.update(migration_m=0.02), BY_HAND, ("migration",)),
+        (lambda hand: hand.update(damping_n_s_per_m=None), CHANGED, ()),
+        (lambda hand: hand.update(origin="measured"), CHANGED, ()),
+        (lambda hand: hand.update(covariance=None), CHANGED, ()),
+    ],
+)
+def test_the_cuffs_file_itself_tells_what_was_given_by_hand(
+    made: Path, tmp_path: Path, change: Callable[[Any], None], standing: Standing, given: tuple[str, ...]
+) -> None:
+    """Without its folder: a copy elsewhere is checked, too, and however it is laid out."""
+    copy = tmp_path / "cuffs.json"
+    copy.write_bytes((made / "cuffs.json").read_bytes())
+    edit(copy, lambda plain: change(plain["cuffs"]["hand"]))
+    fit = read_cuffs(copy)["hand"]
+    assert (fit.standing, fit.given) == (standing, given)
+
+
+def test_cuffs_written_by_hand_are_given_and_break_nothing(tmp_path: Path, station: Station) -> None:
+    figures = {"stiffness_n_per_m": 4000, "damping_n_s_per_m": {"value": 100}, "migration_m": 0.01}
+    (tmp_path / "cuffs.json").write_text(json.dumps({"cuffs": {"hand": figures}}))
+    fit = read_cuffs(tmp_path / "cuffs.json")["hand"]
+    assert (fit.standing, fit.given) == (BY_HAND, ("stiffness", "damping", "migration"))
+    ran = station("verify", tmp_path)
+    assert ran.code == 0 and "cuffs.json, cuff hand: given by hand" in ran.out
+    ran = station("report", tmp_path)
+    assert "4000 (given by hand)" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_cuffs_of_an_older_station_are_fitted_and_cannot_be_checked(made: Path, tmp_path: Path) -> None:
+    plain = json.loads((made / "cuffs.json").read_text(encoding="utf-8"))
+    (tmp_path / "cuffs.json").write_text(json.dumps({"cuffs": plain["cuffs"]}))
+    fit = read_cuffs(tmp_path / "cuffs.json")["hand"]
+    assert (fit.standing, fit.given) == (Standing.UNRECORDED, ())
+
+
+def test_a_decision_after_the_fit_breaks_nothing(session: Path, station: Station) -> None:
+    write_verdict(session, STATIC, "accept", "")
+    assert station("verify", session).code == 0
+
+
+def test_a_folder_with_nothing_to_verify_is_one_sentence(tmp_path: Path, station: Station) -> None:
+    assert_one_sentence(station("verify", tmp_path), 1, "holds no recording, no cuffs.json and no report.html")
+    assert_one_sentence(station("verify", tmp_path / "nowhere"), 1, "is not a folder")
+
+
+def test_a_number_is_the_same_however_it_is_written() -> None:
+    assert digest(json.loads('{"a": 4000, "b": [1e-1]}')) == digest(json.loads('{"b": [0.10], "a": 4000.0}'))
+    assert digest({"a": 4000}) != digest({"a": "4000"}) != digest({"a": True})
+
+
+def make_key(path: Path) -> Path:
+    words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "lab", "-f", str(path)]
+    subprocess.run(words, check=True, stdin=subprocess.DEVNULL)  # noqa: S603
+    return path
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    return make_key(tmp_path / "lab_key")
+
+
+def allow(tmp_path: Path, key: Path) -> Path:
+    """OpenSSH's list of allowed signers with this key in it."""
+    signers = tmp_path / "allowed_signers"
+    signers.write_text(f"lab@example.org {key.with_suffix('.pub').read_text()}")
+    return signers
+
+
+@needs_ssh_keygen
+def test_a_signed_session_is_whole_and_a_later_change_with_new_checksums_breaks_the_signature(
+    session: Path, tmp_path: Path, key: Path, station: Station
+) -> None:
+    signers = allow(tmp_path, key)
+    ran = station("verify", session, "--sign", key, "--signers", signers)
+    assert ran.code == 0, ran.err
+    assert ran.out.startswith(
+        'SHA256SUMS.sig ← SHA256SUMS: as recorded (Good "cuffstation" signature for lab@example.org'
+    )
+    words = ["ssh-keygen", "-Y", "verify", "-f", str(signers), "-I", "lab@example.org", "-n", "cuffstation"]
+    with (session / CHECKSUMS_FILE).open("rb") as signed:  # without the station, as docs/security.md says
+        subprocess.run([*words, "-s", str(session / f"{CHECKSUMS_FILE}.sig")], stdin=signed, check=True)  # noqa: S603
+    assert "give --signers" in station("verify", session).out
+
+    replace_trial(session / STATIC)
+    write_checksums(session / STATIC)  # by somebody who knows how
+    ran = station("verify", session, "--signers", signers)
+    assert ran.code == 1 and ran.out.startswith("SHA256SUMS.sig ← SHA256SUMS: changed since")
+
+
+@needs_ssh_keygen
+def test_a_signature_of_another_key_is_not_that_of_the_laboratory(
+    session: Path, tmp_path: Path, key: Path, station: Station
+) -> None:
+    signers, other = allow(tmp_path, key), make_key(tmp_path / "other_key")
+    ran = station("verify", session, "--sign", other, "--signers", signers)
+    assert ran.code == 1 and "signed with a key that is not in allowed_signers" in ran.out
+    assert station("verify", session, "--signers", tmp_path / "nobody").code == 1
+
+
+@needs_ssh_keygen
+def test_a_broken_chain_is_not_signed(session: Path, key: Path, station: Station) -> None:
+    edit(session / "cuffs.json", stiffen)
+    assert_one_sentence(station("verify", session, "--sign", key), 1, "is not signed, its chain is broken at")
+    assert not (session / f"{CHECKSUMS_FILE}.sig").exists()
+
+
+@needs_ssh_keygen
+def test_an_unsigned_folder_that_should_be_signed_is_told(
+    session: Path, tmp_path: Path, key: Path, station: Station
+) -> None:
+    ran = station("verify", session, "--signers", allow(tmp_path, key))
+    assert ran.code == 1 and "missing (the folder is not signed)" in ran.out
