@@ -10,8 +10,6 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from station.bench.session_folder import SIMULATED_FOLDER, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, serves_simulated, simulator_settings
 from station.config import StationConfig
@@ -23,7 +21,7 @@ from station.terminal.commands import Action, Command
 from station.terminal.conductor import Conductor, Face, Request
 from station.terminal.json_face import JsonFace
 from station.terminal.keyboard import is_interactive, listen_to_lines, listening_to_keys
-from station.terminal.text_face import TextFace
+from station.terminal.text_face import SessionConsole, TextFace
 
 
 class SetupMissing(Exception):
@@ -116,8 +114,8 @@ def _face(stack: ExitStack, post: Callable[[Request], None], *, is_headless: boo
         return JsonFace(sys.stdout)
     if not is_interactive():
         listen_to_lines(post)
-        return TextFace(Console(stderr=True), sys.stdout, is_interactive=False)
-    face = stack.enter_context(TextFace(Console(stderr=True), sys.stdout, is_interactive=True))
+        return TextFace(SessionConsole(stderr=True), sys.stdout, is_interactive=False)
+    face = stack.enter_context(TextFace(SessionConsole(stderr=True), sys.stdout, is_interactive=True))
     stack.enter_context(listening_to_keys(post, face.show_typed))
     return face
 

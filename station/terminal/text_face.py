@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -17,6 +18,13 @@ from station.terminal.events import Event
 NARROWEST = 40
 KEYS_BETWEEN = "a arm  r redo last  d re-don  n skip  p pause  e end  ? all keys"
 KEYS_RECORDING = "s stop  m mark  r redo  d re-don  p pause after it  e end  ? all keys"
+
+
+class SessionConsole(Console):
+    """Does not end the process with its reader, as rich's own does."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
 
 
 class TextFace:
@@ -138,7 +146,8 @@ class TextFace:
             self._say(f"  To be redone{who}{anew}: {event.file} ({event.reason})", "yellow")
 
     def _path(self, path: str) -> None:
-        print(path, file=self._paths, flush=True)
+        with suppress(OSError, ValueError):  # nobody reads it any more; the session goes on
+            print(path, file=self._paths, flush=True)
 
     def _say(self, text: str, style: str = "") -> None:
         """One paragraph; on a terminal wrapped to it, its lines indented as the first."""
@@ -146,13 +155,15 @@ class TextFace:
             indent = " " * (len(text) - len(text.lstrip()))
             width = max(self._console.width, NARROWEST)
             text = textwrap.fill(text, width, subsequent_indent=indent + "  ", break_on_hyphens=False)
-        self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+        with suppress(OSError, ValueError):
+            self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
     # -- the running trial ---------------------------------------------------------------------------------------
 
     def _draw(self) -> None:
         if self._region is not None:
-            self._region.update(Group(*self._lines()), refresh=True)
+            with suppress(OSError, ValueError):
+                self._region.update(Group(*self._lines()), refresh=True)
 
     def _lines(self) -> list[Text]:
         width = max(self._console.width, NARROWEST) - 1
