@@ -62,14 +62,18 @@ def read_lock(element: Element, names: Names) -> CoordinateLock | None:
     return CoordinateLock(element.name, names.coordinate(element, element.name), element.number("default_value", "0"))
 
 
-def read_constraint(element: Element, names: Names) -> Constraint:
+def ensure_known_constraint(element: Element) -> None:
     element.require("isEnforced", "true")
+    if element.tag not in ("PointConstraint", "CoordinateCouplerConstraint"):
+        raise element.unsupported("constraint", "PointConstraint, CoordinateCouplerConstraint")
+
+
+def read_constraint(element: Element, names: Names) -> Constraint:
+    ensure_known_constraint(element)
     if element.tag == "PointConstraint":
         body_1, location_1 = names.station(element, "socket_body_1", "location_body_1")
         body_2, location_2 = names.station(element, "socket_body_2", "location_body_2")
         return PointConstraint(element.name, body_1, body_2, location_1, location_2)
-    if element.tag != "CoordinateCouplerConstraint":
-        raise element.unsupported("constraint", "PointConstraint, CoordinateCouplerConstraint")
     leaders = element.child("independent_coordinate_names")
     if len(leaders.text.split()) != 1:
         raise leaders.refusal(f"of {element.name} names '{leaders.text}'; the solver couples to one coordinate")

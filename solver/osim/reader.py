@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from solver.model import GROUND, Body, Constraint, Joint, Marker, Model, WrapSurface
+from solver.model import GROUND, Body, Joint, Marker, Model, WrapSurface
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
 from solver.osim.forces import COORDINATE_FORCES, read_coordinate_force
 from solver.osim.frames import Names
-from solver.osim.joints import read_constraint, read_joint, read_lock
+from solver.osim.joints import ensure_known_constraint, read_constraint, read_joint, read_lock
 from solver.osim.muscles import read_actuator, read_muscle
+from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
+
+T = TypeVar("T")
 
 
 def read_osim(path: str | Path) -> Model:
@@ -23,62 +29,79 @@ def read_osim(path: str | Path) -> Model:
 
 def read_osim_model(document: Element) -> Model:
     """As read_osim, of the root of a document."""
-    if document.tag != "OpenSimDocument" or int(document.attributes.get("Version", "0")) < 40000:
-        raise document.refusal("is not an OpenSim 4 document; open the model in OpenSim 4 and save it again")
+    if document.tag != "OpenSimDocument":
+        raise document.refusal("is not an OpenSim document; give an .osim file")
+    version = document.attributes.get("Version", "")
+    if not version.isdecimal() or len(version) > LONGEST_VERSION or int(version) < OPENSIM_4:
+        raise document.refusal(
+            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected {OPENSIM_4} (OpenSim 4) or later; "
+            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")'
+        )
     return _model(with_defaults(document.child("Model")))
 
 
+OPENSIM_4, LONGEST_VERSION = 40000, 9
 _MUSCLES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
 _FORCES = (*_MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
 
 
 def _model(element: Element) -> Model:
-    """Names first, because everything else hangs on them."""
-    for member in element.objects("ControllerSet") + element.objects("ComponentSet") + element.members("components"):
-        raise member.refusal("is not something the solver has; remove it from the model")
-    names, body_elements = Names(), element.objects("BodySet")
+    """Names first, because everything else hangs on them. What is refused is refused all at once."""
+    names, body_elements, obstacles = Names(), element.objects("BodySet"), Obstacles(element)
+    obstacles.among(_refuse, element.objects("ControllerSet") + element.objects("ComponentSet"))
+    obstacles.among(_refuse, element.members("components"))
+    forces, constraints = element.objects("ForceSet"), element.objects("ConstraintSet")
+    obstacles.among(_ensure_known_force, forces)
+    obstacles.among(ensure_known_constraint, constraints)
     surfaces: list[WrapSurface] = []
     for index, body in enumerate([element.child("Ground"), *body_elements]):
         path = "/ground" if index == GROUND else f"/bodyset/{body.name}"
         names.add_body(path, index)
-        surfaces += [read_surface(index, surface) for surface in body.objects("WrapObjectSet")]
+        surfaces += obstacles.among(partial(read_surface, index), body.objects("WrapObjectSet"))
         names.add_offset_frames(body.members("components"), path)
-    bodies = (Body("ground", 0.0, np.zeros(3), np.zeros((3, 3))), *map(_body, body_elements))
-    joints = tuple(read_joint(joint, names) for joint in element.objects("JointSet"))
-    _check_tree(element, bodies, joints)
-    forces = _forces(element)
+    bodies = (Body("ground", 0.0, np.zeros(3), np.zeros((3, 3))), *obstacles.among(_body, body_elements))
+    joints = obstacles.among(lambda joint: read_joint(joint, names), element.objects("JointSet"))
+    obstacles.ensure_none()
+    _check_tree(element, bodies, tuple(joints))
+
+    def read(kind: Callable[[Element, Names], T], tags: Sequence[str]) -> list[T]:
+        return obstacles.among(lambda force: kind(force, names), [force for force in forces if force.tag in tags])
+
+    muscles = read(lambda force, names: read_muscle(force, names, surfaces), _MUSCLES)
+    actuators = read(read_actuator, ("CoordinateActuator",))
+    coordinate_forces = read(read_coordinate_force, COORDINATE_FORCES)
+    coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]
+    locks = obstacles.among(lambda coordinate: read_lock(coordinate, names), coordinates)
+    held = obstacles.among(lambda constraint: read_constraint(constraint, names), constraints)
+    markers = obstacles.among(lambda marker: _marker(marker, names), element.objects("MarkerSet"))
+    obstacles.ensure_none()
     return Model(
         name=element.name,
         gravity=element.numbers("gravity", 3, "0 -9.80665 0"),
         bodies=bodies,
         coordinates=tuple(names.coordinates),
-        joints=joints,
+        joints=tuple(joints),
         surfaces=tuple(surfaces),
-        muscles=tuple(read_muscle(f, names, surfaces) for f in forces if f.tag in _MUSCLES),
-        constraints=_constraints(element, names),
-        actuators=tuple(read_actuator(f, names) for f in forces if f.tag == "CoordinateActuator"),
-        coordinate_forces=tuple(
-            one for f in forces if f.tag in COORDINATE_FORCES for one in read_coordinate_force(f, names)
-        ),
-        markers=tuple(
-            Marker(m.name, *names.station(m, "socket_parent_frame", "location")) for m in element.objects("MarkerSet")
-        ),
+        muscles=tuple(muscles),
+        constraints=(*(lock for lock in locks if lock is not None), *held),
+        actuators=tuple(actuators),
+        coordinate_forces=tuple(one for pair in coordinate_forces for one in pair),
+        markers=tuple(markers),
     )
 
 
-def _forces(element: Element) -> list[Element]:
-    forces = element.objects("ForceSet")
-    for force in forces:
-        if force.tag not in _FORCES:
-            raise force.unsupported("force", ", ".join(_FORCES))
-        force.require("appliesForce", "true")
-    return forces
+def _marker(element: Element, names: Names) -> Marker:
+    return Marker(element.name, *names.station(element, "socket_parent_frame", "location"))
 
 
-def _constraints(element: Element, names: Names) -> tuple[Constraint, ...]:
-    coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]
-    locks = [lock for coordinate in coordinates if (lock := read_lock(coordinate, names)) is not None]
-    return (*locks, *(read_constraint(constraint, names) for constraint in element.objects("ConstraintSet")))
+def _refuse(element: Element) -> None:
+    raise element.refusal("is not something the solver has; remove it from the model")
+
+
+def _ensure_known_force(element: Element) -> None:
+    if element.tag not in _FORCES:
+        raise element.unsupported("force", ", ".join(_FORCES))
+    element.require("appliesForce", "true")
 
 
 def _check_tree(element: Element, bodies: tuple[Body, ...], joints: tuple[Joint, ...]) -> None:

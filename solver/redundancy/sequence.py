@@ -35,6 +35,10 @@ FRAMES_AT_ONCE = 100  # between two reports of progress
 PROCESSORS = os.cpu_count() or 1
 
 
+IN_THE_GLENOID = " and keep the joint reaction inside the glenoid"
+"""What an infeasible frame misses besides, where the glenoid is asked for."""
+
+
 class FrameOutcome(Enum):
     """What became of a frame; everything but SOLVED is counted and shown."""
 
@@ -43,8 +47,7 @@ class FrameOutcome(Enum):
         "the muscles cannot change their activation fast enough since the last frame; solved without that limit"
     )
     INFEASIBLE = (
-        "no activations between 0 and 1 and controls within their limits give the accelerations and keep the joint "
-        "reaction inside the glenoid"
+        "no activations between 0 and 1 and controls within their limits give the accelerations" + IN_THE_GLENOID
     )
     NOT_CONVERGED = "the solver stopped before its residuals were small; its last point is given"
     NOT_FINITE = "the model has no finite accelerations in this posture; the frame is left out"

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.model import Model
+from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate, differentiate
+from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
 from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
+from solver.redundancy.sequence import IN_THE_GLENOID
 from solver.suit.suited_model import SuitedModel
 from station.muscles.effort import read_effort
 from station.muscles.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
@@ -65,6 +67,7 @@ def solve_muscles(
     model = model_of(inputs.model) if suited is None else suited.model
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
+    ensure_reaction_can_be_asked(model, options)
     whole = differentiate(motion_of(inputs.motion, model), cut.cutoff_hz, cut.start, cut.end)
     kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
@@ -77,6 +80,19 @@ def solve_muscles(
     return SolvedMotion(model, options, solution, inputs.hashes() | suit | _notes(kinematics, options))
 
 
+def ensure_reaction_can_be_asked(model: Model, options: RedundancyOptions) -> None:
+    """Raises ModelError, naming the options, for a model without the joint or without the markers of its socket."""
+    obstacles = []
+    if options.joint not in (joints := [joint.name for joint in model.joints]):
+        obstacles.append(f"has no joint {options.joint}: name one with --joint ({', '.join(joints)})")
+    markers = {marker.name for marker in model.markers}
+    lacking = [name for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER) if name not in markers]
+    if options.has_glenoid_cone and lacking:
+        obstacles.append(f"has no marker {', '.join(lacking)}: add what the glenoid is known by, or give --no-glenoid")
+    if obstacles:
+        raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}")
+
+
 def unsolved_in_words(solution: MotionSolution) -> list[str]:
     """A sentence for each way in which frames did not come out solved; of infeasible ones, the smallest violation."""
     sentences = []
@@ -85,11 +101,13 @@ def unsolved_in_words(solution: MotionSolution) -> list[str]:
         if not frames:
             continue
         words = f"{len(frames)} of {len(solution.outcomes)} frames, the first at {solution.time[frames[0]]:g} s: "
-        words += outcome.value
+        has_glenoid = bool(np.isfinite(solution.cone_slack[frames]).any())  # infinite where it was not asked for
+        words += outcome.value if has_glenoid else outcome.value.replace(IN_THE_GLENOID, "")
         if outcome is FrameOutcome.INFEASIBLE:
             outside = np.maximum(-solution.cone_slack[frames], 0.0)
             missed = solution.equality_residual[frames].max()
-            words += f"; the smallest violation leaves it by up to {outside.max():.3g} N and misses accelerations by "
+            leaves = f"leaves it by up to {outside.max():.3g} N and " if has_glenoid else ""
+            words += f"; the smallest violation {leaves}misses accelerations by "
             words += f"up to {missed:.3g} rad/s² or m/s²"
         sentences.append(words)
     return sentences

@@ -231,7 +231,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ("<mass>20<", "<mass>heavy<", "mass should hold numbers, not 'heavy'"),
         ("<mass_center>0.4 0 1<", "<mass_center>0.4 0<", "mass_center should hold 3 numbers, not 2"),
         ("<mass>20</mass>", "", "line 6: Body leaf has no <mass>"),
-        ('Version="40000"', 'Version="30000"', "OpenSimDocument is not an OpenSim 4 document"),
+        ('Version="40000"', 'Version="30000"', "OpenSimDocument has the version 30000, expected 40000"),
         (
             "</Model>",
             '<ControllerSet><objects><PrescribedController name="plan"/></objects></ControllerSet></Model>',
