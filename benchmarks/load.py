@@ -24,6 +24,7 @@ from recordings.contents import contents_of
 from recordings.manifest import Outcome
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
+from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench
 from tests.recordings.trials import MANIFEST, STREAMS, frames, scalars
 
@@ -64,7 +65,7 @@ def _print_start_up() -> None:
     help_s, processor_s = min(_seconds([sys.executable, "-c", STATION, "--help"]) for _ in range(5))
     print(f"station --help: {help_s:.2f} s, of which {processor_s:.2f} s on the processor")
     with tempfile.TemporaryDirectory() as folder, SimulatedBench({"operator": {"capture": "remote"}}, 1.0, 1) as bench:
-        ready_s = min(_ready_after(bench, Path(folder) / str(attempt)) for attempt in range(5))
+        ready_s = min(_ready_after(bench, Path(folder) / SIMULATED_FOLDER / str(attempt)) for attempt in range(5))
     print(f"station record, from its start to armed: {ready_s:.2f} s")
 
 
@@ -95,7 +96,7 @@ def _row(load: Load) -> str:
         "protocol": {"static": {"hold_s": load.seconds}},
     }
     with tempfile.TemporaryDirectory() as folder, SimulatedBench(settings, load.speed, 1) as bench:
-        session = Path(folder) / "session"
+        session = Path(folder) / SIMULATED_FOLDER / "session"
         options = ["--duration", f"{load.seconds}"]
         if load.speed != 1:  # on the bench's clock, as a real one never is
             options += ["--speed", f"{load.speed}"]
@@ -113,7 +114,7 @@ def _row(load: Load) -> str:
 def _record(
     bench: SimulatedBench, session: Path, options: list[str], daq_hz: float = 1000.0
 ) -> subprocess.Popen[bytes]:
-    session.mkdir()
+    session.mkdir(parents=True)
     config = session / "station.toml"
     config.write_text(
         f"""

@@ -100,7 +100,7 @@ def _shares(options: list[str], address: str, seconds: float) -> Counter[str]:
     with tempfile.TemporaryDirectory() as name, SimulatedBench(settings, 1.0, 1) as bench:
         folder = Path(name)
         (folder / "station.toml").write_text(CUFF.format(**bench.ready["ports"]), encoding="utf-8")
-        trial = ["--session", "session", "--cuff", "waist", "--test", "static", "--duration", f"{seconds}"]
+        trial = ["--session", "simulated/session", "--cuff", "waist", "--test", "static", "--duration", f"{seconds}"]
         child = subprocess.Popen(  # noqa: S603  (our own words)
             [sys.executable, "-c", RECORD, "record", "--config", "station.toml", *trial, *options, address],
             cwd=folder,

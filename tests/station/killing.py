@@ -21,6 +21,7 @@ from drivers.simulators.settings import DaqClock, settings_from_dict
 from drivers.simulators.world import World
 from recordings.reader import Recording, open_recording
 from recordings.recovery import recover
+from station.bench.session_folder import SIMULATED_FOLDER
 from tests.timeout import scaled_timeout
 
 LOSS_BOUND_S = 0.5
@@ -69,7 +70,8 @@ class KillBench:
     """A context manager: the servers of one world, in this process, with a DAQ for each daemon."""
 
     def __init__(self, folder: Path, daemons: int = DAEMONS) -> None:
-        self._folder = folder
+        self._folder = folder / SIMULATED_FOLDER
+        self._folder.mkdir()
         settings = settings_from_dict({"operator": {"capture": "remote"}, "protocol": {"static": {"hold_s": 60.0}}})
         self._world = World(settings)
         self._world.select_trial("hand", "static")
