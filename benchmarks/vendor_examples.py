@@ -20,10 +20,10 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
@@ -109,23 +109,25 @@ def _run_at(port: int, program: Path, package: str, folder: str, enter_after_s: 
 
 def _end_of(child: subprocess.Popen[bytes], enter_after_s: float, ended_after_s: float) -> int | None:
     """Its exit code; None where it was ended. Types 1 and Enter once meanwhile."""
-    if child.stdin is None:
-        raise ValueError("the program has no standard input")
-    try:
-        return child.wait(enter_after_s)
-    except subprocess.TimeoutExpired:
-        with suppress(OSError):
-            child.stdin.write(b"1\n")
-            child.stdin.flush()
-    try:
-        return child.wait(ended_after_s - enter_after_s)
-    except subprocess.TimeoutExpired:
+    with ExitStack() as ending:
+        if child.stdin is not None:
+            ending.callback(_close, child.stdin)
+        with suppress(subprocess.TimeoutExpired):
+            return child.wait(enter_after_s)
+        if child.stdin is not None:
+            with suppress(OSError):
+                child.stdin.write(b"1\n")
+                child.stdin.flush()
+        with suppress(subprocess.TimeoutExpired):
+            return child.wait(ended_after_s - enter_after_s)
         child.kill()
         child.wait()
-        return None
-    finally:
-        with suppress(OSError):
-            child.stdin.close()
+    return None
+
+
+def _close(pipe: IO[bytes]) -> None:
+    with suppress(OSError):  # what was typed has nobody to read it
+        pipe.close()
 
 
 if __name__ == "__main__":
