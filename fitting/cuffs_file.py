@@ -1,4 +1,4 @@
-"""Reads cuffs.json, as a fit wrote it or as somebody who knows better."""
+"""Read and write cuffs.json, as a fit wrote it or with values given by hand."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
 from fitting.seal import SEAL, check_cuff
+from fitting.result import DOUBTED, QUANTITIES, CuffFit, SessionFit, Verdict, covariance_of
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin, is_file_name
 from recordings.plain_data import PlainDataError, read_json, shortened
@@ -22,8 +23,9 @@ class CuffsFileError(Exception):
     """A cuffs.json that cannot be used; one sentence says where and what was expected."""
 
 
-def read_cuffs(path: Path) -> dict[str, CuffFit]:
-    """Reads cuffs.json, also one written by hand that holds only values. Raises CuffsFileError."""
+def read_cuffs(path: Path | str) -> dict[str, CuffFit]:
+    """Read cuffs.json, also one written by hand that holds only values. Raises CuffsFileError."""
+    path = Path(path)
     try:
         data = read_json(path)
     except OSError as error:
@@ -41,6 +43,18 @@ def read_cuffs(path: Path) -> dict[str, CuffFit]:
         raise CuffsFileError(f"{path} has a cuff named {shortened(unnamed[0])}, expected no path: files are named so")
     seals = data[SEAL].get("cuffs") if isinstance(data.get(SEAL), dict) else None
     return {name: _cuff_from(name, cuff, seals, path) for name, cuff in cuffs}
+
+
+def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
+    """Write cuffs, by name, so that read_cuffs and `station assess` read them; what was there is replaced at once.
+
+    Trials, tensors and diagnosis are written, too, but not read back. Raises OSError.
+    """
+    path = Path(path)
+    text = SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, (), {}).to_json()
+    drafted = path.with_name(f".{path.name}.draft")
+    drafted.write_text(text, encoding="utf-8")
+    drafted.replace(path)
 
 
 class _Beside(BaseModel):

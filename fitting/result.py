@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,12 @@ from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin
 from solver.cuff import CuffParameters
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 """Field of CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
+UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
 
 
 UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
@@ -134,7 +138,7 @@ class TrialFit:
     damage: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CuffFit:
     """A cuff's k [N/m], c [N s/m] and migration [m] of one donning; verdicts say what of it is not identified.
 
@@ -190,6 +194,33 @@ class CuffFit:
         changed = ("changed since it was fitted",) if self.standing is Standing.CHANGED else ()
         return simulated + by_hand + changed
 
+    def __repr__(self) -> str:
+        rows = (
+            self.to_dataframe().drop(columns=["cuff", "donning"]).to_string(index=False, float_format="{:.4g}".format)
+        )
+        return f"Cuff {self.name}, donning {self.donning}: {self.verdict}\n{rows}"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""
+        import pandas as pd
+
+        return pd.DataFrame([self._row(name, unit) for name, unit in UNITS.items()])
+
+    def _row(self, name: str, unit: str) -> dict[str, Any]:
+        estimate: Estimate | None = getattr(self, name)
+        low, high = estimate.ci95 if estimate else (np.nan, np.nan)
+        return {
+            "cuff": self.name,
+            "donning": self.donning,
+            "quantity": name,
+            "unit": unit,
+            "value": estimate.value if estimate else np.nan,
+            "standard_error": estimate.standard_error if estimate else np.nan,
+            "ci95_low": low,
+            "ci95_high": high,
+            "is_identified": name not in self.missing,
+        }
+
     @property
     def verdict(self) -> str:
         """All verdicts as one text."""
@@ -220,7 +251,7 @@ class CuffFit:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SessionFit:
     """All cuffs of a session.
 
@@ -241,6 +272,17 @@ class SessionFit:
     def cuffs(self) -> dict[str, CuffFit]:
         """Each cuff as last donned."""
         return {name: list(fits.values())[-1] for name, fits in self.donnings.items()}
+
+    def __repr__(self) -> str:
+        lines = [f"Session: {len(self.donnings)} cuffs, {len(self.rejected)} recordings not used"]
+        return "\n".join([*lines, *map(repr, self.cuffs.values())])
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """As CuffFit.to_dataframe, of every donning of every cuff."""
+        import pandas as pd
+
+        tables = [fit.to_dataframe() for fits in self.donnings.values() for fit in fits.values()]
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
     @property
     def origin(self) -> DataOrigin:

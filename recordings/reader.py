@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,11 @@ WIDENED, WIDENED_PER_BYTE = 64 * 2**20, 20
 """Bytes that a track may have, and besides for each that its samples have, where its labels changed."""
 
 
-@dataclass(frozen=True)
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, repr=False)
 class Track:
     """All samples of one stream in file order, as arrays.
 
@@ -40,8 +44,25 @@ class Track:
     host_time_ns: NDArray[np.int64]
     values: NDArray[Any]
 
+    def __repr__(self) -> str:
+        return f"Track {self.stream.name}: {len(self.values)} samples of {len(self.stream.labels)} [{self.stream.unit}]"
 
-@dataclass(frozen=True)
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per sample: sample_number, device_time_ns, host_time_ns, then a column per label in Stream.unit; of a
+        marker three, "label_x" and so on, and "label_residual".
+        """
+        import pandas as pd
+
+        names: list[str] = list(self.stream.labels)
+        if self.values.ndim == 3:
+            names = [f"{label}_{part}" for label in names for part in ("x", "y", "z", "residual")]
+        table = pd.DataFrame(self.values.reshape(len(self.values), len(names)), columns=names)
+        for place, name in enumerate(("sample_number", "device_time_ns", "host_time_ns")):
+            table.insert(place, name, getattr(self, name + "s" * (name == "sample_number")))
+        return table
+
+
+@dataclass(frozen=True, repr=False)
 class Recording:
     """A recording that was opened and read through once, so what is missing from it is known.
 
@@ -56,6 +77,11 @@ class Recording:
     outcome: Outcome | None
     missing: tuple[str, ...]
     damage: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        said = self.outcome.sentence if self.outcome else "cut before its end"
+        streams = ", ".join(f"{each.name} at {each.rate_hz:g} Hz [{each.unit}]" for each in self.streams)
+        return f"Recording {self.path.name}: {said}\n  {streams}" + "".join(f"\n  {each}" for each in self.missing)
 
     @property
     def complete(self) -> bool:

@@ -7,11 +7,11 @@ ground needs no special case; the ground's pose is the identity, its mass, veloc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
@@ -316,7 +316,7 @@ class Marker:
         _freeze(self, location=(3,))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """Everything the solver knows of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
@@ -336,6 +336,13 @@ class Model:
 
     def __post_init__(self) -> None:
         _freeze(self, gravity=(3,))
+
+    def __repr__(self) -> str:
+        return (
+            f"Model {self.name!r}: {len(self.bodies) - 1} bodies, {len(self.coordinates)} coordinates, "
+            f"{len(self.muscles)} muscles, {len(self.actuators)} actuators, {len(self.markers)} markers, "
+            f"{len(self.constraints)} constraints"
+        )
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -363,17 +370,6 @@ class Model:
         return self.markers[_index(self.markers, name, "marker", self.name)]
 
 
-def with_point_mass(model: Model, body: str, mass: float, location: ArrayLike) -> Model:
-    """The model with a point of `mass` [kg] fixed to a body at `location` (3,) [m] in it, say a cuff or a dumb-bell."""
-    index = model.body_index(body)
-    bare, point = model.bodies[index], np.asarray(location, dtype=float)
-    total = bare.mass + mass
-    mass_center = (bare.mass * bare.mass_center + mass * point) / total
-    inertia = bare.inertia + _steiner(bare.mass, bare.mass_center - mass_center) + _steiner(mass, point - mass_center)
-    loaded = Body(bare.name, total, mass_center, inertia)
-    return replace(model, bodies=(*model.bodies[:index], loaded, *model.bodies[index + 1 :]))
-
-
 class _Named(Protocol):
     @property
     def name(self) -> str: ...
@@ -394,8 +390,3 @@ def _freeze(noun: object, **shapes: tuple[int, ...]) -> None:
             raise ModelError(f"{type(noun).__name__}.{field} has shape {values.shape}, expected {shape}")
         values.flags.writeable = False
         object.__setattr__(noun, field, values)
-
-
-def _steiner(mass: float, offset: Array) -> Array:
-    """Inertia (3, 3) of a point mass at `offset` (3,) from the axis point (parallel-axis theorem)."""
-    return mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))

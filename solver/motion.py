@@ -33,7 +33,7 @@ class Motion:
     coordinates: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Kinematics:
     """What the solver needs of a motion in each frame.
 
@@ -52,6 +52,11 @@ class Kinematics:
     speeds: Array
     accelerations: Array
     cutoff: float | None
+
+    def __repr__(self) -> str:
+        frames, coordinates = self.positions.shape
+        span = f"{self.time[0]:g} to {self.time[-1]:g} s" if frames else "no frames"
+        return f"Kinematics: {frames} frames of {coordinates} coordinates, {span}; low-pass filter: {self.filter}"
 
     @property
     def filter(self) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_
 from solver.redundancy.reachability import idle_controls, is_met
 from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
 from solver.redundancy.sequence import FrameSequence, solve_runs, solve_sequence, solve_sequence_with_clarabel
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
@@ -151,13 +154,14 @@ class ScenarioSolutions:
     cone_slack: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MotionSolution:
     """Who did the work in a motion; activations, forces and reserves are NaN in frames that are INFEASIBLE, reaction,
     residual and slack those of the point that leaves the glenoid by the least. Of NOT_FINITE frames nothing is known.
 
+    muscles            their names, in the order of every such axis
     time               (frames,) [s]
-    activations        (frames, muscles) of Model.muscles, 0 to 1
+    activations        (frames, muscles) 0 to 1
     muscle_forces      (frames, muscles) [N], of which passive_forces (frames, muscles) [N]
     reserves           (frames, actuators) of Model.actuators [N or N m]
     reaction           (frames, 6) moment [N m] and force [N] on the scapula at the glenohumeral joint, in ground
@@ -169,6 +173,7 @@ class MotionSolution:
     outcomes           (frames,) of FrameOutcome
     """
 
+    muscles: tuple[str, ...]
     time: Array
     activations: Array
     muscle_forces: Array
@@ -185,6 +190,22 @@ class MotionSolution:
     def unsolved(self) -> int:
         """How many frames did not come out SOLVED."""
         return sum(outcome is not FrameOutcome.SOLVED for outcome in self.outcomes)
+
+    def __repr__(self) -> str:
+        force = np.linalg.norm(self.reaction[:, 3:], axis=1)
+        return (
+            f"MotionSolution: {len(self.time)} frames, {self.unsolved} not solved, {len(self.muscles)} muscles\n"
+            f"  mean effort {np.nanmean(self.effort):.4g}, joint reaction up to {np.nanmax(force):.0f} N"
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per frame: time_s, an activation (0 to 1) per muscle by its name, effort, reaction_n (its size [N])."""
+        import pandas as pd
+
+        table = pd.DataFrame(self.activations, columns=list(self.muscles))
+        table.insert(0, "time_s", self.time)
+        table["effort"], table["reaction_n"] = self.effort, np.linalg.norm(self.reaction[:, 3:], axis=1)
+        return table
 
 
 def solve_motion(
@@ -205,6 +226,7 @@ def solve_motion(
     solution = solve_redundancy(problem, progress=progress)
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
     return MotionSolution(
+        muscles=model.muscle_names,
         time=kinematics.time,
         activations=activations,
         muscle_forces=mechanics.forces.active * activations + mechanics.forces.passive,

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ from solver.suit.scenarios import (
 )
 from solver.suit.suit import Suit, SuitError
 from solver.suit.uncertainty import DrawnScenarios, solve_draws
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -91,7 +95,7 @@ class UncertaintySummary:
     largest_difference: Mapping[str, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Assessment:
     """What the suit saves in one motion; costs are over that of the suit worn with a slack cord, which is 1.
 
@@ -120,6 +124,25 @@ class Assessment:
     uncertainty: UncertaintySummary | None
     scenarios: int
     outcomes: Mapping[str, int]
+
+    def __repr__(self) -> str:
+        rows = self.to_dataframe().to_string(index=False, float_format="{:.4g}".format)
+        title = f"Assessment: {self.scenarios} scenarios, {self.unsolved} frames not solved; effort over a slack cord"
+        return f"{title}\n{rows}"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per curve: condition, cuff, least_effort over that with a slack cord, and rest_length_m where it is."""
+        import pandas as pd
+
+        best = [int(np.argmin(np.where(np.isfinite(curve.cost), curve.cost, np.inf))) for curve in self.curves]
+        return pd.DataFrame(
+            {
+                "condition": [curve.condition for curve in self.curves],
+                "cuff": [curve.cuff or "" for curve in self.curves],
+                "least_effort": [curve.cost[k] for curve, k in zip(self.curves, best, strict=True)],
+                "rest_length_m": [self.rest_lengths[k] for k in best],
+            }
+        )
 
     @property
     def unsolved(self) -> int:

@@ -15,7 +15,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import Model, with_point_mass
+from solver.model import Model
+from solver.point_mass import with_point_mass
 from solver.source_file import LARGEST_SUIT, read_source
 
 Array = NDArray[np.float64]

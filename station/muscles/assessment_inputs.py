@@ -16,10 +16,11 @@ from fitting.seal import Standing
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.plain_data import read_json
 from solver.cuff import PARAMETER_ORDER, CuffParameters
-from solver.model import Model, ModelError, with_point_mass
+from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
+from solver.point_mass import with_point_mass
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.checksums import standing_of
 from station.exit_code import WRONG_USAGE

@@ -15,9 +15,10 @@ import numpy as np
 
 from fitting.result import CuffFit
 from solver.cuff import CuffParameters, by_site
-from solver.model import Model, ModelError, with_point_mass
+from solver.model import Model, ModelError
 from solver.motion import MotionError, differentiate
 from solver.osim.loads import data_file
+from solver.point_mass import with_point_mass
 from solver.source_file import LARGEST_TABLE, read_source
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit

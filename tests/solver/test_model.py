@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.model import GROUND, Body, Marker, ModelError, with_point_mass
+from solver.model import GROUND, Body, Marker, ModelError
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
+from solver.point_mass import with_point_mass
 
 MODEL = bundled_model()
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.model import with_point_mass
 from solver.motion import decimate, differentiate
 from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.postures import postures
+from solver.point_mass import with_point_mass
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import RedundancyOptions, solve_motion
 

@@ -1,0 +1,58 @@
+"""Measure how exosuit cuffs yield on a body, and what that does to the wearer's muscles.
+
+    import cuffstation as cs
+
+    cuffs = cs.fit_session("demo").cuffs           # stiffness, damping, migration with their uncertainty
+    cs.plot(cs.assess(cuffs)).savefig("effort.png")   # muscle effort over the cord's rest length
+
+The ten functions below and the types of their results follow semantic versioning; everything else may change. Units are
+SI from a trial on; a recording keeps the unit of its device in Stream.unit.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from fitting.cuffs_file import read_cuffs, write_cuffs
+from fitting.result import CuffFit, SessionFit
+from fitting.uncertainty import Estimate
+from recordings.reader import Recording, Track
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.redundancy.motion import MotionSolution, RedundancyOptions
+from solver.suit.assessment import Assessment
+from station.library import (
+    assess,
+    fit_donning,
+    fit_session,
+    load_model,
+    load_motion,
+    read_recording,
+    solve_motion,
+)
+from station.report.plot import plot
+
+__version__ = version("cuffstation")
+
+__all__ = [
+    "Assessment",
+    "CuffFit",
+    "Estimate",
+    "Kinematics",
+    "Model",
+    "MotionSolution",
+    "Recording",
+    "RedundancyOptions",
+    "SessionFit",
+    "Track",
+    "assess",
+    "fit_donning",
+    "fit_session",
+    "load_model",
+    "load_motion",
+    "plot",
+    "read_cuffs",
+    "read_recording",
+    "solve_motion",
+    "write_cuffs",
+]

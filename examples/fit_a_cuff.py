@@ -1,0 +1,43 @@
+# %% [markdown]
+# # Fit a cuff, and change one assumption
+#
+# Stiffness, damping and migration of every cuff of a session, with their uncertainty and where it comes from; then the
+# same donning without its last trial.
+
+# %%
+import sys
+from pathlib import Path
+
+import cuffstation as cs
+
+SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "demo")
+session = cs.fit_session(SESSION)
+print(session.to_dataframe().to_string(index=False))
+
+# %% [markdown]
+# Each standard error is split by cause: noise, the lag between force and markers, the gain of the load cell, …
+
+# %%
+cuff = session.cuffs["hand"]
+for cause, part in cuff.stiffness.parts.items():
+    print(f"{cause:16} {part:8.2f} N/m")
+print(cuff.verdict)
+
+# %% [markdown]
+# What if the last trial had not been recorded?
+
+# %%
+files = [SESSION / trial.file for trial in cuff.trials if trial.state == "used"]
+fewer = cs.fit_donning(files[:-1])
+print(fewer)
+shift = fewer.stiffness.value - cuff.stiffness.value
+print(f"without {files[-1].name} the stiffness changes by {shift:+.1f} N/m")
+
+# %% [markdown]
+# Cuffs are kept in a file that `station assess` reads, too.
+
+# %%
+cs.write_cuffs("cuffs.json", session.cuffs)
+print(cs.read_cuffs("cuffs.json")["hand"])
+cs.plot(cuff).savefig("trials.png")
+cs.plot(session).savefig("cuffs.png")

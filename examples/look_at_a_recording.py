@@ -1,0 +1,43 @@
+# %% [markdown]
+# # Look at a recording
+#
+# Streams as arrays and tables, what was lost, and the load cell in newtons. `station demo` makes a folder `demo`; give
+# another session's folder as the first argument, or edit `SESSION` in a notebook.
+
+# %%
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import cuffstation as cs
+
+SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "demo")
+recording = cs.read_recording(next(path for path in sorted(SESSION.glob("*.mcap")) if "static" in path.name))
+print(recording)
+
+# %% [markdown]
+# Every sample has a number and two clock readings: the device's, and the computer's at arrival.
+
+# %%
+force = recording.load("/force").to_dataframe()
+print(force.head())
+missing = np.diff(force["sample_number"]) - 1
+print(f"{len(force)} samples, {int(missing.sum())} missing; complete: {recording.complete}")
+
+# %% [markdown]
+# A recording keeps the unit of its device. The calibration that turns volts into newtons is beside the samples.
+
+# %%
+cell = recording.manifest.load_cell
+newtons = cell.polarity * cell.newtons_per_unit * (force["force"] - force["force"][:100].mean())
+print(f"largest force {newtons.abs().max():.1f} N")
+
+# %%
+markers = recording.load("/markers")
+hidden = np.isnan(markers.values[:, :, 0]).mean(axis=0)
+for label, part in zip(markers.stream.labels, hidden, strict=True):
+    print(f"{label:12} hidden in {100 * part:.1f} % of {len(markers.values)} frames")
+
+# %%
+cs.plot(recording).savefig("recording.png")

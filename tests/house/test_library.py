@@ -1,0 +1,120 @@
+"""The public package: its names, what its functions return, and the scripts in examples/ that use it."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import cuffstation as cs
+from station.fit import SessionError
+from tests.house import one_cuff
+
+FUNCTIONS = {
+    "assess",
+    "fit_donning",
+    "fit_session",
+    "load_model",
+    "load_motion",
+    "plot",
+    "read_cuffs",
+    "read_recording",
+    "solve_motion",
+    "write_cuffs",
+}
+TYPES = {
+    "Assessment",
+    "CuffFit",
+    "Estimate",
+    "Kinematics",
+    "Model",
+    "MotionSolution",
+    "Recording",
+    "RedundancyOptions",
+    "SessionFit",
+    "Track",
+}
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("library") / "session"
+    one_cuff.main(folder, is_pinned=False)
+    return folder
+
+
+def test_the_public_names_are_these_and_each_is_documented() -> None:
+    assert set(cs.__all__) == FUNCTIONS | TYPES
+    for name in cs.__all__:
+        assert getattr(cs, name).__doc__, name
+
+
+def test_a_session_becomes_tables_that_agree_with_its_estimates(session: Path, tmp_path: Path) -> None:
+    fitted = cs.fit_session(session)
+    table = fitted.to_dataframe().set_index("quantity")
+    cuff = fitted.cuffs["hand"]
+    assert list(table.index) == ["stiffness", "damping", "migration"]
+    assert table.loc["stiffness", "value"] == cuff.stiffness.value
+    assert tuple(table.loc["damping", ["ci95_low", "ci95_high"]]) == cuff.damping.ci95
+    assert table["is_identified"].tolist() == [name not in cuff.missing for name in table.index]
+
+    cs.write_cuffs(tmp_path / "cuffs.json", fitted.cuffs)
+    read = cs.read_cuffs(tmp_path / "cuffs.json")["hand"]
+    assert (read.stiffness, read.damping, read.migration) == (cuff.stiffness, cuff.damping, cuff.migration)
+
+
+def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path) -> None:
+    whole = cs.fit_session(session).cuffs["hand"]
+    alone = cs.fit_donning([path for path in sorted(session.glob("*.mcap")) if "waist" not in path.name])
+    assert alone.stiffness == whole.stiffness
+    with pytest.raises(SessionError, match="no recording can be used"):
+        cs.fit_donning([])
+
+
+def test_a_recording_becomes_tables_of_its_samples(session: Path) -> None:
+    recording = cs.read_recording(next(session.glob("*static*.mcap")))
+    force, markers = (recording.load(name) for name in ("/force", "/markers"))
+    table = markers.to_dataframe()
+    label = markers.stream.labels[1]
+    np.testing.assert_array_equal(table[f"{label}_z"], markers.values[:, 1, 2])
+    assert list(force.to_dataframe().columns)[:3] == ["sample_number", "device_time_ns", "host_time_ns"]
+    np.testing.assert_array_equal(force.to_dataframe().iloc[:, 3], force.values[:, 0])
+
+
+def test_every_result_prints_a_few_lines_and_is_drawn(session: Path, tmp_path: Path) -> None:
+    fitted, model = cs.fit_session(session), cs.load_model()
+    motion = cs.load_motion(model, every=40)
+    solution = cs.solve_motion(model, motion)
+    assessment = cs.assess(fitted.cuffs, model, motion, draws=0)
+    recording = cs.read_recording(next(session.glob("*static*.mcap")))
+    for result in (fitted, fitted.cuffs["hand"], solution, assessment, recording):
+        assert 1 <= len(repr(result).splitlines()) <= 12
+        cs.plot(result).savefig(tmp_path / "plot.png")
+        assert (tmp_path / "plot.png").stat().st_size > 5000
+    assert max(len(repr(each)) for each in (model, motion, recording.load("/force"))) < 200
+    assert isinstance(solution.to_dataframe(), pd.DataFrame)
+    assert solution.to_dataframe()[solution.muscles[3]].tolist() == solution.activations[:, 3].tolist()
+    assert assessment.to_dataframe()["least_effort"].min() == min(np.nanmin(each.cost) for each in assessment.curves)
+
+
+def test_what_no_result_is_is_not_drawn() -> None:
+    with pytest.raises(TypeError, match="got a str"):
+        cs.plot("demo")
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
+def test_the_example_runs_and_is_short(
+    name: str, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = EXAMPLES / f"{name}.py"
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 60
+    monkeypatch.chdir(tmp_path)
+    needs_session = "SESSION" in path.read_text(encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", [str(path), *([str(session)] if needs_session else [])])
+    runpy.run_path(str(path), run_name="__main__")
+    assert list(tmp_path.glob("*.png"))
