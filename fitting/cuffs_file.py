@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fitting.result import DOUBTED, QUANTITIES, CuffFit, Verdict, covariance_of
-from fitting.seal import SEAL, check_cuff
 from fitting.result import DOUBTED, QUANTITIES, CuffFit, SessionFit, Verdict, covariance_of
+from fitting.seal import SEAL, check_cuff
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin, is_file_name
 from recordings.plain_data import PlainDataError, read_json, shortened
