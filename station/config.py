@@ -22,6 +22,7 @@ DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channel
 INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": STANDARD_GRAVITY * 1e-3}  # pounds-force and grams-force
 PUBLISHED_SITES: dict[str, Literal["arm", "waist"]] = {"waist": "waist", "hand": "arm", "tube": "arm", "elbow": "arm"}
 
+CEILING_PART_OF_CAPACITY = 0.8
 CUFF_NAME = re.compile(r"[^\W_][\w-]*")
 Positive = Annotated[float, Field(gt=0)]
 
@@ -62,6 +63,10 @@ class LoadCellSection(_Section):
     port: str | None = None
     baud_rate: int = Field(default=9600, gt=0, le=10_000_000)
     line_format: Literal["usb220", "usb520"] = "usb220"
+
+    @property
+    def capacity_n(self) -> float:
+        return self.capacity_kg * STANDARD_GRAVITY
 
     @property
     def due_on(self) -> date | None:
@@ -156,7 +161,10 @@ class Protocol(_Section):
 
 
 class Safety(_Section):
-    """What the console stops at, loudly: newtons at the cuff, and newtons a second."""
+    """What the console stops at, loudly: newtons at the cuff, and newtons a second.
+
+    The force ceiling is never above 80 % of the load cell's capacity.
+    """
 
     force_ceiling_n: Positive = 150.0
     force_rate_ceiling_n_per_s: Positive = 500.0
@@ -242,6 +250,11 @@ class StationConfig(_Section):
                 f"{DEVICE_LIMIT_HZ / channels:g}: the USB-6008 converts {DEVICE_LIMIT_HZ:g} samples a second in all"
             )
         return self
+
+    @property
+    def force_ceiling_n(self) -> float:
+        """[N] that neither a cuff on a person nor the load cell may see."""
+        return min(self.safety.force_ceiling_n, CEILING_PART_OF_CAPACITY * self.load_cell.capacity_n)
 
     def cuff_site(self, name: str) -> CuffSite:
         """The markers of one cuff. Raises ConfigError if the file has no section for it."""

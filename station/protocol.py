@@ -25,6 +25,11 @@ class TrialSpec:
     donning: str = "1"
     name: str = "cuff-{cuff}_test-{test}_run-{run}"
 
+    @property
+    def title(self) -> str:
+        """For a person: which trial of its session this is."""
+        return "bounce calibration" if self.cuff is None else f"{self.cuff} · {self.test} · repeat {self.repeat}"
+
     def file_name(self, run: int) -> str:
         parts = [part for part in self.name.split("_") if self.cuff is not None or "{cuff}" not in part]
         return "_".join(parts).format(cuff=self.cuff, test=self.test, run=run) + ".mcap"

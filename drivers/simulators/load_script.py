@@ -19,6 +19,14 @@ Floats = NDArray[np.float64]
 PullKind = Literal["static", "dynamic"]
 
 
+@dataclass(frozen=True)
+class Gate:
+    """The next movement of the hands begins at `moves`; since `stands` [s] they stand still."""
+
+    stands: float
+    moves: float
+
+
 class LoadScript(Protocol):
     """One trial's load, realised with its hand's chance."""
 
@@ -28,6 +36,11 @@ class LoadScript(Protocol):
     @property
     def duration(self) -> float:
         """Seconds from the start of the capture until everything is off again."""
+        ...
+
+    @property
+    def gates(self) -> tuple[Gate, ...]:
+        """Where led hands wait for the page: step k opens the k-th (operator.hands, settings.py)."""
         ...
 
     def far_end(self, t: Floats) -> Floats:
@@ -53,6 +66,12 @@ class StaticScript:
     hand_overs: tuple[float, ...]
     masses: tuple[float, ...]
 
+    @property
+    def gates(self) -> tuple[Gate, ...]:
+        """Every weight, and the end."""
+        ends = (time + hand_over for time, hand_over in zip(self.times, self.hand_overs, strict=True))
+        return tuple(map(Gate, (0.0, *ends), (*self.times, self.duration)))
+
     def far_end(self, t: Floats) -> Floats:
         mass = np.full(t.shape, self.hook_mass)
         for time, hand_over, step in zip(self.times, self.hand_overs, self.masses, strict=True):
@@ -70,6 +89,11 @@ class DynamicScript:
     hook: float
     test: DynamicTest
     unsteadiness: Wander  # of amplitude and frequency, relative
+
+    @property
+    def gates(self) -> tuple[Gate, ...]:
+        """The first pull; a swing that has begun is not held up."""
+        return (Gate(0.0, self.test.lead_in_s),)
 
     def far_end(self, t: Floats) -> Floats:
         test = self.test

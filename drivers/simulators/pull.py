@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, slider_of
-from drivers.simulators.load_script import PullKind, script_for
+from drivers.simulators.load_script import Gate, PullKind, script_for
 from drivers.simulators.settings import Settings
 from drivers.simulators.trajectory import Trajectory
 from drivers.simulators.wander import Wander
@@ -42,13 +42,28 @@ class Pull:
         rest = slip + settings.rig.hook_n / tissue.stiffness_n_per_m
         self._script = script_for(test, settings, rest, self._rng)
         self._script_start = math.inf
+        self._gates: tuple[Gate, ...] = ()
         self._mechanics = CuffMechanics(tissue, settings.cuff_body.mass_kg, slider, self._script.link)
         self._rest(slip)
 
-    def begin(self, start: float) -> float:
-        """The hands begin at the world time start [s]; returns when they will have finished."""
+    def begin(self, start: float, *, is_led: bool = False) -> float:
+        """The hands begin at the world time start [s]; returns when they will have finished.
+
+        Hands that are led wait at every gate of the script for follow(): until then, inf.
+        """
         self._script_start = start
-        return start + self._script.duration
+        self._gates = self._script.gates if is_led else ()
+        return math.inf if self._gates else start + self._script.duration
+
+    def follow(self, step: int, now: float) -> float:
+        """The page is at this step: its gate opens at the world time now [s]. Returns when all will be finished."""
+        now = max(now, self._trajectory.end * STEP_S)
+        while self._gates and len(self._script.gates) - len(self._gates) < step:
+            gate, *later = self._gates
+            self._gates = tuple(later)
+            is_early = now - self._script_start < gate.stands  # then the movement before is finished first
+            self._script_start = max(self._script_start, now - gate.moves) if is_early else now - gate.moves
+        return math.inf if self._gates else self._script_start + self._script.duration
 
     def advance(self, until: float) -> None:
         """Computes the motion up to the world time until [s]."""
@@ -71,7 +86,8 @@ class Pull:
     def _integrate(self, steps: int) -> None:
         half_step = 2 * (self._trajectory.end - 1) + np.arange(2 * steps + 1)
         t = half_step.astype(np.float64) * (STEP_S / 2)
-        far_end = self._script.far_end(np.maximum(t - self._script_start, -1.0))
+        held = self._gates[0].moves if self._gates else math.inf
+        far_end = self._script.far_end(np.clip(t - self._script_start, -1.0, held))
         drive = np.column_stack([self._base.value(t), self._base.rate(t), far_end])
         self._state, way = self._mechanics.integrate(self._state, drive)
         self._trajectory.append(way)

@@ -4,6 +4,7 @@
     {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
     {"don": "hand"}                                 dons the cuff anew
     {"hang_kg": 2}                                  hangs a known mass from the load cell until the next capture begins
+    {"step": 2}                                     the page is at this step, and the hands follow (operator.hands)
     {"pause_s": 60}                                 answers when so many seconds of the world have passed
     {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
     {"truth": true}                                 parameters by cuff, and what each has slipped since it was donned
@@ -25,7 +26,7 @@ from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.world import World
 from drivers.simulators.world_clock import WorldClock
 
-KNOWN = ("trial", "don", "hang_kg", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
+KNOWN = ("trial", "don", "hang_kg", "step", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
 
 
 class ServedBench(Protocol):
@@ -57,6 +58,9 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
         case {"hang_kg": mass}:
             world.hang(_mass_from(mass))
             content = {"hang_kg": mass}
+        case {"step": int(step)}:
+            world.follow(step)
+            content = {"step": step}
         case {"ports": True}:
             content = {"ports": bench.ports}
         case {"pause_s": seconds}:

@@ -191,9 +191,13 @@ class SerialLine(_Section):
 
 
 class Operator(_Section):
-    """Who starts a capture: "auto", a person at the mocap PC, delay_s after all devices stream; "remote", a client."""
+    """Who starts a capture: "auto", a person at the mocap PC, delay_s after all devices stream; "remote", a client.
+
+    hands: "script", by the trial's own times; "led", step by step as a page asks for them (the request {"step": 1}).
+    """
 
     capture: Literal["auto", "remote"] = "auto"
+    hands: Literal["script", "led"] = "script"
     delay_s: NotNegative = 3.0
 
 

@@ -160,11 +160,21 @@ class World:
             self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
             script = self._bounce if self._trial.test == "bounce" and self._bounce is not None else self._pull
-            end = self._end_of_frame(self._seen, script.begin(self._seen))
+            is_led = self.settings.operator.hands == "led"
+            until = script.begin(self._seen, is_led=is_led) if script is self._pull else script.begin(self._seen)
+            end = self._end_of_frame(self._seen, until)
             self._capture = Capture(number, self._seen, end, self._trial)
             self._is_capturing = True
             self.faults.capture_started(number, self._seen)
             return self._capture
+
+    def follow(self, step: int) -> None:
+        """The page that leads the hands is at this step of the running trial; without a capture nothing follows."""
+        with self._lock:
+            self._live(self.now())
+            if self._capture is not None and self._is_capturing and math.isinf(self._capture.end):
+                until = self._pull.follow(step, self._seen)
+                self._capture = replace(self._capture, end=self._end_of_frame(self._capture.start, until))
 
     def stop_capture(self) -> Capture:
         """Lowers the sync line with the end of this frame; hands take every load off.
@@ -237,6 +247,8 @@ class World:
 
     def _end_of_frame(self, start: float, end: float) -> float:
         """The mocap system captures whole frames: the end of the one that is exposed at `end`."""
+        if math.isinf(end):
+            return end
         rate_hz = self.settings.mocap.rate_hz
         return start + math.ceil((end - start) * rate_hz - 1e-6) / rate_hz
 

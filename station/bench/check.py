@@ -23,17 +23,23 @@ from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
 from station.clock import Clock, RealClock
 from station.config import StationConfig
 
+REST_PART_OF_CAPACITY = 0.02
+"""What an empty hook may read; as much as the zero may drift within a trial."""
 OPEN_S = 5.0
 LISTEN_S = 1.5
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line of the check: what was looked at, whether it is as it should be, what was found."""
+    """One line of the check: what was looked at, whether it is as it should be, what was found.
+
+    is_doubtful: nothing is known to be wrong, but it could not be checked or may not be right.
+    """
 
     subject: str
     is_good: bool
     found: str
+    is_doubtful: bool = False
 
 
 class Answers:
@@ -102,7 +108,8 @@ def show_lines(lines: Sequence[Line], console: Console | None = None, *, as_json
     else:
         table = Table("", "what", "found")
         for line in lines:
-            table.add_row("[green]ok[/]" if line.is_good else "[red]no[/]", line.subject, line.found)
+            grade = "[red]no[/]" if not line.is_good else "[yellow]?[/]" if line.is_doubtful else "[green]ok[/]"
+            table.add_row(grade, line.subject, line.found)
         (console or Console()).print(table)
     return 0 if all(line.is_good for line in lines) else 1
 
@@ -124,7 +131,8 @@ def calibration_line(config: StationConfig, today: date) -> Line:
     """How old the load cell's calibration is, and whether it is still current."""
     cell, subject = config.load_cell, "calibration of the load cell"
     if cell.calibrated_on is None or cell.due_on is None:
-        return Line(subject, True, "its date is not known; write load_cell.calibrated_on from its certificate")
+        words = "its date is not known; write load_cell.calibrated_on from its certificate"
+        return Line(subject, True, words, is_doubtful=True)
     age = (today - cell.calibrated_on).days
     number = f" of {cell.serial_number}" if cell.serial_number else ""
     words = f"certificate{number} of {cell.calibrated_on}, {age} days old, due on {cell.due_on}"
@@ -169,7 +177,8 @@ def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
     for stream in answers.streams.values():
         rate = answers.rate_hz(stream.name)
         if stream.name == "/markers" and rate == 0:
-            lines.append(Line(stream.name, True, f"no frames: no capture is running (nominal {stream.rate_hz:g} Hz)"))
+            words = f"no frames: no capture is running (nominal {stream.rate_hz:g} Hz)"
+            lines.append(Line(stream.name, True, words, is_doubtful=True))
         else:
             good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
             lines.append(Line(stream.name, good, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}"))
@@ -195,9 +204,13 @@ def _force_line(answers: Answers, config: StationConfig) -> list[Line]:
     newtons = cell.polarity * cell.newtons_per_unit * raw
     good = float(np.abs(raw).max()) < 0.99 * limit
     words = f"{newtons.mean():+.2f} N, scatter {newtons.std():.2f} N"
-    return [
-        Line("force at rest", good, words + ("" if good else f"; saturated at {limit:.4g} {unit}, check the wiring"))
-    ]
+    most = REST_PART_OF_CAPACITY * config.load_cell.capacity_n
+    is_loaded = good and abs(float(newtons.mean())) > most
+    if not good:
+        words += f"; saturated at {limit:.4g} {unit}, check the wiring"
+    elif is_loaded:
+        words += f", expected within ±{most:.1f} N with the hook empty; unload the rope or correct the amplifier's zero"
+    return [Line("force at rest", good, words, is_doubtful=is_loaded)]
 
 
 def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:

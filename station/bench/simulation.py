@@ -30,6 +30,10 @@ LOOPBACK = ("127.0.0.1", "localhost")
 PROBE_TIMEOUT_S = 2.0
 
 
+SWING_MARGIN_S = 6.0
+"""What a page needs beyond a swing to know that it began and that it lasted."""
+
+
 class SimulationError(Exception):
     """The simulated bench did not start or did not answer; one sentence."""
 
@@ -132,6 +136,13 @@ def simulator_settings(config: StationConfig) -> dict[str, Any]:
     if config.bounce is not None:
         follows["bounce"] = {"mass_kg": config.bounce.mass_kg, "marker": config.bounce.marker}
     return _laid_over(follows, config.simulation)
+
+
+def practice_settings(config: StationConfig) -> dict[str, Any]:
+    """The same for a console's own bench: the station starts the captures, and hands follow the page step by step."""
+    swing_s = config.protocol.swing_s + SWING_MARGIN_S
+    settings = _laid_over({"protocol": {"dynamic": {"swing_s": swing_s}}}, simulator_settings(config))
+    return {**settings, "operator": {"capture": "remote", "hands": "led"}}
 
 
 def serve_until_stopped(

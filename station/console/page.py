@@ -2,53 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
 from station.bench.simulation import SimulationError
-from station.console import setup_view, summary_view, trial_view, verdict_view
+from station.console import next_view, running_view, setup_view, summary_view, verdict_view
+from station.console.actions import Act, Actions
 from station.console.announcer import Announcer
+from station.console.recordings_view import add_recordings
 from station.journal import JournalError
+from station.session.agenda import Agenda
 from station.session.desk import Desk, DeskRefusal
 from station.session.live import Live
 
 REFRESH_S = 0.08
 """A little more often than the ten times a second that are promised: a busy machine is late now and then."""
-STYLE = """
-.cue { font-size: clamp(2rem, 5.2vw, 5.5rem); line-height: 1.15; font-weight: 600; }
-.figure { font-size: clamp(2.6rem, 6.6vw, 7rem); line-height: 1; font-weight: 500; font-variant-numeric: tabular-nums; }
-.alarm { background: #b71c1c; color: white; font-size: clamp(2rem, 5vw, 5rem); font-weight: 800; }
-.nicegui-header { padding: 4px 16px; }
-.nicegui-header.simulated { background: var(--q-warning) !important; }
-.q-btn { font-size: 1.5rem; text-transform: none; }
-.q-table th, .q-table tbody td { font-size: 1.3rem; padding: 6px 8px; }
-.q-field, .q-field__native, .q-field__label, .q-toggle__label, .q-chip { font-size: 1.3rem; }
-.q-badge { font-size: clamp(1.5rem, 3vw, 3rem); line-height: 1; padding: 0.3em; }
-:focus-visible { outline: 4px solid #f28c28; outline-offset: 2px; }
-.body--dark .text-primary { --q-primary: #9cc2ff; }
-.body--dark .text-negative { --q-negative: #ff9d94; }
-.body--dark .text-positive { --q-positive: #6fd98a; }
-.body--dark .q-field, .body--dark .q-toggle { --q-primary: #9cc2ff; }
-.body--dark .nicegui-link { color: #9cc2ff; }
-.body--dark canvas { filter: invert(1) hue-rotate(180deg); }
-"""
-KEYS = {
-    "a": "arm",
-    "m": "mark",
-    "s": "stop",
-    "i": "silence",
-    "k": "keep",
-    "r": "redo",
-    "d": "don_anew",
-    "f": "finish",
-}
+HERE = Path(__file__).parent
+SCRIPTS = "".join(
+    f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>" for name in ("freshness.js", "markers.js")
+)
 
 
 def show_page(desk: Desk) -> None:
     """Builds the page for one browser."""
-    ui.add_css(STYLE)
+    ui.add_css(HERE / "style.css")
+    ui.add_head_html(SCRIPTS)
     ui.colors(primary="#1d4e89", positive="#1b7f3b", warning="#a34a00")
     page = _Page(desk)
     page.build()
@@ -58,20 +39,36 @@ class _Page:
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
         self._shown: tuple[Any, ...] = ()
-        self._ticks: list[Callable[[], None]] = []
-        self._acts: dict[str, Callable[[], Awaitable[None] | None]] = {}
+        self._tick_view: Callable[[], None] = lambda: None
+        self._actions: Actions | None = None
 
     def build(self) -> None:
-        with ui.header(elevated=True).classes("items-center justify-between") as self._header:
-            with ui.row().classes("items-center gap-3 no-wrap text-xl"):
-                self._simulated = ui.label("SIMULATED DATA").classes("text-weight-bold")
-                self._where = ui.label()
-            with ui.row().classes("items-center"):
+        self._header = ui.header().classes("items-center justify-between no-wrap")
+        with self._header:
+            with ui.row().classes("items-center gap-5 no-wrap"):
+                self._simulated = ui.label("SIMULATED DATA").classes("simulated").mark("simulated")
+                self._rec = ui.element("div").classes("rec").mark("rec")
+                with self._rec:
+                    self._dot = ui.element("div").classes("rec-dot")
+                    self._rec_label = ui.label()
+                with ui.column().classes("gap-0"):
+                    self._title = ui.label().classes("title").mark("title")
+                    self._subtitle = ui.label().classes("subtitle").mark("subtitle")
+            with ui.row().classes("items-center no-wrap"):
+                ui.label().classes("age").mark("age")
                 self._sound = ui.switch("sound").props("dark color=orange").mark("sound")
                 self._sound.tooltip("a tone and the words of every new step; an alarm sounds in any case")
-                ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').on(
+                ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes("small").on(
                     "click", js_handler="() => Quasar.Dark.toggle()"
                 )
+        with ui.footer():
+            self._refusal = ui.row().classes("refusal items-center").props("role=alert").mark("refusal")
+            with self._refusal:
+                self._refusal_label = ui.label()
+                ui.button("noted", on_click=lambda: self._refuse("")).props("flat color=white").classes("small")
+            self._form = ui.column().classes("w-full gap-1")
+            self._buttons = ui.row().classes("actions")
+        self._refuse("")
         self._body()  # empty until the first tick, which comes once the page is connected: what is typed before is lost
         ui.keyboard(on_key=self._on_key, ignore=["input", "select", "textarea"])
         ui.timer(REFRESH_S, self._tick)
@@ -79,76 +76,113 @@ class _Page:
     @ui.refreshable_method
     def _body(self) -> None:
         desk = self._desk
-        self._ticks, self._acts = [], {}
+        self._tick_view = lambda: None
+        actions = self._actions = Actions(self.run, self._buttons, self._form)
         if not self._shown:
             ui.label("connecting to the station").classes("text-xl")
             return
-        with ui.column().classes("w-full max-w-screen-2xl mx-auto gap-3"):
+        with ui.column().classes("screen" + (" running" if desk.live is not None else "")):
             if desk.message:
-                ui.label(desk.message).classes("text-xl").mark("message")
-            if desk.folder is None:
-                setup_view.show(desk, self.act)
+                ui.label(desk.message).classes("text-lg quiet").mark("message")
+            plan = desk.agenda
+            if desk.folder is None or plan is None:
+                setup_view.show(desk, actions)
             elif desk.live is not None:
-                self._ticks.append(self._running(desk.live))
-            elif (plan := desk.agenda) is not None and plan.undecided is not None:
-                verdict_view.show(desk, plan.undecided, self.act, self._acts)
-            elif plan is not None and plan.spec is not None:
-                trial_view.show_next(desk, plan, self.act, self._acts)
+                self._tick_view = self._running(desk.live, actions)
+            elif desk.is_ending:
+                summary_view.show(desk, plan, actions)
+            elif plan.undecided is not None:
+                verdict_view.show(desk, plan.undecided, actions)
+            elif plan.spec is not None:
+                next_view.show(desk, plan, actions)
             else:
-                summary_view.show(desk, self.act, self._acts)
+                summary_view.show(desk, plan, actions)
+            if desk.folder is not None and desk.live is None:
+                add_recordings(desk, actions)
 
-    def _running(self, live: Live) -> Callable[[], None]:
-        look = trial_view.show_running(self._desk, live, self.act, self._acts)
+    def _running(self, live: Live, actions: Actions) -> Callable[[], None]:
+        look = running_view.show(self._desk, live, actions)
         announcer = Announcer()
 
         def tick() -> None:
             look()
-            announcer.tell(trial_view.cue_of(live), live.unseen_alarm, has_sound=bool(self._sound.value))
+            announcer.tell(running_view.cue_of(live), live.unseen_alarm, has_sound=bool(self._sound.value))
 
         return tick
 
-    async def act(self, what: Callable[[], Awaitable[None] | None]) -> None:
-        """Does what a button says; a refusal is a sentence on the page."""
+    async def run(self, act: Act) -> None:
+        """Does what a button says; a refusal is a sentence above the buttons, until something is done."""
         try:
-            done = what()
+            done = act()
             if done is not None:
                 await done
         except (DeskRefusal, JournalError, SimulationError) as refused:
-            ui.notify(str(refused), type="negative", multi_line=True, timeout=8000, close_button="noted")
+            self._refuse(str(refused))
+        else:
+            self._refuse("")
         self._tick()
 
+    def _refuse(self, sentence: str) -> None:
+        self._refusal_label.text = sentence
+        self._refusal.set_visibility(bool(sentence))
+
     async def _on_key(self, event: Any) -> None:
-        act = self._acts.get(KEYS.get(str(event.key).lower(), ""))
+        letters = (str(event.key).lower(), str(event.key.code).removeprefix("Key").lower())  # the second: other scripts
+        by_key = {} if self._actions is None or self._actions.is_covered else self._actions.by_key
+        act = next((by_key[letter] for letter in letters if letter in by_key), None)
         held = event.modifiers
         is_for_the_browser = held.ctrl or held.alt or held.meta  # as Ctrl+R, which must not redo a trial
         if act is not None and event.action.keydown and not event.action.repeat and not is_for_the_browser:
-            await self.act(act)
+            await self.run(act)
 
     def _tick(self) -> None:
         desk, plan = self._desk, self._desk.agenda
-        self._simulated.set_visibility(desk.is_simulated)
-        self._header.classes(add="simulated") if desk.is_simulated else self._header.classes(remove="simulated")
-        waits = plan.undecided.file if plan and plan.undecided else None
-        stands = (
-            desk.folder,
-            desk.live is None,
-            waits,
-            desk.judgement,
-            desk.message,
-            desk.progress,
-            len(plan.done) if plan else 0,
-        )
+        stands: tuple[Any, ...] = (desk.folder, desk.live) if desk.live is not None else self._stands(plan)
         if stands != self._shown:
             self._shown = stands
-            self._where.text = _where(desk)
+            if desk.live is None:
+                ui.run_javascript("window.station?.leave()")
             self._body.refresh()
-        for tick in self._ticks:
-            tick()
+        self._show_header()
+        self._tick_view()
+
+    def _stands(self, plan: Agenda | None) -> tuple[Any, ...]:
+        """What a page shows between two trials."""
+        desk, journal = self._desk, self._desk.journal
+        now = (desk.folder, desk.judgement, desk.message, desk.progress, desk.summary, desk.is_ending)
+        return (*now, plan, tuple(journal.verdicts.items()), journal.recorded)
+
+    def _show_header(self) -> None:
+        live, state = self._desk.live, self._desk.live.latest["state"] if self._desk.live else ""
+        is_recording = state in ("recording", "closing")
+        self._title.text, self._subtitle.text = titles_of(self._desk)
+        self._simulated.set_visibility(self._desk.is_simulated)
+        self._rec.set_visibility(live is not None)
+        self._dot.set_visibility(is_recording)
+        if live is not None:
+            self._rec_label.text = f"REC {live.latest['recorded_s']:.0f} s" if is_recording else state_word(state)
+        self._header.classes(
+            add="header-recording" if is_recording else "header-armed" if live else "",
+            remove="header-armed" if is_recording or not live else "header-recording",
+        )
+        if not is_recording:
+            self._header.classes(remove="header-recording")
 
 
-def _where(desk: Desk) -> str:
-    setup = desk.journal.setup
-    if desk.folder is None or setup is None:
-        return "station"
+def state_word(state: str) -> str:
+    return {"idle": "OPENING", "armed": "ARMED"}.get(state, state.upper())
+
+
+def titles_of(desk: Desk) -> tuple[str, str]:
+    """What the page is about now, and whose session it is."""
+    setup, plan = desk.journal.setup, desk.agenda
+    if desk.folder is None or setup is None or plan is None:
+        return "station", ""
     rehearsal = "REHEARSAL, nothing is kept · " if desk.is_rehearsal else ""
-    return f"{rehearsal}subject {setup.subject} · session {setup.number}"
+    whose = f"{rehearsal}subject {setup.subject} · session {setup.number}"
+    if desk.live is None:
+        return whose, f"{len(plan.done)} of {len(plan.trials)} trials done"
+    spec = desk.live.spec
+    number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
+    repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
+    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {whose}"

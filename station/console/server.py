@@ -8,6 +8,7 @@ import secrets
 import signal
 import socket
 import sys
+import time
 import webbrowser
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
@@ -20,7 +21,7 @@ from nicegui import app, ui
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
 from station.bench.session_folder import SIMULATED_FOLDER
-from station.bench.simulation import SimulatedBench, clock_port, simulator_settings
+from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.config import StationConfig, parse_config
 from station.console.page import show_page
 from station.session.desk import Desk
@@ -28,6 +29,8 @@ from station.session.desk import Desk
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "station_token"
 HEARTBEAT_S = 1.0
+CONSOLE_ID = secrets.token_hex(8)
+"""A page whose console was started again loads anew."""
 
 OWN_SITE = ("same-origin", "none")
 """What a browser calls a request by our own page, and one that its user typed; older browsers say nothing."""
@@ -121,13 +124,13 @@ def serve(
     with ExitStack() as stack:
         bench = None
         if is_simulated:
-            settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
-            bench = stack.enter_context(SimulatedBench(settings, speed or 1.0, seed))
+            bench = stack.enter_context(SimulatedBench(practice_settings(config), speed or 1.0, seed))
             config = _for_practice(bench.pointed_at(config))
         followed = None if is_simulated or speed is None else clock_port(config)
         desk = Desk(config, speed or 1.0, bench, followed)
         stack.callback(desk.close)
         app.add_middleware(Doorkeeper, token=token)
+        app.add_api_route("/beat", _beat)
         app.add_api_route("/report", lambda: _report(desk.folder))
         app.on_startup(lambda: _announce(address, is_opened))
         app.on_startup(desk.warm_up)
@@ -167,6 +170,11 @@ def _for_practice(config: StationConfig) -> StationConfig:
     data["mocap"]["control"] = "start"
     data["session"]["folder"] = str(config.session.folder / SIMULATED_FOLDER)
     return parse_config(data, "the simulated bench")
+
+
+async def _beat() -> dict[str, Any]:
+    """That the console is alive: its clock, by which a page tells how old its data is, and which console it is."""
+    return {"now": time.time(), "console": CONSOLE_ID}
 
 
 def _report(folder: Path | None) -> Response:

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
+from station.bench.check import Line
+from station.console.actions import Actions
 from station.journal import Setup
 from station.session.desk import Desk, DeskRefusal
+from station.session.listing import ListedSession, list_sessions
 from station.session.plan_check import looks_like_a_name
 
+ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
 
-def show(desk: Desk, act: Callable[..., Any]) -> None:
-    ui.label("A new session, or one to go on with").classes("cue")
+
+def show(desk: Desk, actions: Actions) -> None:
     with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
         with ui.card().classes("w-full lg:w-1/2"):
-            _form(desk, act)
+            ui.label("New session").classes("heading")
+            _form(desk, actions)
         with ui.card().classes("w-full lg:w-1/2"):
-            _sessions(desk, act)
-            _preflight(desk, act)
+            _sessions(desk, actions)
+            _preflight(desk, actions)
 
 
-def _form(desk: Desk, act: Callable[..., Any]) -> None:
+def _form(desk: Desk, actions: Actions) -> None:
     subject = ui.input("Subject code", placeholder="P01").mark("subject").classes("w-full")
     ui.timer(0.0, lambda: subject.run_method("focus"), once=True)  # once it stands on the page
     warning = ui.label("this looks like a name: use a code, it becomes part of file names").classes(
@@ -54,26 +58,30 @@ def _form(desk: Desk, act: Callable[..., Any]) -> None:
             _masses(masses.value or ""),
         )
 
-    preview = ui.label().classes("text-xl opacity-80 break-all").mark("preview")
+    preview = ui.label().classes("text-lg quiet break-all").mark("preview")
 
     def show_file() -> None:
         named = Setup(subject.value or "", "", tuple(chosen.value), 1, number=number.value or "")
-        preview.set_text(f"files like {desk.example_file(named)}" if subject.value else "")
+        preview.set_text(f"files like {_example_file(desk, named)}" if subject.value else "")
 
-    def begin() -> Awaitable[None]:
-        return cast(Awaitable[None], act(lambda: desk.begin(setup())))
+    def begin() -> None:
+        desk.begin(setup())
 
     shown: tuple[ValueElement[Any], ...] = (subject, number, chosen)
     for field in shown:
         field.on_value_change(show_file)
     typed: tuple[ui.element, ...] = (subject, operator, number, repeats, masses)
     for box in typed:
-        box.on("keydown.enter", begin)
-    with ui.row():
-        ui.button("Begin", on_click=begin).mark("begin")
-        ui.button("Rehearse", on_click=lambda: act(lambda: desk.begin(setup(), is_rehearsal=True))).props(
-            "outline"
-        ).mark("rehearse")
+        box.on("keydown.enter", lambda: actions.run(begin))
+    actions.add("Begin", "b", begin, kind="main")
+    actions.add("Rehearse", "r", lambda: desk.begin(setup(), is_rehearsal=True))
+
+
+def _example_file(desk: Desk, setup: Setup) -> Path:
+    """What the first static trial of its first cuff is called; nothing that is there already is overwritten."""
+    cuff = setup.cuffs[0] if setup.cuffs else ""
+    names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
+    return desk.folder_of(setup) / f"{desk.config.session.file_name.format(**names)}.mcap"
 
 
 def _choice(cuffs: list[str]) -> ui.select:
@@ -93,23 +101,35 @@ def _masses(words: str) -> tuple[float, ...]:
         raise DeskRefusal(f"the load steps are {words!r}, expected kilograms between blanks, like 1.53 1.53") from error
 
 
-def _sessions(desk: Desk, act: Callable[..., Any]) -> None:
-    ui.label("Go on with").classes("text-2xl")
-    there = desk.sessions()
-    if not there:
-        ui.label("no session yet").classes("text-xl opacity-70")
-    for listed in there[:8]:
-        _resumption(desk, act, listed.setup, listed.folder)
+def _sessions(desk: Desk, actions: Actions) -> None:
+    ui.label("Resume a session").classes("heading")
+    listed = list_sessions(desk.config.session.folder)
+    if not listed:
+        ui.label("no session yet").classes("text-xl quiet")
+        return
+    with ui.scroll_area().classes("w-full h-64 sessions"), ui.column().classes("w-full gap-1"):
+        for session in listed:
+            _session(desk, actions, session)
 
 
-def _resumption(desk: Desk, act: Callable[..., Any], setup: Setup, folder: Path) -> None:
-    words = f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}"
-    button = ui.button(words, on_click=lambda: act(lambda: desk.resume(folder))).props("flat no-caps")
-    button.tooltip(str(folder)).mark("resume")
+def _session(desk: Desk, actions: Actions, session: ListedSession) -> None:
+    setup, folder = session.setup, session.folder
+    name = f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}"
+    when = f"{session.begun.day} {session.begun:%B %Y, %H:%M}" if session.begun else "date unknown"
+    progress = f"{session.done} of {session.trials}"
+    button = ui.button(on_click=lambda: actions.run(lambda: desk.resume(folder))).props(f'flat aria-label="{name}"')
+    with button.classes("w-full session").mark("resume"):
+        button.tooltip(str(folder))
+        with ui.grid(columns="1fr auto").classes("w-full gap-x-4 gap-y-0 text-left items-center"):
+            ui.label(name).classes("font-bold break-all")
+            ui.label(f"{progress} trials").classes("text-right")
+            ui.label(f"{when}{f' · {setup.operator}' if setup.operator else ''}").classes("quiet text-lg")
+            ui.linear_progress(session.done / max(1, session.trials), show_value=False).classes("w-28").props(
+                "size=10px rounded"
+            )
 
 
-def _preflight(desk: Desk, act: Callable[..., Any]) -> None:
-    ui.separator()
+def _preflight(desk: Desk, actions: Actions) -> None:
     lines = ui.column().classes("gap-1")
 
     async def look() -> None:
@@ -124,10 +144,16 @@ def _preflight(desk: Desk, act: Callable[..., Any]) -> None:
             button.enable()
         with lines:
             for line in found:
-                with ui.row().classes("items-center no-wrap gap-2 text-xl"):
-                    ui.icon(
-                        "check_circle" if line.is_good else "cancel", color="positive" if line.is_good else "negative"
-                    )
+                grade = grade_of(line)
+                with ui.row().classes("items-start no-wrap gap-2 text-lg"):
+                    ui.icon(ICONS[grade], size="1.6rem").classes(grade).mark(f"grade-{grade}")
                     ui.label(f"{line.subject}: {line.found}").mark("preflight")
 
-    button = ui.button("Check the bench", on_click=lambda: act(look)).props("outline").mark("check")
+    button = actions.add("Check the bench", "c", look, mark="check", is_apart=True)
+
+
+def grade_of(line: Line) -> str:
+    """good only for what was checked and is right."""
+    if not line.is_good:
+        return "bad"
+    return "doubtful" if line.is_doubtful else "good"

@@ -2,31 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from typing import Any
-
 from nicegui import ui
 
+from station.console.actions import Actions
+from station.console.next_view import show_plan
+from station.session.agenda import Agenda
 from station.session.desk import Desk
 
 
-def show(desk: Desk, act: Callable[..., Any], acts: dict[str, Callable[[], Awaitable[None] | None]]) -> None:
-    ui.label("Every trial of the plan is accepted").classes("cue").mark("complete")
+def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
+    ui.label(headline_of(plan)).classes("cue").mark("complete")
+    if plan.undecided is not None:
+        words = f"{plan.undecided.file} waits for keep or redo; it counts until it is redone."
+        ui.label(words).classes("text-xl doubtful").mark("undecided")
     if desk.progress:
         with ui.row().classes("items-center"):
             ui.spinner(size="2rem")
             ui.label(desk.progress).classes("text-xl")
     summary = desk.summary
     if summary is None:
-        button = ui.button("Fit, assess and report (f)", on_click=lambda: act(desk.finish)).mark("finish")
+        show_plan(plan)
+        button = actions.add("Fit, assess and report", "f", desk.finish, kind="main", mark="finish")
         button.set_enabled(not desk.progress)
-        acts["finish"] = desk.finish
     else:
-        columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
-        ui.table(columns=columns, rows=list(summary.rows)).props("flat wrap-cells").classes("text-xl").mark(
-            "cuffs-table"
-        )
+        if summary.rows:
+            columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
+            ui.table(columns=columns, rows=list(summary.rows)).props("flat wrap-cells").classes("text-xl").mark(
+                "cuffs-table"
+            )
         for sentence in summary.findings:
             ui.label(sentence).classes("text-xl").mark("finding")
         ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
-    ui.button("Leave the session", on_click=lambda: act(desk.leave)).props("outline").mark("leave")
+    actions.add("Leave", "l", desk.leave, mark="leave", is_apart=True)
+    if desk.is_ending:
+        actions.add("Back to the plan", "b", desk.resume_plan, mark="back")
+
+
+def headline_of(plan: Agenda) -> str:
+    """What there is of the plan; complete only where every trial was accepted."""
+    done, skipped = len(plan.done), len(plan.skipped)
+    if done == len(plan.trials):
+        return "Every trial of the plan is accepted"
+    rest = f", {skipped} skipped" if skipped else ""
+    return f"{done} of {len(plan.trials)} trials of the plan are accepted{rest}"

@@ -1,21 +1,25 @@
-"""Accept or redo, with the reasons, while the cuff is still on."""
+"""Keep or redo, with the reasons, while the cuff is still on."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from nicegui import ui
 
+from station.console.actions import Actions, Kind
 from station.console.charts import force_over_displacement
 from station.journal import Choice, Recorded
+from station.session.agenda import redo_loses_migration
 from station.session.desk import Desk
 from station.session.judgement import Judgement
 
+ICONS = {"good": "check_circle", "doubtful": "error_outline", "bad": "replay"}
+HEADLINES = {"good": "no problems found", "doubtful": "usable, with doubts", "bad": "better redo it"}
 
-def show(
-    desk: Desk, recorded: Recorded, act: Callable[..., Any], acts: dict[str, Callable[[], Awaitable[None] | None]]
-) -> None:
+
+def show(desk: Desk, recorded: Recorded, actions: Actions) -> None:
+    actions.add("Leave", "l", desk.leave, mark="leave", is_apart=True)
+    actions.add("End early", "e", desk.end_early, is_apart=True)
     judged = desk.judgement
     if judged is None or judged.file != recorded.file:
         with ui.row().classes("items-center"):
@@ -23,26 +27,25 @@ def show(
             ui.label(f"looking at {recorded.file}").classes("cue")
         return
     _headline(judged)
-    with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
-        with ui.column().classes("grow"):
+    with ui.row().classes("w-full gap-8 items-start no-wrap"):
+        with ui.column().classes("grow gap-2"):
             _figures(judged)
             marks = _marks(desk, judged)
         if judged.path:
-            ui.echart(force_over_displacement([list(point) for point in judged.path])).classes(
-                "w-full lg:w-2/5 h-80"
-            ).mark("loop")
-    _decision(desk, recorded, judged, marks, act, acts)
+            ui.echart(force_over_displacement([list(point) for point in judged.path])).classes("w-2/5 h-72").mark(
+                "loop"
+            )
+    _decision(desk, recorded, judged, marks, actions)
 
 
 def _headline(judged: Judgement) -> None:
-    good = judged.advice == "accept"
     with ui.row().classes("items-center gap-4 no-wrap"):
-        ui.icon("check_circle" if good else "replay", color="positive" if good else "negative", size="4rem")
-        ui.label(f"{judged.title}: {'nothing speaks against it' if good else 'better redo it'}").classes("cue").mark(
-            "advice"
-        )
+        ui.icon(ICONS[judged.grade], size="3.5rem").classes(judged.grade).mark(f"grade-{judged.grade}")
+        ui.label(f"{judged.title}: {HEADLINES[judged.grade]}").classes("cue").mark("advice")
     for reason in judged.reasons:
-        ui.label(reason).classes("text-2xl text-negative").mark("reason")
+        ui.label(reason).classes(f"text-2xl {judged.grade}").mark("reason")
+    for doubt in judged.doubts:
+        ui.label(doubt).classes("text-xl doubtful").mark("doubt")
 
 
 def _figures(judged: Judgement) -> None:
@@ -63,8 +66,10 @@ def _figures(judged: Judgement) -> None:
         ui.table(columns=columns, rows=rows, row_key="quantity").props("flat wrap-cells").classes("text-xl").mark(
             "figures"
         )
+    shown = {f"so far: {doubt}" for doubt in judged.doubts}
     for note in judged.notes:
-        ui.label(note).classes("text-xl opacity-80")
+        if note not in shown:
+            ui.label(note).classes("text-lg quiet")
 
 
 def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
@@ -72,16 +77,16 @@ def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
     return [ui.input(f"mark {number} was", value=known.get(number, "")) for number in range(1, judged.marks + 1)]
 
 
-def _decision(
-    desk: Desk,
-    recorded: Recorded,
-    judged: Judgement,
-    marks: Sequence[ui.input],
-    act: Callable[..., Any],
-    acts: dict[str, Callable[[], Awaitable[None] | None]],
-) -> None:
-    reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else "; ".join(judged.reasons))
-    reason.classes("w-full").mark("why")
+def _decision(desk: Desk, recorded: Recorded, judged: Judgement, marks: Sequence[ui.input], actions: Actions) -> None:
+    is_costly = redo_loses_migration(recorded, desk.journal)
+    with actions.form:
+        if is_costly:
+            ui.label(
+                f"To redo it, don the {recorded.cuff} cuff anew: it may have migrated in this trial. Redone as it is "
+                "worn, migration of this donning stays unknown."
+            ).classes("text-lg doubtful").mark("cost")
+        reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else "; ".join(judged.reasons))
+        reason.props("dense").classes("w-full").mark("why")
 
     def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
         for number, name in enumerate(marks, 1):
@@ -98,15 +103,14 @@ def _decision(
     def redo_donned_anew() -> None:
         decide("redo", is_donned_anew=True)
 
-    acts |= {"keep": keep, "redo": redo}
-    if recorded.cuff is not None:
-        acts["don_anew"] = redo_donned_anew
-    with ui.row():
-        ui.button("Keep (k)", on_click=lambda: act(keep)).props("" if judged.advice == "accept" else "outline").mark(
-            "keep"
-        )
-        ui.button("Redo (r)", on_click=lambda: act(redo)).props("outline" if judged.advice == "accept" else "").mark(
-            "redo"
-        )
-        again = ui.button("Don the cuff anew and redo (d)", on_click=lambda: act(redo_donned_anew)).props("outline")
-        again.mark("don-anew").set_visibility(recorded.cuff is not None)
+    is_kept = judged.advice == "accept"
+    actions.add("Keep", "k", keep, kind="main" if is_kept else "other")
+    advised: Kind = "other" if is_kept else "main"
+    if is_costly:
+        actions.add("Don the cuff anew and redo", "d", redo_donned_anew, kind=advised, mark="don-anew")
+        actions.by_key["r"] = redo_donned_anew
+        actions.add("Redo as worn", "w", redo, mark="redo")
+    else:
+        actions.add("Redo", "r", redo, kind=advised)
+        if recorded.cuff is not None:
+            actions.add("Don the cuff anew and redo", "d", redo_donned_anew, mark="don-anew")

@@ -39,9 +39,8 @@ from station.journal import (
 from station.protocol import TrialSpec
 from station.session.adoption import adopt_recordings
 from station.session.agenda import Agenda, agenda, donning_is_open
-from station.session.guide import Ceilings, guide_for
+from station.session.guide import ceilings_of, guide_for
 from station.session.judgement import Judgement, be_ready, judge_recording, unjudged
-from station.session.listing import ListedSession, list_sessions
 from station.session.live import Live
 from station.session.plan_check import fault_of, masses_of, plan_in_words
 from station.session.simulated_hands import SimulatedHands
@@ -73,7 +72,6 @@ class Desk:
         self.folder: Path | None = None
         self.is_rehearsal = False
         self.live: Live | None = None
-        self.last_live: Live | None = None
         self.judgement: Judgement | None = None
         self.summary: Summary | None = None
         self.message = self.progress = ""
@@ -84,7 +82,7 @@ class Desk:
         self.ended: TrialProcess | None = None  # the trial before, with its result or its refusal
         self._tasks: set[asyncio.Task[None]] = set()
         self._worker = Worker()
-        self._ceilings = Ceilings(config.safety.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s)
+        self.ceilings = ceilings_of(config)
         self._hands = SimulatedHands(bench, config.protocol.pause_s) if bench is not None else None
 
     # -- the session ---------------------------------------------------------------------------------------------
@@ -120,12 +118,6 @@ class Desk:
     def folder_of(self, setup: Setup) -> Path:
         return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
 
-    def example_file(self, setup: Setup) -> Path:
-        """What the first static trial of its first cuff is called; nothing that is there already is overwritten."""
-        cuff = setup.cuffs[0] if setup.cuffs else ""
-        names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
-        return self.folder_of(setup) / f"{self.config.session.file_name.format(**names)}.mcap"
-
     def begin(self, setup: Setup, *, is_rehearsal: bool = False, folder: Path | None = None) -> None:
         """Opens a session, by default in the folder of its name; one that is there already goes on where it was."""
         self._refuse_while_running()
@@ -160,10 +152,6 @@ class Desk:
         if self.is_rehearsal and self.folder is not None:
             shutil.rmtree(self.folder.parent, ignore_errors=True)
         self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
-
-    def sessions(self) -> list[ListedSession]:
-        """Those that are there to go on with, the last one first."""
-        return list_sessions(self.config.session.folder)
 
     async def preflight(self) -> list[Line]:
         """What answers at the bench, and what does not."""
@@ -240,8 +228,19 @@ class Desk:
             raise DeskRefusal("no trial is running: there is nothing to mark")
         if not self.live.takes_marks:
             raise DeskRefusal("nothing is recorded yet: marks count from the sync edge on")
-        self.live.marks += 1
+        self.live.add_mark()
         await self._trial.mark()
+
+    def note(self, number: int, name: str) -> None:
+        """What a mark of the running trial was; the journal has it when the trial's file is there."""
+        if self.live is None or number not in self.live.marks:
+            raise DeskRefusal(f"mark {number} is none of the running trial; name it with the verdict")
+        self.live.mark_names[number] = name.strip()
+
+    def tare(self) -> None:
+        if self.live is None or not self.live.force:
+            raise DeskRefusal("no force yet: there is nothing to tare")
+        self.live.tare()
 
     def silence(self) -> None:
         """Somebody has seen the alarm: it is not sounded any more, and goes with its cause."""
@@ -351,19 +350,20 @@ class Desk:
         try:
             await trial.follow(lambda said: self._take(live, said))
         finally:
-            self.last_live, self.live, self._trial, self.ended = live, None, None, trial
+            self.live, self._trial, self.ended = None, None, trial
         said = trial.recorded
         if said is not None and said.file and self.folder is not None:
-            for number, alarm in live.alarm_marks.items():
-                write_mark(self.folder, said.file, number, alarm)
+            for number, name in live.mark_names.items():
+                write_mark(self.folder, said.file, number, name)
         self.message = trial.refusal or (said.sentence if said else "")
 
     def _take(self, live: Live, said: dict[str, Any]) -> None:
         """An alarm marks its moment in the recording; the journal names it once the file is there."""
-        if live.take(said, self._ceilings) and live.takes_marks and self._trial is not None:
-            live.marks += 1
-            live.alarm_marks[live.marks] = live.alarm or ""
+        if live.take(said, self.ceilings) and live.takes_marks and self._trial is not None:
+            live.add_mark(live.alarm or "")
             self._spawn(self._trial.mark())
+        if self._hands is not None and said["state"] == "recording" and self._hands.is_behind(live.cue):
+            self._spawn(asyncio.to_thread(self._hands.follow, live.cue))
 
     async def look_after(self) -> None:
         """What is to be done without anybody's asking, once a second: adopt recordings, judge what waits."""

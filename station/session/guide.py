@@ -6,6 +6,7 @@ the body is from rest, and how long it still has to last. It decides nothing: wh
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import numpy as np
 
 from recordings.manifest import TestKind
 from station.config import Protocol as ProtocolSection
+from station.config import StationConfig
 
 STANDARD_GRAVITY = 9.80665
 WINDOW_S = 1.0
@@ -28,6 +30,8 @@ LEVEL_N, LEVEL_SHARE = 3.0, 0.08
 """How far a level may be from what its weights give: the rope's friction at a pulley is some percent."""
 ELSEWHERE_S = 3.0
 REST_S = 2.0
+EMPTY_HOLD_S = 4.0
+"""Migration counts from the empty hook, so that it is held for as long as a fit needs a load to be held."""
 SWING_WINDOW_S = 4.0
 LEAST_SWING_N = 2.0
 
@@ -56,6 +60,11 @@ class Cue:
 
 
 class Guide(Protocol):
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The names of a cue's steps, from 0 on; empty where nobody said what is to come."""
+        ...
+
     def take(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:
         """Force as it came: (time s, newtons), in order; what came before the recording tells only how it was then."""
         ...
@@ -69,6 +78,11 @@ def guide_for(test: TestKind, protocol: ProtocolSection) -> Guide:
     if test == "static":
         return FreeStaticGuide(protocol.hold_s)
     return SwingGuide("bounce the weight" if test == "bounce" else "pull the spring", protocol.swing_s)
+
+
+def ceilings_of(config: StationConfig) -> Ceilings:
+    cell = config.load_cell
+    return Ceilings(config.force_ceiling_n, config.safety.force_rate_ceiling_n_per_s, cell.capacity_n)
 
 
 class RecentForce:
@@ -128,6 +142,8 @@ class StaticGuide:
         self._held_since: float | None = None
         self._elsewhere_since: float | None = None
         self._now = 0.0
+        loads = range(1, len(steps) + 1)
+        self.stages = ("empty", *(f"+{load}" for load in loads), *(f"\u2212{load}" for load in reversed(loads)))
 
     def take(self, points: Iterable[tuple[float, float]], *, is_recorded: bool = True) -> None:
         for time, force in points:
@@ -178,7 +194,7 @@ class StaticGuide:
 
     def _needed_s(self) -> float:
         """Of steady force; that it is steady is known after a window of it."""
-        return (self._hold_s if self._step else REST_S) - WINDOW_S
+        return (self._hold_s if self._step else EMPTY_HOLD_S) - WINDOW_S
 
     def _target(self) -> float | None:
         return None if self._empty is None else self._empty + float(self._levels[self._step])
@@ -212,6 +228,8 @@ class StaticGuide:
 
 class FreeStaticGuide:
     """Weights whose masses nobody has told: counts the levels that were held."""
+
+    stages = ()
 
     def __init__(self, hold_s: float) -> None:
         self._hold_s = hold_s
@@ -247,6 +265,8 @@ class FreeStaticGuide:
 class SwingGuide:
     """A weight on a spring that swings for some time, for the dynamic test and for the bounce calibration."""
 
+    stages = ("stand still", "swing", "rest")
+
     def __init__(self, what: str, swing_s: float) -> None:
         self._what, self._swing_s = what, swing_s
         self._force, self._still = RecentForce(SWING_WINDOW_S), RecentForce(WINDOW_S)
@@ -268,15 +288,15 @@ class SwingGuide:
         rest, (frequency, amplitude) = self._still.rest(), self._force.swing()
         if self._swung_s >= self._swing_s:
             if rest is Rest.STEADY and not self._is_swinging():
-                return Cue("it rests: end the capture", rest, 2, 2, is_done=True)
-            return Cue("let it come to rest", rest, 2, 2)
+                return Cue("it rests: end the capture", rest, 3, 3, is_done=True)
+            return Cue("let it come to rest", rest, 2, 3)
         left = self._swing_s - self._swung_s
         if self._is_swinging():
             words = f"keep it swinging: {frequency:.2f} Hz, ±{amplitude:.0f} N"
-            return Cue(words, Rest.SWINGING, 1, 2, left)
+            return Cue(words, Rest.SWINGING, 1, 3, left)
         if self._rested_s < REST_S and not self._swung_s:
-            return Cue("stand still", rest, 0, 2, REST_S - self._rested_s)
-        return Cue(f"{self._what}, about once a second", rest, 1, 2, left)
+            return Cue("stand still", rest, 0, 3, REST_S - self._rested_s)
+        return Cue(f"{self._what}, about once a second", rest, 1, 3, left)
 
     def _is_swinging(self) -> bool:
         frequency, amplitude = self._force.swing()
@@ -285,14 +305,23 @@ class SwingGuide:
 
 @dataclass(frozen=True)
 class Ceilings:
-    """What a cuff on a person may never see: newtons, and newtons a second over a tenth of one."""
+    """What a cuff on a person may never see: newtons, and newtons a second over a tenth of one.
+
+    capacity_n is the load cell's own: beyond it, in either direction, its calibration may be lost.
+    """
 
     force_n: float
     rate_n_per_s: float
+    capacity_n: float = math.inf
 
     def broken_by(self, points: Sequence[tuple[float, float]]) -> str | None:
         """The sentence for the stop, None while all is well."""
         for time, force in points:
+            if abs(force) > self.capacity_n:
+                return (
+                    f"STOP: overload, {force:.0f} N on a load cell of {self.capacity_n:.0f} N; unload the rope and "
+                    "check its calibration"
+                )
             if force > self.force_n:
                 return f"STOP: {force:.0f} N at the cuff, at most {self.force_n:.0f} N are allowed; unload the rope"
             before = [earlier for earlier in points if 0.05 <= time - earlier[0] <= 0.2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from fitting.bounce import fit_bounce
 from fitting.curves import TrialCurves
 from fitting.quality import UnusableTrial, zero_notes
-from fitting.result import CuffFit, SessionFit, TrialFit
+from fitting.result import CuffFit, SessionFit, TrialFit, Verdict
 from fitting.trial import read_bounce
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
@@ -21,6 +22,7 @@ from station.fit import SessionError, fit_session_folder
 from station.interval import bracketed, digits_of, rounded
 from station.journal import Choice, JournalError, Recorded, read_journal
 
+Grade = Literal["good", "doubtful", "bad"]
 SHOWN_POINTS = 400
 DIFFERS_BY = 3.0
 """Standard errors, combined, from which one repeat is said to differ from the others."""
@@ -52,7 +54,8 @@ class Figure:
 class Judgement:
     """advice is what the figures speak for, and reasons say why; the operator decides.
 
-    path is (displacement mm, force N) to draw, marks the numbers of the moments that were marked.
+    path is (displacement mm, force N) to draw, marks the numbers of the moments that were marked. doubts are what this
+    recording should have told of its donning and did not.
     """
 
     file: str
@@ -64,6 +67,14 @@ class Judgement:
     path: tuple[tuple[float, float], ...]
     marks: int
     figures: tuple[Figure, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def grade(self) -> Grade:
+        """good only where everything was checked and is right."""
+        if self.advice == "redo":
+            return "bad"
+        return "doubtful" if self.reasons or self.doubts or not self.rows else "good"
 
 
 QUANTITIES = {
@@ -116,6 +127,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         path=_path(curves),
         marks=_marks_in(folder / file),
         figures=_figures({name: getattr(of_trial, field) for field, name in SI_NAMES.items()}),
+        doubts=_doubts(of_trial, of_cuff),
     )
 
 
@@ -175,6 +187,12 @@ def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialF
                     f"{rounded(scale * mean, digits)}: {apart:.0f} standard errors apart"
                 )
     return tuple(reasons)
+
+
+def _doubts(trial: TrialFit, cuff: CuffFit) -> tuple[str, ...]:
+    """What is not identified of the donning so far, but for the damping that no dynamic trial has told yet."""
+    to_come = (Verdict.NO_DYNAMIC,) if trial.test == "static" else ()
+    return tuple(verdict for verdict in cuff.verdicts if verdict not in (Verdict.IDENTIFIED, *to_come))
 
 
 def _pooled(estimates: Sequence[Estimate]) -> tuple[float, float]:

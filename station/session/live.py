@@ -12,6 +12,7 @@ from station.session.guide import Ceilings, Cue, Guide
 
 KEPT_POINTS = 1600
 """Of each live curve: half a minute."""
+TARE_S = 1.0
 
 
 @dataclass
@@ -26,8 +27,9 @@ class Live:
     words: deque[str] = field(default_factory=lambda: deque(maxlen=8))
     alarm: str | None = None
     is_alarm_seen: bool = False
-    marks: int = 0
-    alarm_marks: dict[int, str] = field(default_factory=dict)
+    marks: dict[int, float] = field(default_factory=dict)  # s into the recording, by the number of the mark
+    mark_names: dict[int, str] = field(default_factory=dict)
+    tare_n: float | None = None
 
     @property
     def cue(self) -> Cue:
@@ -48,6 +50,20 @@ class Live:
     def takes_marks(self) -> bool:
         """Before the sync edge there is nothing to point at."""
         return self.latest["state"] in ("recording", "closing")
+
+    def add_mark(self, name: str = "") -> int:
+        """The number of a new mark, at this moment."""
+        number = len(self.marks) + 1
+        self.marks[number] = float(self.latest.get("recorded_s") or 0.0)
+        if name:
+            self.mark_names[number] = name
+        return number
+
+    def tare(self) -> None:
+        """The mean force of the last second is what the net force counts from; the recording keeps all of it."""
+        if self.force:
+            recent = [force for time, force in self.force if time > self.force[-1][0] - TARE_S]
+            self.tare_n = sum(recent) / len(recent)
 
     def take(self, said: dict[str, Any], ceilings: Ceilings) -> bool:
         """One line of telemetry. Returns whether it raised an alarm."""

@@ -1,6 +1,7 @@
 """What a session shows of a running trial: lines of JSON, twenty a second, from the recorder's process.
 
-A line holds the trial's state, the rate of each stream, and what came since the line before. When nobody reads them
+A line holds when it was written (at, Unix seconds), the trial's state, the rate of each stream, where each marker is
+(points, mm, null where it is hidden, in the order of seen), and what came since the line before. When nobody reads them
 the view falls behind and drops; the recorder does not notice.
 """
 
@@ -70,6 +71,7 @@ class Telemetry(BackgroundView):
         self._now_s = 0.0
         self._displacement: LiveDisplacement | None = None
         self._seen: dict[str, bool] = {}
+        self._points: list[list[float] | None] = []
         self._sync_v: float | None = None
 
     def show(self, snapshot: Snapshot) -> None:
@@ -88,6 +90,7 @@ class Telemetry(BackgroundView):
     def _line(self) -> dict[str, Any]:
         shown, nominal = self._snapshot, {stream.name: stream.rate_hz for stream in self._snapshot.streams}
         return {
+            "at": time.time(),
             "state": shown.state.value,
             "sentence": shown.sentence,
             "sync_v": self._sync_v if shown.sync_level_v is None else shown.sync_level_v,
@@ -107,6 +110,7 @@ class Telemetry(BackgroundView):
             "force": self._since.force,
             "displacement": self._since.displacement,
             "seen": self._seen,
+            "points": self._points,
             "words": self._since.words,
         }
 
@@ -142,7 +146,9 @@ class Telemetry(BackgroundView):
         there = labels.get("/markers", ())
         if len(there) != samples.values.shape[1]:
             return
-        self._seen = dict(zip(there, np.isfinite(samples.values[-1, :, 0]).tolist(), strict=True))
+        last = samples.values[-1, :, :3].astype(np.float64)
+        self._points = [point.round(1).tolist() if np.isfinite(point).all() else None for point in last]
+        self._seen = {name: point is not None for name, point in zip(there, self._points, strict=True)}
         if self._cuff is None:
             return
         if self._displacement is None:

@@ -160,6 +160,7 @@ CERTIFICATE = {"serial_number": "L7", "calibrated_on": date(2026, 3, 1), "sensit
 def test_the_age_of_the_calibration_is_shown_and_its_end(cell: dict, today: date, is_good: bool, words: str) -> None:
     line = calibration_line(parse_config({"load_cell": cell}, "t"), today)
     assert line.is_good == is_good
+    assert line.is_doubtful == (not cell), "a date that is not known is not checked"
     assert words in line.found
 
 
@@ -184,3 +185,16 @@ def test_check_shows_the_force_at_rest_and_refuses_a_saturated_one(tmp_path: Pat
     assert not lines["force at rest"].is_good
     assert lines["force at rest"].found.startswith("+980.")
     assert "saturated at 5 V" in lines["force at rest"].found
+
+
+@pytest.mark.parametrize(("newtons", "is_doubtful"), [(3.0, False), (26.0, True), (-26.0, True)])
+def test_a_cell_that_is_loaded_at_rest_is_doubtful(tmp_path: Path, newtons: float, is_doubtful: bool) -> None:
+    def devices(config: StationConfig, subject: object, clock: Clock, folder: Path) -> list[_Loaded]:
+        daq = _Loaded(clock, FakeCapture(clock, 100.0, 1.0))
+        daq.newtons = newtons
+        return [daq]
+
+    lines = {line.subject: line for line in look_at_bench(CONFIG, tmp_path, devices)}  # type: ignore[arg-type]
+    at_rest = lines["force at rest"]
+    assert (at_rest.is_good, at_rest.is_doubtful) == (True, is_doubtful)
+    assert ("expected within ±9.8 N with the hook empty" in at_rest.found) == is_doubtful

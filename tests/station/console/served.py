@@ -65,16 +65,17 @@ def write_config(
 class ServedConsole:
     """A context manager; the console ends with it."""
 
-    def __init__(self, config: Path, *options: str) -> None:
+    def __init__(self, config: Path, *options: str, port: int = 0) -> None:
         self._config, self._options = config, options
-        self.address = ""
+        self.address, self.port = "", port
         self._child: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> Self:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        words = ["serve", "--config", str(self._config), "--port", str(port), *self._options]
+        if not self.port:
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                self.port = free.getsockname()[1]
+        words = ["serve", "--config", str(self._config), "--port", str(self.port), *self._options]
         self._child = subprocess.Popen(  # noqa: S603  (our own words)
             [sys.executable, "-c", "from station.cli import main; main()", *words],
             stdout=subprocess.PIPE,
@@ -88,6 +89,11 @@ class ServedConsole:
             self.close()
             raise AssertionError("the console printed no address")
         return self
+
+    @property
+    def pid(self) -> int:
+        assert self._child is not None
+        return self._child.pid
 
     def kill(self) -> None:
         """As a power cut would."""

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from station.console.charts import force_over_displacement
-from station.console.trial_view import _over_time
+from station.console.running_view import _over_time
 
 
 @pytest.mark.parametrize("chart", [force_over_displacement([]), _over_time()], ids=["path", "over time"])

@@ -2,89 +2,38 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
 import re
-import shutil
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from recordings.contents import Contents, contents_of
+from tests.station.console.browsing import (
+    CHROMIUM,
+    begin,
+    buttons_are_in_view,
+    drawn,
+    fits_on_the_screen,
+    is_busy,
+    open_page,
+    patience_ms,
+    picture_updates,
+    runs,
+    says_simulated,
+    seen,
+)
 from tests.station.console.readable import unreadable
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.session.benched import simulated_bench
-from tests.timeout import scaled_timeout
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-PATIENCE_S = 120.0
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
     pytest.mark.timeout(600),
 ]
-
-
-def patience_ms(seconds: float = PATIENCE_S) -> float:
-    return 1000 * scaled_timeout(seconds)
-
-
-def is_busy() -> bool:
-    return os.getloadavg()[0] > 3 * (os.cpu_count() or 1)
-
-
-@contextmanager
-def chromium(path: Path | str | None) -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield launched
-        launched.close()
-
-
-@pytest.fixture
-def browser() -> Iterator[Browser]:
-    with chromium(CHROMIUM) as launched:
-        yield launched
-
-
-@pytest.fixture
-def polite_browser(tmp_path: Path) -> Iterator[Browser]:
-    """At a low priority: a real bench's devices do not share a processor with the pages, and simulated ones do.
-
-    Chromium that root runs raises its pages above everything else on the machine, unless it is not allowed to.
-    """
-    is_mighty = shutil.which("setpriv") is not None and os.geteuid() == 0
-    humble = "setpriv --bounding-set=-sys_nice --inh-caps=-sys_nice" if is_mighty else ""
-    polite = tmp_path / "chromium"
-    polite.write_text(f'#!/bin/sh\nexec nice -n 19 {humble} {CHROMIUM} "$@"\n')
-    polite.chmod(0o755)
-    with chromium(polite) as launched:
-        yield launched
-
-
-@pytest.fixture
-def pictures(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """Where screenshots go: the folder given by --pictures, or nowhere that lasts."""
-    return Path(request.config.getoption("--pictures") or tmp_path)
-
-
-def open_page(browser: Browser, address: str, width: int = 1280, height: int = 800) -> Page:
-    page = browser.new_page(viewport={"width": width, "height": height})
-    page.set_default_timeout(patience_ms())
-    page.goto(address)
-    return page
-
-
-def begin(page: Page, subject: str = "P01") -> None:
-    page.get_by_label("Subject code").fill(subject)
-    page.get_by_label("Operator").fill("ab")
-    page.get_by_role("button", name="Begin").click()
-    expect(page.get_by_text("next: hand")).to_be_visible(timeout=patience_ms())
 
 
 def the_recording(folder: Path, file: str = "sub-P01_ses-1_task-static_acq-hand_run-1.mcap") -> Contents:
@@ -94,24 +43,6 @@ def the_recording(folder: Path, file: str = "sub-P01_ses-1_task-static_acq-hand_
 def assert_whole(contents: Contents) -> None:
     assert contents.complete and not contents.gaps
     assert contents.outcome is not None and contents.outcome.accepted
-
-
-def drawn(page: Page) -> str:
-    """The first curve's picture as it is now."""
-    return str(page.locator("canvas").first.evaluate("canvas => canvas.toDataURL()"))
-
-
-def says_simulated(page: Page) -> None:
-    expect(page.get_by_text("SIMULATED DATA", exact=True)).to_be_visible(timeout=patience_ms())
-
-
-def seen(page: Page, words: str | re.Pattern[str]) -> None:
-    expect(page.get_by_text(words).first).to_be_visible(timeout=patience_ms())
-
-
-def runs(page: Page) -> None:
-    """What is to be done now changes every few seconds, less than a busy machine needs to look; this lasts a trial."""
-    seen(page, re.compile(r"^recording \d"))
 
 
 def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, tmp_path: Path, pictures: Path) -> None:
@@ -133,9 +64,16 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         begin(page)
 
         page.keyboard.press("a")
+        seen(page, re.compile(r"^REC \d"))
+        seen(page, "hand · static · repeat 1 of 1")
+        seen(page, "trial 1 of 2 · subject P01 · session 1")
         seen(page, re.compile(r"add weight \d of 3"))
         before = drawn(page)
         page.keyboard.press("m")
+        page.keyboard.type("coughed")  # at once: what is typed is the note, and no key
+        page.keyboard.press("Enter")
+        seen(page, re.compile(r"^mark 1 at \d+\.\d s is in the recording: coughed$"))
+        assert fits_on_the_screen(page)
         seen(page, re.compile(r"take weight \d off"))
         assert drawn(page) != before, "the curves move"
         says_simulated(page)
@@ -145,8 +83,9 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         says_simulated(page)
         page.screenshot(path=pictures / "console-redo.png")
         assert unreadable(page) == []
-        page.get_by_label("mark 1 was").fill("coughed")
-        page.get_by_role("button", name="Don the cuff anew and redo (d)").click()
+        seen(page, "To redo it, don the hand cuff anew")
+        expect(page.get_by_label("mark 1 was")).to_have_value("coughed")
+        page.keyboard.press("r")  # what is advised: where migration hangs on it, the cuff is donned anew
         seen(page, "Don the hand cuff")
 
         for test in ("static", "dynamic"):
@@ -156,6 +95,7 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
             page.get_by_label("Why (needed to redo)").fill("it is this cuff's own")
             page.get_by_role("button", name="Keep (k)").click()
 
+        correct_in_the_list(page)
         page.get_by_role("button", name="Fit, assess and report (f)").click()
         page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
         says_simulated(page)
@@ -168,7 +108,8 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
     session = tmp_path / "sessions" / "simulated" / "sub-P01_ses-1"
     lines = [json.loads(line) for line in (session / "session.jsonl").read_text().splitlines()]
     assert [line["kind"] for line in lines] == [
-        *("setup", "recorded", "mark", "verdict", "donned", "recorded", "verdict", "recorded", "verdict")
+        *("setup", "recorded", "mark", "mark", "verdict", "donned", "recorded", "verdict", "recorded", "verdict"),
+        *("undone", "verdict", "assigned", "assigned"),
     ]
     cuffs = json.loads((session / "cuffs.json").read_text())
     assert cuffs["cuffs"]["hand"]["stiffness_n_per_m"]["value"] == pytest.approx(8520, rel=0.02)
@@ -178,6 +119,25 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
         "sub-P01_ses-1_task-static_acq-hand_run-1.mcap",
         "sub-P01_ses-1_task-static_acq-hand_run-2.mcap",
     ]
+
+
+def correct_in_the_list(page: Page) -> None:
+    """The last decision is undone and taken again; the static trial is assigned to the dynamic one, and back."""
+    seen(page, "Every trial of the plan is accepted")
+    page.keyboard.press("u")
+    seen(page, "hand, dynamic, repeat 1:")
+    page.keyboard.press("k")
+    seen(page, "Every trial of the plan is accepted")
+    for test, stands in (
+        ("dynamic", "next: hand: static, repeat 1"),
+        ("static", "Every trial of the plan is accepted"),
+    ):
+        page.keyboard.press("t")
+        row = page.get_by_role("dialog")
+        row.get_by_role("combobox").nth(-2).click()
+        page.get_by_role("option", name=test).click()
+        row.get_by_role("button", name="Assign to this trial").last.click()
+        seen(page, stands)
 
 
 def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
@@ -267,58 +227,93 @@ def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark
     config.write_text(config.read_text() + "[safety]\nforce_ceiling_n = 40\n")
     with ServedConsole(config, "--simulated", "--speed", "5") as console:
         page = open_page(browser, console.address, width=1024, height=768)
-        updates = chart_updates(page)
+        updates = picture_updates(page)
         expect(page.get_by_label("Subject code")).to_be_focused()
         page.keyboard.type("P02")
         assert unreadable(page) == [], "a field that is being filled in"
-        press_tab_until(page, "Check the bench")
-        page.keyboard.press("Enter")
+        page.keyboard.press("Escape")  # leaves the field: from here on keys act
+        page.keyboard.press("c")
         seen(page, "disk:")
         assert unreadable(page) == []
-        press_tab_until(page, "Rehearse")
+        press_tab_until(page, "Rehearse (r)")
         page.keyboard.press("Enter")
         seen(page, "REHEARSAL")
         assert unreadable(page) == []
+        page.get_by_role("switch").focus()  # keys act wherever the focus is
         page.keyboard.press("a")
         seen(page, "STOP: ")
         page.wait_for_function("window.stationAudio !== undefined")
+        assert fits_on_the_screen(page), "an alarm, too"
         page.keyboard.press("i")
         expect(page.get_by_role("button", name="I have seen it")).to_be_hidden()
         assert unreadable(page) == []
-        assert page.evaluate("document.documentElement.scrollHeight") <= 768, "a trial is one screen"
+        assert fits_on_the_screen(page), "a trial is one screen"
         page.keyboard.press("Control+s")  # the browser's own
         page.get_by_role("button", name="Mark (m)").click()
-        page.keyboard.press("s")  # the button still has the focus
+        page.keyboard.type("saw")
+        page.keyboard.press("Escape")  # leaves the note
+        page.keyboard.press("e")
+        seen(page, "End this trial now, and the session with what exists?")
+        page.keyboard.press("n")
+        page.keyboard.press("s")
         seen(page, "stopped by the operator")
         seen(page, "Keep (k)")
         if not is_busy():
             assert (len(updates) - 1) / (updates[-1] - updates[0]) >= 10, "updates a second"
         assert unreadable(page) == []
         page.get_by_label("Why (needed to redo)").fill("")
-        page.get_by_role("button", name="Redo (r)").focus()
+        page.keyboard.press("Escape")
         page.keyboard.press("r")
         seen(page, "no reason is given")
+        for width, height in ((1024, 768), (1366, 768)):
+            page.set_viewport_size({"width": width, "height": height})
+            assert buttons_are_in_view(page), "a refusal covers none"
         page.keyboard.press("k")
         seen(page, "next: hand: dynamic")
-        press_tab_until(page, "Leave the session")
+        press_tab_until(page, "Leave (l)")
         page.keyboard.press("Enter")
-        seen(page, "A new session")
+        seen(page, "New session")
     assert not (tmp_path / "sessions").exists()
 
 
-def chart_updates(page: Page) -> list[float]:
-    """When the curve over time was sent to the page [s], from its next loading on; of two charts every second one."""
-    sent: list[float] = []
-    charts = itertools.cycle((True, False))
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (1024, 768)])
+def test_a_trial_is_one_screen_where_the_bench_is_slow_and_says_so(
+    browser: Browser, tmp_path: Path, width: int, height: int
+) -> None:
+    """No machine keeps a pace of 500."""
+    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated", "--speed", "500") as console:
+        page = open_page(browser, console.address, width, height)
+        begin(page)
+        page.keyboard.press("a")
+        seen(page, re.compile(r"simulated bench runs at \d+\.\d\d of real time"))
+        assert fits_on_the_screen(page)
+        page.keyboard.press("s")
+        seen(page, "Keep (k)")
 
-    def take(frame: bytes | str) -> None:
-        for _ in range(str(frame).count("setOption")):
-            if next(charts):
-                sent.append(time.monotonic())
 
-    page.on("websocket", lambda socket: socket.on("framereceived", take))
-    page.reload()
-    return sent
+def test_a_session_ended_in_mid_trial_has_its_report_and_goes_on_later(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "5") as console:
+        page = open_page(browser, console.address, 1366, 768)
+        begin(page)
+        page.keyboard.press("a")
+        seen(page, "Keep (k)")
+        page.keyboard.press("k")
+        seen(page, "next: hand: dynamic")
+        page.keyboard.press("a")
+        seen(page, "pull the spring")
+        page.keyboard.press("e")
+        page.keyboard.press("y")
+        seen(page, "1 of 2 trials of the plan are accepted")
+        seen(page, "waits for keep or redo; it counts until it is redone")
+        page.keyboard.press("f")
+        page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
+        assert page.request.get(f"{console.address}report").ok
+        page.keyboard.press("b")
+        seen(page, "hand, dynamic, repeat 1")
+        page.keyboard.press("l")
+        row = page.get_by_role("button", name="P01, session 1: hand")
+        expect(row).to_contain_text("1 of 2 trials")
+        expect(row).to_contain_text(f"{datetime.now().astimezone():%Y}")
 
 
 def press_tab_until(page: Page, button: str) -> None:

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from station.console.setup_view import _masses
+from station.bench.check import Line
+from station.console.setup_view import _masses, grade_of
 from station.session.desk import DeskRefusal
 
 
@@ -17,3 +18,15 @@ def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
 def test_what_could_be_read_in_two_senses_is_refused(typed: str) -> None:
     with pytest.raises(DeskRefusal, match="expected kilograms between blanks"):
         _masses(typed)
+
+
+@pytest.mark.parametrize(
+    ("line", "grade"),
+    [
+        (Line("disk", True, "74 GB free"), "good"),
+        (Line("/markers", True, "no frames: no capture is running", is_doubtful=True), "doubtful"),
+        (Line("NI Dev1", False, "did not answer"), "bad"),
+    ],
+)
+def test_only_what_was_checked_and_is_right_is_green(line: Line, grade: str) -> None:
+    assert grade_of(line) == grade

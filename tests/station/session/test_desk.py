@@ -12,12 +12,13 @@ import pytest
 
 from recordings.reader import open_recording
 from recordings.samples import Event
-from station.bench.simulation import SimulatedBench
-from station.config import StationConfig, load_config
+from station.bench.simulation import SimulatedBench, practice_settings
+from station.config import STANDARD_GRAVITY, StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
 from station.session.desk import Desk, DeskRefusal
 from station.session.guide import Ceilings, FreeStaticGuide
+from station.session.listing import list_sessions
 from station.session.live import Live
 from station.session.plan_check import looks_like_a_name
 from tests.station.console.served import write_config
@@ -109,7 +110,9 @@ def test_a_session_goes_on_another_hour_as_it_was_planned(desk: Desk) -> None:
     plan = desk.agenda
     assert plan is not None and len(plan.done) == 1
     assert plan.spec is not None and plan.spec.test == "dynamic"
-    assert [(listed.setup, listed.done, listed.trials) for listed in desk.sessions()] == [(SETUP, 1, 2)]
+    assert [(listed.setup, listed.done, listed.trials) for listed in list_sessions(desk.config.session.folder)] == [
+        (SETUP, 1, 2)
+    ]
     assert name in desk.journal.verdicts
 
 
@@ -246,7 +249,7 @@ def test_a_broken_journal_is_not_among_the_sessions(desk: Desk) -> None:
     write_setup(folder / "sub-P01_ses-1", SETUP)
     (folder / "sub-P02_ses-1").mkdir()
     (folder / "sub-P02_ses-1" / "session.jsonl").write_text("what?\n")
-    assert [listed.setup.subject for listed in desk.sessions()] == ["P01"]
+    assert [listed.setup.subject for listed in list_sessions(desk.config.session.folder)] == ["P01"]
 
 
 def test_devices_that_are_not_ready_are_a_sentence_on_the_page(desk: Desk) -> None:
@@ -268,6 +271,19 @@ def test_devices_that_are_not_ready_are_a_sentence_on_the_page(desk: Desk) -> No
     assert desk.folder is not None and not list(desk.folder.glob("*.mcap"))
 
 
+def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
+    live = Live(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
+    points = [(0.1 * i, 10.0 + 5.0 * (i > 15)) for i in range(30)]
+    live.take(
+        {"state": "recording", "recorded_s": 2.9, "force": points, "displacement": [], "words": []},
+        Ceilings(150.0, 5e3),
+    )
+    assert (live.add_mark(), live.add_mark("STOP")) == (1, 2)
+    assert live.marks == {1: 2.9, 2: 2.9} and live.mark_names == {2: "STOP"}
+    live.tare()
+    assert live.tare_n == pytest.approx(15.0)
+
+
 def test_an_alarm_stays_until_it_was_seen_and_its_cause_is_gone() -> None:
     live = Live(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
 
@@ -283,6 +299,43 @@ def test_an_alarm_stays_until_it_was_seen_and_its_cause_is_gone() -> None:
     assert not raised_by(8.0, 160.0) and live.unseen_alarm is None and live.alarm is not None, "it still pulls"
     assert not raised_by(10.0, 20.0) and not raised_by(11.5, 20.0) and live.alarm is None
     assert raised_by(13.0, 160.0) and live.unseen_alarm is not None, "another one"
+
+
+def test_practice_hands_hang_each_weight_when_the_page_asks_for_it_and_the_trial_tells_migration(
+    tmp_path: Path,
+) -> None:
+    """The fit is the judge of the holds that the page asks for, the empty hook first."""
+    config = load_config(write_config(tmp_path))
+    seen: list[tuple[int, float]] = []
+    with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
+        pointed = with_folder(bench.pointed_at(config), tmp_path / "sessions")
+        desk = Desk(pointed, SPEED, bench)
+
+        async def record() -> None:
+            desk.begin(SETUP)
+            await desk.arm()
+            live = desk.live
+            assert live is not None
+
+            def has_ended() -> bool:
+                if live.latest["state"] == "recording" and live.force:
+                    seen.append((live.cue.step, live.force[-1][1]))
+                return desk.live is None
+
+            await until(has_ended)
+            await desk.look_after()
+
+        run(record())
+        desk.close()
+    assert desk.message == "the mocap capture ended"
+    assert sorted({step for step, _ in seen}) == list(range(8)), "every step, and then the end"
+    hook, weight = seen[0][1], 2 * STANDARD_GRAVITY
+    for step, newtons in seen:
+        asked = hook + weight * min(step, max(6 - step, 0))
+        assert newtons < asked + 0.4 * weight or step > 3, "no weight hangs before it was asked for"
+        assert newtons > asked - 0.4 * weight or step <= 3, "none is taken off before it was asked for"
+    judgement = desk.judgement
+    assert judgement is not None and judgement.grade == "good", judgement
 
 
 def test_a_trial_a_second_start_an_alarm_and_a_new_desk_that_goes_on(

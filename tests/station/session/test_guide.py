@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from station.session.guide import Ceilings, Cue, FreeStaticGuide, Guide, Rest, StaticGuide, SwingGuide
+from station.config import parse_config
+from station.session.guide import Ceilings, Cue, FreeStaticGuide, Guide, Rest, StaticGuide, SwingGuide, ceilings_of
 
 RNG = np.random.default_rng(7)
 MASSES = (1.5, 1.5, 1.5)
@@ -52,7 +53,7 @@ def test_a_whole_static_trial_is_led_step_by_step_to_its_end() -> None:
 
 def test_the_hold_counts_down_only_while_the_force_rests_at_its_level() -> None:
     guide = StaticGuide(MASSES, 8.0)
-    cues = told(guide, 16.0, steps_of([0.0, WEIGHT_N, WEIGHT_N, WEIGHT_N], 4.0))
+    cues = told(guide, 20.0, steps_of([0.0, WEIGHT_N, WEIGHT_N, WEIGHT_N], 5.0))
     first_level = [cue for cue in cues if cue.step == 1]
     assert {cue.left_s for cue in first_level if cue.rest is not Rest.STEADY} == {7.0}
     assert min(cue.left_s for cue in first_level if cue.left_s is not None) < 1.0
@@ -135,6 +136,23 @@ def test_a_swing_that_begins_from_a_noisy_level_is_counted_at_its_own_pace() -> 
 def test_a_ceiling_is_an_unmistakable_stop(points: list[tuple[float, float]], word: str) -> None:
     said = Ceilings(150.0, 500.0).broken_by(points)
     assert said is not None and said.startswith("STOP: ") and word in said
+
+
+def test_beyond_the_load_cell_s_capacity_it_is_an_overload_in_either_direction() -> None:
+    for newtons in (500.0, -500.0):
+        said = Ceilings(600.0, 5e3, 490.0).broken_by([(0.0, newtons)])
+        assert said is not None and said.startswith(f"STOP: overload, {newtons:.0f} N on a load cell of 490 N")
+
+
+def test_the_force_ceiling_follows_a_small_load_cell() -> None:
+    small, usual = (parse_config({"load_cell": {"capacity_kg": kg}}, "this test") for kg in (10, 50))
+    assert ceilings_of(small).force_n == pytest.approx(0.8 * 10 * 9.80665)
+    assert (ceilings_of(usual).force_n, ceilings_of(usual).capacity_n) == (150.0, pytest.approx(50 * 9.80665))
+
+
+def test_the_stages_of_a_trial_are_named_from_the_first_to_the_last() -> None:
+    assert StaticGuide((1.0, 1.0), 7.0).stages == ("empty", "+1", "+2", "\u22122", "\u22121")
+    assert SwingGuide("pull the spring", 20.0).stages == ("stand still", "swing", "rest")
 
 
 def test_below_the_ceilings_nothing_is_said() -> None:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from fitting.result import SessionFit, TrialFit
+from fitting.result import SessionFit, TrialFit, Verdict
 from fitting.uncertainty import Estimate
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
-from station.session.judgement import Judgement, judge_recording
+from station.session.judgement import Judgement, judge_recording, unjudged
 from tests.station.foreign import static_and_dynamic
 
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
@@ -86,6 +86,25 @@ def test_a_repeat_that_differs_from_the_earlier_ones_is_told_by_how_much(
     assert judgement.advice == "redo"
     assert "the earlier repeats say" in judgement.reasons[0] and "standard errors apart" in judgement.reasons[0]
     assert judgement.rows[0].earlier == ", ".join([f"{theirs.value:.0f}"] * 2)
+
+
+def test_good_is_only_what_was_checked_and_is_right(
+    session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cuff = fitted.cuffs["hand"]
+
+    def grade_of(*verdicts: Verdict) -> str:
+        donnings = {"hand": {cuff.donning: replace(cuff, verdicts=verdicts)}}
+        monkeypatch.setattr(
+            "station.session.judgement.fit_session_folder", lambda *_: replace(fitted, donnings=donnings)
+        )
+        return judge_recording(session, STATIC).grade
+
+    assert grade_of(Verdict.IDENTIFIED) == "good"
+    assert grade_of(Verdict.NO_DYNAMIC) == "good", "the dynamic trial is still to come"
+    assert grade_of(Verdict.NOT_UNLOADED) == grade_of(Verdict.NO_DYNAMIC, Verdict.MIGRATED_BEFORE) == "doubtful"
+    assert unjudged("a.mcap").grade == "doubtful"
+    assert replace(judge_recording(session, STATIC), advice="redo").grade == "bad"
 
 
 def test_repeats_that_agree_speak_for_each_other(judged: Callable[..., Judgement], fitted: SessionFit) -> None:

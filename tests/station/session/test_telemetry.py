@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,7 @@ def test_a_hidden_marker_is_named_and_leaves_no_point(tmp_path: Path) -> None:
     hidden[:, 3] = np.nan
     said = told.line(markers(0.3, hidden))
     assert [name for name, is_seen in said["seen"].items() if not is_seen] == ["cuff_1"]
+    assert said["points"][3] is None and said["points"][4] == pytest.approx(hidden[-1, 4], abs=0.06)
     assert said["displacement"] == []
 
 
@@ -172,3 +174,8 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
     assert at_edge_s == pytest.approx(-0.749), "a quarter of a second into a block whose last sample came at time 0"
     live.latest = {**said, "edge_s": None}
     assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]
+
+
+def test_a_line_says_when_it_was_written(tmp_path: Path) -> None:
+    before = time.time()
+    assert before <= Told(tmp_path).line()["at"] <= time.time()

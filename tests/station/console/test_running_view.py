@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from station.console.trial_view import state_of
+from station.console.running_view import state_of
 
 
 @pytest.mark.parametrize(

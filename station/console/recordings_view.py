@@ -1,0 +1,82 @@
+"""All recordings of the session with their decisions, to be undone, and the trial of each, to be corrected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from station.console.actions import Actions
+from station.journal import Journal, Recorded
+from station.session.desk import Desk
+
+TESTS = ("static", "dynamic")
+
+
+def add_recordings(desk: Desk, actions: Actions) -> None:
+    """The buttons that undo the last decision and open the list, where there is anything in it."""
+    journal = desk.journal
+    if journal.verdicts:
+        last = list(journal.verdicts)[-1]
+        button = actions.add("Undo", "u", desk.undo)
+        button.tooltip(f"takes back: {last} is {_decision(journal, last)}")
+    if journal.recorded:
+        actions.add("Recordings", "t", lambda: _open(desk, actions))
+
+
+def _open(desk: Desk, actions: Actions) -> None:
+    journal = desk.journal
+    with ui.dialog(value=True) as dialog, ui.card().classes("w-full max-w-none").style("width: min(1100px, 94vw)"):
+        ui.label("Recordings of this session").classes("heading")
+        with ui.grid(columns="auto auto auto 1fr").classes("items-center gap-x-6 gap-y-2 w-full text-lg"):
+            for recorded in journal.recorded:
+                _row(desk, actions, dialog, journal, recorded)
+        ui.button("Close", on_click=dialog.close).props("outline")
+    actions.is_covered = True
+
+    def close() -> None:
+        actions.is_covered = False
+        dialog.delete()
+
+    dialog.on("hide", close)
+
+
+def _row(desk: Desk, actions: Actions, dialog: ui.dialog, journal: Journal, recorded: Recorded) -> None:
+    ui.label(_title(recorded)).tooltip(recorded.file)
+    ui.label(_decision(journal, recorded.file)).classes("quiet")
+    undo = ui.button("Undo", on_click=lambda: _do(actions, dialog, lambda: desk.undo(recorded.file)))
+    undo.props("outline").classes("small").mark(f"undo-{recorded.file}").set_enabled(recorded.file in journal.verdicts)
+    with ui.row().classes("items-center gap-2 no-wrap"):
+        setup = journal.setup
+        if recorded.cuff is None or setup is None:
+            return
+        cuff = ui.select(list(setup.cuffs), value=recorded.cuff).props("dense")
+        test = ui.select(list(TESTS), value=recorded.test).props("dense")
+        repeat = ui.select(list(range(1, setup.repeats + 1)), value=recorded.repeat).props("dense")
+
+        def assign() -> None:
+            desk.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
+
+        button = ui.button("Assign to this trial", on_click=lambda: _do(actions, dialog, assign))
+        button.props("outline").classes("small").mark(f"assign-{recorded.file}")
+
+
+async def _do(actions: Actions, dialog: ui.dialog, act: Any) -> None:
+    dialog.close()
+    await actions.run(act)
+
+
+def _title(recorded: Recorded) -> str:
+    if recorded.cuff is None:
+        return "bounce calibration"
+    donning = f", donning {recorded.donning}" if recorded.donning != "1" else ""
+    return f"{recorded.cuff}, {recorded.test}, repeat {recorded.repeat}{donning}"
+
+
+def _decision(journal: Journal, file: str) -> str:
+    verdict = journal.verdicts.get(file)
+    assigned = ", assigned by hand" if file in journal.assignments else ""
+    if verdict is None:
+        return "waits for a decision" + assigned
+    reason = f": {verdict.reason}" if verdict.reason else ""
+    return ("kept" if verdict.choice == "accept" else "redone") + reason + assigned

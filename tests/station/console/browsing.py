@@ -1,0 +1,108 @@
+"""A browser that looks at a console's page, for tests that see what an operator sees."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from tests.timeout import scaled_timeout
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+PATIENCE_S = 120.0
+
+
+def patience_ms(seconds: float = PATIENCE_S) -> float:
+    return 1000 * scaled_timeout(seconds)
+
+
+def is_busy() -> bool:
+    return os.getloadavg()[0] > 3 * (os.cpu_count() or 1)
+
+
+@contextmanager
+def chromium(path: Path | str | None) -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+def open_page(browser: Browser, address: str, width: int = 1280, height: int = 800) -> Page:
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(patience_ms())
+    page.goto(address)
+    return page
+
+
+def begin(page: Page, subject: str = "P01") -> None:
+    page.get_by_label("Subject code").fill(subject)
+    page.get_by_label("Operator").fill("ab")
+    page.get_by_role("button", name="Begin").click()
+    expect(page.get_by_text("next: hand")).to_be_visible(timeout=patience_ms())
+
+
+def fits_on_the_screen(page: Page) -> bool:
+    """Whether nothing has to be scrolled, and every button is in view and covered by nothing."""
+    return bool(
+        page.evaluate("""() => {
+            const middle = document.querySelector(".nicegui-content");
+            return document.documentElement.scrollHeight <= innerHeight && middle.scrollHeight <= middle.clientHeight;
+        }""")
+    ) and buttons_are_in_view(page)
+
+
+def buttons_are_in_view(page: Page) -> bool:
+    return bool(
+        page.evaluate("""() => [...document.querySelectorAll("footer button")]
+            .filter((button) => button.checkVisibility()).every((button) => {
+                const box = button.getBoundingClientRect();
+                const top = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+                return box.bottom <= innerHeight && box.right <= innerWidth && button.contains(top);
+            })""")
+    )
+
+
+def drawn(page: Page) -> str:
+    """The first curve's picture as it is now."""
+    return str(page.locator("canvas").first.evaluate("canvas => canvas.toDataURL()"))
+
+
+def says_simulated(page: Page) -> None:
+    expect(page.get_by_text("SIMULATED DATA", exact=True)).to_be_visible(timeout=patience_ms())
+
+
+def seen(page: Page, words: str | re.Pattern[str]) -> None:
+    expect(page.get_by_text(words).first).to_be_visible(timeout=patience_ms())
+
+
+def runs(page: Page) -> None:
+    """What is to be done now changes every few seconds, less than a busy machine needs to look; this lasts a trial."""
+    seen(page, re.compile(r"^REC \d"))
+
+
+def picture_updates(page: Page) -> list[float]:
+    """When pictures of a trial were sent to the page [s], from its next loading on."""
+    sent: list[float] = []
+
+    def take(frame: bytes | str) -> None:
+        if "station.draw" in str(frame):
+            sent.append(time.monotonic())
+
+    page.on("websocket", lambda socket: socket.on("framereceived", take))
+    page.reload()
+    return sent
+
+
+def until(page: Page, is_met: Callable[[], bool]) -> None:
+    """Returns once it holds; meanwhile the browser's events are taken."""
+    give_up_s = time.monotonic() + patience_ms() / 1000
+    while not is_met():
+        assert time.monotonic() < give_up_s, "waited in vain"
+        page.wait_for_timeout(50)

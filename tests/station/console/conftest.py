@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.station.console.browsing import CHROMIUM, chromium
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    with chromium(CHROMIUM) as launched:
+        yield launched
+
+
+@pytest.fixture
+def polite_browser(tmp_path: Path) -> Iterator[Browser]:
+    """At a low priority: a real bench's devices do not share a processor with the pages, and simulated ones do.
+
+    Chromium that root runs raises its pages above everything else on the machine, unless it is not allowed to.
+    """
+    is_mighty = shutil.which("setpriv") is not None and os.geteuid() == 0
+    humble = "setpriv --bounding-set=-sys_nice --inh-caps=-sys_nice" if is_mighty else ""
+    polite = tmp_path / "chromium"
+    polite.write_text(f'#!/bin/sh\nexec nice -n 19 {humble} {CHROMIUM} "$@"\n')
+    polite.chmod(0o755)
+    with chromium(polite) as launched:
+        yield launched
+
+
+@pytest.fixture
+def pictures(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Where screenshots go: the folder given by --pictures, or nowhere that lasts."""
+    return Path(request.config.getoption("--pictures") or tmp_path)

@@ -1,0 +1,145 @@
+"""A page that shows something old says so: its console is gone, its data stand still, or it draws too slowly."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from tests.station.console.browsing import (
+    CHROMIUM,
+    begin,
+    open_page,
+    patience_ms,
+    picture_updates,
+    runs,
+    seen,
+    until,
+)
+from tests.station.console.served import ServedConsole, write_config
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+    pytest.mark.timeout(600),
+]
+
+
+@pytest.mark.parametrize("death", ["killed", "frozen"])
+def test_a_page_whose_console_is_gone_is_grey_within_two_seconds_and_comes_back_by_itself(
+    browser: Browser, tmp_path: Path, death: str
+) -> None:
+    """Seconds of the page's own clock, which the test moves."""
+    config = write_config(tmp_path)
+    with ServedConsole(config, "--simulated") as console:
+        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        page.set_default_timeout(patience_ms())
+        page.clock.install()
+        page.goto(console.address)
+        begin(page)
+        lost = page.get_by_text("The console does not answer")
+        expect(lost).to_be_hidden()
+        page.clock.pause_at(page.evaluate("Date.now() + 1"))
+        if death == "killed":
+            console.kill()
+        else:
+            os.kill(console.pid, signal.SIGSTOP)
+        for _ in range(20):
+            page.clock.run_for(100)
+            if death == "killed":
+                page.evaluate("fetch('/beat').catch(() => null)")  # wall time, for the page's own to be refused
+        assert lost.is_visible()
+        box = page.locator(".console-lost > div").bounding_box()
+        assert box is not None and abs(box["x"] + box["width"] / 2 - 683) < 20 and 150 < box["y"] < 450, "in the middle"
+        assert "grayscale" in page.evaluate("getComputedStyle(document.querySelector('#app')).filter")
+        page.keyboard.press("a")  # a key must not wait and act later
+        page.clock.resume()
+        if death == "frozen":
+            os.kill(console.pid, signal.SIGCONT)
+            expect(lost).to_be_hidden()
+            seen(page, "next: hand: static, repeat 1")
+        else:
+            with ServedConsole(config, "--simulated", port=console.port):
+                seen(page, "P01, session 1: hand")
+                expect(lost).to_be_hidden()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the recorder is found by /proc")
+def test_data_that_is_old_is_called_old_however_alive_the_console_is(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+        page = open_page(browser, console.address)
+        begin(page)
+        page.keyboard.press("a")
+        runs(page)
+        seen(page, re.compile(r"^shown \d\.\d s ago$"))
+        recorder = recorder_of(console.pid)
+        os.kill(recorder, signal.SIGSTOP)
+        try:
+            seen(page, re.compile(r"^WHAT YOU SEE IS \d+\.\d s OLD$"))
+            expect(page.get_by_text("The console does not answer")).to_be_hidden()
+        finally:
+            os.kill(recorder, signal.SIGCONT)
+        seen(page, re.compile(r"^shown \d\.\d s ago$"))
+        page.keyboard.press("s")
+        seen(page, "Keep (k)")
+
+
+def test_a_page_that_does_not_draw_is_sent_no_more_pictures(browser: Browser, tmp_path: Path) -> None:
+    """Else it would draw them one after the other when it can again, ever further behind."""
+    with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
+        frozen, other = open_page(browser, console.address), open_page(browser, console.address)
+        sent, drawn_by_other = picture_updates(frozen), picture_updates(other)
+        begin(other)
+        other.keyboard.press("a")
+        runs(frozen)
+        frozen.wait_for_function("document.querySelector('.age').textContent.startsWith('shown')")
+        session = frozen.context.new_cdp_session(frozen)
+        session.send("Debugger.enable")
+        session.send("Debugger.pause")
+        before, before_other = len(sent), len(drawn_by_other)
+        until(other, lambda: len(drawn_by_other) > before_other + 30)
+        assert len(sent) - before <= 4, "two on their way, and what was sent while the page was being frozen"
+        session.send("Debugger.resume")
+        until(other, lambda: len(sent) > before + 8)
+        other.keyboard.press("s")
+
+
+def test_the_markers_are_turned_by_the_mouse_and_reset(browser: Browser, tmp_path: Path) -> None:
+    with ServedConsole(write_config(tmp_path)) as console:
+        page = open_page(browser, console.address)
+        page.evaluate("""() => {
+            document.body.insertAdjacentHTML("beforeend",
+                "<canvas id=space style='position:fixed;left:0;top:0;width:400px;height:300px;z-index:99'></canvas>");
+            const at = [[0, 0, 0], [200, 0, 0], [0, 150, 0], [50, 50, 120], [90, 50, 120], null];
+            const roles = ["anchor", "anchor", "anchor", "cuff", "rope", "rope"];
+            window.drawMarkers("space", at.map((point, i) => ({name: `m${i}`, role: roles[i], at: point})));
+        }""")
+        canvas = page.locator("#space")
+        upright = canvas.evaluate("canvas => canvas.toDataURL()")
+        blank = page.evaluate(
+            "() => Object.assign(document.createElement('canvas'), {width: 400, height: 300}).toDataURL()"
+        )
+        assert upright != blank
+        page.mouse.move(200, 150)
+        page.mouse.down()
+        page.mouse.move(290, 190, steps=4)
+        page.mouse.up()
+        turned = canvas.evaluate("canvas => canvas.toDataURL()")
+        assert turned != upright
+        page.mouse.dblclick(200, 150)
+        assert canvas.evaluate("canvas => canvas.toDataURL()") == upright
+
+
+def recorder_of(console: int) -> int:
+    """The process id of the console's recorder."""
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            words = path.read_text().rpartition(")")[2].split()
+            if int(words[1]) == console and b"station.session.recorder" in (path.parent / "cmdline").read_bytes():
+                return int(path.parent.name)
+    raise AssertionError("no trial is recorded")
