@@ -123,7 +123,7 @@ def test_a_poisoned_journal_hides_no_other_session(desk: Desk, line: str) -> Non
     poisoned = desk.config.session.folder / "sub-P02_ses-1"
     poisoned.mkdir()
     (poisoned / "session.jsonl").write_text(line + "\n")
-    assert [each.setup for each in desk.sessions()] == [SETUP]
+    assert [each.setup for each in list_sessions(desk.config.session.folder)] == [SETUP]
 
 
 def test_another_plan_under_the_same_number_is_refused(desk: Desk) -> None:
