@@ -242,7 +242,7 @@ class Conductor:
                     self._answer("pauses after this trial")
                 case Action.MARK:
                     await desk.mark()
-                    self._answer(f"mark {live.marks}")
+                    self._answer(f"mark {len(live.marks)}")
                 case Action.SILENCE:
                     desk.silence()
                 case Action.FINISH if is_recorded:
