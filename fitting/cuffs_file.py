@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fitting.result import DOUBTED, QUANTITIES, CuffFit, SessionFit, Verdict, covariance_of
+from fitting.result import QUANTITIES, CuffFit, SessionFit, covariance_of
+from fitting.results.codes import DOUBTED, Verdict
+from fitting.results.format_0 import verdicts_in
 from fitting.seal import SEAL, check_cuff
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin, is_file_name
@@ -63,6 +65,7 @@ class _Beside(BaseModel):
 
     donning: str | int = ""
     verdict: str = ""
+    verdict_codes: tuple[Annotated[Verdict, Field(strict=False)], ...] | None = None
     notes: tuple[str, ...] = ()
     sources: dict[str, str] = Field(default_factory=dict)
     diagnostics: dict[str, float] = Field(default_factory=dict)
@@ -87,7 +90,7 @@ def _cuff_from(name: str, cuff: Any, seals: Any, path: Path) -> CuffFit:
         stiffness=estimates[0],
         damping=estimates[1],
         migration=estimates[2],
-        verdicts=_verdicts_of(cuff, beside.verdict),
+        verdicts=_verdicts_of(cuff, beside),
         covariance=_covariance_from(cuff.get("covariance"), covariance_of(estimates), f"{path}: {name}.covariance"),
         sources=beside.sources,
         origin=_origin_of(cuff),
@@ -109,8 +112,9 @@ def _origin_of(cuff: Mapping[str, Any]) -> DataOrigin:
 
 def _beside_from(cuff: Mapping[str, Any], where: str) -> _Beside:
     given = {key: value for key, value in cuff.items() if key in _Beside.model_fields}
-    if isinstance(notes := given.get("notes"), list):
-        given["notes"] = tuple(notes)
+    for key in ("notes", "verdict_codes"):
+        if isinstance(listed := given.get(key), list):
+            given[key] = tuple(listed)
     try:
         return _Beside.model_validate(given)
     except ValidationError as error:
@@ -124,10 +128,11 @@ def _expected(message: str) -> str:
     return message.replace("Input should be", "expected")
 
 
-def _verdicts_of(cuff: Mapping[str, Any], said: str) -> tuple[Verdict, ...]:
-    """As it says; but what somebody wrote where a wearer looks is meant to be worn, and no verdict takes it away."""
+def _verdicts_of(cuff: Mapping[str, Any], beside: _Beside) -> tuple[Verdict, ...]:
+    """By their codes; a figure that somebody wrote where a wearer looks is meant to be worn, whatever the verdict."""
     written = {name for name, key in QUANTITIES.items() if _estimate_from(cuff.get(key), key) is not None}
-    kept = (each for each in Verdict if each in said and not (DOUBTED.get(each) and written.issuperset(DOUBTED[each])))
+    codes = verdicts_in(beside.verdict) if beside.verdict_codes is None else beside.verdict_codes
+    kept = (code for code in codes if not (DOUBTED.get(code) and written.issuperset(DOUBTED[code])))
     return tuple(kept) or (Verdict.GIVEN,)
 
 

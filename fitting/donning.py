@@ -12,7 +12,8 @@ from fitting.dynamic.damping import DampingFit, fit_damping
 from fitting.dynamic.weak_form import ComplexStiffness, complex_stiffness
 from fitting.held_loads import fit_held_loads, held_load_notes, plain_held_loads
 from fitting.quality import UnusableTrial
-from fitting.result import CuffFit, Lag, TrialFit, Verdict, covariance_of
+from fitting.result import CuffFit, Lag, TrialFit, covariance_of
+from fitting.results.codes import Verdict
 from fitting.spatial.held_tensor import held_tensor
 from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.spatial.swung_tensor import swung_tensor

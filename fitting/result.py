@@ -1,11 +1,10 @@
-"""What a fit says about a cuff: estimates, verdicts in sentences, provenance; and the text of cuffs.json."""
+"""What a fit says about a cuff: estimates, verdicts, provenance; and the text of cuffs.json."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -26,6 +25,8 @@ from fitting.plain import (
     plain_swing,
     plain_sync,
 )
+from fitting.results.codes import DOUBTED, Verdict
+from fitting.results.rendering import verdict_sentence, verdict_text
 from fitting.seal import SEAL, CheckedFile, Standing, digest, seal_cuff
 from fitting.spatial.tensor import Tensors, plain_tensor
 from fitting.timing.sync_certificate import SyncCertificate
@@ -40,54 +41,6 @@ if TYPE_CHECKING:
 QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 """Field of CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
 UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
-
-
-UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
-
-
-class Verdict(StrEnum):
-    """What was and was not identified."""
-
-    IDENTIFIED = "stiffness, damping and migration are identified"
-    GIVEN = "the figures are given, not fitted"
-    NO_STATIC = "stiffness and migration are not identified: there is no usable static trial; record --test static"
-    FEW_LOADS = "stiffness is not identified: fewer than three loads were held; hold each for at least 4 s"
-    ONLY_ROSE = (
-        "stiffness is not identified: the load only rose, not along a line, so the cuff may have slipped; "
-        "take the weights off before the capture ends"
-    )
-    STIFFNESS_UNCERTAIN = "stiffness is not identified: its interval is wider than its value; hang more weight on"
-    NO_DYNAMIC = "damping is not identified: there is no usable dynamic trial; record --test dynamic"
-    LAG = (
-        "damping is not identified: what is not known of the lag between force and markers, times the stiffness, "
-        "leaves too much of it open; record --test bounce, raise daq.sample_rate_hz or start by PFI0"
-    )
-    DAMPING_UNCERTAIN = "damping is not identified: noise leaves too much of it open; pull faster and farther"
-    NEGATIVE = (
-        "damping is not identified: it comes out negative, and a cuff takes energy; force and markers are not at the "
-        "times that are taken for theirs, record --test bounce"
-    )
-    SCALE = (
-        "stiffness and damping are not identified: the load cell reads another force than the protocol's weights "
-        "exert; correct load_cell or protocol.step_masses_kg, and fit again"
-    )
-    SKIN = (
-        "stiffness and damping are not identified: the anchor's markers deform with the load, and the cuff's way is "
-        "measured against them; fix them to bone or to a plate, and record again"
-    )
-    NOT_UNLOADED = (
-        "migration is not identified: the first static trial does not start, or the last does not end, unloaded"
-    )
-    MIGRATED_BEFORE = (
-        "migration is not identified: an earlier static recording of this donning cannot be used, and the cuff may "
-        "have migrated in it; don the cuff anew and record again"
-    )
-
-
-DOUBTED = dict.fromkeys((Verdict.LAG, Verdict.DAMPING_UNCERTAIN, Verdict.NEGATIVE), ("damping",)) | dict.fromkeys(
-    (Verdict.SCALE, Verdict.SKIN), ("stiffness", "damping")
-)
-"""Verdict → the quantities that it calls not identified, though there is a figure."""
 
 
 class NotIdentified(Exception):
@@ -224,7 +177,7 @@ class CuffFit:
     @property
     def verdict(self) -> str:
         """All verdicts as one text."""
-        return "; ".join(self.verdicts)
+        return verdict_text(self.verdicts)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -247,7 +200,7 @@ class CuffFit:
             damping=self.damping.value,
             migration=self.migration.value,
             covariance=self.covariance,
-            source=" ".join(self.sources.values()) or Verdict.GIVEN,
+            source=" ".join(self.sources.values()) or verdict_sentence(Verdict.GIVEN),
         )
 
 
@@ -345,6 +298,7 @@ def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
         **dict.fromkeys(doubtful, plain_estimate(None)),
         "not_identified": {key: figures[key] for key in doubtful},
         "verdict": fit.verdict,
+        "verdict_codes": list(fit.verdicts),
         "origin": fit.origin,
         "site": fit.site,
         "donning": fit.donning,

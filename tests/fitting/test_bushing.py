@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from fitting.bushing import bushing_force
-from fitting.result import CuffFit, NotIdentified, Verdict
+from fitting.result import CuffFit, NotIdentified
+from fitting.results.codes import Verdict
 from fitting.uncertainty import normal_estimate
 
 FIT = CuffFit(

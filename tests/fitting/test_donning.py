@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from fitting.donning import fit_donning, interval_notes
-from fitting.result import Verdict
+from fitting.results.codes import Verdict
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from fitting.uncertainty import Repeat, combine

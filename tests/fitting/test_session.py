@@ -9,7 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fitting.result import CuffFit, Verdict
+from fitting.result import CuffFit
+from fitting.results.codes import Verdict
 from fitting.session import fit_session
 from fitting.trial import RejectedTrial, Trial, build_trial
 from tests.fitting.experiment import PUBLISHED, Session, published

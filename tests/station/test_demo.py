@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fitting.result import CuffFit, SessionFit, Verdict
+from fitting.result import CuffFit, SessionFit
+from fitting.results.codes import Verdict
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from solver.suit.suit import SuitError

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from fitting.result import CuffFit, Verdict
+from fitting.result import CuffFit
+from fitting.results.codes import Verdict
 from fitting.uncertainty import Estimate
 from station.interval import between, bracketed, digits_of, of_cuff, plus_minus
 

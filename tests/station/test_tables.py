@@ -7,7 +7,8 @@ import io
 import numpy as np
 from rich.console import Console
 
-from fitting.result import CuffFit, SessionFit, TrialFit, Verdict
+from fitting.result import CuffFit, SessionFit, TrialFit
+from fitting.results.codes import Verdict
 from fitting.spatial.directions import ELSEWHERE
 from fitting.spatial.tensor import Tensor, Tensors
 from station.tables import print_cuffs

@@ -14,7 +14,8 @@ from fitting.laws.causes import causes_of
 from fitting.laws.diagnosis import Diagnosis
 from fitting.laws.findings import Finding
 from fitting.laws.model_class import ClassScore, ModelComparison
-from fitting.result import CuffFit, Verdict
+from fitting.result import CuffFit
+from fitting.results.codes import Verdict
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from tests.fitting.defects import Law, OddSession, Rig

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fitting.result import SessionFit, TrialFit, Verdict
+from fitting.result import SessionFit, TrialFit
+from fitting.results.codes import Verdict
 from fitting.uncertainty import Estimate
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict

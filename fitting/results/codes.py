@@ -1,0 +1,33 @@
+"""Codes of what a fit says: stable names for programs. Their sentences are in fitting/results/rendering.py.
+
+A code keeps its meaning for ever. A new one may be added; one that is no longer given stays, so that old files open.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Verdict(StrEnum):
+    """What was and was not identified: the quantity, then after a dot the reason."""
+
+    IDENTIFIED = "identified"
+    GIVEN = "given"
+    NO_STATIC = "stiffness_not_identified.no_static_trial"
+    FEW_LOADS = "stiffness_not_identified.few_loads"
+    ONLY_ROSE = "stiffness_not_identified.load_only_rose"
+    STIFFNESS_UNCERTAIN = "stiffness_not_identified.wide_interval"
+    NO_DYNAMIC = "damping_not_identified.no_dynamic_trial"
+    LAG = "damping_not_identified.lag"
+    DAMPING_UNCERTAIN = "damping_not_identified.noise"
+    NEGATIVE = "damping_not_identified.negative"
+    SCALE = "stiffness_and_damping_not_identified.gain_error"
+    SKIN = "stiffness_and_damping_not_identified.skin_motion"
+    NOT_UNLOADED = "migration_not_identified.not_unloaded"
+    MIGRATED_BEFORE = "migration_not_identified.unusable_trial_before"
+
+
+DOUBTED = dict.fromkeys((Verdict.LAG, Verdict.DAMPING_UNCERTAIN, Verdict.NEGATIVE), ("damping",)) | dict.fromkeys(
+    (Verdict.SCALE, Verdict.SKIN), ("stiffness", "damping")
+)
+"""Verdict → the quantities that it calls not identified, though there is a figure."""
