@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fitting.trial import build_trial
-from recordings.manifest import CuffSite, LoadCell, Manifest
+from recordings.manifest import CuffSite, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from tests.fitting.experiment import track
 
@@ -71,7 +71,7 @@ def _manifest() -> Manifest:
         sync_threshold_v=2.5,
         load_cell=LoadCell("daq", SECONDS_PER_VOLT, 1),
         start_utc_ns=0,
-        effective_config={"sync": {"stop_edge": "end_of_frame"}},
+        timing=Timing(stop_edge="end_of_frame"),
     )
 
 

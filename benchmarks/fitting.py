@@ -38,6 +38,7 @@ from fitting.spatial.tensor import entries_of
 from fitting.timing.clocks import DRIFT_PRIOR_SD, LagUncertainty
 from fitting.trial import Trial, build_trial
 from fitting.uncertainty import Repeat, combine
+from recordings.manifest import Timing
 from tests.fitting.defects import Law, OddSession
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
 from tests.fitting.laws.test_diagnosis import DEFECTS
@@ -180,7 +181,7 @@ def _through_markers(cuff: str, seed: int) -> list[tuple[float, float]]:
     """Of the same swing seen whole, with markers hidden and with ghosts: relative error of c, and whether covered."""
     truth = published(cuff, friction=1e9, migration=0.0)
     manifest, tracks = Session(truth, 4000 + seed).dynamic()
-    manifest = replace(manifest, effective_config={"sync": {"lag_sd_s": 0.0, "stop_edge": "end_of_frame"}})
+    manifest = replace(manifest, timing=Timing(lag_sd_s=0.0, stop_edge="end_of_frame"))
     found = []
     for spoil in SIGHTS.values():
         markers = tracks["/markers"]

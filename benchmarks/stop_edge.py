@@ -16,6 +16,7 @@ import numpy as np
 
 from fitting.timing.clock_fit import fit_clock
 from fitting.timing.stop_edge import stop_window
+from recordings.manifest import Timing
 from tests.fitting.timing.stopped_capture import EXPOSURE, STOPS, Stop, stopped_capture
 
 DRIFTS_PPM = ((0, 0), (50, 0), (0, 50), (300, 0), (0, 300))
@@ -44,11 +45,11 @@ class Cell:
 def coverage(stop: Stop, daq_ppm: float, camera_ppm: float, trials: int, *, is_declared: bool) -> Cell:
     """Of so many simulated trials."""
     random = np.random.default_rng([STOPS.index(stop), int(daq_ppm), int(camera_ppm)])
-    settings = {"stop_edge": stop, "exposure_s": EXPOSURE} if is_declared else {}
+    timing = Timing(stop_edge=stop, exposure_s=EXPOSURE) if is_declared else Timing()
     covered, identified, widths, errors = [], [], [], []
     for _ in range(trials):
         capture = stopped_capture(random, stop, daq_ppm, camera_ppm)
-        clock = fit_clock(capture.edges, capture.duration, stop_window(settings, capture.frame))
+        clock = fit_clock(capture.edges, capture.duration, stop_window(timing, capture.frame))
         low, high = clock.drift_ci95 or (np.nan, np.nan)
         covered.append(low <= capture.drift <= high)
         identified.append(clock.is_identified)

@@ -25,8 +25,6 @@ QUIETER, BEYOND_CHANCE = 10, 1e-9
 """Per cent of a record's seconds that have less noise than what is taken for it, and the chance that is none."""
 REST = 1.0
 """Seconds."""
-ZERO_DRIFT_LIMIT = 0.02
-"""Part of the cell's capacity: what moves a zero further within minutes is no drift (docs/calibration.md)."""
 ZERO_DRIFT, ZERO_DRIFT_PART = 0.5, 0.02
 """Newtons, and part of the trial's range: the larger is what the zero may drift without a note."""
 MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6

@@ -20,7 +20,7 @@ from fitting.quality import UnusableTrial
 from fitting.timing.clocks import LagUncertainty
 from fitting.timing.sync_certificate import SyncCertificate, certify
 from fitting.timing.thinned import thinned
-from fitting.timing.timeline import lay_out, setting
+from fitting.timing.timeline import lay_out
 from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
 from recordings.reader import Recording, Track, TrackCollector, open_recording
@@ -293,9 +293,9 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         sync_fall=line.sync_fall,
         sync=certify(manifest, thinned(manifest, tracks)),
         zero_drift=drift,
-        gain_sd=float(setting(manifest, "load_cell").get("gain_relative_sd", 0.0)),
-        cuff_mass=float(setting(manifest, "cuffs", site.name).get("mass_kg", DEFAULT_CUFF_MASS)),
-        step_masses=tuple(float(mass) for mass in setting(manifest, "protocol").get("step_masses_kg", ())),
+        gain_sd=manifest.load_cell.gain_relative_sd,
+        cuff_mass=DEFAULT_CUFF_MASS if site.mass_kg is None else site.mass_kg,
+        step_masses=manifest.protocol.step_masses_kg,
         force_gaps=line.force_gaps,
         frame_gaps=line.frame_gaps,
         origin=manifest.origin,
@@ -306,9 +306,10 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
 
 def _zero_limit(manifest: Manifest) -> float:
     """Newtons by which the zero may drift within a trial; inf for a cell of unknown capacity."""
-    capacity = manifest.load_cell.capacity_kg
-    part = float(setting(manifest, "load_cell").get("zero_drift_relative_limit", quality.ZERO_DRIFT_LIMIT))
-    return math.inf if capacity is None else part * capacity * STANDARD_GRAVITY
+    cell = manifest.load_cell
+    if cell.capacity_kg is None:
+        return math.inf
+    return cell.zero_drift_relative_limit * cell.capacity_kg * STANDARD_GRAVITY
 
 
 def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> BounceTrial:

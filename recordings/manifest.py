@@ -15,6 +15,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from recordings.errors import RecordingError
+from recordings.older_manifest import with_typed_fields
 from recordings.plain_data import PlainDataError, parse_json
 from recordings.samples import DeviceIdentity
 
@@ -22,6 +23,7 @@ LONGEST_NAME = 200
 """Characters of a file's name."""
 
 TestKind = Literal["static", "dynamic", "bounce"]
+StopEdge = Literal["end_of_frame", "end_of_exposure", "anywhere"]
 
 
 class DataOrigin(StrEnum):
@@ -52,7 +54,8 @@ class DataOrigin(StrEnum):
 class CuffSite:
     """The cuff under test and its markers, by label.
 
-    site is "arm" or "waist"; rope_markers is empty where the rope carries none.
+    site is "arm" or "waist"; rope_markers is empty where the rope carries none. mass_kg moves with the cuff between
+    load cell and body; None where it is not declared.
     """
 
     name: str
@@ -60,6 +63,7 @@ class CuffSite:
     anchor_markers: tuple[str, ...]
     cuff_markers: tuple[str, ...]
     rope_markers: tuple[str, ...] = ()
+    mass_kg: float | None = None
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -91,7 +95,8 @@ class LoadCell:
 
     For an amplifier newtons_per_unit is capacity_kg × 9.80665 / full_scale_v, for an indicator that of its unit.
     The rest is its certificate: gain_relative_sd the standard uncertainty of its scale, dates as YYYY-MM-DD; "" or
-    None where nobody said.
+    None where nobody said. range_v is that of an amplifier's channel: beyond it, force is saturated. A trial whose zero
+    drifts by more than zero_drift_relative_limit of the capacity is refused.
     """
 
     source: Literal["daq", "serial"]
@@ -103,6 +108,41 @@ class LoadCell:
     gain_relative_sd: float = 0.0
     calibrated_on: str = ""
     calibration_due_on: str = ""
+    range_v: float = 10.0
+    zero_drift_relative_limit: float = 0.02
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Lag of force against markers, and where the sync line falls, as the configuration declares them.
+
+    lag_s        a force sample stamped t was taken at t + lag_s by the markers' clock
+    lag_sd_s     its standard uncertainty, where no bounce trial measures it: amplifier, exposure and conversion
+    stop_edge    where in the last frame the sync line falls; None where it is not declared
+    exposure_s   of the cameras; needed for "end_of_exposure"
+    """
+
+    lag_s: float = 0.0
+    lag_sd_s: float = 0.5e-3
+    stop_edge: StopEdge | None = None
+    exposure_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.stop_edge == "end_of_exposure" and self.exposure_s is None:
+            raise ValueError("stop_edge is end_of_exposure without exposure_s")
+
+
+@dataclass(frozen=True)
+class MeasurementProtocol:
+    """The loading that was planned for a trial.
+
+    step_masses_kg  weights of a static test in the order in which they are hung on; empty where they are not declared
+    hold_s          shortest duration of a held load;  swing_s  shortest duration of a dynamic test; None: not declared
+    """
+
+    step_masses_kg: tuple[float, ...] = ()
+    hold_s: float | None = None
+    swing_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +153,8 @@ class Manifest:
     start_utc_ns is the host's UTC at arming; start is "sync_edge" or "pfi0" (then force sample 0 is the edge). Of an
     imported trial without a sync line it is "declared" (the clocks of two files were said to read the same at
     origin_s, session time 0) or "one_clock" (both streams are of one file and one clock).
-    effective_config is the whole configuration that was in force, as plain data; versions maps package to version.
+    timing and protocol are, with load_cell and cuff, all that a fit takes from the configuration. effective_config is
+    the whole configuration that was in force, as plain data, for audit and replay; versions maps package to version.
     devices is what each device said of itself; empty in imported recordings and in those of older stations.
     """
 
@@ -128,6 +169,8 @@ class Manifest:
     start_utc_ns: int
     bounce: BounceRig | None = None
     origin_s: float = 0.0
+    timing: Timing = Timing()
+    protocol: MeasurementProtocol = MeasurementProtocol()
     effective_config: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     devices: tuple[DeviceIdentity, ...] = ()
@@ -168,7 +211,7 @@ def manifest_to_json(manifest: Manifest) -> str:
 def manifest_from_json(text: str) -> Manifest:
     """The manifest back from JSON. Keys that a later version added are passed over; a missing one is an error."""
     try:
-        manifest = _adapter().validate_python(parse_json(text))
+        manifest = _adapter().validate_python(with_typed_fields(parse_json(text)))
     except PlainDataError as error:
         raise RecordingError(f"the manifest cannot be read: it {error}") from error
     except ValidationError as error:

@@ -11,7 +11,15 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from recordings.manifest import BounceRig, CuffSite, LoadCell, is_file_name
+from recordings.manifest import (
+    BounceRig,
+    CuffSite,
+    LoadCell,
+    MeasurementProtocol,
+    StopEdge,
+    Timing,
+    is_file_name,
+)
 from recordings.plain_data import PlainDataError, read_toml, shortened
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
@@ -88,9 +96,7 @@ class Sync(_Section):
     timeout_s: Positive = 60.0
     lag_s: float = 0.0  # a force sample stamped t was taken at t + lag_s by the markers' clock
     lag_sd_s: float = Field(default=0.0005, ge=0)  # its standard uncertainty, where no bounce trial measures it
-    stop_edge: Literal["end_of_frame", "end_of_exposure", "anywhere"] | None = (
-        None  # None: not known; see docs/wiring.md
-    )
+    stop_edge: StopEdge | None = None  # None: not known; see docs/wiring.md
     exposure_s: Positive | None = None  # of the mocap cameras, for "end_of_exposure"
 
     @model_validator(mode="after")
@@ -265,7 +271,7 @@ class StationConfig(_Section):
                 "and cuff_markers"
             )
         cuff = self.cuffs[name]
-        return CuffSite(name, cuff.site, cuff.anchor_markers, cuff.cuff_markers, cuff.rope_markers)
+        return CuffSite(name, cuff.site, cuff.anchor_markers, cuff.cuff_markers, cuff.rope_markers, cuff.mass_kg)
 
     def subject(self, cuff: str | None) -> CuffSite | BounceRig:
         """What a trial is of: a cuff, or without one the bouncing weight. Raises ConfigError if it has no section."""
@@ -296,7 +302,19 @@ class StationConfig(_Section):
             cell.gain_relative_sd,
             str(cell.calibrated_on or ""),
             str(cell.due_on or ""),
+            self.daq.force_range_v,
+            cell.zero_drift_relative_limit,
         )
+
+    def timing(self) -> Timing:
+        """Lag of force against markers and the stop edge, as declared."""
+        sync = self.sync
+        return Timing(sync.lag_s, sync.lag_sd_s, sync.stop_edge, sync.exposure_s)
+
+    def measurement_protocol(self) -> MeasurementProtocol:
+        """The loading that is planned for a trial."""
+        plan = self.protocol
+        return MeasurementProtocol(plan.step_masses_kg, plan.hold_s, plan.swing_s)
 
 
 def load_config(path: Path) -> StationConfig:

@@ -15,6 +15,7 @@ from fitting.session import fit_session
 from fitting.trial import RejectedTrial, Trial, TrialReading, read_alone, read_trials
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
+from recordings.older_manifest import cuff_mass
 from recordings.reader import open_recording
 from station.bench.known_mass import inherited, listed, read_checks
 from station.checksums import sha256_of, standing_of, write_checksums
@@ -125,7 +126,10 @@ def _read_assigned(path: Path, journal: Journal) -> TrialReading:
 
 
 def _as_assigned(manifest: Manifest, given: Assignment) -> Manifest:
-    return replace(manifest, cuff=given.cuff, test=given.test, repeat=given.repeat, donning=given.donning)
+    cuff = given.cuff
+    if cuff.mass_kg is None:  # the journal of an older station
+        cuff = replace(cuff, mass_kg=cuff_mass(manifest.effective_config, cuff.name))
+    return replace(manifest, cuff=cuff, test=given.test, repeat=given.repeat, donning=given.donning)
 
 
 def _counted(paths: Sequence[Path], what: str, progress: Progress) -> Iterator[Path]:

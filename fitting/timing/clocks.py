@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from fitting.timing.stop_edge import StopWindow
 
-DECLARED_LAG_SD = 0.5e-3
-"""Seconds: amplifier, exposure and conversion, unless a bounce trial or the configuration states another."""
 DECLARED = "declared"
 DRIFT_PRIOR_SD = 50e-6
 """Standard uncertainty of one clock's rate against the other's, assumed where nothing measures it: two crystals."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+
+from recordings.manifest import Timing
 
 
 @dataclass(frozen=True)
@@ -28,18 +28,17 @@ class StopWindow:
         return replace(self, earliest=self.earliest + later, latest=self.latest + later)
 
 
-def stop_window(sync: Mapping[str, Any], frame: float) -> StopWindow:
-    """The window that the configuration's section [sync] declares, for a frame period of `frame` [s].
+def stop_window(timing: Timing, frame: float) -> StopWindow:
+    """The window that the manifest declares, for a frame period of `frame` [s].
 
     Qualisys documents that the output MEASUREMENT TIME stays "until the end of the last frame", which is the end of
     its exposure or of its period. So nothing is assumed but the last frame, unless sync.stop_edge states more.
     """
-    match sync.get("stop_edge"):
-        case "end_of_frame":
-            return StopWindow(0.0, 0.0, frame, is_declared=True)
-        case "end_of_exposure":
-            before_end = float(sync["exposure_s"]) - frame
-            return StopWindow(before_end, before_end, frame, is_declared=True)
-        case "anywhere":
-            return StopWindow(-frame, 0.0, frame, is_declared=True)
+    if timing.stop_edge == "end_of_frame":
+        return StopWindow(0.0, 0.0, frame, is_declared=True)
+    if timing.stop_edge == "end_of_exposure" and timing.exposure_s is not None:
+        before_end = timing.exposure_s - frame
+        return StopWindow(before_end, before_end, frame, is_declared=True)
+    if timing.stop_edge == "anywhere":
+        return StopWindow(-frame, 0.0, frame, is_declared=True)
     return StopWindow(-frame, 0.0, frame, is_declared=False)

@@ -85,14 +85,6 @@ def lay_out(manifest: Manifest, tracks: Mapping[str, Track], labels: tuple[str, 
     )
 
 
-def setting(manifest: Manifest, *keys: str) -> dict[str, Any]:
-    """A section of the configuration that was in force, {} where there is none."""
-    section: Any = manifest.effective_config
-    for key in keys:
-        section = section.get(key, {}) if isinstance(section, dict) else {}
-    return section if isinstance(section, dict) else {}
-
-
 @dataclass(frozen=True)
 class Counted:
     """A track with its numbers (n,) as signed integers and its host times (n,) in seconds since the first sample."""
@@ -172,7 +164,7 @@ def tie_by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> OneTime:
     edges, edge_clock = _edges(manifest, tracks)
     frames = _captured(frames, edge_clock, edges)
     frame = 1 / frames.stream.rate_hz
-    capture, window = float(frames.numbers[-1]) * frame, stop_window(setting(manifest, "sync"), frame)
+    capture, window = float(frames.numbers[-1]) * frame, stop_window(manifest.timing, frame)
     clock = fit_clock(edges, capture, window)
     late = _late_by_arrival(frames, edge_clock, edges)
     first_frame, frames_sd, late_start = _first_frame_time(frames, late)
@@ -238,9 +230,7 @@ def _force_time(
 
 
 def _declared_lag(manifest: Manifest, edge_sd: float, drift: float) -> LagUncertainty:
-    sync = setting(manifest, "sync")
-    declared = float(sync.get("lag_sd_s", clocks.DECLARED_LAG_SD))
-    return LagUncertainty(edge_sd, declared, drift, value=float(sync.get("lag_s", 0.0)))
+    return LagUncertainty(edge_sd, manifest.timing.lag_sd_s, drift, value=manifest.timing.lag_s)
 
 
 def _late_by_arrival(frames: Counted, edge_clock: Counted, edges: SyncEdges) -> float:
@@ -298,5 +288,5 @@ def _gaps(numbers: NDArray[np.int64], time: NDArray[np.float64], end: float) -> 
 
 
 def _full_scale(manifest: Manifest, stream: Stream) -> float:
-    range_v = float(setting(manifest, "daq").get("force_range_v", 10.0)) if stream.unit == "V" else float("inf")
+    range_v = manifest.load_cell.range_v if stream.unit == "V" else math.inf
     return calibration.full_scale(manifest.load_cell, range_v)

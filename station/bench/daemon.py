@@ -248,6 +248,8 @@ class Daemon:
             sync_threshold_v=self._config.sync.threshold_v,
             load_cell=self._config.calibration(),
             start_utc_ns=start_utc_ns,
+            timing=self._config.timing(),
+            protocol=self._config.measurement_protocol(),
             effective_config=self._config.model_dump(mode="json"),
             versions=installed_versions(),
             devices=devices,

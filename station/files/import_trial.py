@@ -91,6 +91,8 @@ def import_trial(
         sync_threshold_v=config.sync.threshold_v,
         load_cell=_load_cell(force, config),
         start_utc_ns=start_utc_ns,
+        timing=config.timing(),
+        protocol=config.measurement_protocol(),
         effective_config=config.model_dump(mode="json"),
         versions=installed_versions(),
     )
@@ -220,7 +222,8 @@ def _load_cell(force: Force, config: StationConfig) -> LoadCell:
     """Volts by the configuration's calibration; newtons and pounds-force as they stand, tension positive."""
     cell = config.load_cell
     if force.unit != "V":
-        return LoadCell("daq", 1.0 if force.unit == "N" else INDICATOR_UNITS_N["usb220"], 1, cell.serial_number)
+        scale = 1.0 if force.unit == "N" else INDICATOR_UNITS_N["usb220"]
+        return LoadCell("daq", scale, 1, cell.serial_number, gain_relative_sd=cell.gain_relative_sd)
     if cell.source != "daq":
         raise WrongImport(
             f'the configuration has load_cell.source = "{cell.source}" and no scale for the volts of {force.column}; '

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import butter, lfilter
 
-from recordings.manifest import BounceRig, LoadCell, Manifest
+from recordings.manifest import BounceRig, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from tests.fitting.experiment import track
 
@@ -81,7 +81,7 @@ def recorded(truth: Bounce, seed: int, run: int = 1) -> tuple[Manifest, dict[str
         load_cell=LoadCell("daq", truth.newtons_per_volt, 1),
         start_utc_ns=start_ns,
         bounce=BounceRig(truth.mass, "weight", truth.spring_mass),
-        effective_config={"sync": {"lag_sd_s": 0.0, "stop_edge": "end_of_frame"}},
+        timing=Timing(lag_sd_s=0.0, stop_edge="end_of_frame"),
     )
     return manifest, tracks
 

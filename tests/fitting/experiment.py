@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recordings.manifest import CuffSite, LoadCell, Manifest
+from recordings.manifest import CuffSite, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from recordings.samples import Stream
 
@@ -147,7 +147,7 @@ class Session:
             sync_threshold_v=2.5,
             load_cell=LoadCell("daq", truth.newtons_per_volt, 1),
             start_utc_ns=start_ns,
-            effective_config={"sync": {"stop_edge": "end_of_frame"}},
+            timing=Timing(stop_edge="end_of_frame"),
         )
         return manifest, tracks
 

@@ -12,6 +12,7 @@ from scipy import stats
 from fitting.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
 from fitting.quality import UnusableTrial
 from fitting.trial import build_bounce
+from recordings.manifest import Timing
 from tests.fitting.bouncing import Bounce, recorded
 
 COUNT = 30
@@ -79,9 +80,7 @@ def test_which_way_is_down_ghosts_and_hidden_frames_do_not_matter() -> None:
 def test_a_lag_that_the_configuration_knew_is_not_counted_twice() -> None:
     truth = Bounce(lag=0.03)
     manifest, tracks = recorded(truth, 1)
-    told = replace(
-        manifest, effective_config={"sync": {"lag_s": 0.025, "lag_sd_s": 0.001, "stop_edge": "end_of_frame"}}
-    )
+    told = replace(manifest, timing=Timing(lag_s=0.025, lag_sd_s=0.001, stop_edge="end_of_frame"))
     assert fit_bounce(build_bounce(told, tracks, "a", "a")).lag.value == pytest.approx(0.03, abs=4e-4)
 
 

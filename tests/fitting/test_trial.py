@@ -15,7 +15,7 @@ from fitting.protocol_file import ProtocolFileError
 from fitting.quality import UnusableTrial
 from fitting.trial import build_trial, read_alone, read_trial, read_trials
 from recordings.chunks import Damage, Entry, read_entries
-from recordings.manifest import LoadCell, Manifest, Outcome
+from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Outcome, Timing
 from recordings.reader import Track
 from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
@@ -179,11 +179,12 @@ def test_the_declared_polarity_turns_the_force() -> None:
     np.testing.assert_allclose(build_trial(turned, negated, "a.mcap", "hash").force, plain.force)
 
 
-def test_mass_and_scale_uncertainty_come_from_the_configuration() -> None:
+def test_mass_and_scale_uncertainty_are_those_of_the_manifest() -> None:
     manifest, tracks = _recorded()
-    config = {"cuffs": {"hand": {"mass_kg": 0.35}}, "load_cell": {"gain_relative_sd": 0.002}}
-    trial = build_trial(replace(manifest, effective_config=config), tracks, "a.mcap", "hash")
-    assert (trial.cuff_mass, trial.gain_sd) == (0.35, 0.002)
+    assert manifest.cuff is not None
+    cuff, cell = replace(manifest.cuff, mass_kg=0.35), replace(manifest.load_cell, gain_relative_sd=0.01)
+    trial = build_trial(replace(manifest, cuff=cuff, load_cell=cell), tracks, "a.mcap", "hash")
+    assert (trial.cuff_mass, trial.gain_sd) == (0.35, 0.01)
 
 
 def _volts(change: str) -> np.ndarray:
@@ -212,7 +213,7 @@ def test_the_zero_may_drift_by_a_part_of_the_capacity_that_the_configuration_nam
     cell = replace(manifest.load_cell, capacity_kg=25.0)
     with pytest.raises(UnusableTrial, match=r"changed by \+5\.\d\d N .* expected at most 4\.90 N"):
         build_trial(replace(manifest, load_cell=cell), drifting, "a.mcap", "hash")
-    wider = replace(manifest, load_cell=cell, effective_config={"load_cell": {"zero_drift_relative_limit": 0.04}})
+    wider = replace(manifest, load_cell=replace(cell, zero_drift_relative_limit=0.04))
     assert build_trial(wider, drifting, "a.mcap", "hash").zero_drift == pytest.approx(5.64, abs=0.05)
 
 
@@ -364,9 +365,8 @@ def test_a_bounce_that_cannot_be_used_is_listed_and_the_lag_stays_declared(tmp_p
 
 def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_them(tmp_path: Path) -> None:
     manifest, tracks = _recorded()
-    sync = {"lag_s": 0.02, "lag_sd_s": 0.003, "stop_edge": "end_of_frame"}
-    config = {"sync": sync, "protocol": {"step_masses_kg": [2.0, 2.0]}}
-    told = replace(manifest, effective_config=config)
+    timing = Timing(lag_s=0.02, lag_sd_s=0.003, stop_edge="end_of_frame")
+    told = replace(manifest, timing=timing, protocol=MeasurementProtocol((2.0, 2.0)))
     trial, plain = (build_trial(each, tracks, "a.mcap", "hash") for each in (told, manifest))
     assert (trial.lag.value, trial.lag.declared, trial.step_masses) == (0.02, 0.003, (2.0, 2.0))
     moved, there = (np.interp(time, each.force_time, each.force) for each, time in ((trial, 3.02), (plain, 3.0)))

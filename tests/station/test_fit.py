@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,31 @@ import pytest
 from fitting.result import SessionFit
 from fitting.session import fit_session
 from fitting.trial import build_trial
+from recordings.manifest import Outcome
+from recordings.reader import Track
+from recordings.samples import Samples
+from station.files.new_recording import write_recording
 from tests.fitting.experiment import Session, published
+
+GAIN_SD = 0.01
+
+
+def test_a_typed_uncertainty_of_the_load_cell_reaches_the_stiffness(station, tmp_path: Path) -> None:
+    manifest, tracks = Session(published("hand"), 3).static()
+    cell = replace(manifest.load_cell, gain_relative_sd=GAIN_SD)
+    streams = [track.stream for track in tracks.values()]
+    items = [_as_samples(name, track) for name, track in tracks.items()]
+    accepted = Outcome(True, "closed", "the capture ended")
+    path = tmp_path / "cuff-hand_test-static_run-1.mcap"
+    write_recording(path, replace(manifest, load_cell=cell), streams, items, accepted, "the test")
+    assert station("fit", tmp_path).code == 0
+    stiffness = json.loads((tmp_path / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["hand"]["stiffness_n_per_m"]
+    assert stiffness["parts"]["gain"] == pytest.approx(GAIN_SD * stiffness["value"], rel=1e-6)
+
+
+def _as_samples(name: str, track: Track) -> Samples:
+    arrival_ns = int(track.host_time_ns[-1])
+    return Samples(name, track.sample_numbers, track.device_time_ns, arrival_ns, track.values)
 
 
 @pytest.fixture(scope="module")

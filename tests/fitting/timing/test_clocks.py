@@ -17,9 +17,10 @@ from fitting.timing.clocks import (
 )
 from fitting.timing.stop_edge import stop_window
 from fitting.timing.sync_line import find_edges, find_fall
+from recordings.manifest import Timing
 
 time = np.arange(4000) / 1000
-END_OF_FRAME = stop_window({"stop_edge": "end_of_frame"}, 0.01)
+END_OF_FRAME = stop_window(Timing(stop_edge="end_of_frame"), 0.01)
 
 
 def _line(*pulses: tuple[float, float]) -> np.ndarray:

@@ -9,6 +9,7 @@ from benchmarks.stop_edge import DRIFTS_PPM, coverage
 from fitting.timing.clock_fit import fit_clock
 from fitting.timing.clocks import LARGEST_DRIFT
 from fitting.timing.stop_edge import stop_window
+from recordings.manifest import Timing
 from tests.fitting.timing.stopped_capture import STOPS, Stop, stopped_capture
 
 TRIALS = 100
@@ -34,7 +35,7 @@ def test_a_wrong_declaration_is_not_covered() -> None:
     random, covered = np.random.default_rng(5), 0
     for _ in range(TRIALS):
         capture = stopped_capture(random, "anywhere")
-        clock = fit_clock(capture.edges, capture.duration, stop_window({"stop_edge": "end_of_frame"}, capture.frame))
+        clock = fit_clock(capture.edges, capture.duration, stop_window(Timing(stop_edge="end_of_frame"), capture.frame))
         low, high = clock.drift_ci95 or (0.0, 0.0)
         covered += low <= capture.drift <= high
     assert covered < 0.5 * TRIALS
@@ -53,10 +54,10 @@ def test_a_ratio_cut_by_the_largest_possible_drift_is_not_identified() -> None:
         pass
     edges = capture.edges
     short = type(edges)(edges.rising, edges.rising_sd, edges.rising + 4.997, edges.falling_sd)
-    clock = fit_clock(short, 5.0, stop_window({}, 0.01))
+    clock = fit_clock(short, 5.0, stop_window(Timing(), 0.01))
     assert not clock.is_identified
     assert clock.drift_ci95 == (-LARGEST_DRIFT, LARGEST_DRIFT)
-    declared = fit_clock(short, 5.0, stop_window({"stop_edge": "end_of_exposure", "exposure_s": 7e-3}, 0.01))
+    declared = fit_clock(short, 5.0, stop_window(Timing(stop_edge="end_of_exposure", exposure_s=7e-3), 0.01))
     assert declared.is_identified
     assert declared.drift_ci95 is not None
     assert declared.drift_ci95[0] < 0 < declared.drift_ci95[1]
@@ -67,9 +68,9 @@ def test_a_drift_beyond_crystals_is_not_identified_where_one_missing_frame_expla
     random = np.random.default_rng(2)
     edges = stopped_capture(random, "end_of_frame").edges
     later = type(edges)(edges.rising, edges.rising_sd, edges.rising + 30.009, edges.falling_sd)
-    clock = fit_clock(later, 30.0, stop_window({"stop_edge": "end_of_frame"}, 0.01))
+    clock = fit_clock(later, 30.0, stop_window(Timing(stop_edge="end_of_frame"), 0.01))
     assert (clock.is_identified, clock.missing_frames) == (False, 1)
     low, high = clock.drift_ci95 or (0.0, 0.0)
     assert low < -33e-6 and high > 300e-6
     earlier = type(edges)(edges.rising, edges.rising_sd, edges.rising + 29.991, edges.falling_sd)
-    assert fit_clock(earlier, 30.0, stop_window({"stop_edge": "end_of_frame"}, 0.01)).is_identified
+    assert fit_clock(earlier, 30.0, stop_window(Timing(stop_edge="end_of_frame"), 0.01)).is_identified

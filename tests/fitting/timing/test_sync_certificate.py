@@ -14,7 +14,7 @@ from fitting.results.codes import Verdict
 from fitting.session import fit_session
 from fitting.timing.sync_certificate import SyncCertificate
 from fitting.trial import Trial, build_trial
-from recordings.manifest import Manifest
+from recordings.manifest import Manifest, StopEdge, Timing
 from recordings.reader import Track
 from tests.fitting.experiment import Session, published
 
@@ -24,10 +24,10 @@ def _dynamic() -> tuple[Manifest, dict[str, Track]]:
     return Session(published("hand", clock_ppm=80e-6), 5).dynamic()
 
 
-def _trial(fall_later_by: float = 0.0, stop_edge: str | None = "end_of_frame") -> Trial:
+def _trial(fall_later_by: float = 0.0, stop_edge: StopEdge | None = "end_of_frame") -> Trial:
     """The stop edge moved by so many seconds; stop_edge is what the configuration declares."""
     manifest, tracks = _dynamic()
-    manifest = replace(manifest, effective_config={"sync": {"stop_edge": stop_edge}})
+    manifest = replace(manifest, timing=Timing(stop_edge=stop_edge))
     sync = tracks["/sync"]
     values = sync.values.copy()
     fall = int(np.flatnonzero(values[:, 0] > 2.5)[-1]) + 1
