@@ -1,6 +1,6 @@
 """Manifests of older stations, in which the fit's settings stood in effective_config alone.
 
-This is the one place where a setting is read from there. A manifest with `timing` is not an older one: it stays as it is.
+This is the one place where a setting is read from there. A manifest with `timing` is not an older one and is kept.
 """
 
 from __future__ import annotations
