@@ -17,7 +17,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from station.exit_code import DONE, FAILED, INTERRUPTED
-from station.verbs import bench, cuffs, files, muscles, whole
+from station.verbs import bench, cuffs, files, kinematics, muscles, whole
 from station.verbs.options import say
 
 ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
@@ -27,7 +27,7 @@ WAY = {
     "At the bench": (bench.simulate, bench.check, bench.record, whole.serve),
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
-    "The suit on the muscles": (muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
+    "From markers to muscles": (kinematics.ik, muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
     "Report": (whole.report, whole.verify),
 }
 """Where on the way, from left to right → its verbs."""

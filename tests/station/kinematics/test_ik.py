@@ -1,0 +1,124 @@
+"""station ik, on the command line: from a TRC and a set-up to a motion that the other verbs read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings.exchange.tables import MarkerTable
+from recordings.exchange.trc import write_trc
+from solver.bundled import bundled_model
+from solver.motion import read_motion, read_table
+from solver.osim.ik_setup import read_ik_setup
+from station.cli import main
+from tests.solver.inverse_kinematics.marked import random_postures, seen_from
+from tests.solver.references import NO_WEIGHT, SHARED
+
+MODEL = bundled_model()
+SETUP = """<?xml version="1.0"?>
+<OpenSimDocument Version="40000"><InverseKinematicsTool>
+<time_range>{range}</time_range><marker_file>trial.trc</marker_file>
+<IKTaskSet><objects>{tasks}</objects></IKTaskSet>
+</InverseKinematicsTool></OpenSimDocument>"""
+TASK = '<IKMarkerTask name="{name}"><apply>true</apply><weight>{weight}</weight></IKMarkerTask>'
+
+
+def trial(folder: Path, frames: int = 30, hidden: int | None = None) -> np.ndarray:
+    """Writes trial.trc with the markers of the bundled model on a smooth motion, and returns its coordinates."""
+    first, last = random_postures(MODEL, 2, 0.1, 3)
+    part = np.linspace(0.0, 1.0, frames)[:, None]
+    # between two postures the constraint is open by little; the closed ones are what the markers show
+    truth = random_postures_near(first + part * (last - first))
+    positions = 1e3 * seen_from(MODEL, truth)
+    if hidden is not None:
+        positions[hidden] = np.nan
+    time = np.arange(frames) / 100
+    labels = tuple(marker.name for marker in MODEL.markers)
+    table = MarkerTable(labels, 100.0, time, positions, np.zeros(positions.shape[:2]))
+    (folder / "trial.trc").write_text(write_trc(table, "trial.trc"), encoding="utf-8")
+    return truth
+
+
+def random_postures_near(wanted: np.ndarray) -> np.ndarray:
+    from solver.inverse_kinematics.solve import assemble
+
+    return np.array([assemble(MODEL, posture) for posture in wanted])
+
+
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: object) -> tuple[int, str]:
+    monkeypatch.setattr("sys.argv", ["station", "ik", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr()
+    return int(ended.value.code or 0), told.out + told.err
+
+
+def test_markers_at_their_places_give_the_motion_back(tmp_path: Path, capsys, monkeypatch) -> None:
+    truth = trial(tmp_path)
+    words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
+    code, told = run(capsys, monkeypatch, *words)
+    assert code == 0
+    assert "30 frames, 30 solved" in told
+    found = read_motion(tmp_path / "q.mot", MODEL)
+    moved = seen_from(MODEL, found.coordinates) - seen_from(MODEL, truth)
+    assert np.abs(moved).max() < 1e-8
+    free = [name not in told for name in MODEL.coordinate_names]
+    np.testing.assert_allclose(found.coordinates[:, free], truth[:, free], atol=1e-7)
+
+
+def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, capsys, monkeypatch) -> None:
+    trial(tmp_path)
+    names = [marker.name for marker in MODEL.markers]
+    tasks = "".join(TASK.format(name=name, weight=1 + k) for k, name in enumerate([*names, "of nobody"]))
+    (tmp_path / "setup.xml").write_text(SETUP.format(range="0.1 0.2", tasks=tasks), encoding="utf-8")
+    words = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.csv")
+    code, told = run(capsys, monkeypatch, *words)
+    assert code == 0, told
+    columns, table, _ = read_table(tmp_path / "q.csv")
+    assert columns[0] == "time"
+    np.testing.assert_allclose(table[[0, -1], 0], [0.1, 0.2])
+
+
+def test_a_frame_without_markers_is_left_out_told_and_code_3(tmp_path: Path, capsys, monkeypatch) -> None:
+    trial(tmp_path, hidden=29)
+    words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
+    code, told = run(capsys, monkeypatch, *words)
+    assert code == 3
+    assert "1 frames no markers, the first at 0.29 s" in told
+    assert len(read_motion(tmp_path / "q.mot", MODEL).time) == 29
+
+
+@pytest.mark.parametrize(
+    ("tasks", "words", "expected"),
+    [
+        ("", (), "has no task that is applied"),
+        (TASK.format(name="of nobody", weight=1), (), "no marker is followed"),
+        (TASK.format(name="of nobody", weight=1), ("--from", "5"), "no frame between"),
+        ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
+    ],
+)
+def test_a_set_up_that_does_not_fit_is_one_sentence(
+    tasks: str, words: tuple[str, ...], expected: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=6)
+    (tmp_path / "setup.xml").write_text(SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
+    output = tmp_path / "q.mot"
+    given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", output, *words)
+    code, told = run(capsys, monkeypatch, *given)
+    assert (code, output.exists()) == (1, False)
+    assert expected in told
+    assert len(told.strip().splitlines()) == 1
+
+
+@pytest.mark.shared
+def test_a_published_set_up_is_read_with_the_names_of_its_tasks(capsys, monkeypatch, tmp_path: Path) -> None:
+    setup = read_ik_setup(SHARED / "markers" / "ik_setup.xml")
+    assert setup.markers["ai"] == 0.5
+    words = ("--setup", SHARED / "markers" / "ik_setup.xml", "--model", NO_WEIGHT, "--to", "0.5")
+    trc = SHARED / "markers" / "FLX01.trc"
+    code, told = run(capsys, monkeypatch, *words, "--markers", trc, "--output", tmp_path / "q.mot")
+    assert code == 0, told
+    assert "no marker holds pro_sup in 51 frames" in told
+    assert "at (0, 0, 0) in every frame: it is taken for the origin" in told
