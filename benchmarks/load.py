@@ -21,7 +21,7 @@ import numpy as np
 import psutil
 
 from recordings.contents import contents_of
-from recordings.manifest import Outcome
+from recordings.manifest import TrialOutcome
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
 from station.bench.session_folder import SIMULATED_FOLDER
@@ -166,7 +166,7 @@ def _cost_of_syncing() -> str:
             for item in items:
                 writer.write(item)
             time.sleep(BLOCK_S)
-        writer.close(Outcome(True, "closed", "ten seconds"))
+        writer.close(TrialOutcome(True, "closed", "ten seconds"))
     mean_ms, most_ms = 1000 * np.mean(took_s), 1000 * np.max(took_s)
     return f"fsync: {len(took_s)} in 10 s, {mean_ms:.1f} ms each, {most_ms:.1f} ms at most"
 
@@ -184,7 +184,7 @@ def _growth_of_the_index() -> str:
             if i == round(60 / chunk_s):
                 early = psutil.Process().memory_info().rss
         grown = psutil.Process().memory_info().rss - early
-        writer.close(Outcome(True, "closed", "an hour"))
+        writer.close(TrialOutcome(True, "closed", "an hour"))
     return f"an hour's trial at the wall's pace: the writer grows by {grown / 1e6:.1f} MB, the index of its chunks"
 
 

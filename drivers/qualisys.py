@@ -8,7 +8,8 @@ from typing import Literal
 from drivers.capture_note import CaptureNote
 from drivers.device import HostClock, Received
 from drivers.errors import DeviceLost
-from drivers.qualisys_conversation import Conversation, Wishes
+from drivers.qualisys_connection import QtmConnection
+from drivers.qualisys_settings import QtmSettings
 from recordings.samples import DeviceIdentity, Item, Stream
 
 
@@ -35,47 +36,47 @@ class Qualisys:
     ) -> None:
         wanted = tuple(dict.fromkeys(wanted_labels))
         note = capture_note or CaptureNote(None, host_clock)
-        self._wishes = Wishes(
+        self._settings = QtmSettings(
             f"QTM {host}:{port}", host, port, host_clock, control == "start", password, wanted, note, timeout_scale
         )
-        self._conversation: Conversation | None = None
+        self._connection: QtmConnection | None = None
 
     @property
     def name(self) -> str:
-        return self._wishes.name
+        return self._settings.name
 
     @property
     def received(self) -> Received | None:
-        return self._conversation.received if self._conversation else None
+        return self._connection.received if self._connection else None
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        return self._conversation.streams if self._conversation else ()
+        return self._connection.streams if self._connection else ()
 
     @property
     def identity(self) -> DeviceIdentity:
-        return self._conversation.identity if self._conversation else DeviceIdentity(self.name, "", None)
+        return self._connection.identity if self._connection else DeviceIdentity(self.name, "", None)
 
     def open(self) -> None:
         self.close()
-        conversation = Conversation(self._wishes)
-        conversation.begin()
-        self._conversation = conversation
+        connection = QtmConnection(self._settings)
+        connection.begin()
+        self._connection = connection
 
     def resume(self) -> None:
         past = self._opened("resume")
         past.end(is_lost=True)
-        conversation = Conversation(self._wishes, past)
-        conversation.begin()
-        self._conversation = conversation
+        connection = QtmConnection(self._settings, past)
+        connection.begin()
+        self._connection = connection
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         return self._opened("read").take(timeout_s)
 
     def close(self) -> None:
-        conversation, self._conversation = self._conversation, None
-        if conversation is not None:
-            conversation.end()
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.end()
 
     def start_capture(self) -> None:
         """Raises DeviceMisconfigured with QTM's words where it refuses."""
@@ -85,8 +86,8 @@ class Qualisys:
         """No capture runs after this; nothing happens where none did. Raises as start_capture()."""
         self._opened("stop a capture").stop_capture()
 
-    def _opened(self, what: str) -> Conversation:
-        conversation = self._conversation  # close() may come from the daemon's watchdog meanwhile
-        if conversation is None:
+    def _opened(self, what: str) -> QtmConnection:
+        connection = self._connection  # close() may come from the daemon's watchdog meanwhile
+        if connection is None:
             raise DeviceLost(f"{self.name} was asked to {what} and is closed; open it first")
-        return conversation
+        return connection

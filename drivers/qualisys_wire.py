@@ -25,7 +25,7 @@ FURTHEST_US = 2**53  # 285 years; beyond it nanoseconds leave the recording's 64
 
 
 @dataclass(frozen=True)
-class Frame:
+class MarkerFrame:
     """number as QTM counts, its time stamp [µs], and little-endian float32 (markers, 4): x, y, z, residual [mm].
 
     drop_rate and out_of_sync_rate are what QTM says of its cameras' images, in per mille.
@@ -38,7 +38,7 @@ class Frame:
     out_of_sync_rate: int
 
 
-def decode_frame(body: bytes) -> Frame:
+def decode_frame(body: bytes) -> MarkerFrame:
     """A data packet without its header. Raises ValueError where it holds no whole set of markers with residuals."""
     try:
         timestamp_us, number, components = FRAME.unpack_from(body)
@@ -53,7 +53,7 @@ def decode_frame(body: bytes) -> Frame:
                 points = body[first : first + 16 * count]
                 if len(points) != 16 * count:
                     raise ValueError(f"frame {number}, which announces {count} markers and ends before the last")
-                return Frame(number, timestamp_us, points, drop_rate, out_of_sync_rate)
+                return MarkerFrame(number, timestamp_us, points, drop_rate, out_of_sync_rate)
             place += max(size, COMPONENT.size)
     except struct.error as error:
         raise ValueError(f"a frame of {len(body)} bytes, which ends within a field") from error
@@ -177,9 +177,9 @@ class MarkerBlocks:
         self._wanted = tuple(wanted)
         self._frame_us = 1e6 / rate_hz
         self._source = source
-        self._waiting: list[Frame] = []
+        self._waiting: list[MarkerFrame] = []
         self._arrived_ns = 0
-        self._last: Frame | None = None
+        self._last: MarkerFrame | None = None
         self._follows_a_capture = False
         self._fits = True
         self._worst_rates = (0, 0)
@@ -189,7 +189,7 @@ class MarkerBlocks:
         """Whether any wait to be taken."""
         return bool(self._waiting)
 
-    def add(self, frame: Frame, host_time_ns: int) -> None:
+    def add(self, frame: MarkerFrame, host_time_ns: int) -> None:
         self._waiting.append(frame)
         self._arrived_ns = host_time_ns
 
@@ -213,7 +213,7 @@ class MarkerBlocks:
             return []
         waiting, self._waiting = self._waiting, []
         items: list[Item] = []
-        block: list[Frame] = []
+        block: list[MarkerFrame] = []
         for frame in waiting:
             if len(frame.points) != 16 * len(self.labels):
                 items += self._misfit(frame, len(self.labels))
@@ -228,7 +228,7 @@ class MarkerBlocks:
             self._last = frame
         return [*items, *self._block(block)]
 
-    def _rates(self, frame: Frame) -> list[Item]:
+    def _rates(self, frame: MarkerFrame) -> list[Item]:
         """What QTM says that it drops itself, whenever that is worse than before."""
         drop_rate, out_of_sync_rate = self._worst_rates
         self._worst_rates = max(drop_rate, frame.drop_rate), max(out_of_sync_rate, frame.out_of_sync_rate)
@@ -240,7 +240,7 @@ class MarkerBlocks:
         )
         return [Event("images_dropped", text, self._arrived_ns, self._source)]
 
-    def _misfit(self, frame: Frame, expected: int) -> list[Item]:
+    def _misfit(self, frame: MarkerFrame, expected: int) -> list[Item]:
         """What there is to say of a frame without place for its markers, once in a row; its number will be missing."""
         did_fit, self._fits = self._fits, False
         found = len(frame.points) // 16
@@ -249,7 +249,7 @@ class MarkerBlocks:
         )
         return [Event("unreadable_packet", text, self._arrived_ns, self._source)] if did_fit else []
 
-    def _notice(self, frame: Frame) -> Item | None:
+    def _notice(self, frame: MarkerFrame) -> Item | None:
         """What there is to say before this frame."""
         last, follows_a_capture = self._last, self._follows_a_capture
         self._follows_a_capture = False
@@ -271,7 +271,7 @@ class MarkerBlocks:
             host_time_ns=self._arrived_ns,
         )
 
-    def _block(self, frames: Sequence[Frame]) -> list[Item]:
+    def _block(self, frames: Sequence[MarkerFrame]) -> list[Item]:
         if not frames or self.labels is None:
             return []
         points = np.frombuffer(b"".join(frame.points for frame in frames), dtype="<f4")

@@ -42,7 +42,7 @@ LEAST_NOISE = 1e-5
 KNOTS_PER_CYCLE = 10
 OUTLIER = 6.0
 LONGEST_GAP = 0.15
-"""Cycles for which the marker may be hidden and its way still be read from the spline."""
+"""Cycles for which the marker may be hidden and its displacement still be interpolated by the spline."""
 ROUNDS = 4
 POLARITY, TARED = -2.0, -1.0
 """Zero over weight if the load cell's sign is wrong, and if it was zeroed with the weight on."""
@@ -133,7 +133,7 @@ def fit_bounce(trial: BounceTrial) -> BounceFit:
         gain=Repeat(gain, answer.length_sd * gain, scale_sd * gain),
         zero=Repeat(zero, weight * answer.length_sd * gain, weight * scale_sd * gain),
         oscillation=oscillation,
-        amplitude=math.sqrt(2) * float(np.std(motion.way)),
+        amplitude=math.sqrt(2) * float(np.std(motion.displacement)),
         notes=_judge(gain, zero / weight, rig),
     )
 
@@ -154,16 +154,16 @@ def _require_cycles(trial: BounceTrial, oscillation: Oscillation) -> None:
 
 @dataclass(frozen=True)
 class _Motion:
-    """The weight's way downward (frames,) [m] at time [s], gaps filled; is_known is False in gaps too long for that."""
+    """Downward displacement of the weight (frames,) [m] at time [s]; short gaps are filled, long ones not is_known."""
 
     time: NDArray[np.float64]
-    way: NDArray[np.float64]
+    displacement: NDArray[np.float64]
     is_known: NDArray[np.bool_]
     noise: float
 
 
 def _motion(trial: BounceTrial, oscillation: Oscillation) -> _Motion:
-    """The marker's way along the line in which it follows the force: downward, and free of swinging sideways."""
+    """Marker displacement along the line in which it follows the force: downward, and free of swinging sideways."""
     inside = (trial.marker_time >= oscillation.start) & (trial.marker_time <= oscillation.end)
     time, position = trial.marker_time[inside], trial.position[inside]
     seen = np.isfinite(position).all(axis=1)
@@ -174,21 +174,21 @@ def _motion(trial: BounceTrial, oscillation: Oscillation) -> _Motion:
         )
     force = np.interp(time, trial.force_time, trial.force)
     follows = (force[seen] - force[seen].mean()) @ (position[seen] - position[seen].mean(axis=0))
-    way = (position - position[seen].mean(axis=0)) @ (follows / max(float(np.linalg.norm(follows)), 1e-30))
+    displacement = (position - position[seen].mean(axis=0)) @ (follows / max(float(np.linalg.norm(follows)), 1e-30))
     spline = Spline(float(time[0]), float(time[-1]), 1 / KNOTS_PER_CYCLE / oscillation.frequency)
     design = spline.design(time)[0]
     for _ in range(3):
         rows = design[np.flatnonzero(seen)]
-        smooth = np.asarray(design @ solve_banded(grounded(rows.T @ rows), rows.T @ way[seen]))
-        noise = 1.4826 * float(np.median(np.abs(way[seen] - smooth[seen])))
-        seen = np.isfinite(way) & (np.abs(way - smooth) < OUTLIER * max(noise, 1e-6))
+        smooth = np.asarray(design @ solve_banded(grounded(rows.T @ rows), rows.T @ displacement[seen]))
+        noise = 1.4826 * float(np.median(np.abs(displacement[seen] - smooth[seen])))
+        seen = np.isfinite(displacement) & (np.abs(displacement - smooth) < OUTLIER * max(noise, 1e-6))
     if np.sqrt(2) * np.std(smooth) < MIN_AMPLITUDE * max(noise, LEAST_NOISE):
         raise UnusableTrial(
             f"marker {trial.rig.marker} moves by ± {1e3 * np.sqrt(2) * np.std(smooth):.2f} mm with the force, expected "
             f"at least {MIN_AMPLITUDE:g} times its noise of {1e3 * noise:.2f} mm; check that it is on the weight"
         )
     is_known = _is_near(time, np.asarray(seen), LONGEST_GAP / oscillation.frequency)
-    return _Motion(time, np.where(seen, way, smooth), is_known, noise)
+    return _Motion(time, np.where(seen, displacement, smooth), is_known, noise)
 
 
 def _is_near(time: NDArray[np.float64], seen: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
@@ -214,9 +214,11 @@ def _compare(trial: BounceTrial, motion: _Motion, oscillation: Oscillation) -> _
     omega, length = 2 * math.pi * oscillation.frequency, WINDOW_CYCLES / oscillation.frequency
     starts = _whole_windows(trial, motion, oscillation, length)
     force_time, force = _averaged(trial, oscillation)
-    of_way = np.array([-_window(motion.time, start, length, omega)[1] for start in starts]) * _step(motion.time)
-    way = of_way @ motion.way
-    matched = way.conj() / float(np.sum(np.abs(way) ** 2))
+    of_displacement = np.array([-_window(motion.time, start, length, omega)[1] for start in starts]) * _step(
+        motion.time
+    )
+    displacement = of_displacement @ motion.displacement
+    matched = displacement.conj() / float(np.sum(np.abs(displacement) ** 2))
     load = force - force.mean()
     lag = 0.0
     for _ in range(ROUNDS):
@@ -226,14 +228,14 @@ def _compare(trial: BounceTrial, motion: _Motion, oscillation: Oscillation) -> _
         lag += math.atan2(answer.imag, answer.real) / omega
     noise = _roughness(load)
     from_force = (matched @ of_force) * noise / answer
-    from_way = (matched @ of_way) * motion.noise
+    from_displacement = (matched @ of_displacement) * motion.noise
     # What the windows scatter beyond white noise (a spring that sings, a floor that shakes) widens the errors.
     expected = (noise * np.linalg.norm(of_force, axis=1)) ** 2
-    expected += (abs(answer) * motion.noise * np.linalg.norm(of_way, axis=1)) ** 2
-    misfit = 2 * float(np.sum(np.abs(of_force @ load - answer * way) ** 2 / expected))
+    expected += (abs(answer) * motion.noise * np.linalg.norm(of_displacement, axis=1)) ** 2
+    misfit = 2 * float(np.sum(np.abs(of_force @ load - answer * displacement) ** 2 / expected))
     widened = math.sqrt(max(1.0, misfit / (2 * len(starts) - 2)))
     errors = [
-        widened * math.hypot(float(np.linalg.norm(part(from_force))), float(np.linalg.norm(part(from_way))))
+        widened * math.hypot(float(np.linalg.norm(part(from_force))), float(np.linalg.norm(part(from_displacement))))
         for part in (np.real, np.imag)
     ]
     return _Answer(abs(answer), lag, *errors)
@@ -286,7 +288,7 @@ def _zero(trial: BounceTrial, motion: _Motion, answer: _Answer, gain: float) -> 
     time = trial.force_time + answer.lag
     bump = _window(time, start, length, 0.0)[0].real * _step(time)
     curvature = _window(motion.time, start, length, 0.0)[1].real * _step(motion.time)
-    mean = (bump @ trial.force + answer.mass * (curvature @ motion.way)) / bump.sum()
+    mean = (bump @ trial.force + answer.mass * (curvature @ motion.displacement)) / bump.sum()
     return float(mean - gain * (trial.rig.mass_kg + trial.rig.spring_mass_kg) * GRAVITY)
 
 

@@ -100,8 +100,8 @@ def _swing(curves: TrialCurves, k: float) -> tuple[float, float, float, float, f
     time = curves.marker_time[1:-1]
     inside = (time >= fit.oscillation.start) & (time <= fit.oscillation.end) & np.isfinite(velocity)
     inside &= np.isfinite(curves.displacement[1:-1])
-    way = curves.displacement[1:-1][inside] - _own_zero(curves)
-    left = np.interp(time[inside], curves.force_time, curves.force) - k * way
+    displacement = curves.displacement[1:-1][inside] - _own_zero(curves)
+    left = np.interp(time[inside], curves.force_time, curves.force) - k * displacement
     v = velocity[inside]
     c = float(v @ left / (v @ v))
     true, noise = float(np.mean(fit.velocity**2)), fit.marker_noise**2 / (2 * step**2)

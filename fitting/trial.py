@@ -18,8 +18,8 @@ from fitting.calibration import STANDARD_GRAVITY, Calibration
 from fitting.protocol_file import PROTOCOL_FILE, ProtocolFileError, SessionProtocol, read_protocol
 from fitting.quality import UnusableTrial
 from fitting.timing.clocks import LagUncertainty
+from fitting.timing.decimation import decimate
 from fitting.timing.sync_certificate import SyncCertificate, certify
-from fitting.timing.thinned import thinned
 from fitting.timing.timeline import lay_out
 from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
@@ -291,7 +291,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         markers=line.markers,
         lag=line.lag,
         sync_fall=line.sync_fall,
-        sync=certify(manifest, thinned(manifest, tracks)),
+        sync=certify(manifest, decimate(manifest, tracks)),
         zero_drift=drift,
         gain_sd=manifest.load_cell.gain_relative_sd,
         cuff_mass=DEFAULT_CUFF_MASS if site.mass_kg is None else site.mass_kg,

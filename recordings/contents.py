@@ -14,7 +14,7 @@ import numpy as np
 
 from recordings import topics
 from recordings.chunks import Damage, read_entries
-from recordings.manifest import Manifest, Outcome
+from recordings.manifest import Manifest, TrialOutcome
 from recordings.reader import Survey, is_ours, read, survey_file
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
@@ -65,7 +65,7 @@ class Contents:
 
     path: Path
     manifest: Manifest | None
-    outcome: Outcome | None
+    outcome: TrialOutcome | None
     topics: dict[str, TopicContents]
     streams: dict[str, StreamContents]
     gaps: tuple[Loss, ...]
@@ -91,10 +91,10 @@ class Contents:
 
 def contents_of(path: Path) -> Contents:
     """Reads a recording, whole or cut, in bounded memory. Raises RecordingError where there is nothing to read."""
-    return sum_up(path, survey_file(path))
+    return summarise(path, survey_file(path))
 
 
-def sum_up(path: Path, survey: Survey, listen: Callable[[Stream | Item], None] = lambda _: None) -> Contents:
+def summarise(path: Path, survey: Survey, listen: Callable[[Stream | Item], None] = lambda _: None) -> Contents:
     """The contents of a file that was surveyed. listen hears everything on the way, so that it is read but once."""
     found: dict[str, TopicContents] = {}
     tallies = {stream.name: _Tally(stream) for stream in survey.streams}

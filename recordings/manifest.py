@@ -187,7 +187,7 @@ class Manifest:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrialOutcome:
     """How a trial ended, and the proof that nothing before it is missing.
 
     state     where the session's state machine ended: "closed" or "failed"

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from recordings import topics
 from recordings.errors import RecordingError
-from recordings.manifest import Manifest, Outcome, manifest_from_json, manifest_to_json
+from recordings.manifest import Manifest, TrialOutcome, manifest_from_json, manifest_to_json
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
-Message = Manifest | Stream | Item | Outcome
+Message = Manifest | Stream | Item | TrialOutcome
 
 MOST_SAMPLES_IN_A_BLOCK = 1_000_000
 MOST_SAMPLES_WITHOUT_VALUES = 1_000
@@ -36,7 +36,7 @@ def pack(message: Message) -> tuple[str, bytes]:
         case Manifest():
             topic = topics.MANIFEST
             fields = {"format_version": topics.FORMAT_VERSION, "json": manifest_to_json(message)}
-        case Outcome():
+        case TrialOutcome():
             topic, fields = topics.OUTCOME, _fields_of_outcome(message)
     try:
         data: bytes = _CLASSES[topics.SCHEMA_OF_TOPIC[topic]](**fields).SerializeToString()
@@ -154,7 +154,7 @@ def _manifest(wire: Any) -> Manifest:
     return manifest_from_json(wire.json)
 
 
-def _fields_of_outcome(outcome: Outcome) -> dict[str, Any]:
+def _fields_of_outcome(outcome: TrialOutcome) -> dict[str, Any]:
     return vars(outcome) | {
         "topics": list(outcome.messages),
         "messages": list(outcome.messages.values()),
@@ -163,8 +163,8 @@ def _fields_of_outcome(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _outcome(wire: Any) -> Outcome:
-    return Outcome(
+def _outcome(wire: Any) -> TrialOutcome:
+    return TrialOutcome(
         accepted=wire.accepted,
         state=wire.state,
         sentence=wire.sentence,

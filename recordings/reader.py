@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.errors import DamagedFile, RecordingError
-from recordings.manifest import Manifest, Outcome
+from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import MOST_LABELS, Message, no_values, unpack
 from recordings.samples import Item, Samples, Stream
 
@@ -74,7 +74,7 @@ class Recording:
     path: Path
     manifest: Manifest
     streams: tuple[Stream, ...]
-    outcome: Outcome | None
+    outcome: TrialOutcome | None
     missing: tuple[str, ...]
     damage: tuple[str, ...] = ()
 
@@ -199,7 +199,7 @@ class Survey:
 
     manifest: Manifest | None
     streams: tuple[Stream, ...]
-    outcome: Outcome | None
+    outcome: TrialOutcome | None
     messages: Mapping[str, int]
     expected: Mapping[str, int]
     damage: tuple[Damage, ...]
@@ -229,7 +229,7 @@ def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> S
     or one of a newer format.
     """
     manifest: Manifest | None = None
-    outcome: Outcome | None = None
+    outcome: TrialOutcome | None = None
     streams: dict[str, Stream] = {}
     messages: Counter[str] = Counter()
     expected: dict[str, int] = {}
@@ -248,7 +248,7 @@ def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> S
                     manifest = manifest or found
                 case Stream() as found if found.name in topics.SAMPLE_TOPICS:
                     streams.setdefault(found.name, found)
-                case Outcome() as found:
+                case TrialOutcome() as found:
                     outcome = found
     if not messages:
         raise _nothing_is_ours(path, damage)

@@ -19,7 +19,7 @@ from recordings import topics
 from recordings.chunk_index import keep_index_encoded
 from recordings.durability import BackgroundSync, in_a_thread, sync_folder
 from recordings.errors import RecordingError, WriteFailed
-from recordings.manifest import Manifest, Outcome
+from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import Message, pack
 from recordings.samples import Item, Samples, Stream
 
@@ -146,7 +146,7 @@ class RecordingWriter:
             self._disk.begin()
             self._look_at_disk()
 
-    def close(self, outcome: Outcome) -> None:
+    def close(self, outcome: TrialOutcome) -> None:
         """Writes the outcome with the counts of all that came before it, and the index; releases the file in any case.
 
         The manifest and the streams are written once more: one bad sector at the start must not cost the calibration.

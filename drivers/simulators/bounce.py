@@ -1,7 +1,7 @@
 """A weight on a steel spring that hangs from the load cell: pulled down by a hand, let go, caught again.
 
-The cell reads the spring, T = M g + k z + c ż with z the weight's way downward from rest (Hooke); while no hand holds
-it the weight swings as the damped oscillator M z̈ = −k z − c ż does. All of it is known in closed form.
+The cell reads the spring, T = M g + k z + c ż with z the downward displacement of the weight from rest (Hooke). While no
+hand holds it, the weight swings as the damped oscillator M z̈ = −k z − c ż does. All of it is known in closed form.
 
 Does not imitate: the spring's own mass and surge, the weight swinging sideways, the air.
 """
@@ -18,7 +18,7 @@ from drivers.simulators.settings import STANDARD_GRAVITY, BounceTest
 Floats = NDArray[np.float64]
 
 
-class Bounce:
+class BouncingMass:
     """Times are world seconds. The weight hangs from hang() to take_off(), and bounces once after each begin()."""
 
     def __init__(self, test: BounceTest) -> None:
@@ -53,20 +53,20 @@ class Bounce:
             hanging |= (t >= first) & (t < last)
         return hanging
 
-    def way(self, t: Floats) -> Floats:
+    def displacement(self, t: Floats) -> Floats:
         """(n,) [m] downward from rest at t (n,)."""
         return self._motion(t)[0]
 
     def tension(self, t: Floats) -> Floats:
         """(n,) [N] of the spring on the load cell at t (n,)."""
-        way, speed = self._motion(t)
-        return self._test.mass_kg * STANDARD_GRAVITY + self._stiffness * way + self._damping * speed
+        displacement, speed = self._motion(t)
+        return self._test.mass_kg * STANDARD_GRAVITY + self._stiffness * displacement + self._damping * speed
 
     def _motion(self, t: Floats) -> tuple[Floats, Floats]:
         """Way and speed: down with the hand, free, and stilled by it; speed of what a hand moves by differences."""
         step = 1e-4
-        way = self._place(t)
-        return way, (self._place(t + step) - self._place(t - step)) / (2 * step)
+        displacement = self._place(t)
+        return displacement, (self._place(t + step) - self._place(t - step)) / (2 * step)
 
     def _place(self, t: Floats) -> Floats:
         test = self._test
@@ -82,6 +82,6 @@ class Bounce:
 
 
 def _eased(progress: Floats) -> Floats:
-    """0 before 0, 1 after 1, and between them the smoothest way a hand goes (least jerk)."""
+    """0 before 0, 1 after 1, and between them the minimum-jerk motion of a hand."""
     p = np.clip(progress, 0.0, 1.0)
     return p**3 * (10 - 15 * p + 6 * p * p)

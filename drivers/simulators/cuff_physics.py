@@ -46,7 +46,7 @@ def slider_of(migration: float, peak_load: float, law: SlipLaw) -> Slider:
 
 
 @dataclass(frozen=True)
-class Link:
+class SpringDamper:
     """Rope or spring: stiffness [N/m], damping [N s/m]; a hand drives its far end, or else a weight hangs there."""
 
     stiffness: float
@@ -55,7 +55,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class State:
+class MechanicalState:
     """Cuff and far end, position [m] and speed [m/s] along the pull in the laboratory, and the slip [m]."""
 
     cuff: float
@@ -72,33 +72,33 @@ class CuffMechanics:
     tissue: CuffTruth
     mass: float
     slider: Slider
-    link: Link
+    link: SpringDamper
 
-    def at_rest(self, load: float, slip: float, base: float, base_speed: float) -> State:
+    def at_rest(self, load: float, slip: float, base: float, base_speed: float) -> MechanicalState:
         """The equilibrium under a constant load [N], on a body at base [m] that moves at base_speed [m/s]."""
         cuff = base + slip + load / self.tissue.stiffness_n_per_m
-        return State(cuff, base_speed, slip, cuff + load / self.link.stiffness, base_speed)
+        return MechanicalState(cuff, base_speed, slip, cuff + load / self.link.stiffness, base_speed)
 
-    def integrate(self, state: State, drive: Floats) -> tuple[State, Floats]:
-        """The state n steps of STEP_S later (classical Runge-Kutta), and what happened on the way.
+    def integrate(self, state: MechanicalState, drive: Floats) -> tuple[MechanicalState, Floats]:
+        """The state n steps of STEP_S later (classical Runge-Kutta), and the trajectory.
 
         drive (2n + 1, 3), at every half step from now on: B [m], Ḃ [m/s], and the mass at the far end [kg] or its
-        driven place Y [m]. The way is (n, 3), after every step: displacement X − B [m], slip s [m], load T [N].
+        driven place Y [m]. The trajectory is (n, 3), after every step: displacement X − B [m], slip s [m], load T [N].
         """
         vector = np.array([state.cuff, state.cuff_speed, state.slip, state.far, state.far_speed])
         tissue, slider, link = self.tissue, self.slider, self.link
         cuff_law = (tissue.stiffness_n_per_m, tissue.damping_n_s_per_m, self.mass)
         law = np.array([*cuff_law, slider.first, slider.growth, slider.viscosity, link.stiffness, link.damping])
-        way = np.empty((len(drive) // 2, 3))
-        _run(vector, law, link.is_driven, drive, way)
-        return State(*vector.tolist()), way
+        trajectory = np.empty((len(drive) // 2, 3))
+        _run(vector, law, link.is_driven, drive, trajectory)
+        return MechanicalState(*vector.tolist()), trajectory
 
 
 @njit(cache=True, nogil=True)
-def _run(vector, law, is_driven, drive, way):  # type: ignore[no-untyped-def]
+def _run(vector, law, is_driven, drive, trajectory):  # type: ignore[no-untyped-def]
     slope = np.empty((4, 5))
     stage = np.empty(5)
-    for step in range(len(way)):
+    for step in range(len(trajectory)):
         at = 2 * step
         _slope(vector, law, is_driven, drive[at], slope[0])
         for i, (half_steps, share) in enumerate(((1, 0.5), (1, 0.5), (2, 1.0))):
@@ -110,9 +110,9 @@ def _run(vector, law, is_driven, drive, way):  # type: ignore[no-untyped-def]
         if is_driven:
             vector[3] = drive[at + 2, 2]
             vector[4] = 0.0
-        way[step, 0] = vector[0] - drive[at + 2, 0]
-        way[step, 1] = vector[2]
-        way[step, 2] = _tension(vector, law, vector[3])
+        trajectory[step, 0] = vector[0] - drive[at + 2, 0]
+        trajectory[step, 1] = vector[2]
+        trajectory[step, 2] = _tension(vector, law, vector[3])
 
 
 @njit(cache=True, nogil=True)

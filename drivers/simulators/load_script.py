@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulators.cuff_physics import Link
+from drivers.simulators.cuff_physics import SpringDamper
 from drivers.simulators.settings import STANDARD_GRAVITY, DynamicTest, Rig, Settings, StaticTest
 from drivers.simulators.wander import Wander, random_wander
 
@@ -31,7 +31,7 @@ class LoadScript(Protocol):
     """One trial's load, realised with its hand's chance."""
 
     @property
-    def link(self) -> Link: ...
+    def link(self) -> SpringDamper: ...
 
     @property
     def duration(self) -> float:
@@ -59,7 +59,7 @@ def script_for(test: PullKind, settings: Settings, rest: float, rng: np.random.G
 class StaticScript:
     """The mass on the rope: at each time one step's mass (negative: taken off) passes from hand to rope."""
 
-    link: Link
+    link: SpringDamper
     duration: float
     hook_mass: float
     times: tuple[float, ...]
@@ -83,7 +83,7 @@ class StaticScript:
 class DynamicScript:
     """The far end of the spring: force is what the hand aims at, were the cuff to stay at rest."""
 
-    link: Link
+    link: SpringDamper
     duration: float
     rest: float
     hook: float
@@ -116,7 +116,7 @@ def _static_script(test: StaticTest, rig: Rig, rng: np.random.Generator) -> Stat
     for hand_over in hand_overs:
         times.append(time)
         time += hand_over + test.hold_s
-    link = Link(rig.rope_stiffness_n_per_m, rig.rope_damping_n_s_per_m, is_driven=False)
+    link = SpringDamper(rig.rope_stiffness_n_per_m, rig.rope_damping_n_s_per_m, is_driven=False)
     return StaticScript(link, time, rig.hook_n / STANDARD_GRAVITY, tuple(times), hand_overs, masses)
 
 
@@ -124,11 +124,11 @@ def _dynamic_script(test: DynamicTest, rig: Rig, rest: float, rng: np.random.Gen
     jitter = np.array([test.amplitude_jitter, test.frequency_jitter])
     unsteadiness = random_wander(rng, jitter, 0.1 * test.frequency_hz, 0.5 * test.frequency_hz)
     duration = test.lead_in_s + 2 * test.hand_over_s + test.swing_s + test.lead_out_s
-    link = Link(rig.spring_stiffness_n_per_m, 0.0, is_driven=True)
+    link = SpringDamper(rig.spring_stiffness_n_per_m, 0.0, is_driven=True)
     return DynamicScript(link, duration, rest, rig.hook_n, test, unsteadiness)
 
 
 def _eased(progress: Floats) -> Floats:
-    """0 before 0, 1 after 1, and between them the smoothest way a hand goes (least jerk)."""
+    """0 before 0, 1 after 1, and between them the minimum-jerk motion of a hand."""
     p = np.clip(progress, 0.0, 1.0)
     return p**3 * (10 - 15 * p + 6 * p * p)

@@ -16,7 +16,7 @@ from nidaqmx._stubs.nidaqmx_pb2_grpc import add_NiDAQmxServicer_to_server
 from drivers.simulators.daq_channel_rpcs import ChannelRpcs
 from drivers.simulators.daq_device_rpcs import DeviceRpcs
 from drivers.simulators.daq_task_rpcs import TaskRpcs
-from drivers.simulators.settings import DaqClock
+from drivers.simulators.settings import DaqClockSettings
 from drivers.simulators.usb6008 import ElectricalWorld, Usb6008
 
 
@@ -31,7 +31,7 @@ class NiDaqSimulator:
         device: str = "Dev1",
         force_channel: str = "ai0",
         sync_channel: str = "ai1",
-        clock: DaqClock | None = None,
+        clock: DaqClockSettings | None = None,
         seed: int = 0,
     ) -> None:
         self._device = Usb6008(
@@ -39,7 +39,7 @@ class NiDaqSimulator:
             name=device,
             force_channel=force_channel,
             sync_channel=sync_channel,
-            clock=clock or DaqClock(),
+            clock=clock or DaqClockSettings(),
             seed=seed,
         )
         self._service = _Service(self._device)  # type: ignore[abstract]  # the others answer UNIMPLEMENTED

@@ -89,5 +89,5 @@ class Pull:
         held = self._gates[0].moves if self._gates else math.inf
         far_end = self._script.far_end(np.clip(t - self._script_start, -1.0, held))
         drive = np.column_stack([self._base.value(t), self._base.rate(t), far_end])
-        self._state, way = self._mechanics.integrate(self._state, drive)
-        self._trajectory.append(way)
+        self._state, trajectory = self._mechanics.integrate(self._state, drive)
+        self._trajectory.append(trajectory)

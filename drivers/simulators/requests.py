@@ -1,4 +1,4 @@
-"""Requests to the simulated bench as plain data, whichever way they come: to its process, or over its clock's port.
+"""Requests to the simulated bench as plain data, received by its process or over its clock's port.
 
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
     {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one

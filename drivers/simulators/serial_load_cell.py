@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.faults import Faults
-from drivers.simulators.settings import STANDARD_GRAVITY, SerialLine
+from drivers.simulators.settings import STANDARD_GRAVITY, SerialLineSettings
 
 logger = logging.getLogger(__name__)
 
@@ -52,9 +52,9 @@ ENCODERS = {"usb220": encode_usb220, "usb520": encode_usb520}
 class SerialLoadCellSimulator:
     """Sends every client the force on the cell, rate_hz lines per world second; port 0 takes a free one."""
 
-    def __init__(self, world: ForceWorld, *, port: int = 0, line: SerialLine | None = None) -> None:
+    def __init__(self, world: ForceWorld, *, port: int = 0, line: SerialLineSettings | None = None) -> None:
         self._world = world
-        self._line = line or SerialLine()
+        self._line = line or SerialLineSettings()
         self._clients: deque[_Client] = deque(maxlen=MOST_CLIENTS)
         self._is_stopping = threading.Event()
         self._server: _Server | None = None

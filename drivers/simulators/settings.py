@@ -89,7 +89,7 @@ class DynamicTest(_Section):
     lead_out_s: NotNegative = 2.0
 
 
-class Protocol(_Section):
+class ProtocolSettings(_Section):
     """What one cuff goes through on one donning: repeats × (static, dynamic)."""
 
     repeats: int = Field(default=3, ge=1)
@@ -111,7 +111,7 @@ class BounceTest(_Section):
     position_mm: Point = (900.0, -350.0, 800.0)
 
 
-class Wearer(_Section):
+class WearerSettings(_Section):
     """Where the body stands in the laboratory, and how it sways (standard deviations per axis)."""
 
     position_mm: Point = (140.0, -60.0, 1240.0)
@@ -122,7 +122,7 @@ class Wearer(_Section):
     highest_hz: Positive = 0.8
 
 
-class Mocap(_Section):
+class MocapSettings(_Section):
     """The cameras and their markers: on the anchoring body (in its frame), on the cuff, on the rope (by distance).
 
     phase_s is how long after the edge of the sync line the first frame is exposed.
@@ -145,7 +145,7 @@ class Mocap(_Section):
     password: str = ""
 
 
-class Amplifier(_Section):
+class AmplifierSettings(_Section):
     """volts = zero_v + gain × newtons × full_scale_v / (capacity_kg × 9.80665), delay_s late, and white noise."""
 
     capacity_kg: Positive = 50.0
@@ -156,7 +156,7 @@ class Amplifier(_Section):
     noise_v: NotNegative = 0.005
 
 
-class SyncLine(_Section):
+class SyncLineSettings(_Section):
     """The mocap system's measurement-time output; inverted, it is low during the capture.
 
     It falls before_frame_end_s before the last frame's period ends, as a line does that falls with the exposure.
@@ -176,21 +176,21 @@ class Wiring(_Section):
     sync_channel: str = "ai1"
 
 
-class DaqClock(_Section):
+class DaqClockSettings(_Section):
     """The DAQ's crystal against the world's clock, which is the mocap's: it runs fast by offset_ppm, and drifts."""
 
     offset_ppm: float = 20.0
     drift_ppm_per_hour: float = 2.0
 
 
-class SerialLine(_Section):
+class SerialLineSettings(_Section):
     """The indicator that streams ASCII lines."""
 
     line_format: Literal["usb220", "usb520"] = "usb220"
     rate_hz: Positive = 10.0
 
 
-class Operator(_Section):
+class OperatorSettings(_Section):
     """Who starts a capture: "auto", a person at the mocap PC, delay_s after all devices stream; "remote", a client.
 
     hands: "script", by the trial's own times; "led", step by step as a page asks for them (the request {"step": 1}).
@@ -218,16 +218,16 @@ class Settings(_Section):
     cuff_body: CuffBody = CuffBody()
     slip: SlipLaw = SlipLaw()
     rig: Rig = Rig()
-    protocol: Protocol = Protocol()
+    protocol: ProtocolSettings = ProtocolSettings()
     bounce: BounceTest | None = None
-    wearer: Wearer = Wearer()
-    mocap: Mocap = Mocap()
-    amplifier: Amplifier = Amplifier()
-    sync: SyncLine = SyncLine()
+    wearer: WearerSettings = WearerSettings()
+    mocap: MocapSettings = MocapSettings()
+    amplifier: AmplifierSettings = AmplifierSettings()
+    sync: SyncLineSettings = SyncLineSettings()
     wiring: Wiring = Wiring()
-    daq_clock: DaqClock = DaqClock()
-    serial: SerialLine = SerialLine()
-    operator: Operator = Operator()
+    daq_clock: DaqClockSettings = DaqClockSettings()
+    serial: SerialLineSettings = SerialLineSettings()
+    operator: OperatorSettings = OperatorSettings()
     ports: Ports = Ports()
 
     @model_validator(mode="before")

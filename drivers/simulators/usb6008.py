@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.faults import Faults
-from drivers.simulators.settings import DaqClock
+from drivers.simulators.settings import DaqClockSettings
 
 if TYPE_CHECKING:
     from drivers.simulators.acquisition_task import AcquisitionTask
@@ -131,7 +131,14 @@ class Usb6008:
     serial_number = 0x01C0FFEE
 
     def __init__(
-        self, world: ElectricalWorld, *, name: str, force_channel: str, sync_channel: str, clock: DaqClock, seed: int
+        self,
+        world: ElectricalWorld,
+        *,
+        name: str,
+        force_channel: str,
+        sync_channel: str,
+        clock: DaqClockSettings,
+        seed: int,
     ) -> None:
         self.world = world
         self.name = name

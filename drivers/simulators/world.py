@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulators.bounce import Bounce
+from drivers.simulators.bounce import BouncingMass
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.hung_mass import HungMass
 from drivers.simulators.markers import MarkerCloud, Wearer
@@ -32,7 +32,7 @@ TestKind = Literal["static", "dynamic", "bounce"]
 
 
 @dataclass(frozen=True)
-class Trial:
+class SimulatedTrial:
     """What is set up on the bench; cuff is None for a bounce, whatever is worn meanwhile."""
 
     cuff: str | None
@@ -46,7 +46,7 @@ class Capture:
     number: int
     start: float
     end: float
-    trial: Trial
+    trial: SimulatedTrial
 
 
 class World:
@@ -73,8 +73,8 @@ class World:
         self._cloud = MarkerCloud(settings, wearer, seed)
         self._pull = Pull(settings, wearer.along_rope(), body_and_hands)
         self._slips = dict.fromkeys(settings.cuffs, 0.0)
-        self._plan: Iterator[Trial] | None = _plan(settings)
-        self._bounce = Bounce(settings.bounce) if settings.bounce else None
+        self._plan: Iterator[SimulatedTrial] | None = _plan(settings)
+        self._bounce = BouncingMass(settings.bounce) if settings.bounce else None
         self._hung = HungMass()
         self._worn = next(iter(settings.cuffs))
         self._trial = next(self._plan)
@@ -138,7 +138,7 @@ class World:
     def markers(self, t: Floats) -> Floats:
         """(n, labels, 3) [mm] in the laboratory at t (n,), as the cameras see them; NaN where a marker is hidden."""
         with self._lock:
-            weight = self._bounce.way(t) if self._bounce is not None else None
+            weight = self._bounce.displacement(t) if self._bounce is not None else None
             return self._cloud.seen(t, self._moved(t)[:, 0], weight)
 
     # The mocap system's capture
@@ -203,20 +203,20 @@ class World:
             self._hung.hang(mass_kg, self._seen)
 
     @property
-    def trial(self) -> Trial:
+    def trial(self) -> SimulatedTrial:
         """The trial that is captured now, or else the next one."""
         with self._lock:
             self._live(self.now())
             return self._trial
 
-    def select_trial(self, cuff: str | None, test: TestKind) -> Trial:
+    def select_trial(self, cuff: str | None, test: TestKind) -> SimulatedTrial:
         """Sets this trial up and leaves the plan; it is played until another is selected. Another cuff is donned first.
 
         A bounce has no cuff. Raises ValueError for an unknown cuff or test, or while a capture runs.
         """
         return self._select(cuff, test, is_donning=cuff not in (self._worn, None))
 
-    def don(self, cuff: str) -> Trial:
+    def don(self, cuff: str) -> SimulatedTrial:
         """Dons the cuff anew: nothing has slipped yet; its static test is set up. Raises ValueError as select_trial."""
         return self._select(cuff, "static", is_donning=True)
 
@@ -229,7 +229,7 @@ class World:
             cuffs = {name: cuff.model_dump() for name, cuff in self.settings.cuffs.items()}
             return {"cuffs": cuffs, "slip_m": dict(self._slips)}
 
-    def _select(self, cuff: str | None, test: TestKind, is_donning: bool) -> Trial:
+    def _select(self, cuff: str | None, test: TestKind, is_donning: bool) -> SimulatedTrial:
         is_bounce = (cuff, test) == (None, "bounce") and self._bounce is not None
         if not is_bounce and (cuff not in self.settings.cuffs or test not in ("static", "dynamic")):
             known = ", ".join(self.settings.cuffs)
@@ -240,7 +240,7 @@ class World:
             if self._is_capturing:
                 raise ValueError(f"a capture of {self._trial.cuff} {self._trial.test} is running; stop it first")
             self._plan = None
-            self._set_up(Trial(cuff, test), is_donning)
+            self._set_up(SimulatedTrial(cuff, test), is_donning)
             return self._trial
 
     # Everything below is called with the lock held
@@ -268,7 +268,7 @@ class World:
             following = self._trial if self._plan is None else next(self._plan)
             self._set_up(following, is_donning=following.cuff not in (self._worn, None))
 
-    def _set_up(self, trial: Trial, is_donning: bool) -> None:
+    def _set_up(self, trial: SimulatedTrial, is_donning: bool) -> None:
         self._slips[self._worn] = self._pull.slip
         self._trial, self._worn = trial, trial.cuff or self._worn
         if is_donning:
@@ -278,9 +278,9 @@ class World:
         self._pull.set_up(self._worn, "static" if trial.test == "bounce" else trial.test, self._slips[self._worn])
 
 
-def _plan(settings: Settings) -> Iterator[Trial]:
+def _plan(settings: Settings) -> Iterator[SimulatedTrial]:
     """The protocol's trials in order, for ever."""
     for cuff in itertools.cycle(settings.cuffs):
         for _ in range(settings.protocol.repeats):
-            yield Trial(cuff, "static")
-            yield Trial(cuff, "dynamic")
+            yield SimulatedTrial(cuff, "static")
+            yield SimulatedTrial(cuff, "dynamic")

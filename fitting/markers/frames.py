@@ -31,7 +31,7 @@ class Reference:
 class CuffMotion:
     """The cuff against the anchoring body, in the reference posture's frame.
 
-    displacement  (frames, 3) m, mean over the visible cuff markers of each one's way from its own reference place
+    displacement  (frames, 3) m, mean displacement of the visible cuff markers from their reference places
     residual      (frames,) m, rms of the anchor markers about the rigid fit
     body          (frames, 3) m, the middle of the anchor's markers in the mocap frame, of the hidden ones too
     turn          (frames,) m, rms of the visible cuff markers' ways about their mean; 0 where one is seen
@@ -75,11 +75,11 @@ def cuff_motion(trial: Trial, reference: Reference) -> CuffMotion:
     """The trial's motion against a reference of the same donning, without ghosts."""
     site = trial.cuff
     anchor, of_anchor, pose = rigid_without_ghosts(reference.anchor, trial.positions(site.anchor_markers))
-    way, of_cuff = path_without_ghosts(pose.to_reference(trial.positions(site.cuff_markers)) - reference.cuff)
-    seen = is_seen(way)
+    displaced, of_cuff = path_without_ghosts(pose.to_reference(trial.positions(site.cuff_markers)) - reference.cuff)
+    seen = is_seen(displaced)
     count = np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
-    displacement = np.where(seen[..., None], way, 0.0).sum(axis=1) / count[:, None]
-    apart = np.where(seen[..., None], way - displacement[:, None], 0.0)
+    displacement = np.where(seen[..., None], displaced, 0.0).sum(axis=1) / count[:, None]
+    apart = np.where(seen[..., None], displaced - displacement[:, None], 0.0)
     turn = np.sqrt(np.sum(apart**2, axis=(1, 2)) / count)
     rope = None
     if len(site.rope_markers) >= 2:
@@ -103,8 +103,8 @@ def pull_direction(trials: Sequence[Trial], motions: Sequence[CuffMotion]) -> ND
     for trial, motion in zip(trials, motions, strict=True):
         force = np.interp(trial.marker_time, trial.force_time, trial.force)
         seen = np.isfinite(motion.displacement).all(axis=1)
-        way = motion.displacement[seen] - motion.displacement[seen].mean(axis=0)
-        follows += (force[seen] - force[seen].mean()) @ way
+        displaced = motion.displacement[seen] - motion.displacement[seen].mean(axis=0)
+        follows += (force[seen] - force[seen].mean()) @ displaced
         if motion.rope is not None:
             along += np.nansum(motion.rope, axis=0)
     chosen = along * np.sign(along @ follows) if np.any(along) else follows

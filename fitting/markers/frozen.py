@@ -21,11 +21,11 @@ def require_live_markers(
     same = (np.diff(markers, axis=0) == 0) | np.isnan(markers[1:]) & np.isnan(markers[:-1])
     still = same.all(axis=(1, 2)) & np.isfinite(markers[1:]).any(axis=(1, 2))
     bounds = np.flatnonzero(np.diff(np.concatenate(([False], still, [False]))))
-    way = _spread(force)
+    travel = _spread(force)
     for first, last in zip(bounds[::2], bounds[1::2], strict=True):
         start, end = float(marker_time[first]), float(marker_time[last])
         meanwhile = force[(force_time >= start) & (force_time <= end)]
-        if end - start > STUCK and len(meanwhile) > 1 and _spread(meanwhile) > way / 2:
+        if end - start > STUCK and len(meanwhile) > 1 and _spread(meanwhile) > travel / 2:
             raise UnusableTrial(
                 f"the markers stand still to the last digit for {end - start:.1f} s from {start:.1f} s on while the "
                 "force moves; check that QTM was measuring, and record again"

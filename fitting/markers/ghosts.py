@@ -78,10 +78,10 @@ def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64
     for marker in range(points.shape[1]):
         seen = np.flatnonzero(np.isfinite(points[:, marker, 0]))
         if len(seen):
-            way = points[seen, marker]
+            path = points[seen, marker]
             # By coordinate: SciPy's filter of one dimension takes a twentieth of the time of the one for images.
-            median = np.column_stack([median_filter(along, HAMPEL_FRAMES, mode="nearest") for along in way.T])
-            off = np.linalg.norm(way - median, axis=1)
+            median = np.column_stack([median_filter(along, HAMPEL_FRAMES, mode="nearest") for along in path.T])
+            off = np.linalg.norm(path - median, axis=1)
             limit = max(HAMPEL_FACTOR * 1.4826 * float(np.median(off)), HAMPEL_FLOOR)
             cleaned[seen[off > limit], marker] = np.nan
     return cleaned, np.count_nonzero(np.isfinite(points[..., 0]) & ~np.isfinite(cleaned[..., 0]), axis=0)

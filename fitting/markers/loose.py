@@ -30,8 +30,8 @@ def loose_marker(
         return None
     left = np.array([np.sqrt(np.nanmean(pose.residual**2)) for pose in poses])
     suspect = int(np.argmin(left))
-    way = poses[suspect].to_reference(points[::EVERY])[:, suspect]
-    way = way[np.isfinite(way).all(axis=1)]
-    moves = float(np.sqrt(np.sum(np.var(way, axis=0)))) if len(way) else 0.0
+    positions = poses[suspect].to_reference(points[::EVERY])[:, suspect]
+    positions = positions[np.isfinite(positions).all(axis=1)]
+    moves = float(np.sqrt(np.sum(np.var(positions, axis=0)))) if len(positions) else 0.0
     is_loose = moves > LOOSE and left[suspect] < TIGHTER * np.delete(left, suspect).min()
     return (labels[suspect], moves) if is_loose else None

@@ -10,7 +10,7 @@ import numpy as np
 
 from fitting import quality
 from fitting.timing.clock_fit import SyncErrors
-from fitting.timing.thinned import highest_rate, motion_of
+from fitting.timing.decimation import highest_rate, motion_of
 from fitting.timing.timeline import MILLIMETRE, tie_by_edge
 from recordings.manifest import Manifest
 from recordings.reader import Track
@@ -63,15 +63,15 @@ class SyncCertificate:
         return f"clock ratio {1e6 * self.drift:+.0f} ppm (95 % CI {low} to {high} ppm)"
 
 
-def certify(manifest: Manifest, thin: Mapping[str, Track]) -> SyncCertificate | None:
-    """Of a recording's thin tracks (thinned.py); None without a sync line. Raises UnusableTrial in one sentence."""
+def certify(manifest: Manifest, decimated: Mapping[str, Track]) -> SyncCertificate | None:
+    """Sync certificate from decimated tracks (decimation.py); None without a sync line. Raises UnusableTrial."""
     if not manifest.begins_at_edge:
         return None
     motion = motion_of(manifest)
-    if "/markers" in thin:
-        quality.require_labels((*motion.anchor, *motion.pulled), thin["/markers"].stream.labels)
-    both = tie_by_edge(manifest, thin)
-    force, frames = thin["/force"], both.frames
+    if "/markers" in decimated:
+        quality.require_labels((*motion.anchor, *motion.pulled), decimated["/markers"].stream.labels)
+    both = tie_by_edge(manifest, decimated)
+    force, frames = decimated["/force"], both.frames
     frame_time = both.first_frame + frames.seconds - frames.seconds[0]
     duration = float(min(both.force_time[-1], frame_time[-1]))
     worst = max(both.clock.errors(duration, 0.0, 0.0).time, both.edge_sd)  # which knows of frames that contradict

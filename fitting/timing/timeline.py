@@ -159,7 +159,7 @@ def _as_declared(manifest: Manifest, force: Counted, frames: Counted) -> OneTime
 
 
 def tie_by_edge(manifest: Manifest, tracks: Mapping[str, Track]) -> OneTime:
-    """The sync edge is the origin; frame 1 is exposed at it. Tracks may be thin. Raises UnusableTrial."""
+    """The sync edge is the origin; frame 1 is exposed at it. Tracks may be decimated. Raises UnusableTrial."""
     force, frames = _counted(tracks, "/force"), _counted(tracks, "/markers")
     edges, edge_clock = _edges(manifest, tracks)
     frames = _captured(frames, edge_clock, edges)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Frame:
+class OffsetFrame:
     body: int
     placement: Placement
 
@@ -25,11 +25,11 @@ class Names:
     """Filled while a file is read: frames by their path in the model, coordinates in the model's order."""
 
     def __init__(self) -> None:
-        self.frames: dict[str, Frame] = {}
+        self.frames: dict[str, OffsetFrame] = {}
         self.coordinates: list[Coordinate] = []
 
     def add_body(self, path: str, body: int) -> None:
-        self.frames[path] = Frame(body, Placement(np.eye(3), np.zeros(3)))
+        self.frames[path] = OffsetFrame(body, Placement(np.eye(3), np.zeros(3)))
 
     def add_offset_frames(self, offsets: list[Element], owner: str) -> None:
         for offset in offsets:
@@ -41,9 +41,9 @@ class Names:
             translation = offset.numbers("translation", 3, "0 0 0")
             outer = parent.placement
             placement = Placement(outer.rotation @ rotation, outer.translation + outer.rotation @ translation)
-            self.frames[path] = Frame(parent.body, placement)
+            self.frames[path] = OffsetFrame(parent.body, placement)
 
-    def frame(self, element: Element, socket: str, owner: str = "/") -> Frame:
+    def frame(self, element: Element, socket: str, owner: str = "/") -> OffsetFrame:
         """The frame that a socket of the component at the path `owner` names, by an absolute or a relative path."""
         name = element.child(socket).text
         path = posixpath.normpath(posixpath.join(owner, name))

@@ -73,8 +73,8 @@ def interior_point(
         target = (ahead / gap) ** 3 * gap / (2 * n + (1 if p < m else 0))
         for i in range(n):
             aim[0, i], aim[1, i] = target - da[i] * dz[0, i], target + da[i] * dz[1, i]
-        way = centred(s, ds, read_ray(v), read_ray(dv), W, target) if p < m else s
-        ds = _step(q, M, inverse, matrix, order, a, z, slack, pull, error, aim, way, W, da, dz, dv)
+        offset = centred(s, ds, read_ray(v), read_ray(dv), W, target) if p < m else s
+        ds = _step(q, M, inverse, matrix, order, a, z, slack, pull, error, aim, offset, W, da, dz, dv)
         if not dot(dv, dv) < inf:  # at huge efforts nothing is left between a and its bound before the gap is small
             break
         length = min(1.0, SHARE_OF_STEP * _longest(slack, z, s, v, da, dz, ds, dv, p))
@@ -114,13 +114,13 @@ def _step(
     pull: Array,
     error: Array,
     aim: Array,
-    way: Ray,
+    offset: Ray,
     W: Scaling,
     da: Array,
     dz: Array,
     dv: Array,
 ) -> Ray:
-    """The Newton step to slack · z = aim and, for the cone, to ds + W² dλ = way. Fills da, dz and dv, returns ds."""
+    """The Newton step to slack · z = aim and, for the cone, to ds + W² dλ = offset. Fills da, dz and dv, returns ds."""
     p = len(dv) - 3
     for j in range(len(da)):
         da[j] = inverse[j] * (pull[j] - q[j] * a[j] + aim[0, j] / slack[0, j] - aim[1, j] / slack[1, j])
@@ -128,7 +128,7 @@ def _step(
         dv[i] = -error[i] - dot(M[i], da)
     if W[3] > 0.0:
         for i in range(3):
-            dv[p + i] += way[i]
+            dv[p + i] += offset[i]
     divide(factors, order, dv)
     for i in range(len(dv)):
         for j in range(len(da)):
@@ -137,8 +137,8 @@ def _step(
         dz[0, j] = (aim[0, j] - z[0, j] * da[j]) / slack[0, j] - z[0, j]
         dz[1, j] = (aim[1, j] + z[1, j] * da[j]) / slack[1, j] - z[1, j]
     if W[3] > 0.0:
-        return advance(way, -1.0, scaled(W, scaled(W, read_ray(dv))))
-    return way
+        return advance(offset, -1.0, scaled(W, scaled(W, read_ray(dv))))
+    return offset
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What a worn suit does to the bodies: the cord's pull and the cuffs that give way to it, frame by frame.
+"""What a worn suit does to the bodies: the cord's pull and the cuffs that yield to it, frame by frame.
 
 Per frame the cuffs find their quasi-static equilibrium, cord tension against cuff stiffness; the damping of a cuff acts
 on the body besides. A migrated cuff rests elsewhere: nearer to the shoulder along the line of pull, so that the line
@@ -158,12 +158,12 @@ def _ensure_springs(cuffs: Cuffs) -> None:
 
 
 def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
-    """Migration and, of all frames the shortest, way to the shoulder point, each (2,) [m] of waist and arm."""
+    """Migration and, of all frames the shortest, distance to the shoulder point, each (2,) [m] of waist and arm."""
     for part, slipped, nearest in zip(("waist", "arm"), migration, reach, strict=True):
         if slipped >= nearest:
             raise SuitError(
-                f"the {part} cuff should slip by less than {nearest:.3g} m, its way to the shoulder point, and has a "
-                f"migration of {slipped:g} m; check it"
+                f"the {part} cuff should slip by less than {nearest:.3g} m, its distance to the shoulder point, and has "
+                f"a migration of {slipped:g} m; check it"
             )
 
 

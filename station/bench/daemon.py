@@ -15,7 +15,7 @@ from typing import Protocol
 from drivers.device import Device
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.errors import RecordingError
-from recordings.manifest import BounceRig, CuffSite, DataOrigin, Manifest, Outcome
+from recordings.manifest import BounceRig, CuffSite, DataOrigin, Manifest, TrialOutcome
 from recordings.samples import DeviceIdentity, Item
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
@@ -177,7 +177,7 @@ class Daemon:
             return TrialResult(None, False, 0, session.sentence, manifest.origin)
         accepted = session.state is State.CLOSED
         try:
-            writer.close(Outcome(accepted, session.state.value, session.sentence))
+            writer.close(TrialOutcome(accepted, session.state.value, session.sentence))
         except RecordingError as error:
             return TrialResult(path, False, session.lost_samples, str(error), manifest.origin)
         with suppress(OSError):  # the trial is whole; that nobody can tell whether it stays so is told by every reader

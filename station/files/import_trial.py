@@ -19,7 +19,7 @@ from fitting.quality import UnusableTrial
 from fitting.timing.sync_line import find_edges
 from recordings.errors import RecordingError
 from recordings.exchange.tables import MarkerTable, count_samples
-from recordings.manifest import BounceRig, CuffSite, LoadCell, Manifest, Outcome
+from recordings.manifest import BounceRig, CuffSite, LoadCell, Manifest, TrialOutcome
 from recordings.reader import read_manifest
 from recordings.samples import Event, Item, Stream
 from station.config import INDICATOR_UNITS_N, StationConfig
@@ -100,7 +100,7 @@ def import_trial(
     origin = _origin(laid, (force_source.path, marker_source.path), start_utc_ns)
     path = session / spec.file_name(run)
     items = [origin, *_items(laid, force, markers, start_utc_ns)]
-    write_recording(path, manifest, streams, items, Outcome(True, "closed", f"imported from {files}"), files)
+    write_recording(path, manifest, streams, items, TrialOutcome(True, "closed", f"imported from {files}"), files)
     return Imported(path, (*markers.notes, *laid.notes))
 
 

@@ -14,9 +14,9 @@ from rich.table import Table
 
 from fitting.plain import plain_sync
 from fitting.quality import UnusableTrial
+from fitting.timing.decimation import Decimator
 from fitting.timing.sync_certificate import SyncCertificate, certify
-from fitting.timing.thinned import Thinning
-from recordings.contents import Contents, sum_up
+from recordings.contents import Contents, summarise
 from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file
 from recordings.recovery import recover
@@ -81,11 +81,11 @@ def _read(path: Path) -> tuple[Contents, SyncCertificate | None, str]:
     """What is in the file; what the trial's sync edges are worth, and that or why nothing in a sentence."""
     survey = survey_file(path)
     if survey.manifest is None:
-        return sum_up(path, survey), None, "no certificate: the recording has lost its manifest"
-    thinning = Thinning(survey.manifest, survey.streams)
-    contents = sum_up(path, survey, thinning.take)
+        return summarise(path, survey), None, "no certificate: the recording has lost its manifest"
+    decimator = Decimator(survey.manifest, survey.streams)
+    contents = summarise(path, survey, decimator.take)
     try:
-        certificate = certify(survey.manifest, thinning.tracks())
+        certificate = certify(survey.manifest, decimator.tracks())
     except UnusableTrial as error:
         return contents, None, f"no certificate: {'the file is damaged' if survey.damaged else error}"
     if certificate is not None and survey.damaged:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.trial import read_trials
-from recordings.manifest import Manifest, Outcome
+from recordings.manifest import Manifest, TrialOutcome
 from recordings.samples import Item, Loss, Samples, Stream
 from recordings.writer import RecordingWriter
 from station.checksums import write_checksums
@@ -43,7 +43,7 @@ def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def write_recording(
-    path: Path, manifest: Manifest, streams: Sequence[Stream], items: Iterable[Item], outcome: Outcome, files: str
+    path: Path, manifest: Manifest, streams: Sequence[Stream], items: Iterable[Item], outcome: TrialOutcome, files: str
 ) -> None:
     """The recording takes its name when it is whole and the fit can read it; until then, and else, there is none.
 

@@ -136,8 +136,8 @@ class FaultBench:
         def clock() -> int:
             return start_utc_ns + int(now() * 1e9)
 
-        for name, wishes in device_options(self._bench.ports).items():
-            self.listeners[name] = Listener(make_device(host_clock=clock, seconds=self._wall_s, **wishes))
+        for name, options in device_options(self._bench.ports).items():
+            self.listeners[name] = Listener(make_device(host_clock=clock, seconds=self._wall_s, **options))
             self.listeners[name].start()
         mocap = self.listeners["qtm"].device
         assert isinstance(mocap, CaptureControl)

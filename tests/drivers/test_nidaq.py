@@ -18,13 +18,13 @@ from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceU
 from drivers.nidaq import NiDaq
 from drivers.simulators.faults import Fault
 from drivers.simulators.nidaq import NiDaqSimulator
-from drivers.simulators.settings import DaqClock
+from drivers.simulators.settings import DaqClockSettings
 from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
 from tests.drivers.stand_in_world import StandInWorld
 from tests.timeout import scaled_timeout
 
-EXACT_CLOCK = DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0)
+EXACT_CLOCK = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from drivers.nidaq import NiDaq
 from drivers.reconnecting import Reconnecting
 from drivers.simulators.faults import Fault
 from drivers.simulators.nidaq import NiDaqSimulator, _Service
-from drivers.simulators.settings import DaqClock
+from drivers.simulators.settings import DaqClockSettings
 from drivers.simulators.usb6008 import DaqmxError
 from recordings.samples import Event, Item, Loss, Samples
 from tests.drivers.contract import blocks
@@ -38,7 +38,7 @@ def world() -> StandInWorld:
 @pytest.fixture
 def server(world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> Iterator[NiDaqSimulator]:
     monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(1.0))
-    server = NiDaqSimulator(world, clock=DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0))
+    server = NiDaqSimulator(world, clock=DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0))
     server.start()
     yield server
     server.stop()

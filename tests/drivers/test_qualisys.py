@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers import qualisys_conversation
+from drivers import qualisys_connection as qualisys_conversation
 from drivers.device import CaptureControl
 from drivers.errors import DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import Event, Loss, Samples

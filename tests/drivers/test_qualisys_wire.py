@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.qualisys_wire import Frame, MarkerBlocks
+from drivers.qualisys_wire import MarkerBlocks, MarkerFrame
 from recordings.samples import Event, Item, Loss, Samples
 
 
@@ -12,7 +12,7 @@ def frames_taken(*numbers_and_times_us: tuple[int, int]) -> list[Item]:
     blocks.labels = ("a",)
     for number, timestamp_us in numbers_and_times_us:
         blocks.add(
-            Frame(
+            MarkerFrame(
                 timestamp_us=timestamp_us,
                 number=number,
                 points=np.zeros(4, "<f4").tobytes(),
@@ -47,7 +47,7 @@ def test_what_follows_a_capture_is_counted_anew_even_where_time_jumps_too() -> N
     points = np.zeros(4, "<f4").tobytes()
     told = []
     for number in (1800, 16878, 16880):
-        frame = Frame(timestamp_us=10_000 * number, number=number, points=points, drop_rate=0, out_of_sync_rate=0)
+        frame = MarkerFrame(timestamp_us=10_000 * number, number=number, points=points, drop_rate=0, out_of_sync_rate=0)
         blocks.add(frame, 0)
         told += [type(item) for item in blocks.take() if not isinstance(item, Samples)]
         if number == 1800:

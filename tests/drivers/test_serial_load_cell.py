@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceLost, DeviceUnavailable
 from drivers.serial_load_cell import LineFormat, SerialLoadCell, decode_usb220, decode_usb520
 from drivers.simulators.serial_load_cell import SerialLoadCellSimulator, encode_usb220, encode_usb520
-from drivers.simulators.settings import SerialLine
+from drivers.simulators.settings import SerialLineSettings
 from recordings.samples import Item, Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
 from tests.drivers.stand_in_world import StandInWorld
@@ -110,7 +110,7 @@ def test_no_bytes_upset_the_decoders(line: bytes) -> None:
 def test_the_world_s_force_arrives_in_the_unit_of_the_line(
     world: StandInWorld, line_format: LineFormat, unit: str, value: float
 ) -> None:
-    indicator = SerialLoadCellSimulator(world, line=SerialLine(line_format=line_format))
+    indicator = SerialLoadCellSimulator(world, line=SerialLineSettings(line_format=line_format))
     indicator.start()
     world.clock.follow(indicator)
     device = driver(indicator.url, line_format)

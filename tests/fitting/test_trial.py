@@ -15,7 +15,7 @@ from fitting.protocol_file import ProtocolFileError
 from fitting.quality import UnusableTrial
 from fitting.trial import build_trial, read_alone, read_trial, read_trials
 from recordings.chunks import Damage, Entry, read_entries
-from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Outcome, Timing
+from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Timing, TrialOutcome
 from recordings.reader import Track
 from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
@@ -255,7 +255,7 @@ def test_a_missing_stream_is_named() -> None:
         build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
 
 
-def _write(path: Path, outcome: Outcome, *events: Event, recorded: tuple[Manifest, Tracks] | None = None) -> None:
+def _write(path: Path, outcome: TrialOutcome, *events: Event, recorded: tuple[Manifest, Tracks] | None = None) -> None:
     manifest, tracks = recorded or _recorded()
     writer = RecordingWriter(path, manifest, [track.stream for track in tracks.values()])
     for event in events:
@@ -276,7 +276,7 @@ def _write(path: Path, outcome: Outcome, *events: Event, recorded: tuple[Manifes
 
 def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
     path = tmp_path / "cuff-hand_test-static_run-1.mcap"
-    _write(path, Outcome(True, "closed", "the capture ended"))
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
     trial, plain = read_trial(path), build_trial(*_recorded(), path.name, "hash")
     np.testing.assert_array_equal(trial.force, plain.force)
     np.testing.assert_array_equal(trial.markers, plain.markers)
@@ -288,7 +288,7 @@ def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
 
 def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.mcap"
-    _write(path, Outcome(True, "closed", "the capture ended"))
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
     readings: list[Path] = []
 
     def counted(read_path: Path) -> Iterator[Entry | Damage]:
@@ -303,7 +303,7 @@ def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_what_was_read_before_is_not_read_again(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    _write(path, Outcome(True, "closed", "the capture ended"))
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
     reading = read_alone(path)
     path.unlink()
     assert read_trials([path], {path.name: reading}) == ((reading,), ())
@@ -311,7 +311,7 @@ def test_what_was_read_before_is_not_read_again(tmp_path: Path) -> None:
 
 def test_a_recording_that_was_cut_is_not_whole_and_says_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    _write(path, Outcome(True, "closed", "the capture ended"))
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
     path.write_bytes(path.read_bytes()[:-100])
     trial = read_trial(path)
     assert not trial.is_whole
@@ -319,7 +319,7 @@ def test_a_recording_that_was_cut_is_not_whole_and_says_what_is_missing(tmp_path
 
 
 def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -> None:
-    _write(tmp_path / "a.mcap", Outcome(False, "failed", "QTM went silent"))
+    _write(tmp_path / "a.mcap", TrialOutcome(False, "failed", "QTM went silent"))
     (tmp_path / "b.mcap").write_bytes(b"no recording")
     trials, rejected = read_trials(sorted(tmp_path.glob("*.mcap")))
     assert trials == ()
@@ -330,13 +330,13 @@ def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -
 
 def test_a_rejected_recording_whose_capture_had_begun_says_what_it_was_of(tmp_path: Path) -> None:
     edge = Event("sync_edge", "the sync line rose", _recorded()[0].start_utc_ns, "station")
-    _write(tmp_path / "a.mcap", Outcome(False, "failed", "QTM went silent"), edge)
+    _write(tmp_path / "a.mcap", TrialOutcome(False, "failed", "QTM went silent"), edge)
     rejected = read_trials([tmp_path / "a.mcap"])[1]
     assert rejected[0].capture == _recorded()[0]
 
 
 def test_a_bounce_of_the_session_moves_and_scales_the_force_of_its_trials(tmp_path: Path) -> None:
-    fine = Outcome(True, "closed", "the capture ended")
+    fine = TrialOutcome(True, "closed", "the capture ended")
     _write(tmp_path / "cuff-hand_test-static_run-1.mcap", fine)
     plain = read_trials(tmp_path.glob("*.mcap"))[0][0]
     _write(tmp_path / "test-bounce_run-1.mcap", fine, recorded=bounce(Bounce(lag=0.006, gain=1.02), 1))
@@ -352,7 +352,7 @@ def test_a_bounce_of_the_session_moves_and_scales_the_force_of_its_trials(tmp_pa
 
 
 def test_a_bounce_that_cannot_be_used_is_listed_and_the_lag_stays_declared(tmp_path: Path) -> None:
-    fine = Outcome(True, "closed", "the capture ended")
+    fine = TrialOutcome(True, "closed", "the capture ended")
     _write(tmp_path / "a.mcap", fine)
     _write(tmp_path / "test-bounce_run-1.mcap", fine, recorded=bounce(Bounce(duration=8.0), 1))
     (trial,), (rejected,) = read_trials(sorted(tmp_path.glob("*.mcap")))
@@ -371,7 +371,7 @@ def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_the
     assert (trial.lag.value, trial.lag.declared, trial.step_masses) == (0.02, 0.003, (2.0, 2.0))
     moved, there = (np.interp(time, each.force_time, each.force) for each, time in ((trial, 3.02), (plain, 3.0)))
     assert moved == pytest.approx(there, abs=1e-9)
-    _write(tmp_path / "a.mcap", Outcome(True, "closed", "the capture ended"), recorded=(told, tracks))
+    _write(tmp_path / "a.mcap", TrialOutcome(True, "closed", "the capture ended"), recorded=(told, tracks))
     (tmp_path / "protocol.toml").write_text('step_masses_kg = [1.0]\n[steps_s]\n"a.mcap" = [2.0]\n', encoding="utf-8")
     (edited,), _ = read_trials([tmp_path / "a.mcap"])
     assert (edited.step_masses, edited.step_times) == ((1.0,), (2.0,))

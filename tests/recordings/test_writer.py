@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from recordings.errors import RecordingError, WriteFailed
-from recordings.manifest import Outcome
+from recordings.manifest import TrialOutcome
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples, Stream
 from recordings.writer import RecordingWriter, create_exclusively
@@ -314,7 +314,7 @@ def test_a_discarded_recording_leaves_no_file(tmp_path: Path) -> None:
 
 def test_a_rejected_trial_keeps_its_data_and_the_reason(tmp_path: Path) -> None:
     items = list(trial(0.2))
-    path = record(tmp_path / "a.mcap", items, Outcome(False, "failed", "NI Dev1 is gone: unplugged"))
+    path = record(tmp_path / "a.mcap", items, TrialOutcome(False, "failed", "NI Dev1 is gone: unplugged"))
     recording = open_recording(path)
     assert recording.complete
     assert recording.outcome is not None

@@ -10,14 +10,14 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 
-from recordings.manifest import CuffSite, LoadCell, Manifest, Outcome
+from recordings.manifest import CuffSite, LoadCell, Manifest, TrialOutcome
 from recordings.packing import pack
 from recordings.reader import Recording
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from recordings.writer import RecordingWriter
 
 START_NS = 1_790_000_000_123_456_789
-ACCEPTED = Outcome(accepted=True, state="closed", sentence="the mocap capture ended")
+ACCEPTED = TrialOutcome(accepted=True, state="closed", sentence="the mocap capture ended")
 
 MANIFEST = Manifest(
     cuff=CuffSite("hand", "arm", ("anchor_1", "anchor_2", "anchor_3"), ("cuff_1",)),
@@ -68,7 +68,7 @@ def trial(seconds: float, block_s: float = 0.1) -> Iterator[Item]:
             yield Event("mark", f"weight {i} added", _arrival(i * round(block_s * 1e9)), "operator")
 
 
-def record(path: Path, items: Sequence[Item], outcome: Outcome = ACCEPTED) -> Path:
+def record(path: Path, items: Sequence[Item], outcome: TrialOutcome = ACCEPTED) -> Path:
     """Writes a recording whose chunks hold three items each, whatever the wall clock does.
 
     It syncs in this thread: one in the background that is late on a busy machine would make a chunk longer.

@@ -13,7 +13,7 @@ from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import write_trc
-from recordings.manifest import Manifest, Outcome
+from recordings.manifest import Manifest, TrialOutcome
 from recordings.reader import Track
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
@@ -81,7 +81,7 @@ class Truth:
                 part = track.host_time_ns == host
                 numbers, device, values = track.sample_numbers[part], track.device_time_ns[part], track.values[part]
                 writer.write(Samples(name, numbers, device, int(host), values))
-        writer.close(Outcome(True, "closed", "the mocap capture ended"))
+        writer.close(TrialOutcome(True, "closed", "the mocap capture ended"))
         return path
 
 

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 
 from drivers.simulators.nidaq import NiDaqSimulator
 from drivers.simulators.qualisys import QualisysSimulator
-from drivers.simulators.settings import DaqClock, settings_from_dict
+from drivers.simulators.settings import DaqClockSettings, settings_from_dict
 from drivers.simulators.world import World
 from recordings.reader import Recording, open_recording
 from recordings.recovery import recover
@@ -77,7 +77,7 @@ class KillBench:
         self._world.select_trial("hand", "static")
         self._qtm = QualisysSimulator(self._world)
         # Their crystals run true, so that device time at the kill follows from the world's.
-        crystal = DaqClock(offset_ppm=0.0, drift_ppm_per_hour=0.0)
+        crystal = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
         self._daqs = [NiDaqSimulator(self._world, clock=crystal, seed=i) for i in range(daemons)]
         self._running = ExitStack()
         self._rounds = 0

@@ -10,8 +10,8 @@ from drivers.simulators.bench import Bench
 from drivers.simulators.faults import Fault, Faults, fault_from_dict
 from drivers.simulators.settings import Settings, settings_from_dict
 from fitting.quality import UnusableTrial
+from fitting.timing.decimation import decimate
 from fitting.timing.sync_certificate import SyncCertificate, certify
-from fitting.timing.thinned import thinned
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
@@ -108,7 +108,7 @@ def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
     after_s = (told[0] - moment_utc_ns) * 1e-9 if told else None
     try:
         tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
-        certificate = certify(recording.manifest, thinned(recording.manifest, tracks))
+        certificate = certify(recording.manifest, decimate(recording.manifest, tracks))
     except UnusableTrial as error:
         return Suffered(result, events, None, str(error), after_s)
     assert certificate is not None

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.simulators.bounce import Bounce
+from drivers.simulators.bounce import BouncingMass
 from drivers.simulators.settings import STANDARD_GRAVITY, BounceTest
 from tests.drivers.simulators.test_world import go_to, play, world
 
 TEST = BounceTest(mass_kg=2.0, frequency_hz=1.2, damping_ratio=0.01)
 
 
-def _bounced() -> tuple[Bounce, float]:
-    bounce = Bounce(TEST)
+def _bounced() -> tuple[BouncingMass, float]:
+    bounce = BouncingMass(TEST)
     bounce.hang(0.0)
     return bounce, bounce.begin(10.0)
 

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, Link, slider_of
+from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_of
 from drivers.simulators.settings import PUBLISHED_CUFFS, STANDARD_GRAVITY, CuffTruth, SlipLaw
 
 Floats = NDArray[np.float64]
 
 LAW = SlipLaw()
-ROPE = Link(stiffness=20_000.0, damping=30.0, is_driven=False)
-SPRING = Link(stiffness=100.0, damping=0.0, is_driven=True)
+ROPE = SpringDamper(stiffness=20_000.0, damping=30.0, is_driven=False)
+SPRING = SpringDamper(stiffness=100.0, damping=0.0, is_driven=True)
 NO_SLIP = slider_of(0.0, 77.0, LAW)
 
 
@@ -28,7 +28,7 @@ def half_steps(seconds: float) -> Floats:
     return np.arange(2 * round(seconds / STEP_S) + 1) * (STEP_S / 2)
 
 
-def cuff(k: float = 2500.0, c: float = 140.0, migration: float = 0.0, link: Link = ROPE) -> CuffMechanics:
+def cuff(k: float = 2500.0, c: float = 140.0, migration: float = 0.0, link: SpringDamper = ROPE) -> CuffMechanics:
     tissue = CuffTruth(stiffness_n_per_m=k, damping_n_s_per_m=c, migration_m=migration)
     return CuffMechanics(tissue, 0.2, slider_of(migration, 77.0, LAW), link)
 
@@ -60,7 +60,7 @@ def test_a_swinging_cuff_without_damping_and_friction_keeps_its_energy() -> None
         CuffTruth(stiffness_n_per_m=2500, damping_n_s_per_m=0, migration_m=0),
         0.2,
         NO_SLIP,
-        Link(stiffness=5000.0, damping=0.0, is_driven=False),
+        SpringDamper(stiffness=5000.0, damping=0.0, is_driven=False),
     )
     mass = 3.0
 

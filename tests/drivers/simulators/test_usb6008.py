@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.simulators.acquisition_task import AcquisitionTask, default_buffer_size
-from drivers.simulators.settings import DaqClock
+from drivers.simulators.settings import DaqClockSettings
 from drivers.simulators.usb6008 import DaqmxError, Usb6008
 from tests.drivers.stand_in_world import StandInWorld
 
@@ -17,7 +17,7 @@ def world() -> StandInWorld:
 
 
 def instrument(world: StandInWorld, offset_ppm: float = 0.0, drift_ppm_per_hour: float = 0.0) -> Usb6008:
-    clock = DaqClock(offset_ppm=offset_ppm, drift_ppm_per_hour=drift_ppm_per_hour)
+    clock = DaqClockSettings(offset_ppm=offset_ppm, drift_ppm_per_hour=drift_ppm_per_hour)
     return Usb6008(world, name="Dev1", force_channel="ai0", sync_channel="ai1", clock=clock, seed=1)
 
 

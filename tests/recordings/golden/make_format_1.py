@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings.manifest import CuffSite, LoadCell, Manifest, Outcome
+from recordings.manifest import CuffSite, LoadCell, Manifest, TrialOutcome
 from recordings.samples import Event, Loss, Samples, Stream
 from recordings.writer import RecordingWriter
 
@@ -53,7 +53,7 @@ def write_golden(path: Path) -> None:
         if first == 700:
             writer.describe(replace(STREAMS[2], labels=LABELS[::-1]))
         writer.write(_markers(first // 10, arrival_ns))
-    writer.close(Outcome(accepted=True, state="closed", sentence="the mocap capture ended"))
+    writer.close(TrialOutcome(accepted=True, state="closed", sentence="the mocap capture ended"))
 
 
 def _markers(first: int, arrival_ns: int) -> Samples:

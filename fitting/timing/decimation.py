@@ -1,7 +1,7 @@
-"""A recording decimated while it is read, to at most twenty rows a second: enough for clocks and highest rates.
+"""Decimate a recording to at most twenty rows a second, while it is read; clock fits and maximum rates need no more.
 
-A row stands for BIN of samples. It keeps the number and the device's time of the last of them, the least delay of all,
-and their mean where none is missing. Of the sync line every sample at a crossing of the threshold is kept instead.
+A row covers BIN seconds of samples. It keeps the number and the device time of the last sample, the least delay, and
+the mean value if no sample is missing. Of the sync line, the samples at every threshold crossing are kept instead.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from recordings.samples import Item, Samples, Stream
 
 BIN = 0.05
 """Seconds: the pulls are far slower."""
-HEAP = 100
-"""Blocks that are thinned together: one by one takes three times as long."""
+BLOCKS_AT_ONCE = 100
+"""Blocks that are decimated together; block by block takes three times as long."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Which markers are the pulled point, and against which it moves; none: it moves in the laboratory."""
+class MarkerMotion:
+    """Labels of the pulled point and of the anchor it moves against; without an anchor it moves in the laboratory."""
 
     pulled: Sequence[str]
     anchor: Sequence[str]
@@ -53,43 +53,43 @@ class Motion:
         return position
 
 
-def motion_of(manifest: Manifest) -> Motion:
-    """The cuff against its anchor, or the bouncing weight."""
+def motion_of(manifest: Manifest) -> MarkerMotion:
+    """Motion of the cuff relative to its anchor, or of the bouncing weight."""
     if manifest.cuff is not None:
-        return Motion(manifest.cuff.cuff_markers, manifest.cuff.anchor_markers)
-    return Motion(manifest.bounce.labels if manifest.bounce else (), ())
+        return MarkerMotion(manifest.cuff.cuff_markers, manifest.cuff.anchor_markers)
+    return MarkerMotion(manifest.bounce.labels if manifest.bounce else (), ())
 
 
-class Thinning:
-    """Takes a recording's items as they are read; values of the thin /markers are (n, 3), as Motion makes them."""
+class Decimator:
+    """Decimate a recording while it is read. Decimated /markers have values (n, 3), the position of MarkerMotion."""
 
     def __init__(self, manifest: Manifest, streams: Iterable[Stream]) -> None:
         self._motion = motion_of(manifest)
         self._in_force = {stream.name: stream for stream in streams}
-        self._thinning = {stream.name: _thinning(manifest, stream) for stream in self._in_force.values()}
-        self._heap: dict[str, list[Samples]] = {name: [] for name in self._thinning}
+        self._reducers = {stream.name: _reducer(manifest, stream) for stream in self._in_force.values()}
+        self._pending: dict[str, list[Samples]] = {name: [] for name in self._reducers}
 
     def take(self, item: Stream | Item) -> None:
         if isinstance(item, Stream):
-            self._clear(item.name)
+            self._flush(item.name)
             self._in_force[item.name] = item
         elif isinstance(item, Samples) and item.values.shape[1] == self._columns(item.stream):
-            self._heap[item.stream].append(item)
-            if len(self._heap[item.stream]) >= HEAP:
-                self._clear(item.stream)
+            self._pending[item.stream].append(item)
+            if len(self._pending[item.stream]) >= BLOCKS_AT_ONCE:
+                self._flush(item.stream)
 
     def tracks(self) -> dict[str, Track]:
-        """The thin tracks by name; to be called once, at the end."""
-        for name in self._heap:
-            self._clear(name)
-        return {name: one.track() for name, one in self._thinning.items()}
+        """The decimated tracks by name. Call once, after the last item."""
+        for name in self._pending:
+            self._flush(name)
+        return {name: reducer.track() for name, reducer in self._reducers.items()}
 
     def _columns(self, name: str) -> int | None:
         """Number of columns of a block; None where its labels were lost with a damaged chunk."""
         return len(self._in_force[name].labels) if name in self._in_force else None
 
-    def _clear(self, name: str) -> None:
-        blocks = self._heap.get(name)
+    def _flush(self, name: str) -> None:
+        blocks = self._pending.get(name)
         if not blocks:
             return
         values = np.concatenate([block.values for block in blocks])
@@ -99,20 +99,20 @@ class Thinning:
             np.repeat([block.host_time_ns for block in blocks], [len(block.sample_numbers) for block in blocks]),
             _values(values, self._motion, self._in_force[name]),
         )
-        self._thinning[name].take(rows)
+        self._reducers[name].take(rows)
         blocks.clear()
 
 
-def thinned(manifest: Manifest, tracks: Mapping[str, Track]) -> dict[str, Track]:
-    """The same of tracks that are there as a whole."""
+def decimate(manifest: Manifest, tracks: Mapping[str, Track]) -> dict[str, Track]:
+    """Decimate tracks that are in memory."""
     motion = motion_of(manifest)
-    thin = {}
+    reduced = {}
     for name, track in tracks.items():
-        one = _thinning(manifest, track.stream)
+        reducer = _reducer(manifest, track.stream)
         values = _values(track.values, motion, track.stream)
-        one.take(Rows(track.sample_numbers.astype(np.int64), track.device_time_ns, track.host_time_ns, values))
-        thin[name] = one.track()
-    return thin
+        reducer.take(Rows(track.sample_numbers.astype(np.int64), track.device_time_ns, track.host_time_ns, values))
+        reduced[name] = reducer.track()
+    return reduced
 
 
 def highest_rate(numbers: NDArray[np.int64], means: NDArray[np.float64], rate_hz: float) -> float:
@@ -122,11 +122,13 @@ def highest_rate(numbers: NDArray[np.int64], means: NDArray[np.float64], rate_hz
     return float(steps[np.isfinite(steps)].max(initial=0.0)) * rate_hz / width
 
 
-def _thinning(manifest: Manifest, stream: Stream) -> _Means | _Crossings:
+def _reducer(manifest: Manifest, stream: Stream) -> _Means | _Crossings:
     return _Crossings(stream, manifest.sync_threshold_v) if stream.name == "/sync" else _Means(stream)
 
 
-def _values(values: NDArray[np.float64] | NDArray[np.float32], motion: Motion, stream: Stream) -> NDArray[np.float64]:
+def _values(
+    values: NDArray[np.float64] | NDArray[np.float32], motion: MarkerMotion, stream: Stream
+) -> NDArray[np.float64]:
     return motion.of(values, stream.labels) if values.ndim == 3 else values.astype(np.float64)  # type: ignore[arg-type]
 
 

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fitting.timing.decimation import Decimator, decimate, highest_rate
 from fitting.timing.sync_certificate import certify
-from fitting.timing.thinned import Thinning, highest_rate, thinned
 from fitting.timing.timeline import tie_by_edge
 from recordings.manifest import Manifest
 from recordings.reader import Track
@@ -46,27 +46,27 @@ def _hosts_by_block(track: Track, sizes: list[int]) -> Track:
 def test_block_by_block_or_as_a_whole_the_same_rows_are_kept(sizes: list[int]) -> None:
     manifest, tracks = _dynamic()
     tracks = {name: _hosts_by_block(track, sizes) for name, track in tracks.items()}
-    thinning = Thinning(manifest, [track.stream for track in tracks.values()])
+    decimator = Decimator(manifest, [track.stream for track in tracks.values()])
     for track in tracks.values():
         for block in _blocks(track, sizes):
-            thinning.take(block)
-    kept = thinning.tracks()
-    for name, whole in thinned(manifest, tracks).items():
+            decimator.take(block)
+    kept = decimator.tracks()
+    for name, whole in decimate(manifest, tracks).items():
         np.testing.assert_array_equal(kept[name].sample_numbers, whole.sample_numbers)
         np.testing.assert_array_equal(kept[name].device_time_ns, whole.device_time_ns)
         np.testing.assert_array_equal(kept[name].host_time_ns, whole.host_time_ns)
         np.testing.assert_allclose(kept[name].values, whole.values, rtol=1e-12)
-    assert certify(manifest, kept) == certify(manifest, thinned(manifest, tracks))
+    assert certify(manifest, kept) == certify(manifest, decimate(manifest, tracks))
 
 
 def test_what_is_kept_grows_by_twenty_rows_a_second_and_ties_the_clocks_as_all_of_it_does() -> None:
     manifest, tracks = _dynamic()
-    thin = thinned(manifest, tracks)
+    decimated = decimate(manifest, tracks)
     seconds = len(tracks["/force"].sample_numbers) / 1000
-    assert len(thin["/force"].sample_numbers) == pytest.approx(20 * seconds, abs=2)
-    assert len(thin["/markers"].sample_numbers) <= 20 * seconds
-    assert len(thin["/sync"].sample_numbers) <= 10
-    whole, kept = tie_by_edge(manifest, tracks), tie_by_edge(manifest, thin)
+    assert len(decimated["/force"].sample_numbers) == pytest.approx(20 * seconds, abs=2)
+    assert len(decimated["/markers"].sample_numbers) <= 20 * seconds
+    assert len(decimated["/sync"].sample_numbers) <= 10
+    whole, kept = tie_by_edge(manifest, tracks), tie_by_edge(manifest, decimated)
     assert (kept.clock.start, kept.clock.ratio) == (whole.clock.start, whole.clock.ratio)
     assert kept.sync_fall == whole.sync_fall and kept.sync_findings == whole.sync_findings
     assert kept.edge_sd == pytest.approx(whole.edge_sd, rel=1e-3)

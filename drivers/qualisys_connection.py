@@ -1,4 +1,4 @@
-"""One connection to QTM: opening it, control of its captures, frames and events as they come, and leaving politely."""
+"""One connection to QTM: open it, control captures, receive frames and events, release control and close it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import threading
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
-from drivers.capture_note import CaptureNote
-from drivers.device import HostClock, Received
+from drivers.device import Received
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.inbox import Inbox
+from drivers.qualisys_settings import QtmSettings
 from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, decode_parameters, readable
 from recordings.samples import DeviceIdentity, Event, Item, Stream
 
@@ -29,32 +28,13 @@ LONGEST_QUEUE = 60_000  # frames that nobody read: ten minutes at 100 Hz
 CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What the configuration asks for."""
-
-    name: str
-    host: str
-    port: int
-    host_clock: HostClock
-    has_control: bool
-    password: str
-    labels: tuple[str, ...]
-    note: CaptureNote
-    timeout_scale: float = 1.0
-
-    def timeout_s(self, seconds: float) -> float:
-        """Wall seconds for an answer that should come within so many."""
-        return seconds * self.timeout_scale
-
-
-class Conversation:
+class QtmConnection:
     """One connection, in a thread with its own event loop. Methods from _run() on run in that thread.
 
     With a past it goes on where that one was lost: same streams, and the capture may still run.
     """
 
-    def __init__(self, wishes: Wishes, past: Conversation | None = None) -> None:
+    def __init__(self, settings: QtmSettings, past: QtmConnection | None = None) -> None:
         from qtm_rt.protocol import QRTCommandException, QTMProtocol
         from qtm_rt.qrt import QRTConnection
 
@@ -62,15 +42,15 @@ class Conversation:
         self.streams: tuple[Stream, ...] = ()
         self.inbox = Inbox(LONGEST_QUEUE)
         self._resumed: tuple[Stream, ...] = past.streams if past else ()
-        self._wishes = wishes
-        self._name = wishes.name
-        self.identity = DeviceIdentity(wishes.name, "", None)
+        self._settings = settings
+        self._name = settings.name
+        self.identity = DeviceIdentity(settings.name, "", None)
         self._opened: Future[None] = Future()
         self._loop = asyncio.new_event_loop()
         self._client = QTMProtocol(loop=self._loop, on_event=self._on_event, on_disconnect=self._on_disconnect)
-        self._connection = QRTConnection(self._client, timeout=wishes.timeout_s(COMMAND_TIMEOUT_S))
+        self._connection = QRTConnection(self._client, timeout=settings.timeout_s(COMMAND_TIMEOUT_S))
         self._guard = PacketGuard(self._client, self._admit, self._on_unreadable, self._on_nonsense)
-        self._thread = threading.Thread(target=self._run, name=wishes.name, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=settings.name, daemon=True)
         self._is_capturing: bool = past is not None and past._is_capturing
         self._has_captured: bool = past is not None and past._has_captured
         self._is_asking_state = False
@@ -91,7 +71,7 @@ class Conversation:
         self._is_lost = is_lost
         with suppress(RuntimeError):  # the loop is closed where the conversation ended by itself
             self._loop.call_soon_threadsafe(self._ending.set)
-        self._thread.join(2 * self._wishes.timeout_s(LEAVE_TIMEOUT_S))
+        self._thread.join(2 * self._settings.timeout_s(LEAVE_TIMEOUT_S))
 
     @property
     def received(self) -> Received | None:
@@ -104,7 +84,7 @@ class Conversation:
             with suppress(RuntimeError, TimeoutError):  # the loop has ended, and delivered what it had
                 self._loop.call_soon_threadsafe(self._deliver)
                 self._loop.call_soon_threadsafe(delivered.set_result, None)
-                delivered.result(self._wishes.timeout_s(COMMAND_TIMEOUT_S))
+                delivered.result(self._settings.timeout_s(COMMAND_TIMEOUT_S))
         return self.inbox.take(timeout_s)
 
     def start_capture(self) -> None:
@@ -113,7 +93,7 @@ class Conversation:
             self._command("start a capture", self._connection.start)
         except DeviceMisconfigured:
             self._has_captured = False
-            self._wishes.note.erase()  # what began meanwhile is not ours
+            self._settings.note.erase()  # what began meanwhile is not ours
             raise
         self._is_capturing = True
 
@@ -124,10 +104,10 @@ class Conversation:
     def _command(self, what: str, command: Callable[[], Coroutine[Any, Any, Any]]) -> None:
         """Has QTM do something, on behalf of another thread."""
         try:
-            timeout_s = 2 * self._wishes.timeout_s(COMMAND_TIMEOUT_S)
+            timeout_s = 2 * self._settings.timeout_s(COMMAND_TIMEOUT_S)
             asyncio.run_coroutine_threadsafe(command(), self._loop).result(timeout_s)
         except self._refusal as error:
-            advice = "check QTM's measurement" if self._wishes.has_control else 'set mocap.control = "start"'
+            advice = "check QTM's measurement" if self._settings.has_control else 'set mocap.control = "start"'
             raise DeviceMisconfigured(
                 f'{self._name} was asked to {what} and answered "{_words(error)}"; {advice}'
             ) from error
@@ -162,11 +142,11 @@ class Conversation:
     async def _open(self) -> None:
         step = "protocol version"
         try:
-            async with asyncio.timeout(self._wishes.timeout_s(CONNECT_TIMEOUT_S)):
+            async with asyncio.timeout(self._settings.timeout_s(CONNECT_TIMEOUT_S)):
                 await self._connect()
             step = "QTM version"
             self.identity = await self._ask_identity()
-            if self._wishes.has_control:
+            if self._settings.has_control:
                 step = "control"
                 await self._take_control()
             step = "settings"
@@ -194,7 +174,7 @@ class Conversation:
 
     async def _connect(self) -> None:
         """As qtm_rt.connect() does; that one ignores its time-out, returns None and leaves the socket open."""
-        await self._loop.create_connection(lambda: self._guard, self._wishes.host, self._wishes.port)
+        await self._loop.create_connection(lambda: self._guard, self._settings.host, self._settings.port)
         await self._client.set_version(PROTOCOL_VERSION)
 
     async def _ask_identity(self) -> DeviceIdentity:
@@ -206,27 +186,27 @@ class Conversation:
         return DeviceIdentity(self._name, answer, "simulat" in answer.lower())
 
     async def _take_control(self) -> None:
-        await self._connection.take_control(self._wishes.password)
+        await self._connection.take_control(self._settings.password)
         if self._resumed:
             return
         state = await self._ask_state()
         if state in _BUSY:
             await self._ensure_ours(state)
             self._is_capturing = True
-        if self._wishes.note.age_s is not None:
-            await asyncio.wait_for(self._save_capture(), self._wishes.timeout_s(COMMAND_TIMEOUT_S))
+        if self._settings.note.age_s is not None:
+            await asyncio.wait_for(self._save_capture(), self._settings.timeout_s(COMMAND_TIMEOUT_S))
         if await self._connection.new() == b"Creating new connection":
             with suppress(TimeoutError):  # then QTM refuses to start a capture, and says why
-                await asyncio.wait_for(self._cameras_are_connected.wait(), self._wishes.timeout_s(CAMERAS_TIMEOUT_S))
+                await asyncio.wait_for(self._cameras_are_connected.wait(), self._settings.timeout_s(CAMERAS_TIMEOUT_S))
 
     async def _ask_state(self) -> str:
         self._state = self._loop.create_future()
         self._client.send_command("getstate", callback=False)  # the answer is an event
-        return await asyncio.wait_for(self._state, self._wishes.timeout_s(COMMAND_TIMEOUT_S))
+        return await asyncio.wait_for(self._state, self._settings.timeout_s(COMMAND_TIMEOUT_S))
 
     async def _ensure_ours(self, state: str) -> None:
         """Raises DeviceUnavailable where somebody else has QTM busy: what he records is not ours to end."""
-        note = self._wishes.note
+        note = self._settings.note
         if state == "capture_started" and note.age_s is not None:
             with suppress(TimeoutError, self._refusal):  # QTM has no frame to tell it by
                 _, rate_hz = await self._ask_parameters()
@@ -240,7 +220,7 @@ class Conversation:
 
     async def _describe(self) -> None:
         labels, rate_hz = await self._ask_parameters()
-        must = self._resumed[0].labels if self._resumed else self._wishes.labels
+        must = self._resumed[0].labels if self._resumed else self._settings.labels
         missing = [label for label in must if label not in labels]
         if missing and self._resumed:
             self._say_labels_are_lost(missing)
@@ -266,7 +246,7 @@ class Conversation:
                 self._deliver()
                 self.inbox.end(
                     f"{self._name} is connected and silent: no frame, and no answer within "
-                    f"{self._wishes.timeout_s(COMMAND_TIMEOUT_S):g} s; "
+                    f"{self._settings.timeout_s(COMMAND_TIMEOUT_S):g} s; "
                     "check that QTM is not stuck"
                 )
                 self._guard.close()
@@ -282,10 +262,10 @@ class Conversation:
 
     async def _leave(self) -> None:
         """Ends what we began; QTM keeps its capture."""
-        if not self._wishes.has_control or not self._connection.has_transport():
+        if not self._settings.has_control or not self._connection.has_transport():
             return
         with suppress(TimeoutError, self._refusal):
-            async with asyncio.timeout(self._wishes.timeout_s(LEAVE_TIMEOUT_S)):
+            async with asyncio.timeout(self._settings.timeout_s(LEAVE_TIMEOUT_S)):
                 if self._has_captured:
                     await self._save_capture()
                 await self._connection.release_control()
@@ -299,13 +279,13 @@ class Conversation:
             while self._is_capturing:
                 await asyncio.sleep(0.01)
             await self._connection.save(CAPTURE_NAME)
-        self._wishes.note.erase()
+        self._settings.note.erase()
 
     def _on_packet(self, packet: Any) -> None:
         frame = decode_frame(packet.data)
         if not self._blocks.has_frames:
             self._loop.call_later(BLOCK_S, self._deliver)
-        self._blocks.add(frame, self._wishes.host_clock())
+        self._blocks.add(frame, self._settings.host_clock())
 
     def _deliver(self) -> None:
         if self.streams:
@@ -331,7 +311,7 @@ class Conversation:
         elif kind in ("capture_started", "capture_stopped"):
             self._is_capturing = kind == "capture_started"
             if self._is_capturing and self._has_captured:
-                self._wishes.note.write()
+                self._settings.note.write()
             if kind == "capture_stopped" and self.streams:
                 self._blocks.capture_ended()
         elif kind == "camera_settings_changed" and self.streams:
@@ -378,7 +358,7 @@ class Conversation:
         self.inbox.end(f"{self._name} sent {what}; the connection cannot be read any further")
 
     def _say(self, kind: str, text: str) -> None:
-        self.inbox.put([Event(kind, text, self._wishes.host_clock(), self._name)])
+        self.inbox.put([Event(kind, text, self._settings.host_clock(), self._name)])
 
     def _on_disconnect(self, error: Exception | None) -> None:
         self._deliver()

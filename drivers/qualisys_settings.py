@@ -1,0 +1,27 @@
+"""Settings of a connection to QTM."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.capture_note import CaptureNote
+from drivers.device import HostClock
+
+
+@dataclass(frozen=True)
+class QtmSettings:
+    """Address, control and its password, required labels, host clock and capture note of a connection to QTM."""
+
+    name: str
+    host: str
+    port: int
+    host_clock: HostClock
+    has_control: bool
+    password: str
+    labels: tuple[str, ...]
+    note: CaptureNote
+    timeout_scale: float = 1.0
+
+    def timeout_s(self, seconds: float) -> float:
+        """Wall time [s] allowed for an answer that is due within `seconds` on an idle machine."""
+        return seconds * self.timeout_scale
