@@ -1,7 +1,7 @@
 """A weight on a steel spring that hangs from the load cell: pulled down by a hand, let go, caught again.
 
-The cell reads the spring, T = M g + k z + c ż with z the downward displacement of the weight from rest (Hooke). While no
-hand holds it, the weight swings as the damped oscillator M z̈ = −k z − c ż does. All of it is known in closed form.
+The cell reads the spring, T = M g + k z + c ż with z the downward displacement of the weight from rest (Hooke). While
+no hand holds it, the weight swings as the damped oscillator M z̈ = −k z − c ż does. All of it is known in closed form.
 
 Does not imitate: the spring's own mass and surge, the weight swinging sideways, the air.
 """

@@ -162,8 +162,8 @@ def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
     for part, slipped, nearest in zip(("waist", "arm"), migration, reach, strict=True):
         if slipped >= nearest:
             raise SuitError(
-                f"the {part} cuff should slip by less than {nearest:.3g} m, its distance to the shoulder point, and has "
-                f"a migration of {slipped:g} m; check it"
+                f"the {part} cuff should slip by less than {nearest:.3g} m, its distance to the shoulder point, and "
+                f"has a migration of {slipped:g} m; check it"
             )
 
 

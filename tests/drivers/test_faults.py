@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from drivers import nidaq, qualisys_conversation
+from drivers import nidaq, qualisys_connection
 from drivers.simulators.faults import FAULTS
 from recordings.samples import Event, Loss, Samples
 from tests.drivers.fault_bench import CASES, STREAMS, Aftermath, Case, FaultBench, random_faults, unaccounted
@@ -19,7 +19,7 @@ def bench() -> Iterator[FaultBench]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(1.0))
         patch.setattr(nidaq, "LONGEST_WAIT_S", 0.3)
-        patch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
+        patch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", scaled_timeout(1.0))
         with FaultBench() as bench:
             yield bench
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers import qualisys_connection as qualisys_conversation
+from drivers import qualisys_connection
 from drivers.device import CaptureControl
 from drivers.errors import DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from recordings.samples import Event, Loss, Samples
@@ -154,7 +154,7 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
 
 
 def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys_conversation, "CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         with pytest.raises(DeviceUnavailable, match="did not answer in time") as caught:
             driver(mute.getsockname()[1]).open()
@@ -162,7 +162,7 @@ def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pyte
 
 
 def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", 0.2)
     with (
         OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
         pytest.raises(DeviceUnavailable, match="asked for its settings"),
@@ -295,12 +295,12 @@ def test_what_qtm_says_it_drops_is_told_whenever_it_gets_worse() -> None:
 
 
 def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(qualisys_conversation, "LONGEST_QUEUE", 100)
+    monkeypatch.setattr(qualisys_connection, "LONGEST_QUEUE", 100)
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         for first in range(2, 302, 50):
             qtm.send(b"".join(two(number) for number in range(first, first + 50)))
             qtm.send(packet(EVENT, b"\x0d"))  # an event delivers what came before it
-        inbox = device._conversation.inbox  # type: ignore[union-attr]
+        inbox = device._connection.inbox  # type: ignore[union-attr]
         with inbox._changed:
             assert inbox._changed.wait_for(lambda: sum(is_event(i, "capture_saved") for i in inbox._items) == 6, 10)
         items = list(device.read(0))

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers import nidaq, qualisys_conversation
+from drivers import nidaq, qualisys_connection
 from drivers.catalogue import make_device
 from drivers.nidaq import NiDaq
 from drivers.qualisys import Qualisys
@@ -192,8 +192,8 @@ def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
 ) -> None:
     monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(0.5))
     monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
-    monkeypatch.setattr(qualisys_conversation, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
-    monkeypatch.setattr(qualisys_conversation, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
+    monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
+    monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
     ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
     ni = make_device(
         "nidaq",

@@ -21,7 +21,7 @@ def _bounced() -> tuple[BouncingMass, float]:
 def test_while_no_hand_holds_it_the_cell_carries_weight_and_inertia() -> None:
     bounce, _ = _bounced()
     t = np.arange(12.5, 30.0, 1e-3)
-    acceleration = np.gradient(np.gradient(bounce.way(t), t), t)
+    acceleration = np.gradient(np.gradient(bounce.displacement(t), t), t)
     newton = TEST.mass_kg * (STANDARD_GRAVITY - acceleration)
     np.testing.assert_allclose(bounce.tension(t)[5:-5], newton[5:-5], atol=0.01)
 
@@ -29,7 +29,7 @@ def test_while_no_hand_holds_it_the_cell_carries_weight_and_inertia() -> None:
 def test_it_hangs_at_rest_before_and_after() -> None:
     bounce, end = _bounced()
     still = np.array([0.0, 9.0, 10.0, end + 0.01, end + 60])
-    np.testing.assert_allclose(bounce.way(still), 0.0, atol=1e-12)
+    np.testing.assert_allclose(bounce.displacement(still), 0.0, atol=1e-12)
     np.testing.assert_allclose(bounce.tension(still), TEST.mass_kg * STANDARD_GRAVITY, atol=1e-6)
 
 

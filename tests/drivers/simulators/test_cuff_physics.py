@@ -70,8 +70,8 @@ def test_a_swinging_cuff_without_damping_and_friction_keeps_its_energy() -> None
         return springs + 0.2 * v**2 / 2 + mass * w**2 / 2 - mass * STANDARD_GRAVITY * y
 
     start = mechanics.at_rest(load=20.0, slip=0.0, base=0.0, base_speed=0.0)  # 9.4 N too little for the mass
-    end, way = mechanics.integrate(start, still_body(np.full_like(half_steps(5.0), mass)))
-    assert np.ptp(way[:, 2]) > 10.0
+    end, trajectory = mechanics.integrate(start, still_body(np.full_like(half_steps(5.0), mass)))
+    assert np.ptp(trajectory[:, 2]) > 10.0
     assert energy(end) == pytest.approx(energy(start), abs=1e-4)
 
 
@@ -82,9 +82,9 @@ def test_a_sinusoidal_pull_shows_the_complex_stiffness_of_spring_damper_and_mass
     t = half_steps(6.0)
     start = mechanics.at_rest(load=25.0, slip=0.0, base=0.0, base_speed=0.0)
     far_end = 25.0 / k + (25.0 + 12.0 * np.sin(omega * t)) / SPRING.stiffness
-    way = mechanics.integrate(start, still_body(far_end))[1]
+    trajectory = mechanics.integrate(start, still_body(far_end))[1]
     period = round(1 / frequency / STEP_S)
-    whole = way[-6 * period :]
+    whole = trajectory[-6 * period :]
     turning = np.exp(-1j * omega * STEP_S * np.arange(len(whole)))
     stiffness = (turning @ whole[:, 2]) / (turning @ whole[:, 0])
     assert stiffness.real == pytest.approx(k - 0.2 * omega**2, rel=2e-3)
@@ -95,20 +95,20 @@ def test_a_sinusoidal_pull_shows_the_complex_stiffness_of_spring_damper_and_mass
 def test_a_donning_up_to_the_heaviest_load_leaves_the_configured_migration(name: str) -> None:
     truth = PUBLISHED_CUFFS[name]
     mechanics = CuffMechanics(truth, 0.2, slider_of(truth.migration_m, 77.0, LAW), ROPE)
-    way = hung(mechanics, ramps(17, 32, 47, 62, 77, 62, 47, 32, 17, 2))
-    displacement = way[-1, 0] - 2.0 / truth.stiffness_n_per_m
+    trajectory = hung(mechanics, ramps(17, 32, 47, 62, 77, 62, 47, 32, 17, 2))
+    displacement = trajectory[-1, 0] - 2.0 / truth.stiffness_n_per_m
     assert displacement == pytest.approx(truth.migration_m, rel=0.02)
-    assert way[-1, 1] == pytest.approx(truth.migration_m, rel=0.02)
+    assert trajectory[-1, 1] == pytest.approx(truth.migration_m, rel=0.02)
 
 
 def test_nothing_slips_below_the_limit() -> None:
-    way = hung(cuff(migration=0.02), ramps(LAW.first_slip_n - 4.0, 2.0))
-    assert np.all(way[:, 1] == 0)
+    trajectory = hung(cuff(migration=0.02), ramps(LAW.first_slip_n - 4.0, 2.0))
+    assert np.all(trajectory[:, 1] == 0)
 
 
 def test_the_cuff_slips_while_the_load_rises_and_never_while_it_falls_or_rises_again() -> None:
-    way = hung(cuff(migration=0.02), ramps(60, 2, 55, 2))
-    slip = way[:, 1]
+    trajectory = hung(cuff(migration=0.02), ramps(60, 2, 55, 2))
+    slip = trajectory[:, 1]
     held = round(4.0 / STEP_S)
     assert np.all(np.diff(slip) >= 0)
     assert slip[held - 1] > 0.01
@@ -116,15 +116,15 @@ def test_the_cuff_slips_while_the_load_rises_and_never_while_it_falls_or_rises_a
 
 
 def test_a_slip_takes_time_and_is_no_jump() -> None:
-    way = hung(cuff(migration=0.02), ramps(60))
-    speed = np.diff(way[:, 1]) / STEP_S
+    trajectory = hung(cuff(migration=0.02), ramps(60))
+    speed = np.diff(trajectory[:, 1]) / STEP_S
     assert speed.max() < 0.1
     assert np.count_nonzero(speed > 1e-4) * STEP_S > 0.5
 
 
 def test_a_slipped_cuff_is_as_stiff_as_before() -> None:
-    way = hung(cuff(k=4000.0, migration=0.012), ramps(77, 62, 47, 32, 17, 2))
-    plateaus = way[round(4.0 / STEP_S) - 1 :: round(4.0 / STEP_S)]
+    trajectory = hung(cuff(k=4000.0, migration=0.012), ramps(77, 62, 47, 32, 17, 2))
+    plateaus = trajectory[round(4.0 / STEP_S) - 1 :: round(4.0 / STEP_S)]
     slope = np.diff(plateaus[:, 2]) / np.diff(plateaus[:, 0])
     assert slope == pytest.approx(np.full(5, 4000.0), rel=1e-3)
 
@@ -135,6 +135,6 @@ def test_a_body_that_moves_takes_the_cuff_along_without_stretching_it() -> None:
     base, base_speed = 0.002 * np.sin(t), 0.002 * np.cos(t)
     start = mechanics.at_rest(load=2.0, slip=0.0, base=0.0, base_speed=0.002)
     far_end = np.full_like(t, 2.0 / 2500 + 2.0 / SPRING.stiffness)
-    way = mechanics.integrate(start, np.column_stack([base, base_speed, far_end]))[1]
+    trajectory = mechanics.integrate(start, np.column_stack([base, base_speed, far_end]))[1]
     load_from_sway = SPRING.stiffness * 0.002
-    assert np.abs(way[:, 0] - 2.0 / 2500).max() < 1.5 * load_from_sway / 2500
+    assert np.abs(trajectory[:, 0] - 2.0 / 2500).max() < 1.5 * load_from_sway / 2500
