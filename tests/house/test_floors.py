@@ -66,5 +66,6 @@ def test_the_readme_sets_up_and_tests_in_its_first_two_blocks_of_one_line_each()
 
 def test_all_packages_of_the_picture_are_installed_with_the_distribution() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    assert project["tool"]["setuptools"]["packages"]["find"]["include"] == [f"{room}*" for room in ("cuffstation", *ROOMS)]
+    included = project["tool"]["setuptools"]["packages"]["find"]["include"]
+    assert included == [f"{room}*" for room in ("cuffstation", *ROOMS)]
     assert project["project"]["scripts"] == {"station": "station.cli:main"}
