@@ -31,7 +31,7 @@ RERUNS = ("tokio-rt-worker", "jemalloc_bg_thd", "ChunkBatcher", "RecordingStream
 RECORD = """
 import sys
 from pathlib import Path
-import station.rerun.log as log
+import station.viewer.log as log
 from station.cli import main
 
 def run(view, run=log.RerunLog._run):

@@ -45,7 +45,7 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Daq(_Section):
+class DaqSection(_Section):
     device: str = "Dev1"
     grpc_target: str | None = None
     force_channel: str = "ai0"
@@ -91,7 +91,7 @@ class LoadCellSection(_Section):
         return self
 
 
-class Sync(_Section):
+class SyncSection(_Section):
     threshold_v: float = 2.5
     timeout_s: Positive = 60.0
     lag_s: float = 0.0  # a force sample stamped t was taken at t + lag_s by the markers' clock
@@ -100,20 +100,20 @@ class Sync(_Section):
     exposure_s: Positive | None = None  # of the mocap cameras, for "end_of_exposure"
 
     @model_validator(mode="after")
-    def _exposure_is_given_with_its_end(self) -> Sync:
+    def _exposure_is_given_with_its_end(self) -> SyncSection:
         if self.stop_edge == "end_of_exposure" and self.exposure_s is None:
             raise ValueError('stop_edge is "end_of_exposure" and no exposure_s is given; add the exposure time of QTM')
         return self
 
 
-class Mocap(_Section):
+class MocapSection(_Section):
     host: str = "127.0.0.1"
     port: int = Field(default=22223, ge=0, le=65_535)
     control: Literal["none", "start"] = "none"
     password: str = ""
 
 
-class Cuff(_Section):
+class CuffSection(_Section):
     """The markers of one cuff. anchor_preset, with label_prefix, stands for anchor_markers (marker_presets.toml)."""
 
     site: Literal["arm", "waist"]
@@ -144,7 +144,7 @@ class Cuff(_Section):
         return labels
 
 
-class Bounce(_Section):
+class BounceSection(_Section):
     """The weight on a steel spring that calibrates the load cell, and the marker on the weight."""
 
     mass_kg: Positive
@@ -153,7 +153,7 @@ class Bounce(_Section):
     mass_relative_sd: float = Field(default=0.0005, ge=0)
 
 
-class Protocol(_Section):
+class ProtocolSection(_Section):
     """The published plan: static, dynamic, a pause, three times over, each cuff donned once.
 
     step_masses_kg are the weights of a static test in the order they are hung on; the fit checks every step against it.
@@ -166,7 +166,7 @@ class Protocol(_Section):
     swing_s: Positive = 20.0  # a dynamic test, at least
 
 
-class Safety(_Section):
+class SafetySection(_Section):
     """What the console stops at, loudly: newtons at the cuff, and newtons a second.
 
     The force ceiling is never above 80 % of the load cell's capacity.
@@ -179,7 +179,7 @@ class Safety(_Section):
 NAME_FIELDS = ("subject", "session", "test", "cuff", "run")
 
 
-class Session(_Section):
+class SessionSection(_Section):
     """What the console records into: a folder for each subject and session, and the names of the files in it."""
 
     folder: Path = Path("sessions")
@@ -210,20 +210,20 @@ class Session(_Section):
 
 
 class StationConfig(_Section):
-    daq: Daq = Daq()
+    daq: DaqSection = DaqSection()
     load_cell: LoadCellSection = LoadCellSection()
-    sync: Sync = Sync()
-    mocap: Mocap = Mocap()
-    cuffs: dict[str, Cuff] = Field(default_factory=dict)
-    protocol: Protocol = Protocol()
-    bounce: Bounce | None = None
-    safety: Safety = Safety()
-    session: Session = Session()
+    sync: SyncSection = SyncSection()
+    mocap: MocapSection = MocapSection()
+    cuffs: dict[str, CuffSection] = Field(default_factory=dict)
+    protocol: ProtocolSection = ProtocolSection()
+    bounce: BounceSection | None = None
+    safety: SafetySection = SafetySection()
+    session: SessionSection = SessionSection()
     simulation: dict[str, Any] = Field(default_factory=dict)  # checked by the simulators, who own its meaning
 
     @field_validator("cuffs")
     @classmethod
-    def _names_fit_into_file_names(cls, cuffs: dict[str, Cuff]) -> dict[str, Cuff]:
+    def _names_fit_into_file_names(cls, cuffs: dict[str, CuffSection]) -> dict[str, CuffSection]:
         for name in cuffs:
             if not CUFF_NAME.fullmatch(name):
                 raise ValueError(f"{name!r} is no cuff's name, expected letters, digits, - and _: files are named so")

@@ -14,16 +14,16 @@ from drivers.simulators.settings import PUBLISHED_CUFFS
 from fitting.result import CuffFit
 from solver.motion import MotionError
 from solver.suit.suit import SuitError
+from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
+from station.assessment.assessment_inputs import AssessmentInputs, wearable
+from station.assessment.compilation import CompilationAhead, compilation_shown
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon, TrialResult
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
+from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import StationConfig, parse_config
 from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
-from station.muscles.assess import AssessedSuit, assess_cuffs, write_assessment
-from station.muscles.assessment_inputs import AssessmentInputs, wearable
-from station.muscles.compilation import CompilationAhead, compilation_shown
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
 from station.report.page import MISSING_FILE, TRUTH_FILE, write_report
@@ -123,7 +123,7 @@ def record_session(
             _prepare(bench, before, spec, config.protocol.pause_s, is_new_donning=is_new_donning)
             before = spec
             with BenchClock(bench.clock_port) as clock:
-                result = Daemon(pointed, clock).record(folder, spec)
+                result = TrialRecorder(pointed, clock).record(folder, spec)
             if spec.cuff is not None:
                 with suppress(SimulationError):  # the bench has ended; what it had recorded counts
                     slipped = bench.tell({"truth": True})["truth"]["slip_m"]

@@ -55,7 +55,7 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Decision:
     """What the operator said of one recording, and why."""
 
     choice: Choice
@@ -101,7 +101,7 @@ class Journal:
 
     setup: Setup | None = None
     recorded: tuple[Recorded, ...] = ()
-    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    verdicts: Mapping[str, Decision] = field(default_factory=dict)
     marks: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
     donnings: Mapping[str, int] = field(default_factory=dict)  # cuff → how often it was donned anew
     skipped: frozenset[TrialSpec] = frozenset()  # trials of the plan that are not recorded
@@ -186,7 +186,7 @@ class _Lines:
         self._begun = ""
         self._recorded: list[Recorded] = []
         self._places: dict[str, list[int]] = {}  # in _recorded, by file
-        self._verdicts: dict[str, Verdict] = {}
+        self._verdicts: dict[str, Decision] = {}
         self._marks: dict[str, dict[int, str]] = {}
         self._donnings: dict[str, int] = {}
         self._skipped: set[TrialSpec] = set()
@@ -246,7 +246,7 @@ class _Lines:
                 raise ValueError(kind)
 
 
-_SETUP, _RECORDED, _VERDICT = TypeAdapter(Setup), TypeAdapter(Recorded), TypeAdapter(Verdict)
+_SETUP, _RECORDED, _VERDICT = TypeAdapter(Setup), TypeAdapter(Recorded), TypeAdapter(Decision)
 _SPEC, _ASSIGNMENT = TypeAdapter(TrialSpec), TypeAdapter(Assignment)
 
 

@@ -17,9 +17,9 @@ from solver.redundancy.motion import solve_motion as solve
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
 from solver.suit.suit import BUNDLED_SUIT, read_suit
+from station.assessment.assessment_inputs import worn_cuffs
+from station.assessment.sources import BUNDLED, model_of, motion_of
 from station.fit import SessionError, fit_session_folder
-from station.muscles.assessment_inputs import worn_cuffs
-from station.muscles.sources import BUNDLED, model_of, motion_of
 
 File = Path | str
 

@@ -16,8 +16,8 @@ from fitting.protocol_file import read_protocol
 from fitting.trial import TrialReading, read_alone
 from fitting.usability import why_unusable
 from recordings.errors import RecordingError
-from station.bench.daemon import TrialRefused, TrialResult
 from station.bench.simulation import SimulationError
+from station.bench.trial_recorder import TrialRefused, TrialResult
 from station.journal import write_donned, write_verdict
 from station.progress import Progress
 from station.protocol import TrialSpec

@@ -16,10 +16,10 @@ from rich.table import Table
 
 from fitting.calibration import full_scale
 from recordings.samples import DeviceIdentity, Samples, Stream
-from station.bench.daemon import MakeDevices
 from station.bench.devices import devices_for
 from station.bench.disk import bytes_free, bytes_needed
-from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+from station.bench.feed import Delivered, DeviceFeed, FeedQueue, Gone, Opened
+from station.bench.trial_recorder import MakeDevices
 from station.clock import Clock, RealClock
 from station.config import StationConfig
 
@@ -145,7 +145,7 @@ def listen(
     config: StationConfig, folder: Path, clock: Clock, make_devices: MakeDevices, listen_s: float = LISTEN_S
 ) -> tuple[Answers, list[str]]:
     """What the devices say in so many wall seconds after all of them have opened, and the devices' names."""
-    inbox, answers = Inbox(), Answers(clock)
+    inbox, answers = FeedQueue(), Answers(clock)
     feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock, folder)]
     for feed in feeds:
         feed.start()

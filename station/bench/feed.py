@@ -40,7 +40,7 @@ class Gone:
 Message = Opened | Delivered | Gone
 
 
-class Inbox(Queue[Message]):
+class FeedQueue(Queue[Message]):
     """What the feeds have delivered and the daemon has not taken, of bounded length.
 
     While it is full the devices are not read: samples wait in the drivers, which count what they have no room for.
@@ -56,7 +56,7 @@ class DeviceFeed:
     The thread is a daemon thread: a device that is frozen for ever is left behind when the process ends.
     """
 
-    def __init__(self, device: Device, inbox: Inbox) -> None:
+    def __init__(self, device: Device, inbox: FeedQueue) -> None:
         self.device = device
         self._inbox = inbox
         self._stop = threading.Event()
@@ -133,7 +133,7 @@ class Feeds:
     """The devices of one trial, each read as fast as it delivers."""
 
     def __init__(self, devices: Sequence[Device]) -> None:
-        self._inbox = Inbox()
+        self._inbox = FeedQueue()
         self.feeds = [DeviceFeed(device, self._inbox) for device in devices]
 
     def start(self) -> None:

@@ -21,8 +21,8 @@ from fitting.trial import Trial
 from recordings.plain_data import parse_json
 from recordings.regular_file import read_regular
 from station.bench.check import Line, listen, show_lines
-from station.bench.daemon import MakeDevices
 from station.bench.devices import load_cell_for
+from station.bench.trial_recorder import MakeDevices
 from station.clock import RealClock
 from station.config import STANDARD_GRAVITY, StationConfig
 from station.journal import LARGEST_JOURNAL, append_line

@@ -13,7 +13,7 @@ from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.background_view import BackgroundView
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.session import Snapshot, State
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.clock import Clock
 
 REFRESH_S = 0.25
@@ -63,7 +63,7 @@ class LiveView(BackgroundView):
         self._moved_mm: float | None = None
         self._clock, self._title = clock, title
         self._console = console or Console(stderr=True)
-        self._snapshot = Snapshot(State.IDLE, "opening the devices")
+        self._snapshot = Snapshot(TrialState.IDLE, "opening the devices")
         self._changes: deque[Snapshot] = deque()
         self._tallies: dict[str, StreamTally] = {}
 
@@ -124,7 +124,7 @@ class LiveView(BackgroundView):
         snapshot, now = self._snapshot, self._clock.station_s()
         level = "-" if snapshot.sync_level_v is None else f"{snapshot.sync_level_v:.2f} V"
         waited = f"for {snapshot.waited_s:.0f} s, {snapshot.left_s:.0f} s left, Ctrl-C cancels"
-        clock = waited if snapshot.state is State.ARMED else f"{snapshot.recorded_s:.1f} s"
+        clock = waited if snapshot.state is TrialState.ARMED else f"{snapshot.recorded_s:.1f} s"
         table = Table(title=f"{self._title}  {snapshot.state.value}  {clock}  sync {level}", title_justify="left")
         for heading in ("stream", "samples/s", "samples", "last"):
             table.add_column(heading, justify="left" if heading in ("stream", "last") else "right")

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from recordings.manifest import TestKind
-from station.bench.typed_faults import obey_in_a_thread
+from station.bench.typed_faults import handle_commands_in_thread
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
 from station.exit_code import WRONG_USAGE
@@ -184,7 +184,7 @@ def serve_until_stopped(
             _say(
                 "stop with Ctrl-C; `hang 2` hangs 2 kg on the load cell, a line such as `ni unplug for_s=2` is a fault"
             )
-            obey_in_a_thread(sys.stdin, world, _say)
+            handle_commands_in_thread(sys.stdin, world, _say)
             _tell_captures(world, stopped, in_turn=cuff is not None and test is None)
     except (ValueError, OSError, RuntimeError) as error:
         raise SimulationError(f"the devices cannot be simulated: {error}") from error

@@ -15,7 +15,7 @@ import numpy as np
 from drivers.device import Device, Received, StreamingDevice
 from drivers.errors import DeviceLost
 from recordings.samples import Item, Samples
-from station.bench.feed import Delivered, DeviceFeed, Inbox, Message, end_feeds
+from station.bench.feed import Delivered, DeviceFeed, FeedQueue, Message, end_feeds
 from station.clock import SteppedClock
 
 ROUND_TIMEOUT_S = 60.0
@@ -33,7 +33,7 @@ class SteppedFeed(DeviceFeed):
     """A feed whose thread reads the device once a round, to the last byte that was sent until then."""
 
     def __init__(self, device: Device) -> None:
-        self.inbox = Inbox()
+        self.inbox = FeedQueue()
         super().__init__(device, self.inbox)
         self._sent: Sent | None = {}
         self._has_round = threading.Event()

@@ -47,7 +47,7 @@ def typed_mass(line: str) -> float:
     return mass
 
 
-def obey(lines: Iterable[str], world: World, say: Callable[[str], None]) -> None:
+def handle_command(lines: Iterable[str], world: World, say: Callable[[str], None]) -> None:
     """Carry out each line and answer it in a sentence."""
     for line in lines:
         if not line.strip():
@@ -68,12 +68,14 @@ def _obeyed(line: str, world: World) -> str:
     return f"{fault.fault} of {fault.device} in {fault.at_s:g} s, for {fault.for_s:g} s"
 
 
-def obey_in_a_thread(lines: Iterable[str] | None, world: World, say: Callable[[str], None]) -> threading.Thread:
+def handle_commands_in_thread(
+    lines: Iterable[str] | None, world: World, say: Callable[[str], None]
+) -> threading.Thread:
     """A thread that ends with the lines, or where there is nothing to read them from."""
 
     def listen() -> None:
         try:
-            obey(lines or (), world, say)
+            handle_command(lines or (), world, say)
         except (OSError, ValueError):  # a terminal that belongs to somebody else, or a standard input that is closed
             return
 

@@ -11,7 +11,7 @@ from nicegui import ui
 from station.bench.simulation import SimulationError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Act, Actions
-from station.console.announcer import Announcer
+from station.console.audio_alerts import AudioAlerts
 from station.console.recordings_view import add_recordings
 from station.journal import JournalError
 from station.session.agenda import Agenda
@@ -102,7 +102,7 @@ class _Page:
 
     def _running(self, live: Live, actions: Actions) -> Callable[[], None]:
         look = running_view.show(self._desk, live, actions)
-        announcer = Announcer()
+        announcer = AudioAlerts()
 
         def tick() -> None:
             look()

@@ -44,7 +44,7 @@ class ServeError(Exception):
     """The console cannot listen where it should; one sentence."""
 
 
-class Doorkeeper:
+class AccessMiddleware:
     """Lets in whoever shows the token, where there is one, and no page of another site in any case.
 
     A browser names the site a request comes from in Origin and, also for a GET, in Sec-Fetch-Site; one that is not ours
@@ -129,7 +129,7 @@ def serve(
         followed = None if is_simulated or speed is None else clock_port(config)
         desk = Desk(config, speed or 1.0, bench, followed)
         stack.callback(desk.close)
-        app.add_middleware(Doorkeeper, token=token)
+        app.add_middleware(AccessMiddleware, token=token)
         app.add_api_route("/beat", _beat)
         app.add_api_route("/report", lambda: _report(desk.folder))
         app.on_startup(lambda: _announce(address, is_opened))

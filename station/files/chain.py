@@ -16,9 +16,9 @@ from recordings.plain_data import PlainDataError, parse_json, read_json
 from recordings.reader import survey_file
 from recordings.regular_file import read_regular
 from solver.suit.suit import BUNDLED_SUIT
+from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import CHECKSUMS_FILE, read_checksums, sha256_of
 from station.fit import recordings_in
-from station.muscles.assessment_json import ASSESSMENT_FILE
 
 REPORT_FILE, CUFFS_FILE = "report.html", "cuffs.json"
 LARGEST_REPORT = 1 << 28

@@ -17,8 +17,8 @@ from recordings.manifest import DataOrigin, Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Stream
 from station.bench.bench_clock import BLOCK_S
-from station.bench.daemon import Daemon, TrialResult, View
-from station.bench.session import Snapshot
+from station.bench.trial_recorder import TrialRecorder, TrialResult, View
+from station.bench.trial_state_machine import Snapshot
 from station.clock import ManualClock
 from station.config import parse_config
 from station.protocol import TrialSpec
@@ -108,7 +108,7 @@ class _StopsAtTheEnd:
     """A view that ends the trial where the recording ends before its capture does, as an operator had then."""
 
     device: RecordedDevice
-    daemon: Daemon | None = None
+    daemon: TrialRecorder | None = None
     has_stopped: bool = False
 
     def offer(self, item: Item) -> None: ...
@@ -135,7 +135,7 @@ def replay(path: Path, folder: Path, speed: float, views: Sequence[View] = ()) -
     device = RecordedDevice(recording, clock)
     ending = _StopsAtTheEnd(device)
     config = parse_config(manifest.effective_config, str(path))
-    daemon = Daemon(config, clock, [*views, ending], make_devices=lambda *_: [device], post_roll_s=math.inf)
+    daemon = TrialRecorder(config, clock, [*views, ending], make_devices=lambda *_: [device], post_roll_s=math.inf)
     ending.daemon = daemon
     return daemon.record(folder, _spec(manifest))
 

@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from station.muscles.assessment_file import read_activations
-from station.muscles.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
-from station.muscles.sources import without_hash
+from station.assessment.assessment_file import read_activations
+from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
+from station.assessment.sources import without_hash
 from station.report.muscle_figures import activation_figure, cost_figure, cuffs_figure, reduction_figure
 from station.report.pictures import Picture, PlannedFigure
 

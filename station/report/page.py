@@ -23,12 +23,12 @@ from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin
 from recordings.plain_data import PlainDataError, read_json
+from station.assessment.assessment_file import read_assessment
+from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.checksums import sha256_of, write_checksums
 from station.files.chain import CUFFS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder, recordings_in
 from station.interval import bracketed, digits_of, of_cuff, rounded
-from station.muscles.assessment_file import read_assessment
-from station.muscles.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.progress import Progress, silent
 from station.report.assessment_section import assessment_section, suit_figures
 from station.report.figures import dynamic_figure, static_figure, trial_figure

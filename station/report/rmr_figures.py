@@ -17,9 +17,9 @@ from matplotlib.patches import Ellipse
 from solver.model import ModelError
 from solver.redundancy.glenoid import glenoid_cone
 from solver.redundancy.motion import FrameOutcome, effort_weights
-from station.muscles.rmr import SolvedMotion
-from station.muscles.rmr_table import reserve_unit
-from station.muscles.sources import without_hash
+from station.assessment.rmr import SolvedMotion
+from station.assessment.rmr_table import reserve_unit
+from station.assessment.sources import without_hash
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
 from station.whole_file import write_whole
 

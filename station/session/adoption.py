@@ -9,7 +9,7 @@ from filelock import FileLock, Timeout
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import recover
-from station.bench.daemon import LOCK
+from station.bench.trial_recorder import LOCK
 from station.checksums import write_checksums
 from station.fit import recordings_in
 from station.journal import Recorded, read_journal, write_recorded

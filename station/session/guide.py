@@ -16,8 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from recordings.manifest import TestKind
-from station.config import Protocol as ProtocolSection
-from station.config import StationConfig
+from station.config import ProtocolSection, StationConfig
 
 STANDARD_GRAVITY = 9.80665
 WINDOW_S = 1.0

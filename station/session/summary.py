@@ -53,9 +53,9 @@ def _assess_what_is_there(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[s
     """assessment.json of the cuffs that can be worn; what was found, and what is left out or assumed, by name."""
     from solver.motion import MotionError
     from solver.suit.suit import SuitError
-    from station.muscles.assess import assess_cuffs, write_assessment
-    from station.muscles.assessment_inputs import NO_SHIFT, AssessmentInputs, InputError, wearable, without_shift
-    from station.muscles.findings import findings
+    from station.assessment.assess import assess_cuffs, write_assessment
+    from station.assessment.assessment_inputs import NO_SHIFT, AssessmentInputs, InputError, wearable, without_shift
+    from station.assessment.findings import findings
 
     worn, left_out = wearable({name: without_shift(cuff) for name, cuff in cuffs.items()})
     remarks = [f"{name}: {NO_SHIFT}" for name, cuff in worn.items() if NO_SHIFT in cuff.notes]

@@ -25,7 +25,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live import StreamTally
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.session import Snapshot, State
+from station.bench.trial_state_machine import Snapshot, TrialState
 
 REFRESH_S = 0.05
 RATE_REFRESHES = 60
@@ -63,7 +63,7 @@ class Telemetry(BackgroundView):
         self._out, self._cuff, self._load_cell = out, cuff, load_cell
         self._disk = _DiskTime(folder)
         self._bench_clock = bench_clock
-        self._snapshot = Snapshot(State.IDLE, "opening the devices")
+        self._snapshot = Snapshot(TrialState.IDLE, "opening the devices")
         self._tallies: dict[str, StreamTally] = {}
         self._since = _Since()
         self._first_host_ns: int | None = None

@@ -43,7 +43,7 @@ class TrialProcess:
         child = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
-            "station.session.recorder",
+            "station.session.trial_daemon",
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             limit=LONGEST_LINE,

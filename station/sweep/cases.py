@@ -22,8 +22,8 @@ from solver.point_mass import with_point_mass
 from solver.source_file import LARGEST_TABLE, read_source
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
-from station.muscles.assessment_inputs import cuff_remarks, read_cuffs_to_wear, worn_cuffs
-from station.muscles.sources import BUNDLED, loads_of, model_of, motion_of
+from station.assessment.assessment_inputs import cuff_remarks, read_cuffs_to_wear, worn_cuffs
+from station.assessment.sources import BUNDLED, loads_of, model_of, motion_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
 from station.sweep.solving import Geometry, Task, WornCase
 

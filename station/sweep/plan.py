@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml, shortened
 from recordings.regular_file import read_regular
 from solver.suit.scenarios import Condition
-from station.muscles.sources import BUNDLED
+from station.assessment.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]
 Point = dict[str, Value]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from station.muscles.assessment_inputs import ensure_folder
+from station.assessment.assessment_inputs import ensure_folder
 from station.progress import Progress, silent
 from station.sweep.cases import SweepInputs
 from station.sweep.dataset import Parts, write_account, write_table

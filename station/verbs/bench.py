@@ -146,9 +146,9 @@ def _record_trial(
     from contextlib import ExitStack
 
     from station.bench.bench_clock import BenchClock
-    from station.bench.daemon import Daemon, View
     from station.bench.session_folder import why_not_here
     from station.bench.simulation import clock_port, serves_simulated
+    from station.bench.trial_recorder import TrialRecorder, View
     from station.clock import RealClock
 
     with ExitStack() as stack:
@@ -157,11 +157,11 @@ def _record_trial(
             clock = stack.enter_context(BenchClock(clock_port(config), speed))
         views: list[View] = [stack.enter_context(_live_view(config, clock, spec))]
         if rrd is not None or rerun:
-            from station.rerun.log import open_rerun
+            from station.viewer.log import open_rerun
 
             rope = config.cuffs[spec.cuff].rope_markers if spec.cuff in config.cuffs else ()
             views += open_rerun(stack, rrd, rerun, rope)
-        daemon = Daemon(config, clock, views, why_not_here=why_not_here)
+        daemon = TrialRecorder(config, clock, views, why_not_here=why_not_here)
         _stop_on_signals(daemon)
         try:
             result = daemon.record(session, spec, duration)

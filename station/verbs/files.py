@@ -43,14 +43,14 @@ def replay(
     from tempfile import TemporaryDirectory
 
     from recordings.reader import open_recording
-    from station.bench.daemon import TrialRefused, View
     from station.bench.live import LiveView
     from station.bench.session_folder import why_not_here
+    from station.bench.trial_recorder import TrialRefused, View
     from station.checksums import changed_files
     from station.clock import RealClock
     from station.files.replay import replay as play_back
-    from station.rerun.log import open_rerun
-    from station.rerun.scene import log_scene
+    from station.viewer.log import open_rerun
+    from station.viewer.scene import log_scene
 
     for sentence in changed_files([file]):
         say(sentence)
@@ -161,9 +161,9 @@ def export(
 ) -> None:
     """Write recordings, or a suited model, for other programs. Prints the paths of what it wrote."""
     from solver.suit.suit import BUNDLED_SUIT
+    from station.assessment.export_model import SuitToExport, write_suited_model
     from station.files.export_trial import Exported
     from station.files.one_clock import WrongExport
-    from station.muscles.export_model import SuitToExport, write_suited_model
     from station.progress import busy
 
     if fill_gaps and to not in ("mot", "sto"):

@@ -44,9 +44,9 @@ def rmr(
     from rich.console import Console
 
     from solver.redundancy.motion import RedundancyOptions
-    from station.muscles.compilation import compilation_shown
-    from station.muscles.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
-    from station.muscles.rmr_table import ensure_writable, write_solved
+    from station.assessment.compilation import compilation_shown
+    from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
+    from station.assessment.rmr_table import ensure_writable, write_solved
     from station.progress import progress_bars
 
     ensure_writable(output)
@@ -93,10 +93,10 @@ def assess(
     from rich.console import Console
 
     from solver.suit.suit import BUNDLED_SUIT
-    from station.muscles.assess import assess_file
-    from station.muscles.assessment_inputs import AssessmentInputs, cuff_remarks
-    from station.muscles.compilation import compilation_shown
-    from station.muscles.findings import findings
+    from station.assessment.assess import assess_file
+    from station.assessment.assessment_inputs import AssessmentInputs, cuff_remarks
+    from station.assessment.compilation import compilation_shown
+    from station.assessment.findings import findings
     from station.progress import progress_bars
     from station.report.page import write_report
     from station.tables import assessment_table
@@ -135,9 +135,9 @@ def optimise(
 
     from fitting.cuffs_file import read_cuffs
     from solver.suit.suit import BUNDLED_SUIT
-    from station.muscles.assessment_inputs import AssessmentInputs, cuff_remarks, worn_fits
-    from station.muscles.compilation import compilation_shown
-    from station.muscles.optimum import optimise_file
+    from station.assessment.assessment_inputs import AssessmentInputs, cuff_remarks, worn_fits
+    from station.assessment.compilation import compilation_shown
+    from station.assessment.optimum import optimise_file
     from station.progress import progress_bars
     from station.tables import optimum_table
 

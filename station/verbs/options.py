@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from station.bench.daemon import TrialResult
+    from station.bench.trial_recorder import TrialResult
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[

@@ -20,7 +20,7 @@ def demo(
     seed: Seed = 1,
 ) -> None:
     """Record a whole session from simulated devices, fit it, assess it, report it."""
-    from station.muscles.compilation import CompilationAhead
+    from station.assessment.compilation import CompilationAhead
 
     with CompilationAhead() as ahead:
         from station.demo import run_demo  # takes seconds, in which the second process compiles

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from station.assessment.assess import assess_cuffs, write_assessment
+from station.assessment.assessment_inputs import AssessmentInputs
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
 from station.bench.simulation import SimulatedBench, simulator_settings
+from station.bench.trial_recorder import TrialRecorder
 from station.cli import main
 from station.config import parse_config
 from station.demo import demo_config, record_session
 from station.fit import fit_session_folder
-from station.muscles.assess import assess_cuffs, write_assessment
-from station.muscles.assessment_inputs import AssessmentInputs
 from station.progress import silent
 from station.protocol import TrialSpec
 from station.report.page import write_report
@@ -91,7 +91,7 @@ def test_a_rerecording_of_one_repeat_supersedes_it(session: Path) -> None:
         bench.tell({"trial": {"cuff": "hand", "test": "dynamic"}})
         spec = TrialSpec("hand", "dynamic", 1)
         with BenchClock(bench.clock_port) as clock:
-            result = Daemon(bench.pointed_at(config), clock).record(session, spec, duration_s=15.0)
+            result = TrialRecorder(bench.pointed_at(config), clock).record(session, spec, duration_s=15.0)
     assert result.path is not None and result.path.name == "cuff-hand_test-dynamic_run-2.mcap"
     trials = {trial.file: trial.state for trial in fit_session_folder(session, None).cuffs["hand"].trials}
     assert trials["cuff-hand_test-dynamic_run-1.mcap"] == "superseded"

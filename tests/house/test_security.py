@@ -14,8 +14,8 @@ import pytest
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import ConfigError, parse_config
 from station.journal import JOURNAL_FILE, JournalError, read_journal
-from station.rerun import viewer as rerun_viewer
 from station.sweep import cluster
+from station.viewer import viewer as rerun_viewer
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [

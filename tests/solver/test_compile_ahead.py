@@ -31,8 +31,8 @@ assert count_ready() == len(KERNELS) == 8, before
 import numpy as np
 from pathlib import Path
 from fitting.cuffs_file import read_cuffs
-from station.muscles.assess import assess_cuffs
-from station.muscles.assessment_inputs import AssessmentInputs
+from station.assessment.assess import assess_cuffs
+from station.assessment.assessment_inputs import AssessmentInputs
 
 file = Path(sys.argv[1])
 assess_cuffs(read_cuffs(file), AssessmentInputs(file), most_frames=3, most_rest_lengths=4, draws=2)

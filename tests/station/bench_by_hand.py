@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from recordings.samples import Event, Item, Samples, Stream
-from station.bench.session import TrialRules, TrialSession
+from station.bench.trial_state_machine import TrialRules, TrialStateMachine
 from station.clock import ManualClock
 
 STREAMS = [Stream(n, "V", (n[1:],), 1000.0, "NI Dev1") for n in ("/force", "/sync")] + [
@@ -42,7 +42,7 @@ class Bench:
     ) -> None:
         self.clock, self.recorder = ManualClock(), Recorder()
         rules = TrialRules(start, 2.5, timeout_s, duration_s)  # type: ignore[arg-type]
-        self.session = TrialSession(rules, self.recorder, self.clock)
+        self.session = TrialStateMachine(rules, self.recorder, self.clock)
         self.sample, self.frame, self.level, self.capturing = 0, 1, 0.0, False
         self.daq_sends = self.mocap_sends = True
 

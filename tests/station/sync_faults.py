@@ -15,8 +15,8 @@ from fitting.timing.sync_certificate import SyncCertificate, certify
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon, TrialResult
-from station.bench.session import Snapshot, State
+from station.bench.trial_recorder import TrialRecorder, TrialResult
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 
@@ -84,7 +84,7 @@ class _Meddler:
     def offer(self, item: Item) -> None: ...
 
     def show(self, snapshot: Snapshot) -> None:
-        if not self.has_meddled and snapshot.state is State.ARMED and snapshot.waited_s > ARMED_FOR_S:
+        if not self.has_meddled and snapshot.state is TrialState.ARMED and snapshot.waited_s > ARMED_FOR_S:
             self.has_meddled = True
             self.faults.inject(self.fault)
 
@@ -95,7 +95,7 @@ def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
         world = bench.world
         views = [_Meddler(case.plan, world.faults)] if case.while_armed else []
         with BenchClock(bench.ports["clock"]) as clock:
-            result = Daemon(_config(bench), clock, views).record(folder, TrialSpec("waist", "static", 1))
+            result = TrialRecorder(_config(bench), clock, views).record(folder, TrialSpec("waist", "static", 1))
         capture = world.capture
         assert capture is not None
         moment = capture.end if case.fault == "no_stop_edge" else world.faults.of("sync", case.fault)[0].begin

@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import Writer
 
 from station.cli import VERBS
-from tests.station.bench.test_daemon import Rig
+from tests.station.bench.test_trial_recorder import Rig
 from tests.station.command import assert_one_sentence
 
 EXAMPLE = Path(__file__).parents[2] / "station.toml"

@@ -13,7 +13,7 @@ from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
 from fitting.trial import RejectedTrial, Trial, read_alone
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
+from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
 from station.protocol import TrialSpec
 from tests.recordings.trials import chunk_starts
@@ -47,7 +47,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for test in ("static", "dynamic"):
             bench.world.select_trial("waist", test)  # type: ignore[arg-type]
             spec = TrialSpec("waist", test, 1)  # type: ignore[arg-type]
-            assert Daemon(parse_config(config, "test"), clock, []).record(folder, spec).accepted
+            assert TrialRecorder(parse_config(config, "test"), clock, []).record(folder, spec).accepted
     return folder
 
 

@@ -14,10 +14,10 @@ from fitting.session import fit_session
 from fitting.trial import build_trial
 from solver.suit.suit import SuitError
 from station import demo
-from station.bench.daemon import TrialResult
+from station.assessment.assessment_inputs import wearable
+from station.assessment.compilation import CompilationAhead
+from station.bench.trial_recorder import TrialResult
 from station.exit_code import LOSSY
-from station.muscles.assessment_inputs import wearable
-from station.muscles.compilation import CompilationAhead
 from station.progress import silent
 from station.protocol import TrialSpec
 from station.second_attempt import RecordedTrial

@@ -14,11 +14,11 @@ from station import journal
 from station.journal import (
     JOURNAL_FILE,
     Assignment,
+    Decision,
     Journal,
     JournalError,
     Recorded,
     Setup,
-    Verdict,
     read_journal,
     write_assigned,
     write_donned,
@@ -63,7 +63,7 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     journal = read_journal(tmp_path)
     assert journal.setup == SETUP
     assert journal.recorded == (TRIAL,)
-    assert journal.verdicts == {"a.mcap": Verdict("redo", "the cuff slipped")}
+    assert journal.verdicts == {"a.mcap": Decision("redo", "the cuff slipped")}
     assert journal.redone == {"a.mcap": "the cuff slipped"}
     assert journal.marks == {"a.mcap": {2: "coughed"}}
     assert journal.donnings == {"hand": 1}

@@ -74,7 +74,7 @@ def test_the_glenoid_has_a_name_either_way(
         asked.append(options)
         raise OSError(0, "enough")
 
-    monkeypatch.setattr("station.muscles.rmr.solve_muscles", solve)
+    monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
     for older in ((), ("--no-no-glenoid",)):
         station("rmr", "--output", tmp_path / "out.csv", *given, *older)
         assert asked.pop().has_glenoid_cone == (has_glenoid or bool(older)), "the option of before is still accepted"

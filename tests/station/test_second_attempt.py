@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceUnavailable
-from station.bench.daemon import TrialRefused, TrialResult
+from station.bench.trial_recorder import TrialRefused, TrialResult
 from station.journal import read_journal
 from station.progress import silent
 from station.protocol import TrialSpec, published_plan

@@ -12,20 +12,20 @@ from pathlib import Path
 
 import pytest
 
-import station.bench.daemon
+import station.bench.trial_recorder
 from drivers.capture_note import CaptureNote
 from recordings.errors import ForeignFile
 from recordings.exchange.c3d import read_c3d_markers
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from station import end_signals
-from station.bench.daemon import TrialRefused
+from station.bench.trial_recorder import TrialRefused
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
 from station.session import trial_process
 from station.whole_file import write_whole
 from station.windows_names import why_no_windows_name
-from tests.station.bench.test_daemon import SPEC, Rig
+from tests.station.bench.test_trial_recorder import SPEC, Rig
 from tests.windows_files import behave_as_windows
 
 ROOT = Path(__file__).parents[2]
@@ -128,7 +128,7 @@ def test_two_cuffs_that_differ_in_case_alone_are_refused() -> None:
 def test_a_path_that_is_too_long_for_windows_is_refused_before_anything_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(station.bench.daemon.sys, "platform", "win32")
+    monkeypatch.setattr(station.bench.trial_recorder.sys, "platform", "win32")
     with pytest.raises(TrialRefused, match="too long for Windows"):
         Rig().daemon().record(tmp_path / ("x" * 120) / ("y" * 120), SPEC)
 

@@ -23,9 +23,9 @@ from recordings.reader import open_recording
 from recordings.samples import Item, Samples
 from station.bench import bench_clock
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
-from station.bench.session import Snapshot, State
 from station.bench.simulation import SimulatedBench
+from station.bench.trial_recorder import TrialRecorder
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.clock import RealClock
 from station.config import StationConfig, parse_config
 from station.console.running_view import streams_of
@@ -45,7 +45,7 @@ class Looks:
     def offer(self, item: Item) -> None: ...
 
     def show(self, snapshot: Snapshot) -> None:
-        if not self.has_acted and snapshot.state is State.RECORDING and snapshot.recorded_s > self._after_s:
+        if not self.has_acted and snapshot.state is TrialState.RECORDING and snapshot.recorded_s > self._after_s:
             self.has_acted = True
             self._act()
 
@@ -64,7 +64,7 @@ def config_for(ports: dict[str, int]) -> StationConfig:
 def test_a_trial_holds_blocks_of_the_world_s_time(simulated_bench: Callable[..., Bench], tmp_path: Path) -> None:
     bench = simulated_bench(protocol=SHORT)
     with BenchClock(bench.ports["clock"]) as clock:
-        result = Daemon(config_for(bench.ports), clock).record(tmp_path, SPEC)
+        result = TrialRecorder(config_for(bench.ports), clock).record(tmp_path, SPEC)
         assert clock.station_s() == bench.world.now()
     assert result.accepted and not result.lost_samples and result.path is not None
     blocks = [item for item in open_recording(result.path).items() if isinstance(item, Samples)]
@@ -121,7 +121,7 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
         child = bench._child
         assert child is not None
         with BenchClock(bench.clock_port) as clock:
-            daemon = Daemon(config_for(bench.ready["ports"]), clock, [Looks(child.kill)])
+            daemon = TrialRecorder(config_for(bench.ready["ports"]), clock, [Looks(child.kill)])
             result = daemon.record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert "the simulated bench" in result.sentence and result.sentence.count("\n") == 0
@@ -137,11 +137,11 @@ def test_a_second_station_is_refused_the_daq_in_one_sentence_and_the_first_goes_
 
     def try_another() -> None:
         with pytest.raises(DeviceUnavailable) as caught:
-            Daemon(config_for(bench.ports), RealClock()).record(tmp_path / "other", SPEC)
+            TrialRecorder(config_for(bench.ports), RealClock()).record(tmp_path / "other", SPEC)
         refused.append(str(caught.value))
 
     with BenchClock(bench.ports["clock"]) as clock:
-        result = Daemon(config_for(bench.ports), clock, [Looks(try_another)]).record(tmp_path / "first", SPEC)
+        result = TrialRecorder(config_for(bench.ports), clock, [Looks(try_another)]).record(tmp_path / "first", SPEC)
     assert result.accepted and not result.lost_samples
     assert len(refused) == 1 and "is in use by another recording on this computer" in refused[0]
     assert not list((tmp_path / "other").glob("*.mcap"))
@@ -152,7 +152,7 @@ def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: Callable[..
     other = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
     other.open()
     with BenchClock(bench.ports["clock"]) as clock:
-        result = Daemon(config_for(bench.ports), clock).record(tmp_path, SPEC)
+        result = TrialRecorder(config_for(bench.ports), clock).record(tmp_path, SPEC)
     assert result.path is not None
     recorded = open_recording(result.path).load("/markers").sample_numbers
     seen: list[int] = []

@@ -8,7 +8,7 @@ import pytest
 import station.bench.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Stream
-from station.bench.feed import Delivered, DeviceFeed, Gone, Inbox, Opened
+from station.bench.feed import Delivered, DeviceFeed, FeedQueue, Gone, Opened
 
 
 class Scripted:
@@ -48,7 +48,7 @@ class Scripted:
 
 def test_what_a_device_delivers_arrives_in_order() -> None:
     events = [Event(str(i), "", i, "x") for i in range(3)]
-    inbox = Inbox()
+    inbox = FeedQueue()
     feed = DeviceFeed(Scripted([[events[0]], [], events[1:]]), inbox)
     feed.start()
     assert inbox.get(timeout=5) == Opened("scripted", (), Scripted.identity)
@@ -60,7 +60,7 @@ def test_what_a_device_delivers_arrives_in_order() -> None:
 
 def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None:
     for device in (Scripted([], refuses=DeviceUnavailable("no")), Scripted([DeviceLost("gone")])):
-        inbox = Inbox()
+        inbox = FeedQueue()
         feed = DeviceFeed(device, inbox)
         feed.start()
         message = inbox.get(timeout=5)
@@ -72,7 +72,7 @@ def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None
 
 
 def test_a_fault_in_a_driver_becomes_a_sentence() -> None:
-    inbox = Inbox()
+    inbox = FeedQueue()
     feed = DeviceFeed(Scripted([ZeroDivisionError("oops")]), inbox)
     feed.start()
     inbox.get(timeout=5)
@@ -83,7 +83,7 @@ def test_a_fault_in_a_driver_becomes_a_sentence() -> None:
 
 
 def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping() -> None:
-    inbox = Inbox()
+    inbox = FeedQueue()
     device = Scripted([])
     feed = DeviceFeed(device, inbox)
     assert feed.can_control_capture
@@ -100,7 +100,7 @@ def test_while_nobody_listens_the_device_is_not_read_and_nothing_is_lost(monkeyp
     monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
     events = [Event(str(i), "", i, "x") for i in range(20)]
     device = Scripted([[event] for event in events])
-    inbox = Inbox()
+    inbox = FeedQueue()
     feed = DeviceFeed(device, inbox)
     feed.start()
     while not inbox.full():
@@ -116,7 +116,7 @@ def test_a_feed_ends_though_nobody_takes_what_it_delivered(monkeypatch: pytest.M
     monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 1)
     monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
     device = Scripted([[Event(str(i), "", i, "x")] for i in range(5)])
-    feed = DeviceFeed(device, Inbox())
+    feed = DeviceFeed(device, FeedQueue())
     feed.start()
     feed.ask_to_stop()
     assert feed.has_ended(within_s=5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from recordings.samples import Loss
-from station.bench.session import State
+from station.bench.trial_state_machine import TrialState
 from tests.station.bench_by_hand import Bench
 
 
@@ -24,7 +24,7 @@ def test_frames_that_begin_late_are_counted_as_lost() -> None:
     (loss,) = _late(bench)
     assert (loss.stream, loss.first_missing, loss.count) == ("/markers", 1, 120)
     assert bench.session.lost_samples == 120
-    assert bench.session.state is State.CLOSED
+    assert bench.session.state is TrialState.CLOSED
 
 
 def test_a_capture_that_is_heard_before_its_edge_is_settled_is_judged_then() -> None:
@@ -37,7 +37,7 @@ def test_a_capture_that_is_heard_before_its_edge_is_settled_is_judged_then() -> 
     assert not _late(bench)
     bench.daq_sends = True
     bench.run(0.5)
-    assert bench.session.state is State.RECORDING
+    assert bench.session.state is TrialState.RECORDING
     assert [loss.count for loss in _late(bench)] == [3]
 
 

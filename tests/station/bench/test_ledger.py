@@ -14,7 +14,7 @@ from recordings.contents import contents_of
 from recordings.reader import open_recording
 from recordings.samples import Event, Samples
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon, TrialResult
+from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import parse_config
 from station.files.info import show_contents
 from station.protocol import TrialSpec
@@ -94,4 +94,4 @@ def recorded(bench: Bench, folder: Path) -> TrialResult:
         "test",
     )
     with BenchClock(bench.ports["clock"]) as clock:
-        return Daemon(config, clock).record(folder, TrialSpec("waist", "static", 1))
+        return TrialRecorder(config, clock).record(folder, TrialSpec("waist", "static", 1))

@@ -8,7 +8,7 @@ from rich.console import Console
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Loss, Samples, Stream
 from station.bench.live import BACKLOG, LiveView
-from station.bench.session import Snapshot, State
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.clock import ManualClock
 
 
@@ -25,8 +25,8 @@ def seen(view_of: list[object], snapshots: list[Snapshot]) -> tuple[str, LiveVie
 
 
 def test_every_state_is_said_once_even_if_it_was_short() -> None:
-    armed, recording = Snapshot(State.ARMED, "waiting"), Snapshot(State.RECORDING, "recording")
-    said, _ = seen([], [armed, armed, recording, Snapshot(State.CLOSED, "the capture ended")])
+    armed, recording = Snapshot(TrialState.ARMED, "waiting"), Snapshot(TrialState.RECORDING, "recording")
+    said, _ = seen([], [armed, armed, recording, Snapshot(TrialState.CLOSED, "the capture ended")])
     assert said.splitlines() == [
         "hand static 1: armed: waiting",
         "hand static 1: recording: recording",
@@ -49,7 +49,7 @@ def test_a_view_that_falls_behind_drops_the_oldest_and_counts() -> None:
 def test_an_armed_trial_shows_level_time_left_and_how_to_cancel() -> None:
     out = io.StringIO()
     view = LiveView(ManualClock(), "hand static 1", Console(file=out, force_terminal=True, width=200))
-    view.show(Snapshot(State.ARMED, "waiting", sync_level_v=0.31, waited_s=12.0, left_s=48.0))
+    view.show(Snapshot(TrialState.ARMED, "waiting", sync_level_v=0.31, waited_s=12.0, left_s=48.0))
     with view:
         pass
     assert "armed  for 12 s, 48 s left, Ctrl-C cancels  sync 0.31 V" in out.getvalue()
@@ -70,7 +70,7 @@ def test_a_trial_shows_newtons_and_the_cuff_s_displacement_beside_what_the_devic
         LoadCell("daq", 100.0, -1),
         CuffSite("hand", "arm", labels[:3], ("cuff_1",), labels[4:]),
     )
-    view.show(Snapshot(State.RECORDING, "recording", streams=streams))
+    view.show(Snapshot(TrialState.RECORDING, "recording", streams=streams))
     view.offer(Samples("/force", numbers, numbers.astype(np.int64), 0, np.full((40, 1), -0.25)))
     for part in np.split(numbers, [30]):
         view.offer(Samples("/markers", part, part.astype(np.int64), 0, frames[part]))

@@ -12,8 +12,8 @@ from drivers.simulators.bench import Bench
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
-from station.bench.session import Snapshot, State
+from station.bench.trial_recorder import TrialRecorder
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 from tests.drivers.tcp_proxy import TcpProxy
@@ -50,7 +50,7 @@ class Breaks:
 
     def show(self, snapshot: Snapshot) -> None:
         since_s = snapshot.recorded_s - (self.broken_at_s[-1] if self.broken_at_s else 0.0)
-        if snapshot.state is State.RECORDING and since_s > 0.5 and self._left and not self._is_broken:
+        if snapshot.state is TrialState.RECORDING and since_s > 0.5 and self._left and not self._is_broken:
             self._left -= 1
             self._is_broken = True
             self.broken_at_s.append(snapshot.recorded_s)
@@ -64,7 +64,7 @@ def test_a_trial_goes_on_without_a_loss_over_twenty_broken_links_to_the_device_s
     with TcpProxy(bench.ports["ni"]) as link, BenchClock(bench.ports["clock"]) as clock:
         breaks = Breaks(link, 20)
         config = config_for(link.port, bench.ports["qtm"])
-        result = Daemon(config, clock, [breaks]).record(tmp_path, TrialSpec("waist", "static", 1))
+        result = TrialRecorder(config, clock, [breaks]).record(tmp_path, TrialSpec("waist", "static", 1))
     assert len(breaks.broken_at_s) == 20
     assert result.accepted and result.lost_samples == 0 and result.path is not None, result.sentence
     recording = open_recording(result.path)

@@ -11,8 +11,8 @@ import pytest
 from drivers.simulators.bench import Bench
 from recordings.reader import open_recording
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
-from station.bench.session import Snapshot, State
+from station.bench.trial_recorder import TrialRecorder
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 from tests.station.command import Ran
@@ -39,7 +39,7 @@ class Sentences:
     """A view that keeps what the trial said in each state."""
 
     def __init__(self) -> None:
-        self.said: dict[State, list[str]] = {}
+        self.said: dict[TrialState, list[str]] = {}
 
     def offer(self, item: object) -> None: ...
 
@@ -72,9 +72,9 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
     bench.clock.advance(into_the_capture_s)
     view = Sentences()
     with BenchClock(bench.ports["clock"]) as clock:
-        result = Daemon(config_for(bench), clock, [view]).record(tmp_path, TrialSpec(None, "bounce", 1))
+        result = TrialRecorder(config_for(bench), clock, [view]).record(tmp_path, TrialSpec(None, "bounce", 1))
     assert result.accepted and not result.lost_samples and result.path is not None
-    assert "the sync line is high" in " ".join(view.said[State.ARMED])
+    assert "the sync line is high" in " ".join(view.said[TrialState.ARMED])
     assert open_recording(result.path).load("/markers").sample_numbers[0] == 1
     assert open_recording(result.path).load("/sync").values[0] < 0.5, "nothing of the earlier capture is in the file"
     assert station("info", result.path).code == 0
@@ -138,7 +138,7 @@ def test_the_operator_begins_the_next_capture_some_seconds_after_the_last(
     bench.world.select_trial(None, "bounce")
     end = bench.world.start_capture().end
     with BenchClock(bench.ports["clock"]) as clock:
-        Daemon(config_for(bench), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
+        TrialRecorder(config_for(bench), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
     assert bench.world.capture.start - end >= simulator_delay()
 
 

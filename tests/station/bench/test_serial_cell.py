@@ -14,8 +14,8 @@ from drivers.simulators.bench import Bench
 from fitting.trial import read_trial
 from station.bench.bench_clock import BenchClock
 from station.bench.check import look_at_bench
-from station.bench.daemon import Daemon
 from station.bench.known_mass import check_known_mass, read_checks
+from station.bench.trial_recorder import TrialRecorder
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec
 
@@ -63,7 +63,7 @@ def test_a_trial_of_it_is_in_newtons_and_its_clocks_are_certified(
     bench: Bench, config: StationConfig, tmp_path: Path
 ) -> None:
     with BenchClock(bench.ports["clock"], speed=1000.0) as clock:
-        result = Daemon(config, clock).record(tmp_path, TrialSpec("waist", "static", 1))
+        result = TrialRecorder(config, clock).record(tmp_path, TrialSpec("waist", "static", 1))
     assert result.accepted and result.path is not None, result.sentence
     trial = read_trial(result.path)
     assert trial.force.max() == pytest.approx(HELD, rel=0.05)

@@ -12,15 +12,15 @@ import pytest
 from recordings.manifest import DataOrigin
 from recordings.reader import open_recording, read_manifest
 from recordings.samples import DeviceIdentity
-from station.bench.daemon import Daemon, TrialRefused
 from station.bench.session_folder import why_not_here
 from station.bench.simulation import SimulatedBench
+from station.bench.trial_recorder import TrialRecorder, TrialRefused
 from station.clock import ManualClock
 from station.config import StationConfig
 from station.files.replay import replay
 from station.journal import read_journal
 from station.protocol import TrialSpec
-from tests.station.bench.test_daemon import CONFIG
+from tests.station.bench.test_trial_recorder import CONFIG
 from tests.station.command import Ran
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
 from tests.station.session.benched import Recorder, simulated_bench
@@ -52,7 +52,7 @@ def record(folder: Path, is_simulated: bool | None, test: str = "static") -> Pat
     devices = [FakeDaq(clock, capture), FakeMocap(clock, capture)]
     for device in devices:
         device.identity = DeviceIdentity(device.name, "version 1", is_simulated)
-    daemon = Daemon(CONFIG, clock, make_devices=lambda *_: devices, why_not_here=why_not_here)  # type: ignore[arg-type,return-value]
+    daemon = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices, why_not_here=why_not_here)  # type: ignore[arg-type,return-value]
     result = daemon.record(folder, TrialSpec("hand", test, 1))  # type: ignore[arg-type]
     assert result.path is not None, result.sentence
     return result.path

@@ -11,7 +11,7 @@ import pytest
 from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
+from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
 from station.protocol import TrialSpec
 
@@ -33,7 +33,9 @@ def _record(folder: Path, before_frame_end_s: float, ppm: float, sync: dict[str,
             "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
         }
         with BenchClock(bench.ports["clock"]) as clock:
-            result = Daemon(parse_config(config, "test"), clock, []).record(folder, TrialSpec("waist", "static", 1))
+            result = TrialRecorder(parse_config(config, "test"), clock, []).record(
+                folder, TrialSpec("waist", "static", 1)
+            )
     assert result.accepted
     assert result.path is not None
     return result.path

@@ -13,7 +13,7 @@ import pytest
 
 from drivers.simulators.settings import Settings
 from drivers.simulators.world import World
-from station.bench.typed_faults import obey, obey_in_a_thread, typed_fault
+from station.bench.typed_faults import handle_command, handle_commands_in_thread, typed_fault
 
 
 def test_a_line_is_a_fault_of_the_plan_now() -> None:
@@ -33,7 +33,7 @@ def test_each_line_happens_or_is_answered_in_a_sentence() -> None:
     world.clock.advance(7.0)
     faults = world.faults
     lines = ["ni freeze\n", "\n", "ni\n", "ni fire\n", "ni unplug for_s=soon\n", "sync glitch at_s=1\n"]
-    obey(lines, world, said.append)
+    handle_command(lines, world, said.append)
     assert [(one.begin, one.end) for one in faults.of("ni", "freeze", "unplug")] == [(7.0, 8.0)]
     assert faults.of("sync", "glitch")[0].begin == 8.0
     assert said[0] == "freeze of ni in 0 s, for 1 s"
@@ -45,9 +45,9 @@ def test_each_line_happens_or_is_answered_in_a_sentence() -> None:
 def test_a_known_mass_is_hung_from_the_cell_until_the_next_capture_begins() -> None:
     world, said = World(Settings(), None), list[str]()
     rig = world.cell_force(np.array([world.now()]))[0]
-    obey(["hang 2\n"], world, said.append)
+    handle_command(["hang 2\n"], world, said.append)
     assert world.cell_force(np.array([world.now()]))[0] == pytest.approx(2 * 9.80665)
-    obey(["hang\n", "hang -1\n", "hang 1 2\n", "hang nan\n", "hang 0\n"], world, said.append)
+    handle_command(["hang\n", "hang -1\n", "hang 1 2\n", "hang nan\n", "hang 0\n"], world, said.append)
     assert world.cell_force(np.array([world.now()]))[0] == 0.0
     assert said[0] == "2 kg on the load cell, until the next capture begins"
     assert all("expected kilograms" in refused for refused in said[1:5])
@@ -67,7 +67,7 @@ def test_a_standard_input_that_cannot_be_read_is_nothing_to_speak_of() -> None:
 
     said: list[str] = []
     for lines in (None, unreadable()):
-        thread = obey_in_a_thread(lines, World(Settings(), None), said.append)
+        thread = handle_commands_in_thread(lines, World(Settings(), None), said.append)
         thread.join(10.0)
         assert not thread.is_alive() and said == []
 

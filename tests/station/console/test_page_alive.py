@@ -140,6 +140,6 @@ def recorder_of(console: int) -> int:
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
             words = path.read_text().rpartition(")")[2].split()
-            if int(words[1]) == console and b"station.session.recorder" in (path.parent / "cmdline").read_bytes():
+            if int(words[1]) == console and b"station.session.trial_daemon" in (path.parent / "cmdline").read_bytes():
                 return int(path.parent.name)
     raise AssertionError("no trial is recorded")

@@ -10,7 +10,7 @@ from urllib.parse import urljoin
 import pytest
 
 from station.config import parse_config
-from station.console.server import COOKIE, Doorkeeper, ServeError, serve
+from station.console.server import COOKIE, AccessMiddleware, ServeError, serve
 
 TOKEN = "right-token"  # noqa: S105  (nobody's)
 
@@ -38,7 +38,7 @@ def _asked(
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
-    asyncio.run(Doorkeeper(inner, token)(scope, receive, send))
+    asyncio.run(AccessMiddleware(inner, token)(scope, receive, send))
     return bool(let_in), answers
 
 
@@ -138,7 +138,7 @@ def test_no_page_shows_the_console_in_a_frame(headers: dict[str, str]) -> None:
         "query_string": b"",
         "headers": [(k.encode(), v.encode()) for k, v in headers.items()],
     }
-    asyncio.run(Doorkeeper(page, None)(scope, None, send))
+    asyncio.run(AccessMiddleware(page, None)(scope, None, send))
     sent = dict(answers[0]["headers"])
     assert sent[b"content-security-policy"] == b"frame-ancestors 'none'"
     assert sent[b"x-frame-options"] == b"DENY"

@@ -38,9 +38,9 @@ needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session as it was recorded, fitted, assessed with a short motion, and reported."""
+    from station.assessment.assess import assess_cuffs, write_assessment
+    from station.assessment.assessment_inputs import AssessmentInputs
     from station.fit import fit_session_folder
-    from station.muscles.assess import assess_cuffs, write_assessment
-    from station.muscles.assessment_inputs import AssessmentInputs
     from station.report.page import write_report
 
     folder = tmp_path_factory.mktemp("made") / "session"

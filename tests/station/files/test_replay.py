@@ -10,13 +10,13 @@ from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from station.bench.bench_clock import BenchClock
-from station.bench.daemon import Daemon
 from station.bench.simulation import SimulatedBench, simulator_settings
+from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
 from station.files.replay import replay
 from station.fit import fit_session_folder
 from station.protocol import TrialSpec
-from tests.station.bench.test_daemon import SPEC, Rig
+from tests.station.bench.test_trial_recorder import SPEC, Rig
 
 AGAIN_SPEED = 500.0
 CUFF = {
@@ -101,6 +101,6 @@ def record_pair(folder: Path) -> Iterator[tuple[TrialSpec, Path]]:
             bench.tell({"trial": {"cuff": "hand", "test": test}})
             spec = TrialSpec("hand", test, 1)
             with BenchClock(bench.clock_port) as clock:
-                result = Daemon(bench.pointed_at(config), clock).record(folder, spec)
+                result = TrialRecorder(bench.pointed_at(config), clock).record(folder, spec)
             assert result.path is not None and not result.lost_samples, result.sentence
             yield spec, result.path

@@ -70,7 +70,7 @@ class Recorder:
 
     def __enter__(self) -> Recorder:
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "station.session.recorder"],
+            [sys.executable, "-m", "station.session.trial_daemon"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from station.journal import Journal, Recorded, Setup, Verdict
+from station.journal import Decision, Journal, Recorded, Setup
 from station.session.agenda import Agenda, agenda, redo_loses_migration
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 2, has_bounce=False)
-ACCEPT, REDO = Verdict("accept", ""), Verdict("redo", "slipped")
+ACCEPT, REDO = Decision("accept", ""), Decision("redo", "slipped")
 
 
 def recorded(cuff: str, test: str, repeat: int, donning: str = "1", run: int = 1) -> Recorded:
@@ -21,7 +21,7 @@ def session(tmp_path: Path):
     """Where a session stands after these recordings, each with its verdict or None."""
 
     def stand(
-        *made: tuple[Recorded, Verdict | None], setup: Setup = SETUP, donnings: dict[str, int] | None = None
+        *made: tuple[Recorded, Decision | None], setup: Setup = SETUP, donnings: dict[str, int] | None = None
     ) -> Agenda:
         for each, _ in made:
             (tmp_path / each.file).touch()

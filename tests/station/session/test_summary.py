@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from station.assessment.assessment_inputs import NO_SHIFT, InputError
 from station.fit import fit_session_folder
 from station.journal import Assignment, write_assigned, write_verdict
-from station.muscles.assessment_inputs import NO_SHIFT, InputError
 from station.session.summary import SummaryError, summarise
 from tests.station.foreign import static_and_dynamic
 
@@ -24,8 +24,8 @@ def test_a_session_whose_cuff_no_suit_wears_still_has_its_table_and_report(
     def refuse(*_: object) -> None:
         raise InputError("the cuff hand has the law creep")
 
-    monkeypatch.setattr("station.muscles.assessment_inputs.worn_cuffs", refuse)
-    monkeypatch.setattr("station.muscles.assess.worn_cuffs", refuse)
+    monkeypatch.setattr("station.assessment.assessment_inputs.worn_cuffs", refuse)
+    monkeypatch.setattr("station.assessment.assess.worn_cuffs", refuse)
     record_hand(tmp_path)
     summary = summarise(tmp_path)
     assert [row["cuff"] for row in summary.rows] == ["hand"]

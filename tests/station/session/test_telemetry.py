@@ -12,7 +12,7 @@ import pytest
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.session import Snapshot, State
+from station.bench.trial_state_machine import Snapshot, TrialState
 from station.protocol import TrialSpec
 from station.session.guide import StaticGuide
 from station.session.live import Live
@@ -70,7 +70,7 @@ class Told:
     def __init__(self, folder: Path, out: io.StringIO | None = None) -> None:
         self.out = out or io.StringIO()
         self.view = Telemetry(self.out, CUFF, CELL, folder)
-        self.view.show(Snapshot(State.RECORDING, "recording", 4.9, 0.0, 3.0, 2, 1, STREAMS))
+        self.view.show(Snapshot(TrialState.RECORDING, "recording", 4.9, 0.0, 3.0, 2, 1, STREAMS))
 
     def line(self, *items: Item) -> dict[str, Any]:
         for item in items:
@@ -160,7 +160,7 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
     numbers = np.arange(4000, 5000, dtype=np.uint64)
     sync = Samples("/sync", numbers, numbers.astype(np.int64) * 1_000_000, 5_004_000_000, np.zeros((1000, 1)))
     assert told.line(force(4.0, 1.0, 0.1), sync)["edge_s"] is None
-    shown = Snapshot(State.RECORDING, "recording", 4.9, 0.0, 3.0, 2, 1, STREAMS, edge_device_ns=4_250_000_000)
+    shown = Snapshot(TrialState.RECORDING, "recording", 4.9, 0.0, 3.0, 2, 1, STREAMS, edge_device_ns=4_250_000_000)
     told.view.show(shown)
     said = told.line()
     live = Live(TrialSpec("hand", "static", 1), StaticGuide((), 1.0))

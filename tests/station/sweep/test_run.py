@@ -14,7 +14,7 @@ from solver.bundled import bundled_model
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.suit import read_suit
-from station.muscles.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
+from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.sweep.plan import PlanError, read_plan
 from station.sweep.run import Swept, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task

@@ -1,0 +1,72 @@
+"""effort.toml → what effort costs: weights of muscles and of actuators, and reserves of one's own.
+
+    reserve_weight = 10.0
+    unweighted_coordinates = ["elbow_flexion", "pro_sup"]     # whose actuators cost nothing
+    [weights]                                                 # single muscles, or coordinates for their actuators
+    DeltoideusScapula_M = 2.0
+    [reserves]                                                # in place of the coordinate's actuator, if it has one
+    shoulder_elv = { optimal_force = 20.0, min_control = -1.0, max_control = 1.0 }
+
+Weights multiply squares of activations and controls; a control of 1 gives the optimal force, in N m or N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from recordings.plain_data import PlainDataError, read_toml
+from solver.model import Model
+from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
+from station.config import ConfigError, fault_in_words
+
+Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ReserveTable(_Table):
+    optimal_force: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    min_control: Annotated[float, Field(le=0)] = -inf
+    max_control: Annotated[float, Field(ge=0)] = inf
+
+
+class EffortWeights(_Table):
+    muscle_weight: Weight = 1.0
+    reserve_weight: Weight = 10.0
+    unweighted_coordinates: tuple[str, ...] = UNWEIGHTED_COORDINATES
+    weights: dict[str, Weight] = Field(default_factory=dict)
+    reserves: dict[str, ReserveTable] = Field(default_factory=dict)
+
+    def applied(self, model: Model, options: RedundancyOptions) -> tuple[Model, RedundancyOptions]:
+        """The model with these reserves and the options with these weights. ModelError for a name it does not have."""
+        if "unweighted_coordinates" in self.model_fields_set:
+            for name in self.unweighted_coordinates:
+                model.coordinate_index(name)
+        reserves = {name: Reserve(**table.model_dump()) for name, table in self.reserves.items()}
+        weighted = replace(
+            options,
+            muscle_weight=self.muscle_weight,
+            reserve_weight=self.reserve_weight,
+            unweighted_coordinates=self.unweighted_coordinates,
+            weights=self.weights,
+        )
+        return with_reserves(model, reserves), weighted
+
+
+def read_effort(path: Path) -> EffortWeights:
+    """Reads effort.toml. Raises ConfigError in one sentence."""
+    try:
+        return EffortWeights.model_validate(read_toml(path))
+    except OSError as error:
+        raise ConfigError(f"cannot read the weights {path}: {error.strerror}; check the path") from error
+    except PlainDataError as error:
+        raise ConfigError(f"{path} {error}") from error
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {fault_in_words(error)}") from error

@@ -1,0 +1,260 @@
+"""From cuffs.json to assessment.json, the activations beside it, and the report's section on the suit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from markupsafe import escape
+
+from fitting.laws.model_class import ModelComparison
+from fitting.spatial.tensor import Tensor, Tensors
+from solver.suit.suit import BUNDLED_SUIT
+from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
+from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
+from station.assessment.emg import EmgError, read_emg
+from station.report.page import write_report
+from tests.station.loads import write_weight
+
+
+def fitted(value: float, error: float) -> dict[str, float]:
+    return {"value": value, "standard_error": error}
+
+
+CUFFS = {
+    "waist": (2140.0, 124.0, 0.012),
+    "hand": (8520.0, 210.0, 0.012),
+    "elbow": (2530.0, 139.0, 0.022),
+}
+KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
+
+
+def write_cuffs(path: Path, **more: Any) -> Path:
+    cuffs = {
+        name: {key: fitted(value, 0.03 * value) for key, value in zip(KEYS, values, strict=True)}
+        for name, values in CUFFS.items()
+    }
+    cuffs["hand"] |= more
+    path.write_text(json.dumps({"cuffs": cuffs}), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("assessed")
+
+
+@pytest.fixture(scope="module")
+def assessed(folder: Path) -> AssessedSuit:
+    emg = folder / "emg.csv"
+    emg.write_text("muscle,reduction_percent,sd\nDeltoideusScapula_M,18,9\nupper_trapezius,-4,15\n", encoding="utf-8")
+    inputs = AssessmentInputs(write_cuffs(folder / "cuffs.json"), emg=emg)
+    found = assess_cuffs(read_cuffs_to_wear(inputs.cuffs), inputs, most_frames=8, most_rest_lengths=9, draws=3)
+    write_assessment(found, folder)
+    return found
+
+
+@pytest.fixture(scope="module")
+def plain(assessed: AssessedSuit, folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "assessment.json").read_text(encoding="utf-8"))
+    return content
+
+
+def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
+    """Every bare number with its place, except counts and what is under "value" and "ci95"."""
+    if isinstance(plain, dict):
+        for key, each in plain.items():
+            if key not in {"value", "ci95"}:
+                yield from numbers_in(each, f"{where}.{key}")
+    elif isinstance(plain, list):
+        for each in plain:
+            yield from numbers_in(each, where)
+    elif isinstance(plain, int | float) and not isinstance(plain, bool):
+        yield where, plain
+
+
+def test_every_number_is_a_value_with_its_interval_counts_too(plain: dict[str, Any]) -> None:
+    assert list(numbers_in(plain)) == []
+    assert plain["frames"]["value"] > 1
+
+
+def test_the_tables_are_by_cuff_and_condition(plain: dict[str, Any]) -> None:
+    assert plain["reference_rest_length_m"] == {"value": 0.74, "ci95": None}
+    for table in (plain["at_rigid_optimum"], plain["optimum"]):
+        assert set(table) == {"rigid", "hand", "elbow"}
+        assert set(table["hand"]) == {"shift", "visco_elastic", "both"}
+    assert set(plain["optimum"]["rigid"]) == {"rest_length_m", "normalised_cost", "permissible_error_m"}
+    low, high = plain["at_rigid_optimum"]["elbow"]["both"]["ci95"]
+    assert low < high
+    assert plain["at_rigid_optimum"]["rigid"]["ci95"] is None
+
+
+def test_the_cuffs_that_were_worn_stand_in_the_report_with_their_intervals(
+    plain: dict[str, Any], folder: Path, tmp_path: Path
+) -> None:
+    low, high = plain["cuffs"]["hand"]["stiffness_n_per_m"]["ci95"]
+    assert (plain["cuffs"]["waist"]["site"], low) == ("waist", pytest.approx(8520 * (1 - 0.03 * 1.96), rel=1e-3))
+    shutil.copy(folder / "assessment.json", tmp_path)  # without the cuffs.json beside it
+    figure = f"<td>8520 ({low:.0f}\u00a0to\u00a0{high:.0f}) (given by hand)</td>"
+    assert figure in write_report(tmp_path).read_text(encoding="utf-8")
+
+
+def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, Any]) -> None:
+    for role, name in (("cuffs", "cuffs.json"), ("suit", "suit.toml"), ("emg", "emg.csv")):
+        found, digest = plain["inputs"][role].split(" ")
+        assert (found, len(digest)) == (name, 64)
+    assert plain["inputs"]["motion"] == "bundled raise of the arm"
+    assert "cuffstation" in plain["versions"]
+
+
+def test_activations_are_a_table_of_every_condition(assessed: AssessedSuit, folder: Path) -> None:
+    lines = (folder / "activations.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0].split(",")[:4] == ["condition", "cuff", "time_s", assessed.assessment.muscles[0]]
+    assert len(lines) == 1 + (2 + 2 * 3) * len(assessed.assessment.time)  # slack and rigid, two cuffs in three
+
+
+def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
+    assessed: AssessedSuit, plain: dict[str, Any], folder: Path
+) -> None:
+    page = write_report(folder).read_text(encoding="utf-8")
+    assert plain["findings"][0].startswith("Choose hand: shifted and yielding it costs the muscles 0.")
+    assert "hand costs" in plain["findings"][1] and plain["findings"][1].endswith("the two differ.")
+    assert "draws of the cuffs on every 20th frame" in page
+    for sentence in plain["findings"]:
+        assert str(escape(sentence)) in page
+    assert "our own calibration" in page
+    assert "bundled raise of the arm with 2 kg in the hand" in page
+    assert page.count("data:image/png;base64,") == 1 + 2 * 3
+    assert plain["findings"][2].startswith(
+        "With a cord of its own best rest length, shifted and yielding, it is hand 0."
+    )
+
+
+def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
+    assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]
+    with pytest.raises(InputError, match="should hold knee and holds waist, hand, elbow"):
+        worn_cuffs(cuffs, ("knee", "hand"))
+
+
+def test_no_cuff_may_be_called_what_the_tables_call_the_rigid_suit(folder: Path) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
+    with pytest.raises(InputError, match=r"a cuff is called rigid, .* rename it"):
+        worn_cuffs({"rigid": replace(cuffs["hand"], name="rigid")}, ())
+
+
+def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> None:
+    # three repeats that differ: Student's 4.3 standard errors either way, where the covariance alone would say 1.96
+    stiffness = {"value": 8520, "standard_error": 100, "ci95": [8090, 8950], "parts": {"between_repeats": 100}}
+    covariance = [[100.0**2, 300.0, 0.0], [300.0, 6.0**2, 0.0], [0.0, 0.0, 0.0]]
+    given = {"value": 0.012, "ci95": [0.011, 0.013]}
+    path = write_cuffs(tmp_path / "cuffs.json", stiffness_n_per_m=stiffness, migration_m=given, covariance=covariance)
+    (_, hand) = worn_cuffs(read_cuffs_to_wear(path), ("hand",))
+    errors = np.sqrt(np.diag(hand.covariance))
+    assert 1.96 * errors[0] == pytest.approx(430, rel=1e-3)
+    assert 1.96 * errors[2] == pytest.approx(0.001, rel=1e-3)
+    assert hand.covariance[0, 1] / (errors[0] * errors[1]) == pytest.approx(0.5)  # the correlation stays
+    assert np.linalg.eigvalsh(hand.covariance).min() >= 0
+
+
+@pytest.mark.parametrize(
+    ("named", "law"),
+    [
+        ({"law": "exponential"}, "exponential"),
+        ({"law": "tensor"}, "tensor"),
+        ({"model_class": {"chosen": "slip + stiffening"}}, r"slip \+ stiffening"),
+        ({"model_class": {"chosen": "creep"}}, "creep"),
+        ({"model_class": "creep"}, "creep"),
+        ({"damping_tensor_n_s_per_m": {"value": [[1, 0, 0], [0, 2, 0], [0, 0, 3]]}}, "tensor"),
+    ],
+)
+def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
+    with pytest.raises(InputError, match=rf"the cuff hand has the law {law}, .* kelvin_voigt only"):
+        read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", **named))
+
+
+@pytest.mark.parametrize("chosen", ["Kelvin-Voigt", "slip"])
+def test_a_spring_and_damper_that_slips_is_worn(tmp_path: Path, chosen: str) -> None:
+    none = {"value": None, "reason": "the pulls go in one direction"}
+    more = {"law": "kelvin_voigt", "model_class": {"chosen": chosen}, "stiffness_tensor_n_per_m": none}
+    path = write_cuffs(tmp_path / "cuffs.json", **more)
+    assert set(read_cuffs_to_wear(path)) == {"waist", "hand", "elbow"}
+
+
+def test_a_cuff_of_a_richer_law_that_is_not_chosen_stands_in_nobodys_way(tmp_path: Path) -> None:
+    path = write_cuffs(tmp_path / "cuffs.json", law="tensor")
+    assert [cuff.name for cuff in worn_cuffs(read_cuffs_to_wear(path, ("elbow",)), ("elbow",))] == ["waist", "elbow"]
+
+
+@pytest.mark.parametrize(("chosen", "is_refused"), [((), False), (("slip",), False), (("slip", "creep"), True)])
+def test_a_fit_straight_from_its_session_is_treated_as_one_from_a_file(
+    tmp_path: Path, chosen: tuple[str, ...], is_refused: bool
+) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
+    cuffs["hand"] = replace(cuffs["hand"], classes=ModelComparison((), chosen))
+    with pytest.raises(InputError, match=r"the cuff hand has the law slip \+ creep") if is_refused else nullcontext():
+        assert len(worn_cuffs(cuffs, ())) == 3
+
+
+def test_a_fit_in_three_dimensions_straight_from_its_session_is_refused(tmp_path: Path) -> None:
+    cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
+    tensor = Tensor(np.eye(3), np.eye(6), 1.96, 3)
+    for tensors, is_refused in ((Tensors(None, None, "one", "one"), False), (Tensors(None, tensor), True)):
+        cuffs["hand"] = replace(cuffs["hand"], tensors=tensors)
+        with pytest.raises(InputError, match="the cuff hand has the law tensor") if is_refused else nullcontext():
+            assert len(worn_cuffs(cuffs, ())) == 3
+
+
+def test_a_load_from_outside_bears_on_every_scenario(tmp_path: Path) -> None:
+    write_weight(tmp_path / "weight.xml", 2.0)
+    free = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    loaded = replace(free, external_loads=tmp_path / "weight.xml")
+    costs = []
+    for inputs in (free, loaded):
+        cuffs = read_cuffs_to_wear(inputs.cuffs)
+        found = assess_cuffs(cuffs, inputs, most_frames=8, most_rest_lengths=5, draws=0)
+        costs.append([curve.figures["at_reference"].value for curve in found.assessment.curves])
+        assert found.assessment.longest_cord == pytest.approx(0.86, abs=0.02)
+    assert (np.array(costs[1]) > np.array(costs[0])).all()  # of a greater effort the suit saves a smaller share
+    assert {"external_loads", "external_loads_data"} == set(loaded.hashes()) - set(free.hashes())
+
+
+def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(tmp_path / "cuffs.json")
+    whole, few = inputs.read_suit(), inputs.read_suit(16)
+    assert (len(whole.rest_lengths), len(few.rest_lengths)) == (31, 16)
+    assert [few.rest_lengths[i] for i in (0, -1)] == [whole.rest_lengths[i] for i in (0, -1)]
+    assert inputs.suit == BUNDLED_SUIT
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "muscle,reduction\nbiceps,3\n",
+            "should have the columns muscle,reduction_percent,sd and has muscle,reduction",
+        ),
+        ("", "has no row"),
+        ("muscle,reduction_percent,sd\ncalf,3,1\n", "line 2, names calf, which is no muscle of the model and no group"),
+        ("muscle,reduction_percent,sd\nbiceps,3,1\nbiceps,much,1\n", "line 3, should give numbers in percent"),
+        ("muscle,reduction_percent,sd\nbiceps,3,-1\n", "line 2, should give numbers in percent"),
+        ("muscle,reduction_percent,sd\nbiceps,3\n", "line 2, should give numbers in percent"),
+    ],
+)
+def test_a_malformed_emg_file_gives_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "emg.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(EmgError, match=sentence):
+        read_emg(path, ("biceps", "triceps"))
+
+
+def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(EmgError, match="cannot be read"):
+        read_emg(tmp_path / "none.csv", ())

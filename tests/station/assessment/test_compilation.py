@@ -1,0 +1,88 @@
+"""Compiling in a second process: how far it is is shown, and whatever becomes of it, the station goes on."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from station.assessment.compilation import CompilationAhead, compilation_shown
+from station.progress import silent
+
+Shown = list[tuple[str, int, int]]
+
+
+@contextmanager
+def _ahead(program: str, shown: Shown) -> Iterator[CompilationAhead]:
+    with CompilationAhead((sys.executable, "-c", program)) as ahead:
+        ahead.show(lambda *count: shown.append(count))
+        yield ahead
+
+
+def _printing(*ready: int) -> str:
+    lines = [f'{{"ready": {count}, "kernels": 8}}' for count in ready]
+    return "\n".join(f"print('{line}', flush=True)" for line in lines)
+
+
+def test_every_kernel_that_is_ready_is_shown_and_waited_for() -> None:
+    shown: Shown = []
+    with _ahead(_printing(0, 3, 8), shown) as ahead:
+        assert ahead.wait()
+    assert shown == [("compiling the solver", ready, 8) for ready in (0, 3, 8)]
+
+
+def test_where_all_is_on_disk_there_is_nothing_to_show() -> None:
+    shown: Shown = []
+    with _ahead(_printing(8), shown) as ahead:
+        assert ahead.wait()
+    assert shown == []
+
+
+def test_a_compilation_that_fails_is_not_complete_and_no_error() -> None:
+    with _ahead(_printing(3) + "\nraise SystemExit(1)", []) as ahead:
+        assert not ahead.wait()
+    with _ahead(_printing(3), []) as ahead:
+        assert not ahead.wait()
+    with CompilationAhead(("a-program-that-there-is-not",)) as ahead:
+        ahead.show(silent)
+        assert not ahead.wait()
+
+
+def test_what_is_no_count_is_not_believed() -> None:
+    with _ahead("print('hello')", []) as ahead:
+        assert not ahead.wait()
+
+
+def test_the_second_process_ends_with_the_station(monkeypatch) -> None:
+    started: list[subprocess.Popen[str]] = []
+
+    class Kept(subprocess.Popen):
+        def __init__(self, *arguments, **options) -> None:
+            super().__init__(*arguments, **options)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Kept)
+    with _ahead("import sys; sys.stdin.read()", []):
+        (child,) = started
+        assert child.poll() is None
+    assert child.returncode is not None
+
+
+def test_what_is_compiled_in_this_process_is_a_stage_and_no_warning(capsys) -> None:
+    shown: Shown = []
+    with compilation_shown(lambda *count: shown.append(count)):
+        logging.getLogger("solver.compiled").warning("compiling %s", "a kernel")
+    (first, last) = shown
+    assert first[0] == last[0] == "compiling the solver"
+    assert first[1] < first[2]
+    assert last[1] == last[2] == 8
+    assert capsys.readouterr().err == ""
+
+
+def test_where_nothing_is_compiled_there_is_no_stage() -> None:
+    shown: Shown = []
+    with compilation_shown(lambda *count: shown.append(count)):
+        pass
+    assert shown == []

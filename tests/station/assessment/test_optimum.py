@@ -1,0 +1,59 @@
+"""From cuffs.json to optimum.json, for one arm cuff at a time."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from station.assessment.assess import assess_cuffs, assess_file
+from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
+from station.assessment.optimum import optimise_file
+from tests.station.assessment.test_assess import write_cuffs
+
+
+def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    found = optimise_file(inputs, tmp_path / "out", "both", draws=2)
+    plain = json.loads((tmp_path / "out" / "optimum.json").read_text(encoding="utf-8"))
+    assert (plain["cuff"], plain["condition"], plain["free"]) == ("hand", "both", ["rest_length"])
+    assert plain["start"]["rest_length_m"] == {"value": 0.74, "ci95": None}
+    assert plain["optimum"]["rest_length_m"]["value"] == found.fitted.suit.reference_rest_length
+    assert plain["optimum"]["normalised_cost"]["value"] < plain["start"]["normalised_cost"]["value"]
+    low, high = plain["robust_optimum"]["normalised_cost_of_draws"]["ci95"]
+    assert low <= plain["robust_optimum"]["normalised_cost_of_draws"]["value"] <= high
+    assert plain["suits_tried"] == {"value": found.tried, "ci95": None}
+    assert plain["inputs"]["cuffs"].startswith("cuffs.json ")
+
+
+def test_the_suits_found_are_worn_by_the_next_assessment_at_the_cost_that_was_found(tmp_path: Path) -> None:
+    cuffs = write_cuffs(tmp_path / "cuffs.json")
+    inputs = AssessmentInputs(cuffs, chosen=("elbow",))
+    found = optimise_file(inputs, tmp_path, "both", ("stiffness",), draws=2)
+    for name, tried in (("suit.toml", found.fitted), ("robust_suit.toml", found.robust)):
+        worn = replace(inputs, suit=tmp_path / name)
+        assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5, draws=0).assessment
+        (curve,) = [each for each in assessment.curves if each.condition == "both"]
+        assert assessment.reference_rest_length == tried.suit.reference_rest_length
+        assert worn.read_suit().stiffness == tried.suit.stiffness
+        assert curve.figures["at_reference"].value == pytest.approx(tried.cost, rel=1e-9)
+
+
+def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    optimise_file(inputs, tmp_path, "rigid", draws=2)
+    assert {path.name for path in tmp_path.glob("*.toml")} == {"suit.toml"}
+
+
+def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:
+    inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
+    for solve in (optimise_file, assess_file):
+        with pytest.raises(InputError, match="should be a folder to write into and is a file"):
+            solve(inputs, inputs.cuffs)
+
+
+def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="one arm cuff at a time and there are hand, elbow; choose one by --cuff"):
+        optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json")), tmp_path)

@@ -1,0 +1,279 @@
+"""rmr from files to files: three formats with the same numbers, what is stored beside them, figures, and faults."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pandas as pd
+import pytest
+from pyarrow import parquet
+
+from solver.bundled import bundled_model
+from solver.motion import write_table
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.motion import RedundancyOptions
+from station.assessment import sources
+from station.assessment.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles, unsolved_in_words
+from station.assessment.rmr_table import solved_columns, write_solved
+from station.report.rmr_figures import draw_solved
+from tests.solver.redundancy.test_reachability import with_a_singular_elbow, with_locks
+from tests.solver.references import SHARED
+from tests.station.command import assert_one_sentence
+
+MODEL = bundled_model()
+CUT = MotionCut(every=50)
+
+
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("motion") / "raise.mot"
+    raised = simulate_arm_raise(MODEL)
+    write_table(path, raised.names, raised.time, raised.coordinates)
+    return path
+
+
+@pytest.fixture(scope="module")
+def solved(motion: Path) -> SolvedMotion:
+    return solve_muscles(MuscleInputs(motion), CUT, RedundancyOptions())
+
+
+@pytest.fixture(scope="module")
+def infeasible(motion: Path, tmp_path_factory: pytest.TempPathFactory) -> SolvedMotion:
+    """Somebody hangs on the arm for the second half, and reserves may do next to nothing."""
+    folder = tmp_path_factory.mktemp("pulled")
+    inputs = MuscleInputs(motion, external_loads=pulled(folder, 2000.0), effort=weak_reserves(folder))
+    return solve_muscles(inputs, CUT, RedundancyOptions())
+
+
+def pulled(folder: Path, force: float) -> Path:
+    """External loads: down on the hand from the middle of the motion on."""
+    time = simulate_arm_raise(MODEL).time
+    pull = np.zeros((len(time), 3))
+    pull[len(time) // 2 :, 1] = -force
+    write_table(folder / "pull.sto", ["pull_x", "pull_y", "pull_z"], time, pull)
+    file = folder / "pull.xml"
+    file.write_text(
+        '<OpenSimDocument Version="40000"><ExternalLoads><objects><ExternalForce name="pull">'
+        "<applied_to_body>hand</applied_to_body><force_expressed_in_body>ground</force_expressed_in_body>"
+        "<force_identifier>pull_</force_identifier></ExternalForce></objects>"
+        "<datafile>pull.sto</datafile></ExternalLoads></OpenSimDocument>"
+    )
+    return file
+
+
+def weak_reserves(folder: Path) -> Path:
+    """On the coordinates whose actuators have a weight."""
+    names = [MODEL.coordinate_names[actuator.coordinate] for actuator in MODEL.actuators[8:]]
+    rows = [f"{name} = {{ optimal_force = 0.1, min_control = -1, max_control = 1 }}" for name in names]
+    file = folder / "effort.toml"
+    file.write_text("\n".join(["reserve_weight = 5.0", "[weights]", "TRIlong = 2.0", "[reserves]", *rows]))
+    return file
+
+
+def values(solved: SolvedMotion) -> dict[str, np.ndarray]:
+    return {column.name: column.values for column in solved_columns(solved)}
+
+
+def test_a_table_carries_everything_that_was_found(solved: SolvedMotion) -> None:
+    found, columns = solved.solution, values(solved)
+    np.testing.assert_array_equal(columns["TeresMajor"], found.activations[:, MODEL.muscle_names.index("TeresMajor")])
+    np.testing.assert_array_equal(columns["force_n.TRIlong"], found.muscle_forces[:, 30])
+    np.testing.assert_array_equal(columns["passive_force_n.TRIlong"], found.passive_forces[:, 30])
+    np.testing.assert_array_equal(columns["reserve_n_m.elbow_actuator"], found.reserves[:, 6])
+    np.testing.assert_array_equal(columns["reserve_n.ground_thorax_ty_actuator"], found.reserves[:, 4])
+    np.testing.assert_array_equal(columns["reaction_moment_n_m.z"], found.reaction[:, 2])
+    np.testing.assert_array_equal(columns["reaction_force_n.x"], found.reaction[:, 3])
+    np.testing.assert_array_equal(columns["contact_m.across"], found.contact[:, 1])
+    assert not columns["status"].any()
+    assert {"effort", "equality_residual", "cone_slack_n", "contact_m.along_edge"} < set(columns)
+
+
+def test_the_formats_hold_the_same_numbers(solved: SolvedMotion, tmp_path: Path) -> None:
+    for suffix in (".csv", ".sto", ".parquet"):
+        write_solved(tmp_path / f"raise{suffix}", solved)
+    plain = pd.read_csv(tmp_path / "raise.csv", comment="#")
+    head = (tmp_path / "raise.sto").read_text().splitlines().index("endheader")
+    sto = pd.read_csv(tmp_path / "raise.sto", sep="\t", skiprows=head + 1)
+    exact = pd.read_parquet(tmp_path / "raise.parquet")
+    assert list(plain) == list(sto) == list(exact) == ["time", *values(solved)]
+    np.testing.assert_allclose(plain, exact, rtol=1e-9)
+    np.testing.assert_array_equal(plain, sto)
+
+
+def test_what_made_the_numbers_is_stored_beside_them(solved: SolvedMotion, motion: Path, tmp_path: Path) -> None:
+    write_solved(tmp_path / "raise.parquet", solved)
+    write_solved(tmp_path / "raise.csv", solved)
+    schema = parquet.read_schema(tmp_path / "raise.parquet")
+    notes = {key.decode(): value.decode() for key, value in schema.metadata.items()}
+    assert notes["filter"] == "Butterworth low-pass at 3 Hz, order 4, forwards and backwards"
+    assert notes["motion"].startswith("raise.mot ") and len(notes["motion"].split()[1]) == 64
+    assert notes["model"] == "bundled thoracoscapular model"
+    assert "numpy " in notes["versions"]
+    assert json.loads(notes["weights"])["reserves"] == 10.0
+    assert schema.field("force_n.TRIlong").metadata == {b"unit": b"N"}
+    assert f"# filter={notes['filter']}" in (tmp_path / "raise.csv").read_text().splitlines()
+
+
+@pytest.mark.oracle
+def test_opensim_reads_the_sto(infeasible: SolvedMotion, tmp_path: Path) -> None:
+    opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
+    write_solved(tmp_path / "raise.sto", infeasible)
+    table = opensim.TimeSeriesTable(str(tmp_path / "raise.sto"))
+    assert list(table.getColumnLabels()) == list(values(infeasible))
+    is_solved = np.isfinite(infeasible.solution.effort)
+    np.testing.assert_allclose(table.getIndependentColumn(), infeasible.solution.time[is_solved], atol=1e-9)
+    for name, column in values(infeasible).items():
+        np.testing.assert_allclose(table.getDependentColumn(name).to_numpy(), column[is_solved], rtol=1e-9)
+    assert table.getTableMetaDataString("filter") == infeasible.notes["filter"]
+
+
+def test_opensims_storage_reads_every_row_of_the_sto(station, motion: Path, infeasible, tmp_path: Path) -> None:
+    opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
+    lost = int(np.isnan(infeasible.solution.effort).sum())
+    sentence = write_solved(tmp_path / "raise.sto", infeasible)
+    assert sentence is not None and f"{lost} of 13 frames, the first at" in sentence
+    assert opensim.Storage(str(tmp_path / "raise.sto")).getSize() == 13 - lost
+    out = tmp_path / "loose.sto"
+    ran = station("rmr", "--motion", motion, "--every", 100, "--no-glenoid", "--output", out)
+    assert ran.code == 0
+    assert "loose.sto leaves out the columns cone_slack_n" in ran.err
+    assert opensim.Storage(str(out)).getSize() == 7
+
+
+def test_infeasible_frames_are_told_with_the_smallest_violation(infeasible: SolvedMotion) -> None:
+    found = infeasible.solution
+    lost = values(infeasible)["status"] == 2
+    assert 2 < lost.sum() < len(lost)
+    assert np.isnan(found.activations[lost]).all() and np.isfinite(found.activations[~lost]).all()
+    assert np.isfinite(found.cone_slack).all() and np.isfinite(found.equality_residual).all()
+    (sentence,) = (words for words in unsolved_in_words(found) if "no activations" in words)
+    first = found.time[np.argmax(lost)]
+    assert sentence.startswith(f"{lost.sum()} of {len(lost)} frames, the first at {first:g} s: ")
+    missed = found.equality_residual[lost].max()
+    assert f"misses accelerations by up to {missed:.3g} rad/s²" in sentence
+
+
+def test_an_effort_file_changes_weights_and_reserves(infeasible: SolvedMotion) -> None:
+    weights = json.loads(infeasible.notes["weights"])
+    assert (weights["reserves"], weights["single"]) == (5.0, {"TRIlong": 2.0})
+    assert "effort" in infeasible.notes and "external_loads_data" in infeasible.notes
+    own = values(infeasible)["reserve_n_m.plane_elv_reserve"]
+    assert np.nanmax(np.abs(own)) <= 0.1 + 1e-9
+
+
+@pytest.mark.parametrize("which", ["solved", "infeasible"])
+def test_a_page_and_its_parts_are_drawn(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    drawn = request.getfixturevalue(which)
+    draw_solved(tmp_path / "page.png", drawn)
+    draw_solved(tmp_path / "parts", drawn)
+    pages = [tmp_path / "page.png", *(tmp_path / "parts").iterdir()]
+    assert {page.name for page in pages} == {"page.png", "activations.png", "reserves.png", "glenoid.png"}
+    for page in pages:
+        picture = matplotlib.image.imread(page)
+        assert picture.shape[0] > 400
+        assert len(np.unique(picture[::3, ::3].sum(axis=2))) > 50  # not an empty sheet
+
+
+@pytest.mark.parametrize("lacking", ["markers", "actuators"])
+def test_a_model_that_lacks_something_is_told_of_and_drawn(lacking: str, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(sources, "bundled_model", lambda: replace(MODEL, **{lacking: ()}))
+    solved = solve_muscles(MuscleInputs(), CUT, RedundancyOptions(has_glenoid_cone=False))
+    assert np.isnan(solved.solution.contact).all() == (lacking == "markers")
+    assert bool(unsolved_in_words(solved.solution)) == (lacking == "actuators")
+    draw_solved(tmp_path / "page.png", solved)
+    assert (tmp_path / "page.png").stat().st_size > 10_000
+
+
+def test_the_verb_prints_its_filter_and_counts_what_it_could_not_solve(station, motion: Path, tmp_path: Path) -> None:
+    words = ("rmr", "--motion", motion, "--every", 100, "--output", tmp_path / "out.sto")
+    ran = station(*words, "--plot", tmp_path / "out.png", "--glenoid-aspect", 0.8)
+    assert ran.code == 0
+    assert ran.out.split() == [str(tmp_path / "out.sto"), str(tmp_path / "out.png")]
+    assert "filter: Butterworth low-pass at 3 Hz" in ran.err
+    assert "glenoid=reaction kept inside, aspect 0.8" in (tmp_path / "out.sto").read_text()
+    lost = station(*words, "--external-loads", pulled(tmp_path, 2000.0), "--effort", weak_reserves(tmp_path))
+    assert lost.code == 3
+    assert "the smallest violation leaves it by up to" in lost.err
+
+
+def test_what_comes_with_the_station_is_solved_without_any_file(station, tmp_path: Path) -> None:
+    ran = station("rmr", "--every", 200, "--cutoff-hz", 0, "--output", tmp_path / "out.csv")
+    notes = (tmp_path / "out.csv").read_text()
+    assert ran.code == 0
+    assert "# motion=bundled raise of the arm\n" in notes
+    assert "# filter=none\n" in notes
+
+
+def test_reserves_of_locked_coordinates_are_zero(station, motion: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(sources, "bundled_model", lambda: with_locks(MODEL, "elbow_flexion", "pro_sup"))
+    ran = station("rmr", "--motion", motion, "--every", 50, "--output", tmp_path / "out.csv")
+    assert ran.code == 0
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert (table.status == 0).all()
+    reserves = table.filter(regex="^reserve_n_m").abs().max()
+    assert (reserves[["reserve_n_m.elbow_actuator", "reserve_n_m.pro_sup_actuator"]] == 0.0).all()
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not (SHARED / "subject").is_dir(), reason="needs the public data of a lift with locked coordinates")
+def test_a_published_lift_with_locked_coordinates_moves_its_joint_force_smoothly(station, tmp_path: Path) -> None:
+    files = ("--model", SHARED / "subject" / "S8R_side_as_solved.osim", "--motion", SHARED / "subject" / "S8R_side.mot")
+    assert station("rmr", *files, "--output", tmp_path / "out.csv").code == 0
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert table.filter(regex="^reserve_").abs().max().max() < 1e3
+    assert table.equality_residual.max() < 1.0
+    force = table[[f"reaction_force_n.{axis}" for axis in "xyz"]].to_numpy()
+    assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() < 60.0  # N in 20 ms; the lift's peak is 1.7 kN
+
+
+def test_a_posture_without_finite_accelerations_is_a_row(station, motion: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(sources, "bundled_model", lambda: with_a_singular_elbow(MODEL))
+    raised, elbow = simulate_arm_raise(MODEL), MODEL.coordinate_index("elbow_flexion")
+    bent = raised.coordinates.copy()
+    bent[100, elbow] = 1.0
+    write_table(motion.with_name("bent.mot"), raised.names, raised.time, bent)
+    words = ("--motion", motion.with_name("bent.mot"), "--every", 50, "--cutoff-hz", 0)
+    ran = station("rmr", *words, "--output", tmp_path / "out.csv")
+    assert ran.code == 3
+    assert f"1 of 13 frames, the first at {raised.time[100]:g} s: the model has no finite accelerations" in ran.err
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert list(table.status) == [0, 0, 4, *[0] * 10]
+    assert np.isfinite(table.drop(index=2).effort).all()
+
+
+def test_paths_may_be_geodesics(station, motion: Path, tmp_path: Path) -> None:
+    for mode in ("opensim", "geodesic"):
+        out = tmp_path / f"{mode}.csv"
+        assert station("rmr", "--motion", motion, "--every", 200, "--paths", mode, "--output", out).code == 0
+        assert f"# paths={mode}\n" in out.read_text()
+    opensim_paths, geodesic = (pd.read_csv(tmp_path / f"{mode}.csv", comment="#") for mode in ("opensim", "geodesic"))
+    difference = np.abs(opensim_paths - geodesic)[list(MODEL.muscle_names)].to_numpy()
+    assert 1e-6 < difference.max() < 0.1
+    assert station("rmr", "--paths", "straight", "--output", tmp_path / "none.csv").code == 2
+
+
+def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> None:
+    words, effort = ("rmr", "--motion", motion, "--output"), tmp_path / "bad.toml"
+    assert_one_sentence(station(*words, tmp_path / "out.xlsx"), 2, "should end in .csv, .sto, .parquet and is out.xlsx")
+    assert station(*words, tmp_path / "out.csv", "--plot", tmp_path / "out.pdf").code == 2
+    out = tmp_path / "out.csv"
+    assert_one_sentence(station(*words, out, "--effort", tmp_path / "none.toml"), 2, "cannot read the weights")
+    for text, fault in (
+        ("muscle_wait = 1", "unknown key muscle_wait"),
+        ("muscle_weight = -1", "muscle_weight is -1"),
+        ("[reserves]\nplane_elv = 3", "reserves.plane_elv is 3"),
+        ("[reserves]\nplane_elv = { optimal_force = 0 }", "reserves.plane_elv.optimal_force is 0"),
+    ):
+        effort.write_text(text)
+        assert_one_sentence(station(*words, out, "--effort", effort), 2, fault)
+    for text, name in (("[weights]\nbiceps = 2", "biceps"), ('unweighted_coordinates = ["hip"]', "hip")):
+        effort.write_text(text)
+        ran = station(*words, out, "--effort", effort)
+        assert ran.code == 1 and name in ran.err and "Traceback" not in ran.err
+    ran = station(*words, out, "--external-loads", tmp_path / "none.xml")
+    assert ran.code == 1 and "none.xml" in ran.err and "Traceback" not in ran.err
+    assert not out.exists()

@@ -1,0 +1,85 @@
+"""What `station rmr` says of a model that it cannot solve, or of a frame that nothing solves: what to do about it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.bundled import bundled_model
+from solver.osim.writer import osim_document
+from solver.redundancy.motion import FrameOutcome, RedundancyOptions
+from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
+from tests.station.command import Ran, assert_one_sentence
+
+Station = Callable[..., Ran]
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "own.osim"
+    path.write_bytes(Xml.tostring(osim_document(bundled_model())))
+    return path
+
+
+def _changed(path: Path, *changes: tuple[str, str]) -> Path:
+    text = path.read_text(encoding="utf-8")
+    for before, after in changes:
+        assert before in text, before
+        text = text.replace(before, after)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_without_the_joint_the_option_is_named_and_the_joints_there_are(
+    station: Station, model: Path, tmp_path: Path
+) -> None:
+    _changed(model, ("GlenoHumeral", "shoulder"))
+    ran = station("rmr", "--model", model, "--output", tmp_path / "a.csv")
+    assert ran.code == 1
+    assert "has no joint GlenoHumeral: name one with --joint (" in ran.err.splitlines()[-1]
+    assert "shoulder" in ran.err.splitlines()[-1]
+
+
+def test_without_the_glenoid_s_markers_the_option_is_named(station: Station, model: Path, tmp_path: Path) -> None:
+    _changed(model, ("Glenoid_Center", "somewhere"))
+    ran = station("rmr", "--model", model, "--output", tmp_path / "a.csv")
+    assert ran.code == 1
+    assert "has no marker Glenoid_Center: add what the glenoid is known by, or give --no-glenoid" in ran.err
+
+
+def test_every_obstacle_is_named_at_once(station: Station, model: Path, tmp_path: Path) -> None:
+    _changed(
+        model,
+        ("<BodySet", "<ControllerSet><objects><PrescribedController name='c'/></objects></ControllerSet><BodySet"),
+        ("</CoordinateActuator>", "</CoordinateActuator><HuntCrossleyForce name='h'/>"),
+        ("<PointConstraint ", "<WeldConstraint name='w'/><PointConstraint "),
+    )
+    ran = station("rmr", "--model", model, "--output", tmp_path / "a.csv")
+    assert ran.code == 1
+    last = ran.err.splitlines()[-1]
+    for name in ("PrescribedController c", "HuntCrossleyForce h", "WeldConstraint w"):
+        assert name in last
+
+
+@pytest.mark.parametrize("version", ["30000", "", "x", "-1", "9" * 400])
+def test_an_old_file_is_refused_with_the_way_to_convert_it(station: Station, tmp_path: Path, version: str) -> None:
+    path = tmp_path / "old.osim"
+    path.write_text(f'<OpenSimDocument Version="{version}"><Model name="m"/></OpenSimDocument>', encoding="utf-8")
+    ran = station("rmr", "--model", path, "--output", tmp_path / "a.csv")
+    assert_one_sentence(ran, 1, "expected 40000 (OpenSim 4)", 'opensim.Model("old.osim").printToXML("new.osim")')
+
+
+@pytest.mark.parametrize("has_glenoid", [True, False])
+def test_an_infeasible_frame_speaks_of_the_glenoid_where_it_was_asked_for(has_glenoid: bool) -> None:
+    solved = solve_muscles(MuscleInputs(), MotionCut(start=0.0, end=0.05), RedundancyOptions(has_glenoid))
+    outcomes = (FrameOutcome.INFEASIBLE, *solved.solution.outcomes[1:])
+    (sentence, *_) = unsolved_in_words(replace(solved.solution, outcomes=outcomes))
+    assert ("glenoid" in sentence) == has_glenoid
+    assert "misses accelerations" in sentence
+    assert "inf" not in sentence
+    assert np.isinf(solved.solution.cone_slack).all() == (not has_glenoid)

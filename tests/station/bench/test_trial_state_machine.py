@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import numpy as np
+
+from recordings.samples import Event, Loss
+from station.bench.trial_state_machine import TrialState
+from tests.station.bench_by_hand import Bench
+
+
+def test_a_trial_runs_from_the_edge_to_the_capture_s_end_and_is_accepted() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    assert bench.session.state is TrialState.ARMED
+    assert bench.recorder.items == []
+    bench.start_capture()
+    bench.run(5.0)
+    assert bench.session.state is TrialState.RECORDING
+    bench.stop_capture()
+    assert bench.session.state is TrialState.CLOSING
+    bench.run(2.0)
+    assert bench.session.state is TrialState.CLOSED
+    assert {"armed", "capture_started", "sync_edge", "capture_stopped", "capture_ended"} >= set(bench.recorder.events())
+    sync = np.concatenate([s.values[:, 0] for s in bench.recorder.samples("/sync")])
+    assert sync[-1] == 0.0, "the falling edge is recorded too"
+
+
+def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
+    bench = Bench(duration_s=4.0).arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(4.5)
+    assert bench.session.state is TrialState.CLOSING
+    bench.run(1.0)
+    assert bench.session.state is TrialState.CLOSED
+    assert bench.session.sentence == "4 s recorded after the edge"
+
+
+def test_frames_that_come_after_the_capture_s_end_are_another_s_and_are_not_recorded() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.stop_capture()
+    recorded = len(bench.recorder.samples("/markers"))
+    bench.frame = 1
+    bench.send_frames(10)
+    bench.session.handle(Loss("/markers", "skipped", 11, 5, 0, bench.clock.utc_ns()))
+    bench.run(2.0)
+    assert (len(bench.recorder.samples("/markers")), bench.session.lost_samples) == (recorded, 0)
+
+
+def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
+    bench = Bench(duration_s=100.0).arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(3.0)
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.session.state, bench.session.sentence) == (TrialState.CLOSED, "the mocap capture ended")
+
+
+def test_a_mocap_system_without_events_ends_its_capture_by_line_and_silence() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.level, bench.capturing = 5.0, True
+    bench.run(3.0)
+    bench.stop_capture(with_event=False)
+    bench.run(4.0)
+    assert bench.session.state is TrialState.CLOSED
+
+
+def test_a_short_sync_pulse_does_not_end_the_trial() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(0.2)
+    bench.level = 0.0
+    bench.run(5.0)
+    assert bench.session.state is TrialState.RECORDING
+
+
+def test_a_dip_of_the_line_while_recording_is_noted_and_costs_nothing() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    dip = np.full(100, 5.0)
+    dip[50:53] = 0.0
+    bench.send_daq(dip)
+    bench.run(1.0)
+    bench.stop_capture()
+    bench.run(2.0)
+    assert (bench.session.state, bench.session.sentence) == (TrialState.CLOSED, "the mocap capture ended")
+    assert "sync_glitch" in bench.recorder.events()
+
+
+def test_a_line_that_rises_a_second_time_is_told_at_once_and_the_trial_is_recorded_to_its_end() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.send_daq(np.repeat([0.0, 5.0], 50))
+    assert bench.session.state is TrialState.RECORDING
+    assert "rose a second time 1.05 s after the first" in bench.session.snapshot().sentence
+    bench.run(2.0)
+    bench.stop_capture()
+    bench.run(2.0)
+    assert bench.session.state is TrialState.FAILED
+    assert "rose a second time" in bench.session.sentence
+    assert bench.recorder.events().count("sync_double_edge") == 1
+    assert sum(len(s.sample_numbers) for s in bench.recorder.samples("/markers")) == 300, "nothing is thrown away"
+
+
+def test_a_line_that_stays_high_after_the_capture_is_told() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.stop_capture()
+    bench.level = 5.0
+    bench.run(2.0)
+    assert bench.session.state is TrialState.CLOSED
+    assert "start edge alone ties the clocks" in bench.session.sentence
+    assert "no_stop_edge" in bench.recorder.events()
+
+
+def test_stopping_once_keeps_the_trial_and_drains_and_twice_ends_at_once() -> None:
+    bench = Bench().arm()
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(3.0)
+    bench.session.stop()
+    assert bench.session.state is TrialState.CLOSING
+    bench.session.stop(at_once=True)
+    assert bench.session.state is TrialState.CLOSED
+
+
+def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
+    bench = Bench().arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.cut_short("disk_nearly_full", "the disk is nearly full")
+    assert bench.session.state is TrialState.CLOSING
+    bench.run(2.0)
+    assert (bench.session.state, bench.session.sentence) == (TrialState.FAILED, "the disk is nearly full")
+    assert "disk_nearly_full" in bench.recorder.events()
+
+
+def test_a_mark_is_recorded_where_there_is_something_to_point_at() -> None:
+    bench = Bench().arm()
+    bench.session.mark()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(1.0)
+    bench.session.mark()
+    bench.session.mark()
+    marks = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "mark"]
+    assert marks == ["mark 1", "mark 2"]
+    assert bench.session.snapshot().marks == 2
