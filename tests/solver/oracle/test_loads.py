@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.model import Model, with_point_mass
+from solver.model import Model
 from solver.motion import decimate, differentiate, write_table
 from solver.multibody.dynamics import equations_of_motion, response_maps
 from solver.multibody.external_loads import load_wrenches
@@ -19,6 +19,7 @@ from solver.muscle import muscle_forces
 from solver.osim.loads import read_external_loads
 from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
+from solver.point_mass import with_point_mass
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import solve_motion
 from tests.solver.oracle.two_bodies import model_with, opensim, random_states, read_back
