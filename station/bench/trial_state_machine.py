@@ -329,12 +329,9 @@ class TrialStateMachine:
         silent = self._watchdog.find_silent_stream(expected, since_s)
         if silent is not None:
             stream = silent.stream
-            self.fail(
-                f"{stream.source} sent nothing on {stream.name} for {silent.silence_s:.1f} s, "
-                f"expected {stream.rate_hz:g} samples a second; check the device and its cable",
-                self._watchdog.device_of(stream.name),
-                "silent",
-            )
+            lost = f"{stream.source} sent nothing on {stream.name} for {silent.silence_s:.1f} s"
+            why = f"{lost}, expected {stream.rate_hz:g} samples a second; check the device and its cable"
+            self.fail(why, self._watchdog.device_of(stream.name), "silent")
 
     def _lose(self, loss: Loss | None) -> None:
         """Counts and records what the station itself found missing, if anything."""
