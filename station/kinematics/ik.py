@@ -15,7 +15,7 @@ from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_m
 from solver.model import Model, ModelError
 from solver.motion import MotionError, write_table
 from solver.osim.ik_setup import IkSetup, read_ik_setup
-from station.muscles.sources import model_of
+from station.assessment.sources import model_of
 from station.whole_file import drafted
 
 Array = NDArray[np.float64]
