@@ -126,17 +126,27 @@ def plain_diagnosis(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
     return {
         "findings": [
             {
-                "code": each.code,
+                "code": each.check,
+                "finding": each.code,
                 "name": each.name,
                 "value": each.value,
                 "standard_error": each.standard_error,
                 "unit": each.unit,
                 "alarm": each.is_alarm,
+                "figures": dict(each.more),
                 "sentence": each.sentence,
             }
             for each in diagnosis.findings
         ],
         "causes": [
-            {"cause": each.name, "severity": each.severity, "sentence": each.sentence} for each in diagnosis.causes
+            {
+                "cause": each.name,
+                "code": each.code,
+                "severity": each.severity,
+                "figures": dict(each.figures),
+                "finding": each.finding.code if each.finding else None,
+                "sentence": each.sentence,
+            }
+            for each in diagnosis.causes
         ],
     }

@@ -25,8 +25,8 @@ from fitting.plain import (
     plain_swing,
     plain_sync,
 )
-from fitting.results.codes import DOUBTED, Verdict
-from fitting.results.rendering import verdict_sentence, verdict_text
+from fitting.results.codes import DOUBTED, CauseCode, Verdict
+from fitting.results.rendering import sentence_of, verdict_text
 from fitting.seal import SEAL, CheckedFile, Standing, digest, seal_cuff
 from fitting.spatial.tensor import Tensors, plain_tensor
 from fitting.timing.sync_certificate import SyncCertificate
@@ -200,7 +200,7 @@ class CuffFit:
             damping=self.damping.value,
             migration=self.migration.value,
             covariance=self.covariance,
-            source=" ".join(self.sources.values()) or verdict_sentence(Verdict.GIVEN),
+            source=" ".join(self.sources.values()) or sentence_of(Verdict.GIVEN),
         )
 
 
@@ -278,8 +278,8 @@ class SessionFit:
 
 def refuted_by(fit: CuffFit, diagnosis: Diagnosis) -> CuffFit:
     """The fit with its diagnosis; what that calls wrong, no verdict calls identified."""
-    verdicts = {"gain of the load cell": Verdict.SCALE, "skin under an anchor marker": Verdict.SKIN}
-    wrong = tuple(verdicts[cause.name] for cause in diagnosis.causes if cause.name in verdicts)
+    verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
+    wrong = tuple(verdicts[cause.code] for cause in diagnosis.causes if cause.code in verdicts)
     kept = tuple(verdict for verdict in fit.verdicts if not (wrong and verdict is Verdict.IDENTIFIED))
     return replace(fit, verdicts=kept + wrong, classes=diagnosis.classes, diagnosis=diagnosis)
 

@@ -10,7 +10,7 @@ from fitting.donning import MIN_LOADS
 from fitting.dynamic.damping import fit_damping
 from fitting.quality import UnusableTrial, damage_sentence
 from fitting.results.codes import Verdict
-from fitting.results.rendering import verdict_sentence
+from fitting.results.rendering import sentence_of
 from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.static.migration import fit_migration
 from fitting.trial import RejectedTrial, Trial, TrialReading
@@ -33,7 +33,7 @@ def why_unusable(reading: TrialReading) -> str:
 
 def _why_not_fitted(reduced: ReducedTrial, trial: Trial) -> str:
     if trial.test == "static" and len(reduced.plateaus) < MIN_LOADS:
-        return verdict_sentence(Verdict.FEW_LOADS)
+        return sentence_of(Verdict.FEW_LOADS)
     if trial.test == "static" and fit_migration([reduced.plateaus]) is None:
         return "the static trial does not start, or does not end, unloaded, so that migration is not known from it"
     if trial.test == "dynamic":

@@ -147,7 +147,7 @@ def _in_space(fit: CuffFit) -> Iterator[str]:
 
 def _diagnosed(fit: CuffFit) -> Iterator[str]:
     if fit.diagnosis is not None:
-        yield from (f"{each.code}: {each.sentence}" for each in fit.diagnosis.findings if each.is_alarm)
+        yield from (f"{each.check}: {each.sentence}" for each in fit.diagnosis.findings if each.is_alarm)
         yield from (f"likely: {cause.sentence}" for cause in fit.diagnosis.causes[:2])
 
 

@@ -10,6 +10,7 @@ from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.causes import Cause, causes_of
 from fitting.laws.findings import Finding, find_all
 from fitting.laws.model_class import ModelComparison
+from fitting.results.codes import FindingCode
 from fitting.uncertainty import Estimate
 
 
@@ -38,7 +39,7 @@ def diagnose(
     creeps is False where held loads do not go on yielding.
     """
     findings = tuple(find_all(curves, stiffness, bands))
-    bends_down = any(finding.code == "D3" and finding.value < 0 for finding in findings)
+    bends_down = any(finding.code is FindingCode.CURVATURE and finding.value < 0 for finding in findings)
     if classes is not None and bends_down:
         classes = classes.as_softening()
     return Diagnosis(findings, causes_of(findings, curves, classes, creeps=creeps), classes)

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +20,10 @@ from fitting.dynamic.weak_form import ComplexStiffness
 from fitting.laws.levels import Level, held_level, start_level, swing_force
 from fitting.markers.frames import pull_direction
 from fitting.quality import UnusableTrial
+from fitting.results.codes import FindingCode
+from fitting.results.rendering import Figures, name_of, sentence_of
 from fitting.static.plateaus import Plateau
 from fitting.uncertainty import Estimate
-
-Code = Literal["D1", "D2", "D3", "D4", "D5", "D6", "D7", "D8"]
 
 SIGNIFICANT = 3.0
 SHIFT_LIMIT, ZERO_LIMIT = 0.5e-3, 1.0
@@ -38,17 +37,44 @@ WELL_KNOWN = 5.0
 """Standard errors of the mean damping from which its way with frequency is asked."""
 
 
+_CHECKS = {
+    FindingCode.START: "D1",
+    FindingCode.STIFFNESS_RATIO: "D2",
+    FindingCode.CURVATURE: "D3",
+    FindingCode.HARMONICS: "D4",
+    FindingCode.DAMPING_POWER: "D5",
+    FindingCode.ANGLE: "D6",
+    FindingCode.UNLOADED_FORCE: "D7",
+    FindingCode.UNLOADED_PLACE: "D7",
+    FindingCode.FORCE_NOISE: "D8",
+    FindingCode.MARKER_MEMORY: "D8",
+}
+
+
 @dataclass(frozen=True)
 class Finding:
-    """One check: its number with standard error (None where it has none) in `unit`, and a sentence."""
+    """The number of a check with its standard error (None where it has none) in `unit`; more: other figures, in SI."""
 
-    code: Code
-    name: str
+    code: FindingCode
     value: float
     standard_error: float | None
     unit: str
     is_alarm: bool
-    sentence: str
+    more: Figures = field(default_factory=dict)
+
+    @property
+    def check(self) -> str:
+        """D1 to D8."""
+        return _CHECKS[self.code]
+
+    @property
+    def name(self) -> str:
+        return name_of(self.code)
+
+    @property
+    def sentence(self) -> str:
+        error = {} if self.standard_error is None else {"standard_error": self.standard_error}
+        return sentence_of(self.code, {"value": self.value, **error, **self.more})
 
 
 def find_all(
@@ -101,13 +127,13 @@ def _place(pairs: Sequence[tuple[TrialCurves, TrialCurves]], stiffness: Estimate
         return
     shift, migrated = max(shifts, key=lambda pair: abs(pair[0]))
     error = max(errors)
-    words = f"the dynamic record starts {1e3 * shift:.2f} ± {1e3 * error:.2f} mm from the static zero"
+    more = {}
     if abs(migrated) > SHIFT_LIMIT and abs(shift - migrated) < abs(shift) / 2:
-        words += f", of which {1e3 * migrated:.2f} mm are migration under the held loads"
+        more["migrated_m"] = migrated
     if stiffness is not None and abs(shift) > SHIFT_LIMIT:
-        words += f"; with x counted from that zero F − k x would be off by {-stiffness.value * shift:+.1f} N"
+        more["force_n"] = -stiffness.value * shift
     is_alarm = abs(shift) > max(SHIFT_LIMIT, SIGNIFICANT * error)
-    yield Finding("D1", "start from the static zero", shift, error, "m", is_alarm, words)
+    yield Finding(FindingCode.START, shift, error, "m", is_alarm, more)
 
 
 def _stiffnesses(dynamic: Sequence[TrialCurves], static: Estimate | None) -> Iterator[Finding]:
@@ -120,11 +146,8 @@ def _stiffnesses(dynamic: Sequence[TrialCurves], static: Estimate | None) -> Ite
     ratio = swinging / static.value
     error = ratio * math.hypot(max(own, spread) / swinging, static.standard_error / static.value)
     is_alarm = abs(ratio - 1) > max(STIFFNESS_LIMIT, SIGNIFICANT * error)
-    words = (
-        f"swinging, the cuff is {ratio:.3f} ± {error:.3f} times as stiff as under held loads "
-        f"({swinging:.0f} against {static.value:.0f} N/m)"
-    )
-    yield Finding("D2", "dynamic over static stiffness", ratio, error, "1", is_alarm, words)
+    more = {"dynamic_n_per_m": swinging, "static_n_per_m": static.value}
+    yield Finding(FindingCode.STIFFNESS_RATIO, ratio, error, "1", is_alarm, more)
 
 
 def _curvature(static: Sequence[TrialCurves]) -> Iterator[Finding]:
@@ -146,8 +169,7 @@ def _curvature(static: Sequence[TrialCurves]) -> Iterator[Finding]:
         return
     bend, error = float(np.mean([b for b, _ in found])), math.sqrt(sum(v for _, v in found)) / len(found)
     is_alarm = abs(bend) > max(CURVATURE_LIMIT, SIGNIFICANT * error)
-    words = f"the held loads lie {bend:.1f} ± {error:.1f} N below a straight line in the middle of their range"
-    yield Finding("D3", "curvature", bend, error, "N", is_alarm, words)
+    yield Finding(FindingCode.CURVATURE, bend, error, "N", is_alarm)
 
 
 def _harmonics(dynamic: Sequence[TrialCurves]) -> Iterator[Finding]:
@@ -156,12 +178,9 @@ def _harmonics(dynamic: Sequence[TrialCurves]) -> Iterator[Finding]:
         return
     noise = math.sqrt(float(np.mean([each.harmonic_noise**2 for each in checks])))
     second, third = np.sqrt(np.mean(np.square([each.harmonics for each in checks]), axis=0)).tolist()
-    words = (
-        f"what the law leaves over holds {second:.2f} N at twice and {third:.2f} N at three times the swing's "
-        f"frequency, {noise:.2f} N between"
-    )
     largest = max(second, third)
-    yield Finding("D4", "harmonics", largest, noise, "N", largest > HARMONIC_LIMIT * noise, words)
+    more = {"second_n": second, "third_n": third}
+    yield Finding(FindingCode.HARMONICS, largest, noise, "N", largest > HARMONIC_LIMIT * noise, more)
 
 
 def _over_frequency(bands: Sequence[ComplexStiffness]) -> Iterator[Finding]:
@@ -178,12 +197,9 @@ def _over_frequency(bands: Sequence[ComplexStiffness]) -> Iterator[Finding]:
     power = float(sd**-2.0 @ (centred * c)) / information / mean
     scatter = float(np.sum(((c - mean - power * mean * centred) / sd) ** 2)) / max(1, len(c) - 2)
     error = math.sqrt(max(1.0, scatter)) * math.hypot(information**-0.5, power * mean_sd) / mean
-    words = (
-        f"damping goes with the {power:+.2f} ± {error:.2f} power of frequency from {bands[0].frequency:.2f} to "
-        f"{bands[-1].frequency:.2f} Hz (a damper: 0, friction: −1)"
-    )
     is_alarm = abs(power) > max(0.3, SIGNIFICANT * error)
-    yield Finding("D5", "damping over frequency", power, error, "1", is_alarm, words)
+    more = {"lowest_hz": bands[0].frequency, "highest_hz": bands[-1].frequency}
+    yield Finding(FindingCode.DAMPING_POWER, power, error, "1", is_alarm, more)
 
 
 def _angle(static: Sequence[TrialCurves], dynamic: Sequence[TrialCurves]) -> Iterator[Finding]:
@@ -191,8 +207,7 @@ def _angle(static: Sequence[TrialCurves], dynamic: Sequence[TrialCurves]) -> Ite
     if held is None or swung is None:
         return
     angle = math.degrees(math.acos(min(1.0, abs(float(held @ swung)))))
-    words = f"the cuff goes {angle:.0f}° apart under held loads and in swings"
-    yield Finding("D6", "angle of the pulls", angle, None, "deg", angle > ANGLE_LIMIT, words)
+    yield Finding(FindingCode.ANGLE, angle, None, "deg", angle > ANGLE_LIMIT)
 
 
 def _direction(trials: Sequence[TrialCurves]) -> NDArray[np.float64] | None:
@@ -217,12 +232,10 @@ def _unloaded(pairs: Sequence[tuple[TrialCurves, TrialCurves]]) -> Iterator[Find
     place = max((a.displacement - b.displacement for a, b in steps), key=abs)
     force_sd = max(math.hypot(a.force_sd, b.force_sd) for a, b in steps)
     place_sd = max(math.hypot(a.displacement_sd, b.displacement_sd) for a, b in steps)
-    words = f"from the held loads to the swing the unloaded force changes by {force:+.2f} ± {force_sd:.2f} N"
     is_alarm = abs(force) > max(ZERO_LIMIT, SIGNIFICANT * force_sd)
-    yield Finding("D7", "unloaded force between records", force, force_sd, "N", is_alarm, words)
-    words = f"from the held loads to the swing the unloaded cuff moves by {1e3 * place:+.2f} ± {1e3 * place_sd:.2f} mm"
+    yield Finding(FindingCode.UNLOADED_FORCE, force, force_sd, "N", is_alarm)
     is_alarm = abs(place) > max(SHIFT_LIMIT, SIGNIFICANT * place_sd)
-    yield Finding("D7", "unloaded place between records", place, place_sd, "m", is_alarm, words)
+    yield Finding(FindingCode.UNLOADED_PLACE, place, place_sd, "m", is_alarm)
 
 
 def _unloaded_end(static: TrialCurves) -> Level | None:
@@ -238,15 +251,12 @@ def _noise(dynamic: Sequence[TrialCurves]) -> Iterator[Finding]:
     ratios = [ratio for ratio in (_noise_ratio(each) for each in dynamic) if ratio is not None]
     if ratios:
         ratio = max(ratios)
-        words = f"the fit leaves {ratio:.2f} times the force noise of the resting cuff"
-        yield Finding("D8", "force noise, swing over rest", ratio, None, "1", ratio > NOISE_LIMIT, words)
+        yield Finding(FindingCode.FORCE_NOISE, ratio, None, "1", ratio > NOISE_LIMIT)
     memories = [each.dynamic.checks.marker_correlation for each in dynamic if each.dynamic]
     if memories:
         coloured = any(each.dynamic.checks.is_coloured for each in dynamic if each.dynamic)
-        words = f"what the fit leaves of neighbouring marker frames has a correlation of {max(memories):.2f}"
-        if coloured:
-            words += " (white noise: 0): the markers' noise has a memory, or the law does not describe the motion"
-        yield Finding("D8", "memory of the markers' noise", max(memories), None, "1", coloured, words)
+        more = {"white_noise": 0.0} if coloured else {}
+        yield Finding(FindingCode.MARKER_MEMORY, max(memories), None, "1", coloured, more)
 
 
 def _noise_ratio(curves: TrialCurves) -> float | None:

@@ -31,3 +31,37 @@ DOUBTED = dict.fromkeys((Verdict.LAG, Verdict.DAMPING_UNCERTAIN, Verdict.NEGATIV
     (Verdict.SCALE, Verdict.SKIN), ("stiffness", "damping")
 )
 """Verdict → the quantities that it calls not identified, though there is a figure."""
+
+
+class CauseCode(StrEnum):
+    """What may be wrong with a rig, or richer in a cuff than a spring and a damper."""
+
+    TARE = "cause.tare_with_weight"
+    ZERO_DRIFT = "cause.zero_drift"
+    DISPLACEMENT_ZERO = "cause.displacement_zero"
+    PULL_DIRECTION = "cause.pull_direction"
+    LOOSE_MARKER = "cause.loose_anchor_marker"
+    SKIN = "cause.skin_motion"
+    GAIN = "cause.gain_error"
+    PULLEY = "cause.pulley_friction"
+    STIFFENING = "cause.stiffening"
+    SOFTENING = "cause.softening"
+    FRICTION = "cause.friction"
+    STANDARD_LINEAR_SOLID = "cause.standard_linear_solid"
+    CREEP = "cause.creep"
+    SLIP = "cause.slip"
+
+
+class FindingCode(StrEnum):
+    """The number that a check D1 to D8 gives; D7 and D8 give two."""
+
+    START = "start_from_static_zero"
+    STIFFNESS_RATIO = "dynamic_over_static_stiffness"
+    CURVATURE = "curvature"
+    HARMONICS = "harmonics"
+    DAMPING_POWER = "damping_over_frequency"
+    ANGLE = "angle_of_pulls"
+    UNLOADED_FORCE = "unloaded_force_between_records"
+    UNLOADED_PLACE = "unloaded_place_between_records"
+    FORCE_NOISE = "force_noise_swing_over_rest"
+    MARKER_MEMORY = "marker_noise_correlation"

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from string import Formatter
+from types import MappingProxyType
+from typing import Any
 
-from fitting.results.codes import Verdict
+from fitting.results.codes import CauseCode, FindingCode, Verdict
 
-_VERDICTS = {
+Figures = Mapping[str, float | str]
+"""Name → figure, in SI with the unit in the name."""
+
+_SCALES = {"mm": 1e3, "percent": 100.0}
+"""Unit in which a template shows a figure of SI: `{shift_m:mm .2f}`."""
+
+_ZEROS = "k and c stand, as each record has a zero of its own"
+_TANGENT = "k is the mean slope; read the tangent at the load that matters (exponential_law in cuffs.json)"
+_EXPLAINS = "{law} explains {gain:percent .0f} % of what a spring and a damper leave over; "
+
+_SENTENCES: Mapping[StrEnum, str | tuple[str, ...]] = {
     Verdict.IDENTIFIED: "stiffness, damping and migration are identified",
     Verdict.GIVEN: "the figures are given, not fitted",
     Verdict.NO_STATIC: (
@@ -45,14 +59,147 @@ _VERDICTS = {
         "migration is not identified: an earlier static recording of this donning cannot be used, and the cuff may "
         "have migrated in it; don the cuff anew and record again"
     ),
+    FindingCode.START: (
+        "the dynamic record starts {value:mm .2f} ± {standard_error:mm .2f} mm from the static zero",
+        ", of which {migrated_m:mm .2f} mm are migration under the held loads",
+        "; with x counted from that zero F − k x would be off by {force_n:+.1f} N",
+    ),
+    FindingCode.STIFFNESS_RATIO: (
+        "swinging, the cuff is {value:.3f} ± {standard_error:.3f} times as stiff as under held loads "
+        "({dynamic_n_per_m:.0f} against {static_n_per_m:.0f} N/m)"
+    ),
+    FindingCode.CURVATURE: (
+        "the held loads lie {value:.1f} ± {standard_error:.1f} N below a straight line in the middle of their range"
+    ),
+    FindingCode.HARMONICS: (
+        "what the law leaves over holds {second_n:.2f} N at twice and {third_n:.2f} N at three times the swing's "
+        "frequency, {standard_error:.2f} N between"
+    ),
+    FindingCode.DAMPING_POWER: (
+        "damping goes with the {value:+.2f} ± {standard_error:.2f} power of frequency from {lowest_hz:.2f} to "
+        "{highest_hz:.2f} Hz (a damper: 0, friction: −1)"
+    ),
+    FindingCode.ANGLE: "the cuff goes {value:.0f}° apart under held loads and in swings",
+    FindingCode.UNLOADED_FORCE: (
+        "from the held loads to the swing the unloaded force changes by {value:+.2f} ± {standard_error:.2f} N"
+    ),
+    FindingCode.UNLOADED_PLACE: (
+        "from the held loads to the swing the unloaded cuff moves by {value:mm +.2f} ± {standard_error:mm .2f} mm"
+    ),
+    FindingCode.FORCE_NOISE: "the fit leaves {value:.2f} times the force noise of the resting cuff",
+    FindingCode.MARKER_MEMORY: (
+        "what the fit leaves of neighbouring marker frames has a correlation of {value:.2f}",
+        " (white noise: {white_noise:.0f}): the markers' noise has a memory, or the law does not describe the motion",
+    ),
+    CauseCode.TARE: (
+        "{name}: ",
+        "{unloaded_force_between_records}",
+        "{start_from_static_zero}, or the force has another zero",
+        f"; {_ZEROS}; tare with the bare hook",
+    ),
+    CauseCode.ZERO_DRIFT: (
+        "{name}: ",
+        "{unloaded_force_between_records}",
+        "{start_from_static_zero}, or the force has another zero",
+        f"; {_ZEROS}; let the cell and its amplifier warm up",
+    ),
+    CauseCode.DISPLACEMENT_ZERO: (
+        "{name}: ",
+        "{unloaded_place_between_records}, as it was moved or x has another zero there",
+        "{start_from_static_zero}, or the force has another zero",
+        f"; {_ZEROS}; leave cuff and anchor markers alone between the trials",
+    ),
+    CauseCode.PULL_DIRECTION: (
+        "{angle_of_pulls}: k and c are those of two directions; pull both along one, with markers on the rope"
+    ),
+    CauseCode.LOOSE_MARKER: (
+        "{marker} moves by {rms_m:mm .1f} mm rms among the other anchor markers: the cuff's way is that much less "
+        "sure; fix it, or leave it out of anchor_markers"
+    ),
+    CauseCode.SKIN: (
+        "the anchor markers deform with the load (correlation {correlation:.2f}): skin moves under one, and k is off "
+        "by as much; fix that marker to bone or to a plate, and record again"
+    ),
+    CauseCode.GAIN: (
+        "the load cell reads {gain:.4f} ± {standard_error:.4f} newtons for each that the protocol's weights pull with: "
+        "k and c are {error:percent +.1f} % off, unless the weights are; hang on a known mass "
+        "(station check --known-mass)"
+    ),
+    CauseCode.PULLEY: (
+        "the pulley holds back {friction:percent .1f} ± {standard_error:percent .1f} % of the load; oil it"
+    ),
+    CauseCode.STIFFENING: _EXPLAINS + _TANGENT,
+    CauseCode.SOFTENING: _EXPLAINS + _TANGENT,
+    CauseCode.FRICTION: _EXPLAINS
+    + "c is what the swing's amplitude and frequency make of it, no damper's; swing as the suit will",
+    CauseCode.STANDARD_LINEAR_SOLID: _EXPLAINS
+    + "k and c are those of the swing's frequency (complex_stiffness in cuffs.json); swing as fast as the suit will",
+    CauseCode.CREEP: _EXPLAINS
+    + "k is that of the holds' length; hold as long as the suit will, and wait before migration is read",
+    CauseCode.SLIP: _EXPLAINS
+    + "k is from where it held; fasten the cuff tighter, or load it once before the first trial",
+}
+"""Code → its template; of several clauses those are shown whose figures are there."""
+
+_NAMES: Mapping[StrEnum, str] = {
+    CauseCode.TARE: "tare with the weight on",
+    CauseCode.ZERO_DRIFT: "zero drift of the load cell",
+    CauseCode.DISPLACEMENT_ZERO: "zero of the displacement",
+    CauseCode.PULL_DIRECTION: "direction of the pull",
+    CauseCode.LOOSE_MARKER: "loose anchor marker",
+    CauseCode.SKIN: "skin under an anchor marker",
+    CauseCode.GAIN: "gain of the load cell",
+    CauseCode.PULLEY: "friction of the pulley",
+    CauseCode.STIFFENING: "stiffening",
+    CauseCode.SOFTENING: "softening",
+    CauseCode.FRICTION: "friction",
+    CauseCode.STANDARD_LINEAR_SOLID: "standard linear solid",
+    CauseCode.CREEP: "creep",
+    CauseCode.SLIP: "slip",
+    FindingCode.START: "start from the static zero",
+    FindingCode.STIFFNESS_RATIO: "dynamic over static stiffness",
+    FindingCode.CURVATURE: "curvature",
+    FindingCode.HARMONICS: "harmonics",
+    FindingCode.DAMPING_POWER: "damping over frequency",
+    FindingCode.ANGLE: "angle of the pulls",
+    FindingCode.UNLOADED_FORCE: "unloaded force between records",
+    FindingCode.UNLOADED_PLACE: "unloaded place between records",
+    FindingCode.FORCE_NOISE: "force noise, swing over rest",
+    FindingCode.MARKER_MEMORY: "memory of the markers' noise",
 }
 
 
-def verdict_sentence(verdict: Verdict) -> str:
-    """One verdict as a clause, with what to do about it."""
-    return _VERDICTS[verdict]
+def sentence_of(code: StrEnum, figures: Figures = MappingProxyType({})) -> str:
+    """What a code says with its figures, as a clause without capital or full stop. Raises KeyError without figures."""
+    template = _SENTENCES[code]
+    if isinstance(template, str):
+        return _FORMATTER.vformat(template, (), figures)
+    return "".join(
+        _FORMATTER.vformat(clause, (), figures) for clause in template if fields_of(clause) <= figures.keys()
+    )
+
+
+def name_of(code: CauseCode | FindingCode) -> str:
+    """What a cause or a finding is called in a table."""
+    return _NAMES[code]
 
 
 def verdict_text(verdicts: Iterable[Verdict]) -> str:
     """All verdicts as one text."""
-    return "; ".join(map(verdict_sentence, verdicts))
+    return "; ".join(map(sentence_of, verdicts))
+
+
+def fields_of(clause: str) -> set[str]:
+    """The figures that a clause shows."""
+    return {field for _, field, _, _ in _FORMATTER.parse(clause) if field}
+
+
+class _Scaled(Formatter):
+    """Formats a figure of SI in the unit that its place in the template names."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        unit, _, form = format_spec.rpartition(" ")
+        return format(_SCALES[unit] * value if unit else value, form)
+
+
+_FORMATTER = _Scaled()

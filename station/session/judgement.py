@@ -15,7 +15,7 @@ from fitting.curves import TrialCurves
 from fitting.quality import UnusableTrial, zero_notes
 from fitting.result import CuffFit, SessionFit, TrialFit
 from fitting.results.codes import Verdict
-from fitting.results.rendering import verdict_sentence
+from fitting.results.rendering import sentence_of
 from fitting.trial import read_bounce
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
@@ -124,7 +124,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
         notes=(
             *(note for note in of_trial.notes if note not in reasons),
             *of_cuff.notes,
-            *(f"so far: {verdict_sentence(verdict)}" for verdict in of_cuff.verdicts),
+            *(f"so far: {sentence_of(verdict)}" for verdict in of_cuff.verdicts),
         ),
         path=_path(curves),
         marks=_marks_in(folder / file),
@@ -195,7 +195,7 @@ def _doubts(trial: TrialFit, cuff: CuffFit) -> tuple[str, ...]:
     """What is not identified of the donning so far, but for the damping that no dynamic trial has told yet."""
     to_come = (Verdict.NO_DYNAMIC,) if trial.test == "static" else ()
     found = (verdict for verdict in cuff.verdicts if verdict not in (Verdict.IDENTIFIED, *to_come))
-    return tuple(map(verdict_sentence, found))
+    return tuple(map(sentence_of, found))
 
 
 def _pooled(estimates: Sequence[Estimate]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import pytest
 from fitting.cuffs_file import CuffsFileError, read_cuffs
 from fitting.result import CuffFit, NotIdentified, SessionFit, covariance_of
 from fitting.results.codes import Verdict
-from fitting.results.rendering import verdict_sentence
+from fitting.results.rendering import sentence_of
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import Estimate
 
@@ -60,7 +60,7 @@ def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path)
     cuff = json.loads(text)["cuffs"]["hand"]
     assert cuff["damping_n_s_per_m"] == {"value": None, "standard_error": None, "ci95": None}
     assert cuff["verdict_codes"] == ["damping_not_identified.lag"]
-    assert cuff["verdict"] == verdict_sentence(Verdict.LAG)
+    assert cuff["verdict"] == sentence_of(Verdict.LAG)
     path = tmp_path / "cuffs.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(NotIdentified, match="cuff hand has no damping"):
@@ -135,7 +135,7 @@ def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
     assert parameters.site == "waist"
     assert (parameters.stiffness, parameters.damping, parameters.migration) == (2140.0, 124.0, 0.012)
     np.testing.assert_array_equal(parameters.covariance, np.zeros((3, 3)))
-    assert parameters.source == verdict_sentence(Verdict.GIVEN)
+    assert parameters.source == sentence_of(Verdict.GIVEN)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fitting.results.codes import Verdict
-from fitting.results.rendering import verdict_sentence
+from fitting.results.rendering import sentence_of
 from fitting.trial import RejectedTrial, Trial, build_bounce, build_trial
 from fitting.usability import why_unusable
 from tests.fitting.bouncing import Bounce
@@ -46,7 +46,7 @@ def test_a_static_trial_that_ends_under_load_leaves_migration_unknown(static: Tr
 
 
 def test_a_static_trial_of_two_loads_has_too_few(static: Trial) -> None:
-    assert why_unusable(_until(static, 9.0)) == verdict_sentence(Verdict.FEW_LOADS)
+    assert why_unusable(_until(static, 9.0)) == sentence_of(Verdict.FEW_LOADS)
 
 
 def test_a_dynamic_trial_can_be_used_unless_its_force_does_not_swing(session: Session) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fitting.markers.loose import loose_marker
+from fitting.results.codes import CauseCode
 from fitting.session import fit_session
 from fitting.trial import Trial, build_trial
 from tests.fitting.experiment import Session, published
@@ -51,7 +52,7 @@ def test_a_loose_marker_is_a_cause_and_a_note_of_its_trials() -> None:
     firm = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
     (fit,) = fit_session([_with_loose(each) for each in firm]).cuffs.values()
     assert fit.diagnosis
-    assert "loose anchor marker" in [cause.name for cause in fit.diagnosis.causes[:2]]
+    assert CauseCode.LOOSE_MARKER in [cause.code for cause in fit.diagnosis.causes[:2]]
     assert all(any("anchor_3 moves by" in note for note in trial.notes) for trial in fit.trials)
     (fit,) = fit_session(firm).cuffs.values()
     assert fit.diagnosis
