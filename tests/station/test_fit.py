@@ -11,7 +11,7 @@ import pytest
 from fitting.result import SessionFit
 from fitting.session import fit_session
 from fitting.trial import build_trial
-from recordings.manifest import Outcome
+from recordings.manifest import TrialOutcome
 from recordings.reader import Track
 from recordings.samples import Samples
 from station.files.new_recording import write_recording
@@ -25,7 +25,7 @@ def test_a_typed_uncertainty_of_the_load_cell_reaches_the_stiffness(station, tmp
     cell = replace(manifest.load_cell, gain_relative_sd=GAIN_SD)
     streams = [track.stream for track in tracks.values()]
     items = [_as_samples(name, track) for name, track in tracks.items()]
-    accepted = Outcome(True, "closed", "the capture ended")
+    accepted = TrialOutcome(True, "closed", "the capture ended")
     path = tmp_path / "cuff-hand_test-static_run-1.mcap"
     write_recording(path, replace(manifest, load_cell=cell), streams, items, accepted, "the test")
     assert station("fit", tmp_path).code == 0
