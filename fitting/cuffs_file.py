@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from documents.plain_data import PlainDataError, read_json, shortened
 from fitting.result import QUANTITIES, CuffFit, SessionFit, covariance_of
 from fitting.results.codes import DOUBTED, Verdict
 from fitting.results.format_0 import verdicts_in
 from fitting.seal import SEAL, check_cuff
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin, is_file_name
-from recordings.plain_data import PlainDataError, read_json, shortened
 
 
 class CuffsFileError(Exception):

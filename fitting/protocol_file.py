@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from recordings.plain_data import PlainDataError, read_toml, shortened
+from documents.plain_data import PlainDataError, read_toml, shortened
 
 PROTOCOL_FILE = "protocol.toml"
 BETTER = (".recovered.mcap", ".completed.mcap")

@@ -24,9 +24,9 @@ from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
+from documents.regular_file import open_regular
 from recordings.allowance import Allowance, Excess
 from recordings.errors import RecordingError
-from recordings.regular_file import open_regular
 from recordings.topics import PROFILE, SCHEMA_OF_TOPIC
 
 LARGEST_CHUNK = 64 * 2**20

@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from documents.plain_data import PlainDataError, parse_json
 from recordings.errors import RecordingError
 from recordings.older_manifest import with_typed_fields
-from recordings.plain_data import PlainDataError, parse_json
 from recordings.samples import DeviceIdentity
 
 LONGEST_NAME = 200

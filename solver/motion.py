@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.model import Model
-from solver.source_file import LARGEST_TABLE, read_source
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
     Of a .mot or .sto with OpenSim's header, or a .csv, where lines that begin with # are skipped. Raises MotionError.
     """
     try:
-        lines = read_source(path, LARGEST_TABLE).decode("utf-8").splitlines()
+        lines = read_regular(path, LARGEST_TABLE).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise MotionError(f"{path} should be a motion file and cannot be read ({error}); check the path") from error
     in_degrees, first = False, 0

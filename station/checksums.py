@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from documents.regular_file import read_regular
 from fitting.seal import Standing
-from recordings.regular_file import read_regular
 from station.file_lock import locked
 from station.whole_file import write_whole
 

@@ -20,7 +20,7 @@ from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.verbs import bench, cuffs, files, kinematics, muscles, whole
 from station.verbs.options import say
 
-ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
+ROOMS = ("station", "drivers", "recordings", "fitting", "solver", "documents")
 
 WAY = {
     "Try it": (whole.demo,),

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from documents.plain_data import PlainDataError, read_toml, shortened
 from recordings.manifest import (
     BounceRig,
     CuffSite,
@@ -20,7 +21,6 @@ from recordings.manifest import (
     Timing,
     is_file_name,
 )
-from recordings.plain_data import PlainDataError, read_toml, shortened
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
 from station.windows_names import why_no_windows_name

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from recordings.regular_file import append_to_regular
+from documents.regular_file import append_to_regular
 
 
 @contextmanager

@@ -17,9 +17,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
+from documents.plain_data import parse_json
+from documents.regular_file import append_to_regular, read_regular
 from recordings.manifest import CuffSite, DataOrigin, is_file_name
-from recordings.plain_data import parse_json
-from recordings.regular_file import append_to_regular, read_regular
 from station.file_lock import locked
 from station.protocol import TrialSpec
 

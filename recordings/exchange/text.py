@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import open_regular
 from recordings.errors import ForeignFile
-from recordings.regular_file import open_regular
 
 MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
 """How programs write a value that is not there."""

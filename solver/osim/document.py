@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import LARGEST_MODEL, read_regular
 from solver.model import ModelError
-from solver.source_file import LARGEST_MODEL, read_source
 
 Array = NDArray[np.float64]
 DEEPEST, MOST_ELEMENTS = 100, 500_000
@@ -139,7 +139,7 @@ def read_document(file: Path) -> Element:
     parser.EndElementHandler = lambda _tag: stack.pop()
     parser.CharacterDataHandler = text
     try:
-        parser.Parse(as_utf8(read_source(file, LARGEST_MODEL)), True)
+        parser.Parse(as_utf8(read_regular(file, LARGEST_MODEL)), True)
     except OSError as error:
         raise ModelError(f"cannot read {file}: {error.strerror}; check the path") from error
     except xml.parsers.expat.ExpatError as error:

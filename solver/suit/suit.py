@@ -15,9 +15,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from documents.regular_file import LARGEST_SUIT, read_regular
 from solver.model import Model
 from solver.point_mass import with_point_mass
-from solver.source_file import LARGEST_SUIT, read_source
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class Suit:
 def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
     """Read a suit.toml; raises SuitError naming the key that is missing, unknown or out of range."""
     try:
-        document = tomllib.loads(read_source(path, LARGEST_SUIT).decode("utf-8"))
+        document = tomllib.loads(read_regular(path, LARGEST_SUIT).decode("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise SuitError(f"{path} should be a suit in TOML and cannot be read ({error}); correct it") from error
     document = {"migration_direction": "cord", "rate": "backward", "groups": {}} | document

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from recordings.plain_data import PlainDataError, read_json, shortened
-from recordings.regular_file import open_regular
+from documents.plain_data import PlainDataError, read_json, shortened
+from documents.regular_file import open_regular
 
 RIGID = "rigid"
 

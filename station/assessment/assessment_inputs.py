@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from documents.plain_data import read_json
 from fitting.cuffs_file import read_cuffs
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, NotIdentified
 from fitting.seal import Standing
 from fitting.uncertainty import NORMAL_95, Estimate
-from recordings.plain_data import read_json
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, differentiate, read_motion

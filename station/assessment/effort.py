@@ -19,7 +19,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from recordings.plain_data import PlainDataError, read_toml
+from documents.plain_data import PlainDataError, read_toml
 from solver.model import Model
 from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
 from station.config import ConfigError, fault_in_words

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from solver.source_file import LARGEST_TABLE, read_source
+from documents.regular_file import LARGEST_TABLE, read_regular
 
 COLUMNS = ("muscle", "reduction_percent", "sd")
 
@@ -30,7 +30,7 @@ def read_emg(path: Path, known: Collection[str]) -> list[MeasuredReduction]:
     """Read a table of measured reductions; known are the model's muscles and the suit's groups. Raises EmgError."""
     try:
         rows = list(
-            csv.DictReader(read_source(path, LARGEST_TABLE).decode("utf-8-sig").splitlines(), skipinitialspace=True)
+            csv.DictReader(read_regular(path, LARGEST_TABLE).decode("utf-8-sig").splitlines(), skipinitialspace=True)
         )
     except (OSError, UnicodeDecodeError) as error:
         raise EmgError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from numpy import float64
 from numpy.typing import NDArray
 
+from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.bundled import bundled_model
 from solver.model import Model
 from solver.motion import Motion, read_motion
@@ -17,7 +18,6 @@ from solver.osim.loads import data_file, read_external_loads
 from solver.osim.reader import read_osim
 from solver.osim.suited_reader import read_suited
 from solver.raise_arm import simulate_arm_raise
-from solver.source_file import LARGEST_TABLE, read_source
 from solver.suit.suited_model import SuitedModel
 
 BUNDLED = "bundled"
@@ -57,7 +57,7 @@ def named_hashes(model: str, motion: Path | None, external_loads: Path | None) -
 
 def named_hash(path: Path) -> str:
     """Its name and its SHA-256."""
-    return f"{path.name} {hashlib.sha256(read_source(path, LARGEST_TABLE)).hexdigest()}"
+    return f"{path.name} {hashlib.sha256(read_regular(path, LARGEST_TABLE)).hexdigest()}"
 
 
 def without_hash(named: str) -> str:

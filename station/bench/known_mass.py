@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from documents.plain_data import parse_json
+from documents.regular_file import read_regular
 from fitting.calibration import code_width, level_bias
 from fitting.result import SessionFit
 from fitting.trial import Trial
-from recordings.plain_data import parse_json
-from recordings.regular_file import read_regular
 from station.bench.check import Line, listen, show_lines
 from station.bench.devices import load_cell_for
 from station.bench.trial_recorder import MakeDevices

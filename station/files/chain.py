@@ -9,12 +9,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from documents.plain_data import PlainDataError, parse_json, read_json
+from documents.regular_file import read_regular
 from fitting.cuffs_file import CuffsFileError, read_cuffs
 from fitting.seal import SEAL, Standing, digest
 from recordings.errors import RecordingError
-from recordings.plain_data import PlainDataError, parse_json, read_json
 from recordings.reader import survey_file
-from recordings.regular_file import read_regular
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import CHECKSUMS_FILE, read_checksums, sha256_of

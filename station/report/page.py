@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from documents.plain_data import PlainDataError, read_json
 from fitting.bushing import bushing_force
 from fitting.cuffs_file import read_cuffs
 from fitting.curves import TrialCurves
@@ -22,7 +23,6 @@ from fitting.seal import Standing
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin
-from recordings.plain_data import PlainDataError, read_json
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.checksums import sha256_of, write_checksums

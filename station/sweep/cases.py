@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from documents.regular_file import LARGEST_TABLE, read_regular
 from fitting.result import CuffFit
 from solver.cuff import CuffParameters, by_site
 from solver.model import Model, ModelError
 from solver.motion import MotionError, differentiate
 from solver.osim.loads import data_file
 from solver.point_mass import with_point_mass
-from solver.source_file import LARGEST_TABLE, read_source
 from solver.suit.scenarios import SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, read_suit
 from station.assessment.assessment_inputs import cuff_remarks, read_cuffs_to_wear, worn_cuffs
@@ -138,7 +138,7 @@ class SweepInputs:
         try:
             if axis == "external_loads" and sources:
                 sources.append(data_file(self._path(name)))
-            return hashlib.sha256(b"".join(read_source(source, LARGEST_TABLE) for source in sources)).hexdigest()
+            return hashlib.sha256(b"".join(read_regular(source, LARGEST_TABLE) for source in sources)).hexdigest()
         except OSError as error:
             raise PlanError(
                 f"the plan's vary.{axis} names {name}, which cannot be read ({error.strerror}); paths are relative to "

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from recordings.plain_data import PlainDataError, read_json
+from documents.plain_data import PlainDataError, read_json
 from solver.suit.suit import PARTS
 from station.sweep.cases import Case
 from station.sweep.plan import AXES, SweepPlan

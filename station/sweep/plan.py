@@ -13,8 +13,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.plain_data import LARGEST_TOML, PlainDataError, parse_toml, shortened
-from recordings.regular_file import read_regular
+from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml, shortened
+from documents.regular_file import read_regular
 from solver.suit.scenarios import Condition
 from station.assessment.sources import BUNDLED
 

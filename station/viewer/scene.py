@@ -10,10 +10,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from documents.plain_data import read_json
 from fitting.curves import TrialCurves
 from fitting.session import fit_session
 from fitting.trial import read_trial
-from recordings.plain_data import read_json
 from recordings.reader import open_recording
 from solver.bundled import bundled_model
 from solver.model import ConditionalPathPoint, Model, PathPoint

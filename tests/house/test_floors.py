@@ -14,7 +14,7 @@ import pytest
 from station.config import StationConfig, keys_of, load_config, parse_config
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("station", "drivers", "recordings", "fitting", "solver")
+ROOMS = ("station", "drivers", "recordings", "fitting", "solver", "documents")
 SOURCES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 DRAWERS = {"utils", "util", "misc", "helpers", "common", "core", "base", "manager"}
 

@@ -18,9 +18,8 @@ from station.sweep import cluster
 from station.viewer import viewer as rerun_viewer
 
 ROOT = Path(__file__).parents[2]
-SOURCES = [
-    path for room in ("station", "drivers", "recordings", "fitting", "solver") for path in (ROOT / room).rglob("*.py")
-]
+FOLDERS = ("station", "drivers", "recordings", "fitting", "solver", "documents")
+SOURCES = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
 RUNS_CODE = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "joblib"}
 CALLS = {"eval", "exec", "compile", "__import__"}
 SHELLS = {"system", "popen", "getoutput", "getstatusoutput", "create_subprocess_shell"}

@@ -29,7 +29,7 @@ from tests.station.bench.test_trial_recorder import SPEC, Rig
 from tests.windows_files import behave_as_windows
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("station", "drivers", "recordings", "fitting", "solver")
+PACKAGES = ("station", "drivers", "recordings", "fitting", "solver", "documents")
 POSIX_MODULES = {"fcntl", "termios", "tty", "pty", "pwd", "grp", "resource", "posix", "readline", "syslog", "crypt"}
 POSIX_CALLS = {
     "fork", "forkpty", "getpgrp", "getpgid", "tcgetpgrp", "setsid", "setpgrp", "killpg", "nice", "getuid", "geteuid",

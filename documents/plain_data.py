@@ -13,7 +13,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, NoReturn
 
-from recordings.regular_file import read_regular
+from documents.regular_file import read_regular
 
 LARGEST_JSON, LARGEST_TOML = 16 * 2**20, 256 * 2**10  # bytes
 DEEPEST = 100
