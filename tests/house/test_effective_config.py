@@ -11,7 +11,7 @@ NAME = "effective_config"
 ALLOWED = {
     "recordings/manifest.py": "declares it",
     "recordings/older_manifest.py": "reads settings of older recordings into typed fields",
-    "station/bench/daemon.py": "writes it",
+    "station/bench/trial_recorder.py": "writes it",
     "station/files/import_trial.py": "writes it",
     "station/files/replay.py": "replays with it",
     "station/fit.py": "hands it to older_manifest for an assignment of an older journal",
