@@ -114,7 +114,7 @@ def plain_classes(classes: ModelComparison | None) -> dict[str, Any] | None:
     return {
         "chosen": classes.name,
         "ranking": [
-            {"class": score.name, "left_over_n": score.left_over, "gain": score.gain} for score in classes.ranking
+            {"class": score.name, "left_over_n": score.residual_rms, "gain": score.gain} for score in classes.ranking
         ],
     }
 

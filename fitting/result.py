@@ -276,7 +276,7 @@ class SessionFit:
         return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def refuted_by(fit: CuffFit, diagnosis: Diagnosis) -> CuffFit:
+def with_diagnosis(fit: CuffFit, diagnosis: Diagnosis) -> CuffFit:
     """The fit with its diagnosis; what that calls wrong, no verdict calls identified."""
     verdicts = {CauseCode.GAIN: Verdict.SCALE, CauseCode.SKIN: Verdict.SKIN}
     wrong = tuple(verdicts[cause.code] for cause in diagnosis.causes if cause.code in verdicts)

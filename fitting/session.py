@@ -11,7 +11,7 @@ from fitting.laws.diagnosis import diagnose
 from fitting.laws.history import history_of
 from fitting.laws.model_class import compare_classes
 from fitting.quality import damage_sentence
-from fitting.result import CuffFit, SessionFit, refuted_by
+from fitting.result import CuffFit, SessionFit, with_diagnosis
 from fitting.trial import RejectedTrial, Trial
 
 
@@ -66,4 +66,4 @@ def _diagnosed(fit: CuffFit, curves: Sequence[TrialCurves]) -> CuffFit:
     classes = compare_classes([history_of(each) for each in in_order])
     creeps = fit.held.get("creep", {"is_seen": True})["is_seen"]
     diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes, creeps=creeps)
-    return refuted_by(fit, diagnosis)
+    return with_diagnosis(fit, diagnosis)

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from fitting.bushing import bushing_force
+from fitting.mass_checks import read_checks, with_gain_drift, with_mass_checks
 from fitting.protocol_file import read_protocol
 from fitting.result import SessionFit
 from fitting.seal import CheckedFile
@@ -17,7 +18,6 @@ from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.older_manifest import cuff_mass
 from recordings.reader import open_recording
-from station.bench.known_mass import inherited, listed, read_checks
 from station.checksums import sha256_of, standing_of, write_checksums
 from station.journal import Assignment, Journal, read_journal
 from station.progress import Progress, silent
@@ -69,8 +69,8 @@ def fit_session_folder(
         reasons = reasons or "there are only bounce trials; record a cuff, too"
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     checks = read_checks(folder)
-    fitting = fit_session(inherited(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
-    fitted = replace(listed(fitting, checks), recordings=_checked(paths))
+    fitting = fit_session(with_gain_drift(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
+    fitted = replace(with_mass_checks(fitting, checks), recordings=_checked(paths))
     if output is not None:
         write_whole(output, fitted.to_json())
         write_checksums(output, *_write_bushings(output.parent, fitted))

@@ -125,7 +125,7 @@ def optimum_table(optimised: OptimisedSuit) -> Table:
 def _law(fit: CuffFit) -> Iterator[str]:
     """The law that describes the cuff, and the others by the force they leave over in repeats left out."""
     if fit.classes is not None:
-        ranking = ", ".join(f"{score.name} {score.left_over:.2f} N" for score in fit.classes.ranking)
+        ranking = ", ".join(f"{score.name} {score.residual_rms:.2f} N" for score in fit.classes.ranking)
         yield f"its law is {fit.classes.name}; left over in repeats left out: {ranking}"
 
 

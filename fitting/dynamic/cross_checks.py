@@ -73,8 +73,8 @@ def check(record: Record, solution: Solution, frequency: float) -> Checks:
     if bands:
         main = min(bands, key=lambda band: abs(band.frequency - frequency))
         fits["complex stiffness"] = main.stiffness, main.damping
-    harmonics = _left_over(record, solution, HARMONICS, frequency)
-    between = _left_over(record, solution, BETWEEN_HARMONICS, frequency)
+    harmonics = _residual_amplitudes(record, solution, HARMONICS, frequency)
+    between = _residual_amplitudes(record, solution, BETWEEN_HARMONICS, frequency)
     return Checks(
         others=tuple(CrossCheck(method, *fit) for method, fit in fits.items() if fit),
         lines=tuple(lines),
@@ -120,7 +120,7 @@ def _neighbour_correlation(time: NDArray[np.float64], residual: NDArray[np.float
     return float(before @ after / math.sqrt((before @ before) * (after @ after)))
 
 
-def _left_over(record: Record, solution: Solution, orders: Sequence[float], frequency: float) -> list[float]:
+def _residual_amplitudes(record: Record, solution: Solution, orders: Sequence[float], frequency: float) -> list[float]:
     """Amplitudes [N] of what the law does not explain at so many times the phase of the swing."""
     straight = np.polyval(np.polyfit(record.force_time, solution.x, 1), record.force_time)
     phase = np.unwrap(np.angle(hilbert(solution.x - straight)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fitting.dynamic import cross_checks
 from fitting.dynamic.cross_checks import Checks, Method
 from fitting.dynamic.errors_in_variables import TAU, C, K, Record, Solution, estimate
-from fitting.dynamic.magnitude import TurnedBack, lag_of_magnitude
+from fitting.dynamic.magnitude import LagPosterior, lag_of_magnitude
 from fitting.dynamic.output_error import output_error
 from fitting.dynamic.slip import Slip, find_slip
 from fitting.oscillation import Oscillation, find_oscillation
@@ -29,9 +29,9 @@ about their best guess says: what tells τ from c is a few per cent of curvature
 STEADY_STIFFNESS = 0.005
 """How far (relative) the stiffness of a swinging load may be from that of held ones where one serves the other."""
 NEGLIGIBLE_SLIP = 0.5
-"""Standard errors of c that slip may feign without being looked at; they are in the error all the same."""
-MAX_FEIGNED = 0.1
-"""Part of c that the slip of a cuff may feign which never settles."""
+"""Standard errors of c of damping that slip may add before it is looked for; they are in the error in any case."""
+MAX_APPARENT_DAMPING = 0.1
+"""Part of c that slip may add where the cuff never settles."""
 COLOURED_NOTE = (
     "the noise of the markers is correlated in time ({:.2f} between neighbouring frames); check the mocap system's "
     "smoothing and the markers' hold on the cuff"
@@ -98,14 +98,14 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
         solution = estimate(record)
         cycles = "the first cycle, which is" if slip.cycles == 1 else f"the first {slip.cycles} cycles, which are"
         notes += (f"the cuff slipped or crept by {1e3 * slip.distance:.2f} mm in {cycles} left out",)
-    turned = None
+    posterior = None
     if tie is not None:
         known = replace(tie, standard_error=math.hypot(tie.standard_error, STEADY_STIFFNESS * tie.value))
         lag_sd = trial.lag.total(oscillation.middle)
-        turned = lag_of_magnitude(solution, record.mass, oscillation.frequency, known, lag_sd)
-        record = replace(record, force_time=record.force_time + turned.lag, lag_sd=0.0)
+        posterior = lag_of_magnitude(solution, record.mass, oscillation.frequency, known, lag_sd)
+        record = replace(record, force_time=record.force_time + posterior.lag, lag_sd=0.0)
         solution = estimate(record)
-    fit = _fit(trial, oscillation, record, solution, slip.damping, turned)
+    fit = _fit(trial, oscillation, record, solution, slip.damping, posterior)
     return replace(fit, notes=notes + fit.notes)
 
 
@@ -153,12 +153,12 @@ def _require_amplitude(solution: Solution) -> tuple[str, ...]:
 
 
 def _slip_of(record: Record, solution: Solution, oscillation: Oscillation) -> Slip:
-    """Slip within the record. Raises UnusableTrial if it never ends and would feign much of c."""
+    """Slip within the record. Raises UnusableTrial if it never ends and would add much to c."""
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
     offset = record.displacement - np.interp(record.marker_time, record.force_time, record.force) / k
     negligible = NEGLIGIBLE_SLIP * float(solution.known_lag_sd[1])
     slip = find_slip(record.marker_time, offset, solution.marker_noise, oscillation, k, negligible)
-    if not slip.settles and slip.damping > MAX_FEIGNED * abs(c):
+    if not slip.settles and slip.damping > MAX_APPARENT_DAMPING * abs(c):
         raise UnusableTrial(
             f"the cuff slips by {1e3 * slip.distance:.2f} mm while it swings and never settles, which looks like "
             f"damping of {slip.damping:.0f} N s/m; fasten it tighter or pull with less force"
@@ -196,10 +196,10 @@ def _fit(
     oscillation: Oscillation,
     record: Record,
     solution: Solution,
-    feigned: float,
-    turned: TurnedBack | None,
+    apparent_damping: float,
+    posterior: LagPosterior | None,
 ) -> DampingFit:
-    """The result of a record; feigned is c [N s/m] that slip may feign, and counts as noise."""
+    """The result of a record; apparent_damping [N s/m] is what slip may add to c, and counts as noise."""
     small = _require_amplitude(solution)  # a stretch that was cut may have led the fit astray
     checks = cross_checks.check(record, solution, oscillation.frequency)
     default = cross_checks.without_lag(solution)
@@ -208,23 +208,23 @@ def _fit(
     if checks.is_coloured:
         notes += (COLOURED_NOTE.format(checks.marker_correlation),)
     method: Method = "errors in variables"
-    lag_sd = turned.lag_sd if turned else trial.lag.total(oscillation.middle)
+    lag_sd = posterior.lag_sd if posterior else trial.lag.total(oscillation.middle)
     stiffness, free = _stiffness(solution, oscillation.frequency, lag_sd), default[1]
     if robust is not None:
         method, (stiffness, free) = "output error", robust
-    damping = _damping(trial, oscillation, solution, stiffness.value, free, feigned, turned)
+    damping = _damping(trial, oscillation, solution, stiffness.value, free, apparent_damping, posterior)
     loop = float(np.mean(solution.velocity**2)) / oscillation.frequency
     return DampingFit(
         damping=damping,
-        noise=math.hypot(free.standard_error, feigned),
+        noise=math.hypot(free.standard_error, apparent_damping),
         stiffness=stiffness,
         method=method,
         energy=damping.estimate.scaled(loop),
-        lag=turned.lag if turned else float(solution.parameters[TAU]),
+        lag=posterior.lag if posterior else float(solution.parameters[TAU]),
         offset=float(solution.parameters[2]),
         force_noise=solution.force_noise,
         marker_noise=solution.marker_noise,
-        uses_static_stiffness=turned is not None,
+        uses_static_stiffness=posterior is not None,
         oscillation=oscillation,
         checks=checks,
         time=record.force_time,
@@ -247,8 +247,8 @@ def _damping(
     solution: Solution,
     k: float,
     free: Estimate,
-    feigned: float,
-    turned: TurnedBack | None,
+    apparent_damping: float,
+    posterior: LagPosterior | None,
 ) -> Repeat:
     """Splits what is uncertain into what is new in every trial and what all share: lag, drift, gain, static k.
 
@@ -256,15 +256,15 @@ def _damping(
     that hangs on harmonics, and is not counted.
     """
     error, bound, gain = free.standard_error, float(solution.known_lag_sd[1]), trial.gain_sd * abs(free.value)
-    if turned is None:
+    if posterior is None:
         lag, common = k * trial.lag.declared, k * trial.lag.common(oscillation.middle)
         drift = math.sqrt(max(0.0, common**2 - lag**2))
         error, bound = math.hypot(error, k * trial.lag.edge), math.hypot(bound, k * trial.lag.edge)
     else:
-        lag, drift = turned.damping_sd, 0.0
+        lag, drift = posterior.damping_sd, 0.0
     return Repeat(
         value=free.value,
-        noise=math.hypot(error, feigned),
+        noise=math.hypot(error, apparent_damping),
         common=math.hypot(lag, drift, gain),
         causes={"lag": lag, "drift": drift, "gain": gain},
         bound=bound,

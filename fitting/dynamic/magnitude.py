@@ -20,7 +20,7 @@ REACH, STEPS = 4.0, 801
 
 
 @dataclass(frozen=True)
-class TurnedBack:
+class LagPosterior:
     """The lag [s] that the magnitude tells, its standard uncertainty, and that of the damping [N s/m]."""
 
     lag: float
@@ -28,7 +28,7 @@ class TurnedBack:
     damping_sd: float
 
 
-def lag_of_magnitude(solution: Solution, mass: float, frequency: float, known: Estimate, lag_sd: float) -> TurnedBack:
+def lag_of_magnitude(solution: Solution, mass: float, frequency: float, known: Estimate, lag_sd: float) -> LagPosterior:
     """From a record that swings at `frequency` [Hz], a known stiffness [N/m] and the lag's prior, 0 ± lag_sd [s].
 
     A cuff takes energy: a lag that leaves c < 0 does not count.
@@ -44,7 +44,7 @@ def lag_of_magnitude(solution: Solution, mass: float, frequency: float, known: E
     weight = np.exp(-0.5 * (cost - cost.min())) if np.isfinite(cost).any() else np.ones(STEPS)
     weight /= weight.sum()
     lag, mean = float(weight @ lags), float(weight @ damping)
-    return TurnedBack(
+    return LagPosterior(
         lag,
         math.sqrt(float(weight @ (lags - lag) ** 2)),
         math.sqrt(float(weight @ (damping - mean) ** 2)),

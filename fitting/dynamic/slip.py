@@ -1,4 +1,4 @@
-"""Whether the cuff still slips while it is pulled to and fro, and what that would feign as damping.
+"""Whether the cuff still slips while it is pulled to and fro, and the apparent damping.
 
 Averaged over a whole cycle, x − F/k stays where the cuff holds. Where it moves on by s with every cycle, the crest of
 the force, A above its mean, does the work A s on it, as a damper of A s / (π ω X²) would take in a swing of ± X.
@@ -23,7 +23,7 @@ SIGNIFICANCE = 3.0
 class Slip:
     """cycles at the start in which the cuff slipped by `distance` [m], after which it holds if it settles.
 
-    damping is c [N s/m] that the movement left in the others may feign; if the cuff never settles, cycles is 0.
+    damping is c [N s/m] that the movement left in the others may add; if the cuff never settles, cycles is 0.
     """
 
     settles: bool
@@ -42,20 +42,20 @@ def find_slip(
 ) -> Slip:
     """Slip in the offsets x − F/k (frames,) [m] at time [s]; noise is that of one frame [m], stiffness k [N/m].
 
-    What feigns less than `negligible` [N s/m] is no slip.
+    What adds less than `negligible` [N s/m] is no slip.
     """
     means, error = _cycle_means(time, offset, noise, oscillation)
     if len(means) < MIN_SETTLED:
         return Slip(True, 0, 0.0, 0.0)
     amplitude = oscillation.amplitude / stiffness
-    feigned = oscillation.amplitude / (2 * math.pi**2 * oscillation.frequency * amplitude**2)
+    apparent_damping = oscillation.amplitude / (2 * math.pi**2 * oscillation.frequency * amplitude**2)
     for first in range(len(means) - MIN_SETTLED + 1):
         slope, slope_sd = _slope(means[first:], error)
-        if slope < SIGNIFICANCE * slope_sd or feigned * slope < negligible:
+        if slope < SIGNIFICANCE * slope_sd or apparent_damping * slope < negligible:
             moved = float(np.mean(means[first:]) - means[0]) if first else 0.0
-            return Slip(True, first, moved, feigned * abs(slope))
+            return Slip(True, first, moved, apparent_damping * abs(slope))
     slope, _ = _slope(means, error)
-    return Slip(False, 0, float(means[-1] - means[0]), feigned * slope)
+    return Slip(False, 0, float(means[-1] - means[0]), apparent_damping * slope)
 
 
 def _cycle_means(

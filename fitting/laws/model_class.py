@@ -54,7 +54,7 @@ class ClassScore:
     """One law: the rms force [N] it leaves in repeats it was not fitted to, and its gain over Kelvin-Voigt."""
 
     name: str
-    left_over: float
+    residual_rms: float
     gain: float
 
 
@@ -109,7 +109,7 @@ def compare_classes(histories: Sequence[History]) -> ModelComparison | None:
         ClassScore(name, math.sqrt(float(left.sum()) / weight), 1 - float(left.sum() / plain.sum()))
         for name, left in scores.items()
     ]
-    ranking.sort(key=lambda score: score.left_over)
+    ranking.sort(key=lambda score: score.residual_rms)
     return ModelComparison(tuple(ranking), tuple(each.name for each in chosen))
 
 

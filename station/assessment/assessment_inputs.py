@@ -11,11 +11,12 @@ import numpy as np
 
 from documents.plain_data import read_json
 from fitting.cuffs_file import read_cuffs
+from fitting.interval_covariance import with_interval_covariance
 from fitting.laws.model_class import KELVIN_VOIGT, SLIP
 from fitting.result import CuffFit, NotIdentified
 from fitting.seal import Standing
-from fitting.uncertainty import NORMAL_95, Estimate
-from solver.cuff import PARAMETER_ORDER, CuffParameters
+from fitting.uncertainty import Estimate
+from solver.cuff import CuffParameters
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.multibody.external_loads import ExternalForce
@@ -142,7 +143,7 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
             _ensure_is_worn_as(fit.classes.name, fit.name)
         if fit.tensors is not None and (fit.tensors.stiffness or fit.tensors.damping):
             _ensure_is_worn_as(TENSOR, fit.name)
-    return [_drawable(fit) for fit in worn]
+    return [with_interval_covariance(fit) for fit in worn]
 
 
 NO_SHIFT = "migration is not identified: assessed as if the cuff did not migrate"
@@ -200,19 +201,3 @@ def _ensure_is_worn_as(law: Any, name: str) -> None:
             f"F = k x + c ẋ describes; where that will do, write {name} with its k, c and migration alone into a "
             "cuffs file"
         )
-
-
-def _drawable(fit: CuffFit) -> CuffParameters:
-    """With a covariance whose 95 % intervals are those of the fit.
-
-    They are wider than 1.96 standard errors where few repeats say little of how much repeats differ, and the draws
-    should know that too.
-    """
-    parameters = fit.parameters()
-    errors = np.sqrt(np.diag(parameters.covariance))
-    ends = [getattr(fit, name).ci95 for name in PARAMETER_ORDER]
-    wanted = np.maximum(errors, np.diff(ends, axis=1)[:, 0] / (2 * NORMAL_95))
-    scale = np.divide(wanted, errors, out=np.ones(3), where=errors > 0)
-    covariance = parameters.covariance * np.outer(scale, scale)
-    np.fill_diagonal(covariance, wanted**2)
-    return replace(parameters, covariance=covariance)

@@ -87,20 +87,20 @@ def residual_figure(dynamic: Sequence[TrialCurves]) -> bytes:
     figure, (over_time, later, normal) = new_page(3, height=3.0, width=WIDE / 3)
     swings = [(each.trial.repeat, each.dynamic) for each in dynamic if each.dynamic is not None]
     for (repeat, swing), shade in zip(swings, SHADES * 8, strict=False):
-        left = _left_over(swing)
-        thin = thinned(len(left), 1200)
-        over_time.plot(swing.time[thin], left[thin], ".", color=shade, ms=1.5, alpha=0.6, label=f"repeat {repeat}")
+        residual = _force_residual(swing)
+        thin = thinned(len(residual), 1200)
+        over_time.plot(swing.time[thin], residual[thin], ".", color=shade, ms=1.5, alpha=0.6, label=f"repeat {repeat}")
         step = float(np.median(np.diff(swing.time)))
-        correlation = _autocorrelation(left, max(2, round(MOST_LAG / step)))
+        correlation = _autocorrelation(residual, max(2, round(MOST_LAG / step)))
         later.plot(step * np.arange(1, len(correlation) + 1), correlation, color=shade, linewidth=1.0)
-        sorted_ = np.sort(left)[thin] / float(np.std(left))
-        expected = norm.ppf((np.arange(len(left)) + 0.5) / len(left))[thin]
+        sorted_ = np.sort(residual)[thin] / float(np.std(residual))
+        expected = norm.ppf((np.arange(len(residual)) + 0.5) / len(residual))[thin]
         normal.plot(expected, sorted_, color=shade, linewidth=1.2)
     limit = NORMAL_95 / np.sqrt(min(len(swing.time) for _, swing in swings))
     later.axhspan(-limit, limit, color=MARK, alpha=0.25, linewidth=0, label="95 % of white noise")
     normal.plot([-4, 4], [-4, 4], color=LINE, linewidth=0.8, linestyle="--", label="normal")
     for axis, across, up in (
-        (over_time, "session time [s]", "force left over [N]"),
+        (over_time, "session time [s]", "residual force [N]"),
         (later, "later by [s]", "correlation"),
         (normal, "normal quantile", "residual / its standard deviation"),
     ):
@@ -232,7 +232,7 @@ def _of_trial(trial: TrialFit, name: str) -> Estimate | None:
     return value if value is not None and np.isfinite(value.ci95).all() else None
 
 
-def _left_over(swing: DampingFit) -> NDArray[np.float64]:
+def _force_residual(swing: DampingFit) -> NDArray[np.float64]:
     """F − k x − c ẋ − m ẍ − F0 − F1 u (n,) [N]."""
     return np.asarray(swing.damper_force - swing.damping.value * swing.velocity)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fitting.bounce import fit_bounce
 from fitting.curves import TrialCurves
+from fitting.outlying import SLIPPED, find_outliers, has_slipped
 from fitting.quality import UnusableTrial, zero_notes
 from fitting.result import CuffFit, SessionFit, TrialFit
 from fitting.results.codes import Verdict
@@ -26,10 +27,6 @@ from station.journal import Choice, JournalError, Recorded, read_journal
 
 Grade = Literal["good", "doubtful", "bad"]
 SHOWN_POINTS = 400
-DIFFERS_BY = 3.0
-"""Standard errors, combined, from which one repeat is said to differ from the others."""
-SLIPPED_M = 0.025
-"""Migration in one trial that is more than any published cuff has shown in a session (22 mm)."""
 
 
 @dataclass(frozen=True)
@@ -173,21 +170,17 @@ def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialF
         reasons.append(trial.reason)
     elif not any(getattr(trial, name) for name in ("stiffness", "damping")):
         reasons.append(f"neither stiffness nor damping comes of this {trial.test} trial; load the cuff to every step")
-    if trial.migration is not None and trial.migration.value > SLIPPED_M:
+    if trial.migration is not None and has_slipped(trial):
         reasons.append(
             f"the cuff slipped by {1e3 * trial.migration.value:.0f} mm in this trial, more than any cuff should "
-            f"({1e3 * SLIPPED_M:.0f} mm); tighten its straps, don it anew and redo it"
+            f"({1e3 * SLIPPED:.0f} mm); tighten its straps, don it anew and redo it"
         )
-    for name, (symbol, scale, unit, digits) in QUANTITIES.items():
-        mine, theirs = getattr(trial, name), [getattr(each, name) for each in others if getattr(each, name) is not None]
-        if name != "migration" and mine is not None and theirs:
-            mean, error = _pooled(theirs)
-            apart = abs(mine.value - mean) / max(np.hypot(mine.standard_error, error), 1e-12)
-            if apart > DIFFERS_BY:
-                reasons.append(
-                    f"{symbol} is {rounded(scale * mine.value, digits)} {unit}, the earlier repeats say "
-                    f"{rounded(scale * mean, digits)}: {apart:.0f} standard errors apart"
-                )
+    for outlier in find_outliers(trial, others):
+        symbol, scale, unit, digits = QUANTITIES[outlier.quantity]
+        reasons.append(
+            f"{symbol} is {rounded(scale * outlier.value, digits)} {unit}, the earlier repeats say "
+            f"{rounded(scale * outlier.mean, digits)}: {outlier.distance:.0f} standard errors apart"
+        )
     return tuple(reasons)
 
 
@@ -196,14 +189,6 @@ def _doubts(trial: TrialFit, cuff: CuffFit) -> tuple[str, ...]:
     to_come = (Verdict.NO_DYNAMIC,) if trial.test == "static" else ()
     found = (verdict for verdict in cuff.verdicts if verdict not in (Verdict.IDENTIFIED, *to_come))
     return tuple(map(sentence_of, found))
-
-
-def _pooled(estimates: Sequence[Estimate]) -> tuple[float, float]:
-    """Mean of some estimates and its standard error, from their spread or their own errors, whichever is more."""
-    values = np.array([each.value for each in estimates])
-    own = float(np.sqrt(np.mean([each.standard_error**2 for each in estimates])))
-    spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
-    return float(values.mean()), max(own, spread)
 
 
 def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:

@@ -29,7 +29,7 @@ def test_a_cuff_that_holds_loses_no_cycle() -> None:
     assert slip.damping < 10
 
 
-def test_slip_that_feigns_next_to_nothing_costs_no_cycle() -> None:
+def test_slip_of_negligible_apparent_damping_costs_no_cycle() -> None:
     assert _find(np.minimum(time - 2.0, 2.0) * 1.5e-5).cycles == 0
 
 

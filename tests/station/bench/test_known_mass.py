@@ -12,19 +12,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from fitting.mass_checks import CHECKS_FILE, MassCheckError, read_checks, with_gain_drift, with_mass_checks
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from recordings.samples import Item
 from station.bench.check import calibration_line, look_at_bench
-from station.bench.known_mass import (
-    CHECKS_FILE,
-    KnownMassError,
-    MassCheck,
-    check_known_mass,
-    inherited,
-    listed,
-    read_checks,
-)
+from station.bench.known_mass import check_known_mass
 from station.clock import Clock
 from station.config import ConfigError, StationConfig, parse_config
 from station.fit import fit_session_folder
@@ -94,7 +87,7 @@ def test_a_mass_without_a_zero_says_so(tmp_path: Path) -> None:
 
 
 def test_a_cell_that_sends_nothing_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(KnownMassError, match="sent 0 samples, expected at least 6"):
+    with pytest.raises(MassCheckError, match="sent 0 samples, expected at least 6"):
         check_known_mass(CONFIG, tmp_path, 2, make_devices=lambda *_: [], listen_s=0.0)
     assert read_checks(tmp_path) == ()
 
@@ -104,7 +97,7 @@ def test_a_wrong_line_is_named_and_a_torn_one_passed_over(tmp_path: Path, line: 
     (tmp_path / CHECKS_FILE).write_text(line)
     assert read_checks(tmp_path) == ()
     (tmp_path / CHECKS_FILE).write_text(line + "\n")
-    with pytest.raises(KnownMassError, match="line 1: expected a known mass"):
+    with pytest.raises(MassCheckError, match="line 1: expected a known mass"):
         read_checks(tmp_path)
 
 
@@ -113,10 +106,10 @@ def test_a_gain_that_drifted_widens_the_scale_of_the_force_and_is_told_with_all_
         _check(tmp_path, mass, newtons)
     checks = read_checks(tmp_path)
     trial = build_trial(*Session(published("hand", weights=(20.0, 40.0), hold=5.0), 3).static(), "a.mcap", "hash")
-    (wider,) = inherited([trial], checks)
+    (wider,) = with_gain_drift([trial], checks)
     assert trial.gain_sd == 0
     assert wider.gain_sd == pytest.approx(0.89 / 19.61 / 2, rel=0.1)
-    notes = listed(fit_session([wider]), checks).cuffs["hand"].notes
+    notes = with_mass_checks(fit_session([wider]), checks).cuffs["hand"].notes
     assert sum(note.startswith("known mass") for note in notes) == 4
     assert any("zero drifted by +2." in note for note in notes)
     assert any("gain drifted by +4." in note for note in notes)
@@ -135,12 +128,6 @@ def test_the_fit_of_a_folder_goes_by_what_was_read_in_it(tmp_path: Path, monkeyp
     assert fit.stiffness is not None
     assert silent.stiffness is not None
     assert fit.stiffness.standard_error > 1.5 * silent.stiffness.standard_error
-
-
-def test_readings_that_agree_change_nothing() -> None:
-    checks = [MassCheck("", 2.0, 19.613, 19.60, 0.02, 0.1), MassCheck("", 2.0, 19.613, 19.63, 0.02, 0.4)]
-    trial = build_trial(*Session(published("hand", weights=(20.0,), hold=2.0), 3).static(), "a.mcap", "hash")
-    assert inherited([trial], checks)[0] is trial
 
 
 CERTIFICATE = {"serial_number": "L7", "calibrated_on": date(2026, 3, 1), "sensitivity_mv_per_v": 2.0}

@@ -11,10 +11,11 @@ import pytest
 from rich.console import Console
 
 from drivers.simulators.bench import Bench
+from fitting.mass_checks import read_checks
 from fitting.trial import read_trial
 from station.bench.bench_clock import BenchClock
 from station.bench.check import look_at_bench
-from station.bench.known_mass import check_known_mass, read_checks
+from station.bench.known_mass import check_known_mass
 from station.bench.trial_recorder import TrialRecorder
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec

@@ -1,0 +1,135 @@
+"""Readings of a known mass before and after a session: their uncertainty, the drift between them, and its effect.
+
+`station check --known-mass` appends each reading to calibration.jsonl in the session's folder, where the fit reads it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from documents.plain_data import parse_json
+from documents.regular_file import read_regular
+from fitting.calibration import STANDARD_GRAVITY, code_width, level_bias
+from fitting.result import SessionFit
+from fitting.trial import Trial
+
+CHECKS_FILE = "calibration.jsonl"
+LARGEST_FILE = 16 << 20
+"""Bytes."""
+BLOCKS = 6
+TOLERANCE = 0.01
+"""Part of the weight by which a reading may be off, beside its uncertainty and the certificate's."""
+ZERO_TOLERANCE = 0.05
+"""Part of the cell's capacity that an empty cell may read: every fit leaves the zero free."""
+COVERAGE = 3.0
+"""Standard uncertainties that are tolerated; each is estimated from few blocks."""
+
+
+class MassCheckError(Exception):
+    """A reading of a known mass is missing or cannot be read; one sentence."""
+
+
+@dataclass(frozen=True)
+class MassCheck:
+    """One reading. found is without zero, the reading of the empty cell before it, which is 0 where there was none.
+
+    mass [kg]; expected, found, sd (standard uncertainty of found), zero [N]; at: UTC as in the file
+    """
+
+    at: str
+    mass: float
+    expected: float
+    found: float
+    sd: float
+    zero: float | None
+
+    def tolerance(self, gain_sd: float, capacity_kg: float) -> float:
+        """Newtons by which the reading may be off: for the scale's relative standard uncertainty, and the capacity."""
+        allowed = COVERAGE * math.hypot(self.sd, gain_sd * self.expected)
+        return allowed + (TOLERANCE * self.expected if self.mass else ZERO_TOLERANCE * capacity_kg * STANDARD_GRAVITY)
+
+
+def evaluate_reading(force: NDArray[np.float64], mass: float, zero: MassCheck | None) -> MassCheck:
+    """The reading of samples (n,) [N] under a mass [kg]; zero is that of the empty cell. Raises MassCheckError."""
+    found, sd = _mean(force)
+    if zero is not None:
+        found, sd = found - zero.found, math.hypot(sd, zero.sd)
+    return MassCheck("", mass, mass * STANDARD_GRAVITY, found, sd, zero.found if zero else None)
+
+
+def read_checks(folder: Path) -> tuple[MassCheck, ...]:
+    """The readings of a session, oldest first; a line torn by a power cut is passed over. Raises MassCheckError."""
+    path = folder / CHECKS_FILE
+    try:
+        text = read_regular(path, LARGEST_FILE).decode("utf-8")
+    except FileNotFoundError:
+        return ()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MassCheckError(f"{path} cannot be read: {error}") from error
+    checks = []
+    for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n")[:-1], 1):
+        try:
+            entry = parse_json(line)
+            zero = None if entry["zero_n"] is None else float(entry["zero_n"])
+            mass, expected, found, sd = (float(entry[key]) for key in ("mass_kg", "expected_n", "found_n", "u_n"))
+            if mass > 0 and expected <= 0:
+                raise ValueError(expected)
+            checks.append(MassCheck(str(entry["at"]), mass, expected, found, sd, zero))
+        except (ValueError, TypeError, KeyError) as error:
+            raise MassCheckError(f"{path}, line {number}: expected a known mass, found {line[:60]!r}") from error
+    return tuple(checks)
+
+
+def with_gain_drift(trials: Sequence[Trial], checks: Sequence[MassCheck]) -> list[Trial]:
+    """The trials with half of the gain's drift in the uncertainty of their force's scale."""
+    drifts = [(last.found - first.found) / first.expected for first, last in _drifted(checks) if first.mass > 0]
+    half = max((abs(drift) for drift in drifts), default=0.0) / 2
+    return [replace(trial, gain_sd=math.hypot(trial.gain_sd, half)) if half else trial for trial in trials]
+
+
+def with_mass_checks(fitted: SessionFit, checks: Sequence[MassCheck]) -> SessionFit:
+    """The fit with every reading, and every drift between the first and the last of a mass, among its cuffs' notes."""
+    notes = tuple(
+        f"known mass {one.mass:g} kg read {one.found:.2f} ± {one.sd:.2f} N, of {one.expected:.2f} N ({one.at})"
+        for one in checks
+    ) + tuple(_drift_note(first, last) for first, last in _drifted(checks))
+    donnings = {
+        name: {donning: replace(fit, notes=fit.notes + notes) for donning, fit in fits.items()}
+        for name, fits in fitted.donnings.items()
+    }
+    return replace(fitted, donnings=donnings)
+
+
+def _drifted(checks: Sequence[MassCheck]) -> list[tuple[MassCheck, MassCheck]]:
+    """The first and the last reading of each mass that differ by more than they are uncertain."""
+    pairs = []
+    for mass in sorted({check.mass for check in checks}):
+        same = [check for check in checks if check.mass == mass and (check.zero is None) == (mass == 0)]
+        if len(same) > 1 and abs(same[-1].found - same[0].found) > COVERAGE * math.hypot(same[0].sd, same[-1].sd):
+            pairs.append((same[0], same[-1]))
+    return pairs
+
+
+def _drift_note(first: MassCheck, last: MassCheck) -> str:
+    drift = last.found - first.found
+    if first.mass == 0:
+        return f"the load cell's zero drifted by {drift:+.2f} N between the first and last reading; fits leave it free"
+    return (
+        f"the load cell's gain drifted by {100 * drift / first.expected:+.2f} % between the first and last reading of "
+        f"{first.mass:g} kg; half of it is in the uncertainty of the force"
+    )
+
+
+def _mean(force: NDArray[np.float64]) -> tuple[float, float]:
+    """Of samples (n,) [N], with its standard uncertainty: from blocks, so that sway counts, and the codes."""
+    if len(force) < BLOCKS:
+        raise MassCheckError(f"the load cell sent {len(force)} samples, expected at least {BLOCKS}")
+    blocks = [float(block.mean()) for block in np.array_split(force, BLOCKS)]
+    codes = level_bias(code_width(force), float(force.std()))
+    return float(force.mean()), math.hypot(float(np.std(blocks, ddof=1)) / math.sqrt(BLOCKS), codes)
