@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = ("documents", "cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
+FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
 NAME = "effective_config"
 ALLOWED = {
     "recordings/manifest.py": "declares it",
