@@ -36,8 +36,19 @@ class Resolution:
 
 
 def resolve(target: str, project: Path = ROOT / "pyproject.toml") -> Resolution:
-    """The set for one platform, in uv's name for it."""
-    command = (sys.executable, "-m", "uv", "pip", "compile", str(project), "--python-platform", target)
+    """The set for one platform, in uv's name for it: of everything that README's set-up line installs."""
+    command = (
+        sys.executable,
+        "-m",
+        "uv",
+        "pip",
+        "compile",
+        str(project),
+        "--python-platform",
+        target,
+        "--extra",
+        "station",
+    )
     options = ("--python-version", LEAST_PYTHON, "--only-binary", ":all:", "--no-header", "--no-annotate", "--quiet")
     ran = subprocess.run([*command, *options], capture_output=True, text=True, check=False, env=_environment())  # noqa: S603
     if ran.returncode == 0:

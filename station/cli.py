@@ -17,6 +17,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from station.exit_code import DONE, FAILED, INTERRUPTED
+from station.extras import with_extras
 from station.verbs import bench, cuffs, files, kinematics, muscles, whole
 from station.verbs.options import say
 
@@ -61,7 +62,8 @@ def _station(
 
 for place, verbs in WAY.items():
     for verb in verbs:
-        app.command(verb.__name__.rstrip("_"), rich_help_panel=place)(verb)
+        word = verb.__name__.rstrip("_")
+        app.command(word, rich_help_panel=place)(with_extras(verb, word))
 
 
 def main() -> NoReturn:

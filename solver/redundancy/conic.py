@@ -8,7 +8,6 @@ bounds and in c only.
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -154,9 +153,9 @@ def _stacked_matrix(problem: ConicProblem, below: NDArray[np.bool_], above: NDAr
 
 
 def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds: int) -> Any:
+    import clarabel
     from scipy import sparse  # both take long to import, and few need them
 
-    clarabel: Any = importlib.import_module("clarabel")  # compiled, without type stubs
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1

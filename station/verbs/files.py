@@ -49,8 +49,6 @@ def replay(
     from station.checksums import changed_files
     from station.clock import RealClock
     from station.files.replay import replay as play_back
-    from station.viewer.log import open_rerun
-    from station.viewer.scene import log_scene
 
     for sentence in changed_files([file]):
         say(sentence)
@@ -62,10 +60,16 @@ def replay(
         subject = manifest.cuff
         live = LiveView(RealClock(), file.stem, load_cell=manifest.load_cell, cuff=subject)
         views: list[View] = [stack.enter_context(live)]
-        logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
-        result = play_back(file, folder, speed, [*views, *logs])
-        for log in logs:
-            log_scene(log.stream, file, log.edge_ns, log.framed)
+        if rrd is None and not rerun:
+            result = play_back(file, folder, speed, views)
+        else:
+            from station.viewer.log import open_rerun
+            from station.viewer.scene import log_scene
+
+            logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
+            result = play_back(file, folder, speed, [*views, *logs])
+            for log in logs:
+                log_scene(log.stream, file, log.edge_ns, log.framed)
     print_result(result, format, is_kept=session is not None)
     raise typer.Exit(DONE if result.accepted and not result.lost_samples else LOSSY)
 

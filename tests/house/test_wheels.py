@@ -35,7 +35,9 @@ def test_a_package_without_a_wheel_is_no_lack_of_an_index() -> None:
 
 def test_a_project_that_needs_nothing_is_resolved_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UV_OFFLINE", "1")
-    (tmp_path / "pyproject.toml").write_text('[project]\nname = "a"\nversion = "1"\ndependencies = []\n')
+    (tmp_path / "pyproject.toml").write_text(
+        '[project]\nname = "a"\nversion = "1"\ndependencies = []\n[project.optional-dependencies]\nstation = []\n'
+    )
     found = resolve("x86_64-pc-windows-msvc", tmp_path / "pyproject.toml")
     assert (found.count, found.is_offline, found.why) == (0, False, "")
 
@@ -46,6 +48,6 @@ def test_a_project_that_needs_nothing_is_resolved_offline(tmp_path: Path, monkey
 )
 def test_c3d_is_left_out_where_it_has_no_wheel(system: str, machine: str, is_needed: bool) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    (needed,) = [Requirement(text) for text in project["dependencies"] if text.startswith("ezc3d")]
+    (needed,) = [Requirement(text) for text in project["optional-dependencies"]["formats"] if text.startswith("ezc3d")]
     assert needed.marker is not None
     assert needed.marker.evaluate({"sys_platform": system, "platform_machine": machine}) is is_needed

@@ -1,0 +1,103 @@
+"""Declared is what is imported, and an analyst's small install does without the packages of every extra."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from station.extras import EXTRAS_OF_VERB, PACKAGES
+from tests.house import one_cuff
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None:
+    deptry = [sys.executable, "-m", "deptry", "--no-ansi", "."]
+    seen = subprocess.run(deptry, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603
+    assert seen.returncode == 0, seen.stderr
+
+
+@pytest.mark.parametrize("extra", PACKAGES)
+def test_the_sentence_s_table_and_the_declaration_agree(extra: str) -> None:
+    brought_by = {name: {_plain(each) for each in found} for name, found in packages_distributions().items()}
+    declared = {_plain(Requirement(text).name) for text in PROJECT["optional-dependencies"][extra]}
+    listed = {distribution for package in PACKAGES[extra] for distribution in brought_by[package]}
+    assert listed == declared
+    assert not declared & {_plain(Requirement(text).name) for text in PROJECT["dependencies"]}
+
+
+def test_the_set_up_line_of_the_readme_installs_every_extra_of_the_station() -> None:
+    line = next(line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines() if "-m venv" in line)
+    assert "-e '.[station]'" in line
+    (all_of_them,) = PROJECT["optional-dependencies"]["station"]
+    assert Requirement(all_of_them).extras == set(PACKAGES)
+    assert any("station" in Requirement(text).extras for text in PROJECT["optional-dependencies"]["test"])
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("small") / "session"
+    one_cuff.main(folder, is_pinned=False)
+    return folder
+
+
+def test_the_library_reads_fits_draws_and_solves_without_an_extra(session: Path) -> None:
+    ran = _small("library", session)
+    assert ran.returncode == 0, ran.stderr
+    assert "hand" in ran.stdout
+
+
+def test_the_verbs_of_an_analyst_run_without_an_extra(session: Path) -> None:
+    recording = next(path for path in sorted(session.glob("*.mcap")) if "static" in path.name)
+    for words in (["info", recording], ["replay", recording, "--speed", "50"], ["fit", session], ["report", session]):
+        ran = _small(*words)
+        assert ran.returncode == 0, ran.stderr
+
+
+@pytest.mark.parametrize("verb", EXTRAS_OF_VERB)
+def test_a_verb_that_needs_an_extra_names_it_in_one_sentence(verb: str, tmp_path: Path) -> None:
+    plan = ("plan.toml", "--output", "sweep") if verb == "sweep" else ()
+    force = ("--config", "station.toml", "--session", "s") if verb == "record" else ()
+    ran = _small(verb, *plan, *force, folder=tmp_path)
+    (sentence,) = ran.stderr.splitlines()
+    named = re.fullmatch(
+        rf"station: station {verb} needs the package (\w+), which is not installed; "
+        r"install the extra that has it: pip install -e '\.\[(\w+)\]'",
+        sentence,
+    )
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert named is not None, sentence
+    assert named[1] in PACKAGES[named[2]] and named[2] in EXTRAS_OF_VERB[verb]
+    assert not list(tmp_path.iterdir()), "nothing was begun"
+
+
+def test_an_option_that_needs_an_extra_names_it_in_one_sentence(session: Path, tmp_path: Path) -> None:
+    recording = next(session.glob("*.mcap"))
+    for words, extra in (
+        (("replay", recording, "--rrd", "trial.rrd"), "viewer"),
+        (("export", recording, "--to", "parquet", "--output", "out"), "formats"),
+        (("export", recording, "--to", "foxglove", "--output", "out"), "formats"),
+    ):
+        ran = _small(*words, folder=tmp_path)
+        assert ran.returncode == 1
+        assert f"pip install -e '.[{extra}]'" in ran.stderr
+        assert "Traceback" not in ran.stderr
+
+
+def _small(*words: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tests.house.small_install", *map(str, words)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, env=environment)  # noqa: S603
+
+
+def _plain(distribution: str) -> str:
+    return re.sub(r"[-_.]+", "-", distribution).lower()
