@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, ValidationError
 
 from documents.plain_data import shortened
 
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+"""A finite number of a document: neither a text nor a Boolean."""
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Whole = StrictInt
+Vector = tuple[Number, Number, Number]
+
 
 class Section(BaseModel):
-    """A table of a document: unknown keys are refused, no number is read from a text or a Boolean, all are finite."""
+    """A table of a document; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def describe_error(error: ValidationError, *, context: str = "") -> str:
@@ -24,13 +33,28 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
     elif first["type"] == "missing":
         sentence = f"{key} is missing"
     else:
-        sentence = f"{key} is {shortened(first['input'])}, {_expected(first['msg'])}"
-    return sentence + (f" (and {len(more)} more)" if more else "")
+        expected = _expected(first["type"], first["msg"], first.get("ctx", {}))
+        sentence = f"{key} is {shortened(first['input'])}, {expected}" if key else expected
+    return " ".join(sentence.split()) + (f" (and {len(more)} more)" if more else "")
 
 
-def _expected(message: str) -> str:
-    """pydantic's "Input should be a valid number" as "expected a valid number"."""
-    for opening in ("Input should be ", "Input should have "):
-        if message.startswith(opening):
-            return f"expected {message.removeprefix(opening)}"
-    return message[0].lower() + message[1:]
+_EXPECTED = {
+    "model_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "a text",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "a number of at least {ge:g}",
+    "less_than": "a number below {lt:g}",
+    "less_than_equal": "a number of at most {le:g}",
+}
+"""Kinds of pydantic's errors, in the words of a TOML file."""
+
+
+def _expected(kind: str, message: str, bounds: dict[str, Any]) -> str:
+    if kind in _EXPECTED:
+        return "expected " + _EXPECTED[kind].format_map(bounds)
+    return message.replace("Input should be", "expected", 1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
+from documents.validation import describe_error
 from fitting.result import QUANTITIES, CuffFit, SessionFit, covariance_of
 from fitting.results.codes import DOUBTED, Verdict
 from fitting.results.format_0 import verdicts_in
@@ -118,14 +119,7 @@ def _beside_from(cuff: Mapping[str, Any], where: str) -> _Beside:
     try:
         return _Beside.model_validate(given)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise CuffsFileError(f"{where}.{key} is {shortened(first['input'])}, {_expected(first['msg'])}") from error
-
-
-def _expected(message: str) -> str:
-    """pydantic's own sentence, such as "Input should be a valid string"."""
-    return message.replace("Input should be", "expected")
+        raise CuffsFileError(describe_error(error, context=where)) from error
 
 
 def _verdicts_of(cuff: Mapping[str, Any], beside: _Beside) -> tuple[Verdict, ...]:

@@ -1,4 +1,4 @@
-"""protocol.toml in a session's folder: where the operator knows better than the step detector.
+"""protocol.toml in a session's folder: the operator's corrections of the detected steps.
 
 step_masses_kg = [1.53, 1.53, 1.0]          # the weights as they were, instead of the configuration's
 
@@ -8,18 +8,20 @@ step_masses_kg = [1.53, 1.53, 1.0]          # the weights as they were, instead 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_toml, shortened
+from documents.validation import Number, Positive, Section, describe_error
 
 PROTOCOL_FILE = "protocol.toml"
 BETTER = (".recovered.mcap", ".completed.mcap")
-"""Endings of the files that stand for a recording: its steps are theirs."""
+"""Endings of the files that replace a recording; the steps of the recording hold for them."""
 
 
 class ProtocolFileError(Exception):
@@ -35,7 +37,7 @@ class SessionProtocol:
 
 
 def read_protocol(folder: Path) -> SessionProtocol:
-    """What protocol.toml says; nothing where there is none. Raises ProtocolFileError."""
+    """Read protocol.toml of a session; an empty SessionProtocol without the file. Raises ProtocolFileError."""
     path = folder / PROTOCOL_FILE
     try:
         data = read_toml(path)
@@ -45,41 +47,29 @@ def read_protocol(folder: Path) -> SessionProtocol:
         raise ProtocolFileError(f"{path} cannot be read: {error.strerror or error}") from error
     except PlainDataError as error:
         raise ProtocolFileError(f"{path} {error}") from error
-    unknown = data.keys() - {"step_masses_kg", "steps_s"}
-    if unknown or not isinstance(data.get("steps_s", {}), dict):
-        found = ", ".join(sorted(unknown)) or "no table steps_s"
-        raise ProtocolFileError(f"{path} has {found}, expected step_masses_kg and a table steps_s of file = [times]")
-    masses = data.get("step_masses_kg")
-    return SessionProtocol(
-        None if masses is None else _positive(masses, f"{path}: step_masses_kg"),
-        _steps(data.get("steps_s", {}), path),
-    )
+    try:
+        table = _ProtocolTable.model_validate(data)
+    except ValidationError as error:
+        raise ProtocolFileError(f"{path}: {describe_error(error)}") from error
+    return SessionProtocol(table.step_masses_kg, _with_replacements(table.steps_s, path))
 
 
-def _steps(table: Mapping[str, Any], path: Path) -> dict[str, tuple[float, ...]]:
-    """By file, and by the file that stands for it. A wrong name would leave the correction without effect: refused."""
-    steps = {file: _rising(times, f'{path}: steps_s."{file}"') for file, times in table.items()}
+def _with_replacements(steps: Mapping[str, tuple[float, ...]], path: Path) -> dict[str, tuple[float, ...]]:
+    """Steps by recording, and by the file that replaces it. A name without a file would have no effect: refused."""
     for file in steps:
         if not (path.parent / file).is_file():
             raise ProtocolFileError(f"{path}: steps_s names {file}, expected a recording beside it; correct the name")
-    return {Path(file).stem + ending: times for file, times in steps.items() for ending in BETTER} | steps
+    return {Path(file).stem + ending: times for file, times in steps.items() for ending in BETTER} | dict(steps)
 
 
-def _positive(entry: Any, where: str) -> tuple[float, ...]:
-    numbers = _numbers(entry, where)
-    if min(numbers, default=1.0) <= 0:
-        raise ProtocolFileError(f"{where} is {shortened(entry)}, expected weights above 0 kg")
-    return numbers
+def _rising(times: tuple[float, ...]) -> tuple[float, ...]:
+    if any(after <= before for before, after in pairwise(times)):
+        raise ValueError(f"found {shortened(list(times))}, expected times that rise")
+    return times
 
 
-def _rising(entry: Any, where: str) -> tuple[float, ...]:
-    numbers = _numbers(entry, where)
-    if any(after <= before for before, after in pairwise(numbers)):
-        raise ProtocolFileError(f"{where} is {shortened(entry)}, expected times that rise")
-    return numbers
+class _ProtocolTable(Section):
+    """The keys of protocol.toml."""
 
-
-def _numbers(entry: Any, where: str) -> tuple[float, ...]:
-    if not isinstance(entry, list) or not all(type(each) in (int, float) and math.isfinite(each) for each in entry):
-        raise ProtocolFileError(f"{where} is {shortened(entry)}, expected a list of finite numbers")
-    return tuple(float(each) for each in entry)
+    step_masses_kg: tuple[Positive, ...] | None = None
+    steps_s: dict[str, Annotated[tuple[Number, ...], AfterValidator(_rising)]] = Field(default_factory=dict)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, parse_json
+from documents.validation import describe_error
 from recordings.errors import RecordingError
 from recordings.older_manifest import with_typed_fields
 from recordings.samples import DeviceIdentity
@@ -215,9 +216,7 @@ def manifest_from_json(text: str) -> Manifest:
     except PlainDataError as error:
         raise RecordingError(f"the manifest cannot be read: it {error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the manifest"
-        raise RecordingError(f"the manifest cannot be read: at {where}, {first['msg'].lower()}") from error
+        raise RecordingError(f"the manifest cannot be read: {describe_error(error)}") from error
     if not 0 <= manifest.start_utc_ns < 2**63:
         raise RecordingError(f"the manifest has a start_utc_ns of {manifest.start_utc_ns}, expected UTC in nanoseconds")
     if manifest.cuff and not is_file_name(manifest.cuff.name):

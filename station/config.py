@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from documents.plain_data import PlainDataError, read_toml, shortened
+from documents.plain_data import PlainDataError, read_toml
+from documents.validation import describe_error
 from recordings.manifest import (
     BounceRig,
     CuffSite,
@@ -335,7 +336,7 @@ def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
     except ValidationError as error:
         first = error.errors()[0]
         advice = _advice(str(first["loc"][-1])) if first["type"] == "extra_forbidden" else ""
-        raise ConfigError(" ".join(f"{origin}: {fault_in_words(error)}{advice}".split())) from error
+        raise ConfigError(f"{origin}: {describe_error(error)}{advice}") from error
 
 
 def _advice(unknown: str) -> str:
@@ -351,19 +352,3 @@ def keys_of(section: type[BaseModel]) -> list[str]:
             if isinstance(part, type) and issubclass(part, BaseModel):
                 names += keys_of(part)
     return names
-
-
-def fault_in_words(error: ValidationError) -> str:
-    """The first fault of a file: its key, what was found, what is expected."""
-    first, *more = error.errors()
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        words = f"unknown key {key}"
-    elif first["type"] == "value_error":
-        words = f"{key + ': ' if key else ''}{first['ctx']['error']}"
-    elif first["type"] == "missing":
-        words = f"{key} is missing"
-    else:
-        expected = first["msg"][0].lower() + first["msg"][1:]
-        words = f"{key} is {shortened(first['input'])}: {expected}"
-    return words + (f" (and {len(more)} more)" if more else "")

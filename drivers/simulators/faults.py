@@ -14,12 +14,16 @@ A plan is a list of tables; times are world seconds:
 from __future__ import annotations
 
 import threading
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, Strict, ValidationError, model_validator
+
+from documents.plain_data import PlainDataError, read_toml
+from documents.validation import NonNegative, Section, Whole, describe_error
 
 FAULTS: Mapping[str, Mapping[str, float]] = {
     "ni": {
@@ -91,39 +95,46 @@ def fault_from_dict(data: Any) -> Fault:
     """One entry. Raises ValueError in one sentence that names what is wrong."""
     if not isinstance(data, dict):
         raise ValueError(f"a fault is {data!r}, expected a table with device and fault")
-    device, kind = data.get("device"), data.get("fault")
-    if not isinstance(device, str) or device not in FAULTS:
-        raise ValueError(f"a fault names the device {device!r}, expected one of {', '.join(FAULTS)}")
-    if not isinstance(kind, str) or kind not in FAULTS[device]:
-        raise ValueError(f"{device} has no fault {kind!r}; it has {', '.join(FAULTS[device])}")
-    who = f"fault {kind} of {device}"
-    unknown = set(data) - {"device", "fault", "at_s", "for_s", "capture", "labels"}
-    if unknown:
-        raise ValueError(f"{who} has the unknown key {min(map(str, unknown))}")
-    labels = data.get("labels", ())
-    if not isinstance(labels, list | tuple) or not all(isinstance(label, str) for label in labels):
-        raise ValueError(f"{who}: labels is {labels!r}, expected a list of names")
-    capture = data.get("capture", 1)
-    if not isinstance(capture, int) or isinstance(capture, bool) or capture < 0:
-        raise ValueError(f"{who}: capture is {capture!r}, expected a whole number from 0")
-    at_s = _seconds(who, "at_s", data.get("at_s", 0.0))
-    for_s = _seconds(who, "for_s", data.get("for_s", FAULTS[device][kind]))
-    return Fault(device, kind, at_s, for_s, capture, tuple(labels))
+    try:
+        table = _FaultTable.model_validate(data)
+    except ValidationError as error:
+        raise ValueError(f"fault {data.get('fault')} of {data.get('device')}: {describe_error(error)}") from error
+    for_s = FAULTS[table.device][table.fault] if table.for_s is None else table.for_s
+    return Fault(table.device, table.fault, table.at_s, for_s, table.capture, table.labels)
 
 
 def read_fault_plan(path: Path) -> tuple[Fault, ...]:
     """The plan in a TOML file. Raises ValueError in one sentence that names the file and what is wrong in it."""
     try:
-        content = tomllib.loads(path.read_bytes().decode())
-        unknown = set(content) - {"faults"}
-        entries = content.get("faults", [])
-        if unknown or not isinstance(entries, list):
-            raise ValueError("expected a list of [[faults]] and nothing else")
-        return tuple(fault_from_dict(entry) for entry in entries)
+        content = read_toml(path)
     except OSError as error:
         raise ValueError(f"the fault plan {path} cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:  # what is not TOML, or no UTF-8, is a ValueError, too
-        raise ValueError(f"the fault plan {path} cannot be used: {' '.join(str(error).split())}") from error
+    except PlainDataError as error:
+        raise ValueError(f"the fault plan {path} cannot be used: it {' '.join(str(error).split())}") from error
+    entries = content.pop("faults", [])
+    if content or not isinstance(entries, list):
+        raise ValueError(f"the fault plan {path} cannot be used: expected a list of [[faults]] and nothing else")
+    try:
+        return tuple(fault_from_dict(entry) for entry in entries)
+    except ValueError as error:
+        raise ValueError(f"the fault plan {path} cannot be used: {error}") from error
+
+
+class _FaultTable(Section):
+    """The keys of one [[faults]]; without for_s the fault lasts as long as FAULTS says."""
+
+    device: Literal["ni", "qtm", "serial", "sync"]
+    fault: str
+    at_s: NonNegative = 0.0
+    for_s: Annotated[float, Strict(), Field(ge=0)] | None = None
+    capture: Annotated[Whole, Field(ge=0)] = 1
+    labels: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _device_has_the_fault(self) -> _FaultTable:
+        if self.fault not in FAULTS[self.device]:
+            raise ValueError(f"{self.device} has no fault {self.fault!r}; it has {', '.join(FAULTS[self.device])}")
+        return self
 
 
 class Faults:
@@ -173,10 +184,3 @@ class Faults:
 
 def _happening(fault: Fault, origin: float) -> Happening:
     return Happening(fault, origin + fault.at_s, origin + fault.at_s + fault.for_s)
-
-
-def _seconds(who: str, key: str, value: Any) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not 0 <= value <= (inf if isinstance(value, float) else 10**9):
-        raise ValueError(f"{who}: {key} is {value!r}, expected seconds from 0")
-    return float(value)

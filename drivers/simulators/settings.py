@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from documents.validation import describe_error
+
 STANDARD_GRAVITY = 9.80665  # m/s², by which a load cell turns kilograms into newtons
 
 Positive = Annotated[float, Field(gt=0)]
@@ -263,11 +265,4 @@ def settings_from_dict(data: Mapping[str, Any]) -> Settings:
     try:
         return Settings.model_validate(dict(data))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        sentence = f"{key} is {first['input']!r}: {first['msg']}"
-        if first["type"] == "extra_forbidden":
-            sentence = f"unknown key {key}"
-        elif first["type"] == "value_error":
-            sentence = str(first["ctx"]["error"])
-        raise ValueError(f"simulated bench: {sentence}") from error
+        raise ValueError(f"simulated bench: {describe_error(error)}") from error

@@ -6,16 +6,19 @@ The waist cuff is anchored to the thorax: the model has no pelvis. What the suit
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
 
+from documents import validation
+from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, read_regular
+from documents.validation import Section, Whole, describe_error
 from solver.model import Model
 from solver.point_mass import with_point_mass
 
@@ -78,32 +81,28 @@ class Suit:
 
 
 def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
-    """Read a suit.toml; raises SuitError naming the key that is missing, unknown or out of range."""
+    """Read a suit.toml. Raises SuitError that names the file and the key that is missing, unknown or out of range."""
     try:
-        document = tomllib.loads(read_regular(path, LARGEST_SUIT).decode("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        document = parse_toml(read_regular(path, LARGEST_SUIT))
+    except (OSError, PlainDataError) as error:
         raise SuitError(f"{path} should be a suit in TOML and cannot be read ({error}); correct it") from error
-    document = {"migration_direction": "cord", "rate": "backward", "groups": {}} | document
-    reference, lengths, cord, masses, direction, rate, groups = _take(
-        document,
-        path.name,
-        *("reference_rest_length_m", "rest_lengths_m", "exotendon", "masses", "migration_direction", "rate", "groups"),
-    )
-    stiffness, damping, *points = _take(cord, "exotendon", "stiffness_n_per_m", "damping_n_s_per_m", *PARTS)
-    waist, shoulder, arm = (_point(table, f"exotendon.{part}") for part, table in zip(PARTS, points, strict=True))
-    worn = zip(PARTS, _take(masses, "masses", *PARTS), strict=True)
+    try:
+        table = _SuitTable.model_validate(document)
+    except ValidationError as error:
+        raise SuitError(f"{path}: {describe_error(error)}; correct it") from error
+    cord, lengths = table.exotendon, table.rest_lengths_m
     return Suit(
-        waist=waist,
-        shoulder=shoulder,
-        arm=arm,
-        stiffness=_number(stiffness, "exotendon.stiffness_n_per_m", is_above_zero=True),
-        damping=_number(damping, "exotendon.damping_n_s_per_m"),
-        masses=tuple(_worn_mass(table, f"masses.{part}") for part, table in worn),
-        rest_lengths=_rest_lengths(lengths),
-        reference_rest_length=_number(reference, "reference_rest_length_m", is_above_zero=True),
-        migration_direction=_one_of(direction, "migration_direction", get_args(MigrationDirection)),
-        rate=_one_of(rate, "rate", get_args(Rate)),
-        groups=_groups(groups),
+        waist=cord.waist.point(),
+        shoulder=cord.shoulder.point(),
+        arm=cord.arm.point(),
+        stiffness=cord.stiffness_n_per_m,
+        damping=cord.damping_n_s_per_m,
+        masses=tuple(getattr(table.masses, part).mass() for part in PARTS),
+        rest_lengths=np.linspace(lengths.first, lengths.last, lengths.count),
+        reference_rest_length=table.reference_rest_length_m,
+        migration_direction=table.migration_direction,
+        rate=table.rate,
+        groups=table.groups,
     )
 
 
@@ -166,78 +165,63 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
-def _point(table: Any, where: str) -> SuitPoint:
-    body, location = _take(table, where, "body", "point_m")
-    return SuitPoint(str(body), _vector(location, f"{where}.point_m"))
+Number = Annotated[validation.Number, Field(gt=-BEYOND_MEASURE, lt=BEYOND_MEASURE)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Positive = Annotated[Number, Field(gt=0)]
+Vector = tuple[Number, Number, Number]
 
 
-def _worn_mass(table: Any, where: str) -> SuitMass:
-    body, mass, center, inertia = _take(table, where, "body", "mass_kg", "center_m", "inertia_kg_m2")
-    return SuitMass(
-        body=str(body),
-        mass=_number(mass, f"{where}.mass_kg"),
-        center=_vector(center, f"{where}.center_m"),
-        inertia=_inertia(inertia, f"{where}.inertia_kg_m2"),
-    )
+class _PointTable(Section):
+    body: str
+    point_m: Vector
+
+    def point(self) -> SuitPoint:
+        return SuitPoint(self.body, np.array(self.point_m))
 
 
-def _rest_lengths(table: Any) -> Array:
-    first, last, count = (
-        _number(value, "rest_lengths_m") for value in _take(table, "rest_lengths_m", "first", "last", "count")
-    )
-    if not 0 < first < last or not 5 <= count <= MOST_REST_LENGTHS or count % 1:
-        raise SuitError(
-            f"the suit's rest_lengths_m should be 5 to {MOST_REST_LENGTHS}, rising from above 0, and are {count:g} "
-            f"from {first:g} to {last:g} m; correct it"
-        )
-    return np.linspace(first, last, int(count))
+class _MassTable(Section):
+    body: str
+    mass_kg: NonNegative
+    center_m: Vector
+    inertia_kg_m2: tuple[NonNegative, NonNegative, NonNegative]
+
+    def mass(self) -> SuitMass:
+        return SuitMass(self.body, self.mass_kg, np.array(self.center_m), np.array(self.inertia_kg_m2))
 
 
-def _take(table: Any, where: str, *keys: str) -> list[Any]:
-    """The values of exactly these keys, in this order."""
-    if not isinstance(table, dict):
-        raise SuitError(f"the suit's {where} should be a table with {', '.join(keys)} and is {table!r}; correct it")
-    missing, unknown = [key for key in keys if key not in table], [key for key in table if key not in keys]
-    if missing or unknown:
-        fault = f"lacks {', '.join(missing)}" if missing else f"has an unknown {', '.join(unknown)}"
-        raise SuitError(f"the suit's {where} should have {', '.join(keys)} and {fault}; correct it")
-    return [table[key] for key in keys]
+class _CordTable(Section):
+    stiffness_n_per_m: Positive
+    damping_n_s_per_m: NonNegative
+    waist: _PointTable
+    shoulder: _PointTable
+    arm: _PointTable
 
 
-def _number(value: Any, where: str, *, is_above_zero: bool = False) -> float:
-    if not _is_finite(value) or value < 0 or (is_above_zero and not value):
-        wanted = "above 0" if is_above_zero else "that is not negative"
-        raise SuitError(f"the suit's {where} should be a number {wanted} and is {value!r}; correct it")
-    return float(value)
+class _MassesTable(Section):
+    waist: _MassTable
+    shoulder: _MassTable
+    arm: _MassTable
 
 
-def _vector(value: Any, where: str) -> Array:
-    if not (isinstance(value, list) and len(value) == 3 and all(map(_is_finite, value))):
-        raise SuitError(f"the suit's {where} should be three numbers and is {value!r}; correct it")
-    return np.array(value, dtype=float)
+class _RestLengthsTable(Section):
+    first: Positive
+    last: Positive
+    count: Annotated[Whole, Field(ge=5, le=MOST_REST_LENGTHS)]
+
+    @model_validator(mode="after")
+    def _rises(self) -> _RestLengthsTable:
+        if self.first >= self.last:
+            raise ValueError(f"from {self.first:g} to {self.last:g} m, expected lengths that rise")
+        return self
 
 
-def _inertia(value: Any, where: str) -> Array:
-    inertia = _vector(value, where)
-    if inertia.min() < 0:
-        raise SuitError(f"the suit's {where} should be three numbers from 0 on and is {value!r}; correct it")
-    return inertia
+class _SuitTable(Section):
+    """The keys of suit.toml."""
 
-
-def _is_finite(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) < BEYOND_MEASURE
-
-
-def _one_of(value: Any, where: str, allowed: tuple[Any, ...]) -> Any:
-    if value not in allowed:
-        raise SuitError(f"the suit's {where} should be one of {', '.join(allowed)} and is {value!r}; correct it")
-    return value
-
-
-def _groups(table: Any) -> dict[str, tuple[str, ...]]:
-    if not isinstance(table, dict):
-        raise SuitError(f"the suit's groups should be a table of lists of muscles and is {table!r}; correct it")
-    for name, members in table.items():
-        if not (isinstance(members, list) and members and all(isinstance(member, str) for member in members)):
-            raise SuitError(f"the suit's groups.{name} should be a list of muscles and is {members!r}; correct it")
-    return {name: tuple(members) for name, members in table.items()}
+    reference_rest_length_m: Positive
+    rest_lengths_m: _RestLengthsTable
+    exotendon: _CordTable
+    masses: _MassesTable
+    migration_direction: MigrationDirection = "cord"
+    rate: Rate = "backward"
+    groups: dict[str, Annotated[tuple[str, ...], Field(min_length=1)]] = Field(default_factory=dict)

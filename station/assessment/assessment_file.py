@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
+from documents.validation import describe_error
 
 RIGID = "rigid"
 
@@ -145,9 +146,7 @@ def read_assessment(path: Path) -> dict[str, Any]:
     try:
         read = _Assessment.model_validate(plain)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise _refusal(path, where, first["input"], first["msg"].lower()) from error
+        raise _malformed(path, describe_error(error)) from error
     for part, where in ((plain, ""), (plain.get("beside"), "beside.")):
         if part is not None:
             _check_conditions(path, part, where)
@@ -173,8 +172,8 @@ def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
                 try:
                     kind.validate_python(found[condition])
                 except ValidationError as error:
-                    message = error.errors()[0]["msg"].lower()
-                    raise _refusal(path, f"{place}.{condition}".strip("."), found[condition], message) from error
+                    fault = describe_error(error, context=f"{place}.{condition}".strip("."))
+                    raise _malformed(path, fault) from error
                 if key == "cost" and len(found[condition]["value"]) != len(plain["rest_lengths_m"]["value"]):
                     raise _refusal(path, place, found[condition], "expected a cost for every rest length")
 
@@ -194,5 +193,9 @@ def _check_muscles(path: Path, plain: dict[str, Any], measured: list[str]) -> No
 
 
 def _refusal(path: Path, where: str, found: Any, expected: str) -> AssessmentFileError:
-    what = f"{path}: {where} is {shortened(found)}" if where else f"{path} holds {shortened(found)}"
-    return AssessmentFileError(f"{what}, {expected}; make it again with `station assess`")
+    what = f"{where} is {shortened(found)}" if where else f"the document is {shortened(found)}"
+    return _malformed(path, f"{what}, {expected}")
+
+
+def _malformed(path: Path, fault: str) -> AssessmentFileError:
+    return AssessmentFileError(f"{path}: {fault}; make it again with `station assess`")

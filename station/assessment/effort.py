@@ -20,9 +20,10 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_toml
+from documents.validation import describe_error
 from solver.model import Model
 from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
-from station.config import ConfigError, fault_in_words
+from station.config import ConfigError
 
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -69,4 +70,4 @@ def read_effort(path: Path) -> EffortWeights:
     except PlainDataError as error:
         raise ConfigError(f"{path} {error}") from error
     except ValidationError as error:
-        raise ConfigError(f"{path}: {fault_in_words(error)}") from error
+        raise ConfigError(f"{path}: {describe_error(error)}") from error

@@ -15,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, read_json
+from documents.validation import describe_error
 from fitting.bushing import bushing_force
 from fitting.cuffs_file import read_cuffs
 from fitting.curves import TrialCurves
@@ -183,7 +184,7 @@ def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
     except OSError as error:
         raise ReportError(f"{path} cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
-        raise ReportError(f"{path} holds something else than expected: {error.errors()[0]['msg']}") from error
+        raise ReportError(f"{path}: {describe_error(error)}; make it again") from error
     except PlainDataError as error:
         raise ReportError(f"{path} {error}; make it again") from error
 

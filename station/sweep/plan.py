@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml, shortened
+from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
 from documents.regular_file import read_regular
+from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
 from solver.suit.scenarios import Condition
 from station.assessment.sources import BUNDLED
 
@@ -23,9 +25,7 @@ Point = dict[str, Value]
 """Axis → its value: one point of the design."""
 
 NONE = "none"
-METHODS = ("grid", "latin_hypercube", "random")
 MOST_POINTS = 1_000_000
-KEYS = ("every", "method", "count", "seed", "vary")
 
 
 class PlanError(Exception):
@@ -45,7 +45,7 @@ class SweepPlan:
     """What is varied.
 
     axes    name → the values it has, or the span it is drawn from; in the order of AXES
-    method  one of METHODS; count and seed are a sample's
+    method  "grid", "latin_hypercube" or "random"; count and seed are a sample's
     every   muscles are solved in every N-th frame
     digest  SHA-256 of the file
     """
@@ -80,25 +80,21 @@ def read_plan(path: Path) -> SweepPlan:
         document = parse_toml(content)
     except (OSError, PlainDataError) as error:
         raise PlanError(f"{path} should be a plan in TOML and cannot be read ({error}); correct it") from error
-    _ensure_known(document, "plan", KEYS)
-    method = document.get("method", "grid")
-    if method not in METHODS:
-        raise PlanError(
-            f"the plan's method should be one of {', '.join(METHODS)} and is {shortened(method)}; correct it"
-        )
-    if method != "grid" and "count" not in document:
-        raise PlanError(f"the plan should say by count how many points a {method} sample has, and does not; add it")
-    axes = _axes(document.get("vary"), is_sample=method != "grid")
+    try:
+        table = _PlanTable.model_validate(document)
+    except ValidationError as error:
+        raise PlanError(f"the plan {path}: {describe_error(error)}") from error
+    axes = _axes(table)
     points = math.prod(len(axis) for axis in axes.values() if not isinstance(axis, Span))
-    if method == "grid" and points > MOST_POINTS:
+    if table.method == "grid" and points > MOST_POINTS:
         raise PlanError(f"the plan's grid has {points} points, expected at most {MOST_POINTS}; vary less at once")
     return SweepPlan(
         folder=path.resolve().parent,
         axes=axes,
-        method=method,
-        count=_whole(document, "count", 1, MOST_POINTS),
-        seed=_whole(document, "seed", 0),
-        every=_whole(document, "every", 1),
+        method=table.method,
+        count=table.count,
+        seed=table.seed,
+        every=table.every,
         digest=hashlib.sha256(content).hexdigest(),
     )
 
@@ -121,106 +117,89 @@ def _drawn(axis: tuple[Value, ...] | Span, share: NDArray[np.float64]) -> Value:
     return tuple(drawn) if len(drawn) > 1 else float(drawn[0])
 
 
-def _axes(table: Any, *, is_sample: bool) -> dict[str, tuple[Value, ...] | Span]:
-    if not isinstance(table, dict):
-        raise PlanError(f"the plan should have a table vary with one of {', '.join(AXES)} or more; add it")
-    _ensure_known(table, "plan's vary", tuple(AXES))
-    for key in ("cuffs", "cuff"):
-        if key not in table:
-            raise PlanError(f"the plan's vary should name {key} and does not; add it")
-    given = DEFAULTS | table
-    return {name: _axis(given[name], name, is_sample=is_sample) for name in AXES if name in given}
+def _axes(table: _PlanTable) -> dict[str, tuple[Value, ...] | Span]:
+    given = table.vary.model_dump(exclude_none=True)
+    return {name: _axis(given[name], name, is_sample=table.method != "grid") for name in AXES if name in given}
 
 
 def _axis(given: Any, name: str, *, is_sample: bool) -> tuple[Value, ...] | Span:
-    """A value, a list of them, or { first, last }; a point is itself a list, of numbers."""
-    read, where = AXES[name], f"the plan's vary.{name}"
+    """A value, a list of values, or the span { first, last } of a sample; a point is itself a list, of numbers."""
+    kind, where = AXES[name], f"vary.{name}"
     if isinstance(given, dict):
-        _ensure_known(given, f"plan's vary.{name}", ("first", "last"))
-        if not is_sample or read in (_word, _condition) or len(given) < 2:
-            raise PlanError(f"{where} should be a list of values: only numbers of a sample have first and last")
-        first, last = (np.atleast_1d(np.array(read(given[end], where))).tolist() for end in ("first", "last"))
+        if not is_sample or kind in (NAME, CONDITION) or given.keys() != {"first", "last"}:
+            raise PlanError(
+                f"the plan's {where} should be a list of values; only numbers of a sample have first and last"
+            )
+        first, last = (np.atleast_1d(np.array(_value(kind, given[end], where))).tolist() for end in ("first", "last"))
         return Span(tuple(first), tuple(last))
-    is_single = not isinstance(given, list) or (read is _point and not any(isinstance(each, list) for each in given))
-    values = tuple(read(each, where) for each in ([given] if is_single else given))
+    is_single = not isinstance(given, list) or (kind is POINT and not any(isinstance(value, list) for value in given))
+    values = tuple(_value(kind, value, where) for value in ([given] if is_single else given))
     if not values:
-        raise PlanError(f"{where} should have a value and is empty; add one or leave it out")
+        raise PlanError(f"the plan's {where} should have a value and is empty; add one or leave it out")
     return values
 
 
-def _word(value: Any, where: str) -> Value:
-    if not isinstance(value, str) or not value:
-        raise PlanError(f"{where} should be a name and is {shortened(value)}; correct it")
+def _value(kind: TypeAdapter[Any], given: Any, where: str) -> Value:
+    try:
+        value: Value = kind.validate_python(given)
+    except ValidationError as error:
+        raise PlanError(f"the plan's {describe_error(error, context=where)}; correct it") from error
     return value
 
 
-def _condition(value: Any, where: str) -> Value:
-    if value not in get_args(Condition):
-        raise PlanError(
-            f"{where} should be one of {', '.join(get_args(Condition))} and is {shortened(value)}; correct it"
-        )
-    return str(value)
+NAME: TypeAdapter[Any] = TypeAdapter(Annotated[str, Field(min_length=1)])
+CONDITION: TypeAdapter[Any] = TypeAdapter(Condition)
+MASS: TypeAdapter[Any] = TypeAdapter(NonNegative)
+POSITIVE: TypeAdapter[Any] = TypeAdapter(Positive)
+POINT: TypeAdapter[Any] = TypeAdapter(Vector)
 
-
-def _number(value: Any, where: str) -> Value:
-    if not _is_finite(value) or value < 0:
-        raise PlanError(f"{where} should be a number that is not negative and is {shortened(value)}; correct it")
-    return float(value)
-
-
-def _above_zero(value: Any, where: str) -> Value:
-    if not _is_finite(value) or value <= 0:
-        raise PlanError(f"{where} should be a number above 0 and is {shortened(value)}; correct it")
-    return float(value)
-
-
-def _point(value: Any, where: str) -> Value:
-    if not (isinstance(value, list) and len(value) == 3 and all(map(_is_finite, value))):
-        raise PlanError(f"{where} should be a point of three numbers and is {shortened(value)}; correct it")
-    return tuple(float(each) for each in value)
-
-
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _whole(document: dict[str, Any], key: str, least: int, most: int = 2**63) -> int:
-    value = document.get(key, least)
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        limits = f"from {least} on" if most == 2**63 else f"from {least} to {most}"
-        raise PlanError(f"the plan's {key} should be a whole number {limits} and is {shortened(value)}; correct it")
-    return value
-
-
-def _ensure_known(table: dict[str, Any], where: str, keys: tuple[str, ...]) -> None:
-    unknown = [key for key in table if key not in keys]
-    if unknown:
-        raise PlanError(f"the {where} has an unknown {', '.join(unknown)}; it may have {', '.join(keys)}")
-
-
-AXES: dict[str, Callable[[Any, str], Value]] = {
-    "model": _word,
-    "motion": _word,
-    "external_loads": _word,
-    "hand_mass_kg": _number,
-    "suit": _word,
-    "rest_length_m": _above_zero,
-    "stiffness_n_per_m": _above_zero,
-    "waist_point_m": _point,
-    "shoulder_point_m": _point,
-    "arm_point_m": _point,
-    "cuffs": _word,
-    "cuff": _word,
-    "condition": _condition,
+AXES: dict[str, TypeAdapter[Any]] = {
+    "model": NAME,
+    "motion": NAME,
+    "external_loads": NAME,
+    "hand_mass_kg": MASS,
+    "suit": NAME,
+    "rest_length_m": POSITIVE,
+    "stiffness_n_per_m": POSITIVE,
+    "waist_point_m": POINT,
+    "shoulder_point_m": POINT,
+    "arm_point_m": POINT,
+    "cuffs": NAME,
+    "cuff": NAME,
+    "condition": CONDITION,
 }
-"""What may be varied: files, names, a mass, and what is to be another in the suit."""
+"""What may be varied: files, names, a mass, and parameters of the suit."""
 
-DEFAULTS: dict[str, Any] = {
-    "model": BUNDLED,
-    "motion": BUNDLED,
-    "external_loads": NONE,
-    "hand_mass_kg": 0.0,
-    "suit": BUNDLED,
-    "condition": list(get_args(Condition)),
-}
-"""What is not named; where the suit is concerned, it is as its file says."""
+
+class _VaryTable(Section):
+    """The keys of [vary] and what they are if not given; a parameter of the suit is by default that of its file."""
+
+    model: Any = BUNDLED
+    motion: Any = BUNDLED
+    external_loads: Any = NONE
+    hand_mass_kg: Any = 0.0
+    suit: Any = BUNDLED
+    rest_length_m: Any = None
+    stiffness_n_per_m: Any = None
+    waist_point_m: Any = None
+    shoulder_point_m: Any = None
+    arm_point_m: Any = None
+    cuffs: Any
+    cuff: Any
+    condition: Any = Field(default_factory=lambda: list(get_args(Condition)))
+
+
+class _PlanTable(Section):
+    """The keys of a plan."""
+
+    every: Annotated[Whole, Field(ge=1)] = 1
+    method: Literal["grid", "latin_hypercube", "random"] = "grid"
+    count: Annotated[Whole, Field(ge=1, le=MOST_POINTS)] = 1
+    seed: Annotated[Whole, Field(ge=0)] = 0
+    vary: _VaryTable
+
+    @model_validator(mode="after")
+    def _sample_has_a_count(self) -> _PlanTable:
+        if self.method != "grid" and "count" not in self.model_fields_set:
+            raise ValueError(f"a {self.method} sample needs count, the number of its points; add it")
+        return self

@@ -44,10 +44,10 @@ def test_a_plan_is_read_with_what_it_leaves_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[[faults]]\ndevice = 'daq'", "device 'daq', expected one of ni, qtm, serial, sync"),
+        ("[[faults]]\ndevice = 'daq'\nfault = 'fire'", "device is 'daq', expected 'ni', 'qtm', 'serial' or 'sync'"),
         ("[[faults]]\ndevice = 'ni'\nfault = 'fire'", "ni has no fault 'fire'; it has overrun"),
-        ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\nuntil = 3", "freeze of ni has the unknown key until"),
-        ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\nat_s = -1", "at_s is -1, expected seconds from 0"),
+        ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\nuntil = 3", "freeze of ni: unknown key until"),
+        ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\nat_s = -1", "at_s is -1, expected a number of at least 0"),
         ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\nfor_s = nan", "for_s is nan"),
         ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\ncapture = 1.5", "capture is 1.5, expected a whole number"),
         ("[[faults]]\ndevice = 'qtm'\nfault = 'drop_labels'\nlabels = 'cuff_1'", "labels is 'cuff_1', expected a list"),
