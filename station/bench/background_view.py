@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Self
 
 from recordings.samples import Item
-from station.bench.trial_state_machine import Snapshot
+from station.bench.snapshot import Snapshot
 
 LEAVE_S = 5.0
 """Wall seconds that leaving waits for a view that is stuck."""

@@ -13,7 +13,7 @@ from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
 from station.bench.background_view import BackgroundView
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.trial_state_machine import Snapshot, TrialState
+from station.bench.snapshot import Snapshot, TrialState
 from station.clock import Clock
 
 REFRESH_S = 0.25

@@ -22,9 +22,11 @@ from station.bench.devices import devices_for
 from station.bench.disk import DiskWatch, bytes_free, bytes_needed
 from station.bench.feed import Delivered, Feeds, Gone, Opened
 from station.bench.session_folder import why_mixed
+from station.bench.snapshot import Snapshot, TrialState
 from station.bench.stepped_feed import SteppedFeeds
 from station.bench.trial_order import start_after_all_in
-from station.bench.trial_state_machine import POST_ROLL_S, Snapshot, TrialRules, TrialState, TrialStateMachine
+from station.bench.trial_rules import POST_ROLL_S, TrialRules
+from station.bench.trial_state_machine import TrialStateMachine
 from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig

@@ -25,7 +25,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live import StreamTally
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.trial_state_machine import Snapshot, TrialState
+from station.bench.snapshot import Snapshot, TrialState
 
 REFRESH_S = 0.05
 RATE_REFRESHES = 60

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from recordings.samples import Event, Item, Samples
 from station.bench.background_view import BackgroundView
-from station.bench.trial_state_machine import Snapshot
+from station.bench.snapshot import Snapshot
 from station.viewer.device_times import DeviceTimes
 from station.viewer.layout import TIMELINE, Framed, layout
 from station.viewer.viewer import start_viewer

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from recordings.samples import Event, Item, Samples, Stream
-from station.bench.trial_state_machine import TrialRules, TrialStateMachine
+from station.bench.trial_rules import TrialRules
+from station.bench.trial_state_machine import TrialStateMachine
 from station.clock import ManualClock
 
 STREAMS = [Stream(n, "V", (n[1:],), 1000.0, "NI Dev1") for n in ("/force", "/sync")] + [
@@ -14,7 +15,7 @@ STREAMS = [Stream(n, "V", (n[1:],), 1000.0, "NI Dev1") for n in ("/force", "/syn
 BLOCK_S = 0.1
 
 
-class Recorder:
+class Writer:
     def __init__(self) -> None:
         self.items: list[Item] = []
 
@@ -40,14 +41,14 @@ class Bench:
         timeout_s: float = 10.0,
         duration_s: float | None = None,
     ) -> None:
-        self.clock, self.recorder = ManualClock(), Recorder()
+        self.clock, self.writer = ManualClock(), Writer()
         rules = TrialRules(start, 2.5, timeout_s, duration_s)  # type: ignore[arg-type]
-        self.session = TrialStateMachine(rules, self.recorder, self.clock)
+        self.trial = TrialStateMachine(rules, self.writer, self.clock)
         self.sample, self.frame, self.level, self.capturing = 0, 1, 0.0, False
         self.daq_sends = self.mocap_sends = True
 
     def arm(self) -> Bench:
-        self.session.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
+        self.trial.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
         return self
 
     def run(self, station_s: float) -> None:
@@ -57,7 +58,7 @@ class Bench:
                 self.send_daq(np.full(100, self.level))
             if self.capturing and self.mocap_sends:
                 self.send_frames(10)
-            self.session.tick()
+            self.trial.tick()
 
     def send_daq(self, volts: np.ndarray) -> None:
         numbers = np.arange(self.sample, self.sample + len(volts), dtype=np.uint64)
@@ -65,17 +66,17 @@ class Bench:
         for stream in ("/force", "/sync"):
             values = volts[:, None] if stream == "/sync" else np.zeros((len(volts), 1))
             times = numbers.astype(np.int64) * 1_000_000
-            self.session.handle(Samples(stream, numbers, times, self.clock.utc_ns(), values))
+            self.trial.handle(Samples(stream, numbers, times, self.clock.utc_ns(), values))
 
     def send_frames(self, count: int) -> None:
         numbers = np.arange(self.frame, self.frame + count, dtype=np.uint64)
         self.frame += count
         values = np.zeros((count, 1, 4), dtype=np.float32)
         times = numbers.astype(np.int64) * 10_000_000
-        self.session.handle(Samples("/markers", numbers, times, self.clock.utc_ns(), values))
+        self.trial.handle(Samples("/markers", numbers, times, self.clock.utc_ns(), values))
 
     def event(self, kind: str) -> None:
-        self.session.handle(Event(kind, kind, self.clock.utc_ns(), "QTM"))
+        self.trial.handle(Event(kind, kind, self.clock.utc_ns(), "QTM"))
 
     def start_capture(self) -> None:
         self.level, self.capturing = 5.0, True

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from station.bench.trial_state_machine import TrialState
+from station.bench.snapshot import TrialState
 from tests.station.bench_by_hand import Bench
 
 
@@ -12,7 +12,7 @@ def test_exactly_the_last_two_seconds_before_the_edge_are_kept_of_the_daq() -> N
     bench.run(7.0)
     bench.start_capture()
     bench.run(0.1)
-    first = bench.recorder.samples("/force")[0].sample_numbers[0]
+    first = bench.writer.samples("/force")[0].sample_numbers[0]
     assert first == 5000
 
 
@@ -24,8 +24,8 @@ def test_marker_frames_that_came_before_the_block_with_the_edge_are_kept() -> No
         bench.send_frames(10)
         bench.clock.advance(0.1)
     bench.send_daq(np.r_[np.zeros(50), np.full(50, 5.0)])
-    assert bench.session.state is TrialState.RECORDING
-    assert sum(len(s.sample_numbers) for s in bench.recorder.samples("/markers")) == 50
+    assert bench.trial.state is TrialState.RECORDING
+    assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 50
 
 
 @pytest.mark.parametrize(("level", "words"), [(0.0, "stands at 0.00 V"), (5.0, "stands at 5.00 V since arming")])
@@ -33,10 +33,10 @@ def test_no_edge_in_time_fails_with_the_level_seen(level: float, words: str) -> 
     bench = Bench(timeout_s=6.0).arm()
     bench.level = level
     bench.run(6.5)
-    assert bench.session.state is TrialState.FAILED
-    assert not bench.session.has_edge
-    assert words in bench.session.sentence
-    assert bench.recorder.items == []
+    assert bench.trial.state is TrialState.FAILED
+    assert not bench.trial.has_edge
+    assert words in bench.trial.sentence
+    assert bench.writer.items == []
 
 
 @pytest.mark.parametrize("cut", [43, 41])
@@ -47,11 +47,11 @@ def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file(cut: int) -> Non
     spike[40:43] = 5.0
     for part in np.split(spike, [cut]):
         bench.send_daq(part)
-        assert bench.session.state is TrialState.ARMED, "also where a block ends within it"
+        assert bench.trial.state is TrialState.ARMED, "also where a block ends within it"
     bench.start_capture()
     bench.run(3.0)
-    assert bench.session.state is TrialState.RECORDING, "nor is the glitch's end taken for an inverted edge"
-    assert "sync_glitch" in bench.recorder.events()
+    assert bench.trial.state is TrialState.RECORDING, "nor is the glitch's end taken for an inverted edge"
+    assert "sync_glitch" in bench.writer.events()
 
 
 def test_an_inverted_line_is_named_when_the_capture_starts() -> None:
@@ -61,8 +61,8 @@ def test_an_inverted_line_is_named_when_the_capture_starts() -> None:
     bench.level, bench.capturing = 0.0, True
     bench.event("capture_started")
     bench.run(2.0)
-    assert bench.session.state is TrialState.FAILED
-    assert "fell from 5.00 V to 0.00 V" in bench.session.sentence
+    assert bench.trial.state is TrialState.FAILED
+    assert "fell from 5.00 V to 0.00 V" in bench.trial.sentence
 
 
 def test_the_end_of_an_earlier_capture_is_no_wrong_polarity() -> None:
@@ -73,58 +73,58 @@ def test_the_end_of_an_earlier_capture_is_no_wrong_polarity() -> None:
     bench.run(3.0)
     bench.start_capture()
     bench.run(3.0)
-    assert bench.session.state is TrialState.RECORDING
+    assert bench.trial.state is TrialState.RECORDING
 
 
 def test_the_hardware_trigger_starts_the_trial_with_the_first_sample() -> None:
     bench = Bench(start="pfi0").arm()
     bench.daq_sends = False
     bench.run(5.0)
-    assert bench.session.state is TrialState.ARMED
+    assert bench.trial.state is TrialState.ARMED
     bench.daq_sends = True
     bench.start_capture()
     bench.run(0.1)
-    assert bench.session.state is TrialState.RECORDING
-    assert bench.recorder.samples("/force")[0].sample_numbers[0] == 0
+    assert bench.trial.state is TrialState.RECORDING
+    assert bench.writer.samples("/force")[0].sample_numbers[0] == 0
 
 
 def test_armed_tells_the_level_seen_and_the_time_left() -> None:
     bench = Bench(timeout_s=10.0).arm()
     bench.level = 0.3
     bench.run(4.0)
-    armed = bench.session.snapshot()
+    armed = bench.trial.snapshot()
     assert (armed.sync_level_v, armed.waited_s, armed.left_s) == pytest.approx((0.3, 4.0, 6.0))
     bench.level, bench.capturing = 5.0, True
     bench.run(1.0)
-    assert bench.session.snapshot().left_s == 0.0
+    assert bench.trial.snapshot().left_s == 0.0
 
 
 def test_cancelling_while_armed_records_nothing() -> None:
     bench = Bench().arm()
     bench.run(3.0)
-    bench.session.stop()
-    assert bench.session.state is TrialState.FAILED
-    assert bench.recorder.items == []
+    bench.trial.stop()
+    assert bench.trial.state is TrialState.FAILED
+    assert bench.writer.items == []
 
 
 def test_a_silent_daq_is_noticed_while_armed() -> None:
     bench = Bench(timeout_s=60.0).arm()
     bench.daq_sends = False
     bench.run(4.0)
-    assert bench.session.state is TrialState.FAILED
-    assert "NI Dev1 sent nothing" in bench.session.sentence
+    assert bench.trial.state is TrialState.FAILED
+    assert "NI Dev1 sent nothing" in bench.trial.sentence
 
 
 def test_a_trial_that_is_cut_short_while_armed_records_nothing() -> None:
     bench = Bench().arm()
     bench.run(1.0)
-    bench.session.cut_short("disk_nearly_full", "the disk is nearly full")
-    assert (bench.session.state, bench.recorder.items) == (TrialState.FAILED, [])
+    bench.trial.cut_short("disk_nearly_full", "the disk is nearly full")
+    assert (bench.trial.state, bench.writer.items) == (TrialState.FAILED, [])
 
 
 def test_the_capture_is_wanted_only_after_the_pre_roll() -> None:
     bench = Bench().arm()
     bench.run(1.5)
-    assert not bench.session.wants_capture_start
+    assert not bench.trial.wants_capture_start
     bench.run(1.0)
-    assert bench.session.wants_capture_start
+    assert bench.trial.wants_capture_start

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from recordings.samples import Loss
-from station.bench.trial_state_machine import TrialState
+from station.bench.snapshot import TrialState
 from tests.station.bench_by_hand import Bench
 
 
 def _late(bench: Bench) -> list[Loss]:
-    return [item for item in bench.recorder.items if isinstance(item, Loss) and item.cause == "late"]
+    return [item for item in bench.writer.items if isinstance(item, Loss) and item.cause == "late"]
 
 
 def test_frames_that_begin_late_are_counted_as_lost() -> None:
@@ -23,8 +23,8 @@ def test_frames_that_begin_late_are_counted_as_lost() -> None:
     bench.run(2.0)
     (loss,) = _late(bench)
     assert (loss.stream, loss.first_missing, loss.count) == ("/markers", 1, 120)
-    assert bench.session.lost_samples == 120
-    assert bench.session.state is TrialState.CLOSED
+    assert bench.trial.lost_samples == 120
+    assert bench.trial.state is TrialState.CLOSED
 
 
 def test_a_capture_that_is_heard_before_its_edge_is_settled_is_judged_then() -> None:
@@ -37,7 +37,7 @@ def test_a_capture_that_is_heard_before_its_edge_is_settled_is_judged_then() -> 
     assert not _late(bench)
     bench.daq_sends = True
     bench.run(0.5)
-    assert bench.session.state is TrialState.RECORDING
+    assert bench.trial.state is TrialState.RECORDING
     assert [loss.count for loss in _late(bench)] == [3]
 
 

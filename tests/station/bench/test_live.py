@@ -8,7 +8,7 @@ from rich.console import Console
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Loss, Samples, Stream
 from station.bench.live import BACKLOG, LiveView
-from station.bench.trial_state_machine import Snapshot, TrialState
+from station.bench.snapshot import Snapshot, TrialState
 from station.clock import ManualClock
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recordings.samples import Event, Loss, Samples
-from station.bench.trial_state_machine import TrialState
+from station.bench.snapshot import TrialState
 from tests.station.bench_by_hand import Bench
 
 
@@ -21,9 +21,9 @@ def test_a_device_that_falls_silent_while_recording_ends_the_trial_with_a_loss_o
     bench.run(2.0)
     setattr(bench, which, False)
     bench.run(4.0)
-    assert bench.session.state is TrialState.FAILED
-    assert bench.session.has_edge and bench.session.lost_samples > 0
-    losses = [i for i in bench.recorder.items if isinstance(i, Loss)]
+    assert bench.trial.state is TrialState.FAILED
+    assert bench.trial.has_edge and bench.trial.lost_samples > 0
+    losses = [i for i in bench.writer.items if isinstance(i, Loss)]
     assert {x.cause for x in losses} == {"silent"}
     assert {x.stream: x.count for x in losses} == pytest.approx(missing, rel=0.05)
 
@@ -40,9 +40,9 @@ def test_a_capture_without_a_frame_is_not_accepted_however_short_it_is(has_previ
     bench.run(2.0)
     bench.stop_capture()
     bench.run(2.0)
-    assert bench.session.state is TrialState.FAILED
-    assert bench.session.sentence.startswith("the mocap capture ended; QTM 127.0.0.1:22223 sent not one frame of it")
-    losses = [(i.stream, i.count) for i in bench.recorder.items if isinstance(i, Loss)]
+    assert bench.trial.state is TrialState.FAILED
+    assert bench.trial.sentence.startswith("the mocap capture ended; QTM 127.0.0.1:22223 sent not one frame of it")
+    losses = [(i.stream, i.count) for i in bench.writer.items if isinstance(i, Loss)]
     assert losses == [("/markers", pytest.approx(200, abs=10))]
 
 
@@ -55,11 +55,11 @@ def test_a_daq_that_froze_before_the_capture_ended_is_not_accepted_and_the_missi
     bench.run(1.0)
     bench.stop_capture()
     bench.run(1.5)
-    assert bench.session.state is TrialState.CLOSING, "a busy machine may still bring them"
+    assert bench.trial.state is TrialState.CLOSING, "a busy machine may still bring them"
     bench.run(2.5)
-    assert bench.session.state is TrialState.FAILED
-    assert "in the last 1.0 s of the trial" in bench.session.sentence
-    losses = {i.stream: i.count for i in bench.recorder.items if isinstance(i, Loss)}
+    assert bench.trial.state is TrialState.FAILED
+    assert "in the last 1.0 s of the trial" in bench.trial.sentence
+    losses = {i.stream: i.count for i in bench.writer.items if isinstance(i, Loss)}
     assert losses == {"/force": pytest.approx(1000, abs=1), "/sync": pytest.approx(1000, abs=1)}
 
 
@@ -71,7 +71,7 @@ def test_a_daq_that_falls_silent_after_the_capture_s_end_takes_nothing_with_it()
     bench.stop_capture()
     bench.daq_sends = False
     bench.run(2.0)
-    assert (bench.session.state, bench.session.lost_samples) == (TrialState.CLOSED, 0)
+    assert (bench.trial.state, bench.trial.lost_samples) == (TrialState.CLOSED, 0)
 
 
 def test_closing_waits_for_a_backlog_of_the_daq() -> None:
@@ -84,12 +84,12 @@ def test_closing_waits_for_a_backlog_of_the_daq() -> None:
     bench.run(2.0)
     bench.stop_capture()
     for volts in backlog:
-        assert bench.session.state is TrialState.CLOSING
+        assert bench.trial.state is TrialState.CLOSING
         bench.run(0.1)
         bench.send_daq(volts)
     bench.daq_sends = True
     bench.run(6.0)
-    assert (bench.session.state, bench.session.lost_samples) == (TrialState.CLOSED, 0)
+    assert (bench.trial.state, bench.trial.lost_samples) == (TrialState.CLOSED, 0)
 
 
 def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
@@ -100,9 +100,9 @@ def test_a_lost_device_fails_a_recording_trial_and_not_a_closing_one() -> None:
         bench.run(2.0)
         if closing:
             bench.stop_capture()
-        bench.session.fail("QTM is gone")
+        bench.trial.fail("QTM is gone")
         bench.run(2.0)
-        assert bench.session.state is expected
+        assert bench.trial.state is expected
 
 
 def test_a_device_that_is_away_may_be_silent_until_it_is_back_and_no_other() -> None:
@@ -110,16 +110,16 @@ def test_a_device_that_is_away_may_be_silent_until_it_is_back_and_no_other() -> 
     bench.run(3.0)
     bench.start_capture()
     bench.run(1.0)
-    bench.session.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
+    bench.trial.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
     bench.daq_sends = False
     bench.run(8.0)
-    assert bench.session.state is TrialState.RECORDING
-    bench.session.handle(Event("connection_restored", "back", bench.clock.utc_ns(), "NI Dev1"))
+    assert bench.trial.state is TrialState.RECORDING
+    bench.trial.handle(Event("connection_restored", "back", bench.clock.utc_ns(), "NI Dev1"))
     bench.run(2.0)
-    assert bench.session.state is TrialState.RECORDING
+    assert bench.trial.state is TrialState.RECORDING
     bench.run(2.0)
-    assert bench.session.state is TrialState.FAILED
-    assert "sent nothing on /force" in bench.session.sentence
+    assert bench.trial.state is TrialState.FAILED
+    assert "sent nothing on /force" in bench.trial.sentence
 
 
 def test_while_one_device_is_away_another_that_falls_silent_ends_the_trial() -> None:
@@ -127,11 +127,11 @@ def test_while_one_device_is_away_another_that_falls_silent_ends_the_trial() -> 
     bench.run(3.0)
     bench.start_capture()
     bench.run(1.0)
-    bench.session.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
+    bench.trial.handle(Event("connection_lost", "gone", bench.clock.utc_ns(), "NI Dev1"))
     bench.daq_sends = bench.mocap_sends = False
     bench.run(4.0)
-    assert bench.session.state is TrialState.FAILED
-    assert "/markers" in bench.session.sentence
+    assert bench.trial.state is TrialState.FAILED
+    assert "/markers" in bench.trial.sentence
 
 
 def test_a_station_that_stood_still_itself_calls_no_device_silent_and_takes_what_they_kept() -> None:
@@ -140,14 +140,14 @@ def test_a_station_that_stood_still_itself_calls_no_device_silent_and_takes_what
     bench.start_capture()
     bench.run(2.0)
     bench.clock.advance(60.0)
-    bench.session.tick()
+    bench.trial.tick()
     bench.run(2.0)
-    assert bench.session.state is TrialState.RECORDING and bench.session.lost_samples == 0
-    told = [i.text for i in bench.recorder.items if isinstance(i, Event) and i.kind == "station_paused"]
+    assert bench.trial.state is TrialState.RECORDING and bench.trial.lost_samples == 0
+    told = [i.text for i in bench.writer.items if isinstance(i, Event) and i.kind == "station_paused"]
     assert told == ["the station itself stood still for 60.0 s; see that its computer does not sleep or swap"]
     bench.mocap_sends = False
     bench.run(4.0)
-    assert bench.session.state is TrialState.FAILED, "who falls silent thereafter is still told"
+    assert bench.trial.state is TrialState.FAILED, "who falls silent thereafter is still told"
 
 
 def test_a_capture_that_was_replaced_by_another_ends_the_trial_which_is_not_accepted() -> None:
@@ -158,7 +158,7 @@ def test_a_capture_that_was_replaced_by_another_ends_the_trial_which_is_not_acce
     before = frames_recorded(bench)
     bench.event("capture_replaced")
     bench.run(2.0)
-    assert bench.session.state is TrialState.FAILED
+    assert bench.trial.state is TrialState.FAILED
     assert frames_recorded(bench) == before, "the frames of the other capture are not ours"
 
 
@@ -167,15 +167,15 @@ def test_a_computer_that_is_too_slow_is_named_while_it_is_and_in_the_trial_s_las
     bench.run(1.0)
     bench.start_capture()
     bench.run(2.0)
-    bench.session.handle(Loss("/force", "overrun", 10_000, 250, 0, bench.clock.utc_ns()))
+    bench.trial.handle(Loss("/force", "overrun", 10_000, 250, 0, bench.clock.utc_ns()))
     bench.run(1.0)
-    bench.session.handle(Loss("/sync", "queue_overflow", 10_000, 50, 0, bench.clock.utc_ns()))
+    bench.trial.handle(Loss("/sync", "queue_overflow", 10_000, 50, 0, bench.clock.utc_ns()))
     bench.stop_capture()
     bench.run(3.0)
-    told = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "overloaded"]
+    told = [item.text for item in bench.writer.items if isinstance(item, Event) and item.kind == "overloaded"]
     assert len(told) == 1 and "this computer is too slow: 250 samples were overwritten before it read them" in told[0]
-    assert "this computer is too slow: 300 samples were overwritten" in bench.session.sentence
-    assert bench.session.state is TrialState.CLOSED
+    assert "this computer is too slow: 300 samples were overwritten" in bench.trial.sentence
+    assert bench.trial.state is TrialState.CLOSED
 
 
 def test_samples_that_wait_in_the_station_are_a_sign_of_a_slow_computer() -> None:
@@ -183,13 +183,13 @@ def test_samples_that_wait_in_the_station_are_a_sign_of_a_slow_computer() -> Non
     bench.run(1.0)
     bench.start_capture()
     bench.run(2.0)
-    late = next(i for i in reversed(bench.recorder.items) if isinstance(i, Samples) and i.stream == "/force")
+    late = next(i for i in reversed(bench.writer.items) if isinstance(i, Samples) and i.stream == "/force")
     bench.clock.advance(3.0)
-    bench.session.handle(late)
-    told = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "overloaded"]
+    bench.trial.handle(late)
+    told = [item.text for item in bench.writer.items if isinstance(item, Event) and item.kind == "overloaded"]
     assert len(told) == 1 and "samples waited 3.0 s until it recorded them" in told[0]
 
 
 def frames_recorded(bench: Bench) -> int:
-    blocks = [item for item in bench.recorder.items if isinstance(item, Samples) and item.stream == "/markers"]
+    blocks = [item for item in bench.writer.items if isinstance(item, Samples) and item.stream == "/markers"]
     return sum(len(block.sample_numbers) for block in blocks)

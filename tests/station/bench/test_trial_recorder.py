@@ -20,8 +20,8 @@ from recordings.manifest import CuffSite
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench import disk, stepped_feed
+from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder, TrialRefused
-from station.bench.trial_state_machine import Snapshot, TrialState
 from station.clock import Clock, ManualClock
 from station.config import StationConfig, parse_config
 from station.protocol import TrialSpec

@@ -3,24 +3,24 @@ from __future__ import annotations
 import numpy as np
 
 from recordings.samples import Event, Loss
-from station.bench.trial_state_machine import TrialState
+from station.bench.snapshot import TrialState
 from tests.station.bench_by_hand import Bench
 
 
 def test_a_trial_runs_from_the_edge_to_the_capture_s_end_and_is_accepted() -> None:
     bench = Bench().arm()
     bench.run(3.0)
-    assert bench.session.state is TrialState.ARMED
-    assert bench.recorder.items == []
+    assert bench.trial.state is TrialState.ARMED
+    assert bench.writer.items == []
     bench.start_capture()
     bench.run(5.0)
-    assert bench.session.state is TrialState.RECORDING
+    assert bench.trial.state is TrialState.RECORDING
     bench.stop_capture()
-    assert bench.session.state is TrialState.CLOSING
+    assert bench.trial.state is TrialState.CLOSING
     bench.run(2.0)
-    assert bench.session.state is TrialState.CLOSED
-    assert {"armed", "capture_started", "sync_edge", "capture_stopped", "capture_ended"} >= set(bench.recorder.events())
-    sync = np.concatenate([s.values[:, 0] for s in bench.recorder.samples("/sync")])
+    assert bench.trial.state is TrialState.CLOSED
+    assert {"armed", "capture_started", "sync_edge", "capture_stopped", "capture_ended"} >= set(bench.writer.events())
+    sync = np.concatenate([s.values[:, 0] for s in bench.writer.samples("/sync")])
     assert sync[-1] == 0.0, "the falling edge is recorded too"
 
 
@@ -29,10 +29,10 @@ def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
     bench.run(3.0)
     bench.start_capture()
     bench.run(4.5)
-    assert bench.session.state is TrialState.CLOSING
+    assert bench.trial.state is TrialState.CLOSING
     bench.run(1.0)
-    assert bench.session.state is TrialState.CLOSED
-    assert bench.session.sentence == "4 s recorded after the edge"
+    assert bench.trial.state is TrialState.CLOSED
+    assert bench.trial.sentence == "4 s recorded after the edge"
 
 
 def test_frames_that_come_after_the_capture_s_end_are_another_s_and_are_not_recorded() -> None:
@@ -41,12 +41,12 @@ def test_frames_that_come_after_the_capture_s_end_are_another_s_and_are_not_reco
     bench.start_capture()
     bench.run(2.0)
     bench.stop_capture()
-    recorded = len(bench.recorder.samples("/markers"))
+    recorded = len(bench.writer.samples("/markers"))
     bench.frame = 1
     bench.send_frames(10)
-    bench.session.handle(Loss("/markers", "skipped", 11, 5, 0, bench.clock.utc_ns()))
+    bench.trial.handle(Loss("/markers", "skipped", 11, 5, 0, bench.clock.utc_ns()))
     bench.run(2.0)
-    assert (len(bench.recorder.samples("/markers")), bench.session.lost_samples) == (recorded, 0)
+    assert (len(bench.writer.samples("/markers")), bench.trial.lost_samples) == (recorded, 0)
 
 
 def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
@@ -56,7 +56,7 @@ def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
     bench.run(3.0)
     bench.stop_capture()
     bench.run(2.0)
-    assert (bench.session.state, bench.session.sentence) == (TrialState.CLOSED, "the mocap capture ended")
+    assert (bench.trial.state, bench.trial.sentence) == (TrialState.CLOSED, "the mocap capture ended")
 
 
 def test_a_mocap_system_without_events_ends_its_capture_by_line_and_silence() -> None:
@@ -66,7 +66,7 @@ def test_a_mocap_system_without_events_ends_its_capture_by_line_and_silence() ->
     bench.run(3.0)
     bench.stop_capture(with_event=False)
     bench.run(4.0)
-    assert bench.session.state is TrialState.CLOSED
+    assert bench.trial.state is TrialState.CLOSED
 
 
 def test_a_short_sync_pulse_does_not_end_the_trial() -> None:
@@ -76,7 +76,7 @@ def test_a_short_sync_pulse_does_not_end_the_trial() -> None:
     bench.run(0.2)
     bench.level = 0.0
     bench.run(5.0)
-    assert bench.session.state is TrialState.RECORDING
+    assert bench.trial.state is TrialState.RECORDING
 
 
 def test_a_dip_of_the_line_while_recording_is_noted_and_costs_nothing() -> None:
@@ -90,8 +90,8 @@ def test_a_dip_of_the_line_while_recording_is_noted_and_costs_nothing() -> None:
     bench.run(1.0)
     bench.stop_capture()
     bench.run(2.0)
-    assert (bench.session.state, bench.session.sentence) == (TrialState.CLOSED, "the mocap capture ended")
-    assert "sync_glitch" in bench.recorder.events()
+    assert (bench.trial.state, bench.trial.sentence) == (TrialState.CLOSED, "the mocap capture ended")
+    assert "sync_glitch" in bench.writer.events()
 
 
 def test_a_line_that_rises_a_second_time_is_told_at_once_and_the_trial_is_recorded_to_its_end() -> None:
@@ -100,15 +100,15 @@ def test_a_line_that_rises_a_second_time_is_told_at_once_and_the_trial_is_record
     bench.start_capture()
     bench.run(1.0)
     bench.send_daq(np.repeat([0.0, 5.0], 50))
-    assert bench.session.state is TrialState.RECORDING
-    assert "rose a second time 1.05 s after the first" in bench.session.snapshot().sentence
+    assert bench.trial.state is TrialState.RECORDING
+    assert "rose a second time 1.05 s after the first" in bench.trial.snapshot().sentence
     bench.run(2.0)
     bench.stop_capture()
     bench.run(2.0)
-    assert bench.session.state is TrialState.FAILED
-    assert "rose a second time" in bench.session.sentence
-    assert bench.recorder.events().count("sync_double_edge") == 1
-    assert sum(len(s.sample_numbers) for s in bench.recorder.samples("/markers")) == 300, "nothing is thrown away"
+    assert bench.trial.state is TrialState.FAILED
+    assert "rose a second time" in bench.trial.sentence
+    assert bench.writer.events().count("sync_double_edge") == 1
+    assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 300, "nothing is thrown away"
 
 
 def test_a_line_that_stays_high_after_the_capture_is_told() -> None:
@@ -119,9 +119,9 @@ def test_a_line_that_stays_high_after_the_capture_is_told() -> None:
     bench.stop_capture()
     bench.level = 5.0
     bench.run(2.0)
-    assert bench.session.state is TrialState.CLOSED
-    assert "start edge alone ties the clocks" in bench.session.sentence
-    assert "no_stop_edge" in bench.recorder.events()
+    assert bench.trial.state is TrialState.CLOSED
+    assert "start edge alone ties the clocks" in bench.trial.sentence
+    assert "no_stop_edge" in bench.writer.events()
 
 
 def test_stopping_once_keeps_the_trial_and_drains_and_twice_ends_at_once() -> None:
@@ -129,10 +129,10 @@ def test_stopping_once_keeps_the_trial_and_drains_and_twice_ends_at_once() -> No
     bench.run(1.0)
     bench.start_capture()
     bench.run(3.0)
-    bench.session.stop()
-    assert bench.session.state is TrialState.CLOSING
-    bench.session.stop(at_once=True)
-    assert bench.session.state is TrialState.CLOSED
+    bench.trial.stop()
+    assert bench.trial.state is TrialState.CLOSING
+    bench.trial.stop(at_once=True)
+    assert bench.trial.state is TrialState.CLOSED
 
 
 def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
@@ -140,21 +140,21 @@ def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
     bench.run(3.0)
     bench.start_capture()
     bench.run(1.0)
-    bench.session.cut_short("disk_nearly_full", "the disk is nearly full")
-    assert bench.session.state is TrialState.CLOSING
+    bench.trial.cut_short("disk_nearly_full", "the disk is nearly full")
+    assert bench.trial.state is TrialState.CLOSING
     bench.run(2.0)
-    assert (bench.session.state, bench.session.sentence) == (TrialState.FAILED, "the disk is nearly full")
-    assert "disk_nearly_full" in bench.recorder.events()
+    assert (bench.trial.state, bench.trial.sentence) == (TrialState.FAILED, "the disk is nearly full")
+    assert "disk_nearly_full" in bench.writer.events()
 
 
 def test_a_mark_is_recorded_where_there_is_something_to_point_at() -> None:
     bench = Bench().arm()
-    bench.session.mark()
+    bench.trial.mark()
     bench.run(3.0)
     bench.start_capture()
     bench.run(1.0)
-    bench.session.mark()
-    bench.session.mark()
-    marks = [item.text for item in bench.recorder.items if isinstance(item, Event) and item.kind == "mark"]
+    bench.trial.mark()
+    bench.trial.mark()
+    marks = [item.text for item in bench.writer.items if isinstance(item, Event) and item.kind == "mark"]
     assert marks == ["mark 1", "mark 2"]
-    assert bench.session.snapshot().marks == 2
+    assert bench.trial.snapshot().marks == 2

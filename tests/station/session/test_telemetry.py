@@ -12,7 +12,7 @@ import pytest
 from recordings.manifest import CuffSite, LoadCell
 from recordings.samples import Event, Item, Loss, Samples, Stream
 from station.bench.live_displacement import LiveDisplacement
-from station.bench.trial_state_machine import Snapshot, TrialState
+from station.bench.snapshot import Snapshot, TrialState
 from station.protocol import TrialSpec
 from station.session.guide import StaticGuide
 from station.session.live import Live

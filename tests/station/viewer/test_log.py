@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from recordings.samples import Event, Samples, Stream
-from station.bench.trial_state_machine import Snapshot, TrialState
+from station.bench.snapshot import Snapshot, TrialState
 from station.viewer.log import RerunLog
 
 

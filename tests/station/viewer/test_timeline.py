@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from recordings.samples import Event, Samples, Stream
-from station.bench.trial_state_machine import Snapshot, TrialState
+from station.bench.snapshot import Snapshot, TrialState
 from station.viewer.layout import DISTANCE, TIMELINE, Framed
 from station.viewer.log import RerunLog
 

@@ -1,0 +1,36 @@
+"""One trial at one moment, for views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from recordings.samples import Stream
+
+
+class TrialState(Enum):
+    IDLE = "idle"
+    ARMED = "armed"
+    RECORDING = "recording"
+    CLOSING = "closing"
+    CLOSED = "closed"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """left_s: station seconds until the time-out of an armed trial; 0 in other states.
+
+    edge_device_ns is the time of the sync edge on the clock of /sync, None before it.
+    """
+
+    state: TrialState
+    sentence: str
+    sync_level_v: float | None = None
+    waited_s: float = 0.0
+    recorded_s: float = 0.0
+    lost_samples: int = 0
+    marks: int = 0
+    streams: tuple[Stream, ...] = ()
+    left_s: float = 0.0
+    edge_device_ns: int | None = None

@@ -1,0 +1,92 @@
+"""What the states of one trial hand on: streams, counters, the writer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.bench.first_frame import FirstFrame
+from station.bench.overload import Overload
+from station.bench.shortfall import Shortfall
+from station.bench.stream_watchdog import StreamWatchdog
+from station.bench.sync_line import GLITCH_NS, Edge, SyncLine
+from station.bench.trial_rules import TrialRules
+from station.clock import Clock
+
+
+class ItemWriter(Protocol):
+    """The part of the recording writer that a trial uses. Every method raises RecordingError after a failed write."""
+
+    def write(self, item: Item) -> None: ...
+
+    def flush_if_due(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class DeviceFailure:
+    """A device that ends the trial: a sentence, its name, and the cause of its Loss."""
+
+    sentence: str
+    device: str = ""
+    cause: str = "disconnected"
+
+
+class TrialContext:
+    """Streams, counters and writer of one trial, from arming to its end.
+
+    latest_device_ns is the time of the last sample of /sync on the clock of its device.
+    """
+
+    def __init__(
+        self,
+        rules: TrialRules,
+        writer: ItemWriter,
+        clock: Clock,
+        streams: Sequence[Stream],
+        device_by_stream: Mapping[str, str],
+    ) -> None:
+        self.rules, self.writer, self.clock, self.streams = rules, writer, clock, tuple(streams)
+        self.watchdog = StreamWatchdog(clock, streams, device_by_stream)
+        self.shortfall = Shortfall(streams, self.watchdog)
+        self.first_frame = FirstFrame(streams)
+        self.sync = SyncLine(rules.threshold_v)
+        self.overload = Overload()
+        self.notes: list[Event] = []  # written at the sync edge, and part of the last sentence
+        self.lost_samples = self.marks = self.latest_device_ns = 0
+
+    def record_arrival(self, item: Item) -> None:
+        """Restart the silence timer of a stream that delivered samples, update its clock, check the first frame."""
+        if isinstance(item, Samples) and len(item.device_time_ns):
+            self.watchdog.record_arrival(item.stream)
+            self.shortfall.feed(item)
+            if item.stream == "/markers":
+                self.write_loss(self.first_frame.feed(item))  # a loss is known after the sync edge alone
+
+    def write_event(self, kind: str, text: str) -> None:
+        self.writer.write(self.event(kind, text))
+
+    def write_loss(self, loss: Loss | None) -> None:
+        """Count and record samples that the station itself found missing."""
+        if loss is not None:
+            self.lost_samples += loss.count
+            self.writer.write(loss)
+
+    def event(self, kind: str, text: str) -> Event:
+        return Event(kind, text, self.clock.utc_ns(), "station")
+
+    def glitch_event(self, glitch: Edge) -> Event:
+        change = f"the sync line {'spiked' if glitch.rising else 'dipped'} to {glitch.to_v:z.2f} V"
+        place = f"for less than {GLITCH_NS * 1e-6:g} ms at sample {glitch.sample_number}"
+        return self.event("sync_glitch", f"{change} {place}, which starts nothing and ends nothing")
+
+    def silence(self, expected: Sequence[str], since_s: float) -> DeviceFailure | None:
+        """The first expected stream that fell silent, as the failure of its device."""
+        silent = self.watchdog.find_silent_stream(expected, since_s)
+        if silent is None:
+            return None
+        stream = silent.stream
+        found = f"{stream.source} sent nothing on {stream.name} for {silent.silence_s:.1f} s"
+        advice = f"expected {stream.rate_hz:g} samples a second; check the device and its cable"
+        return DeviceFailure(f"{found}, {advice}", self.watchdog.device_of(stream.name), "silent")
