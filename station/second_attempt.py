@@ -122,7 +122,7 @@ def _record(folder: Path, planned: TrialSpec, attempt: Attempt, donnings: _Donni
     try:
         result = attempt(spec, is_new_donning=is_new_donning)
     except CANNOT_BEGIN as error:
-        result = TrialResult(None, False, 0, str(error))
+        result = TrialResult(None, 0, str(error), accepted=False)
     if result.path is None:
         return RecordedTrial(spec, result, None, f"nothing was recorded: {result.sentence}")
     reading = read_alone(result.path, read_protocol(folder))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from queue import Empty
@@ -37,9 +37,9 @@ class Line:
     """
 
     subject: str
-    is_good: bool
+    is_good: bool = field(kw_only=True)
     found: str
-    is_doubtful: bool = False
+    is_doubtful: bool = field(default=False, kw_only=True)
 
 
 class Answers:
@@ -132,13 +132,14 @@ def calibration_line(config: StationConfig, today: date) -> Line:
     cell, subject = config.load_cell, "calibration of the load cell"
     if cell.calibrated_on is None or cell.due_on is None:
         words = "its date is not known; write load_cell.calibrated_on from its certificate"
-        return Line(subject, True, words, is_doubtful=True)
+        return Line(subject, words, is_good=True, is_doubtful=True)
     age = (today - cell.calibrated_on).days
     number = f" of {cell.serial_number}" if cell.serial_number else ""
     words = f"certificate{number} of {cell.calibrated_on}, {age} days old, due on {cell.due_on}"
     if age < 0:
-        return Line(subject, False, f"{words}: it is in the future; correct load_cell.calibrated_on")
-    return Line(subject, today < cell.due_on, words + ("" if today < cell.due_on else "; have it calibrated"))
+        return Line(subject, f"{words}: it is in the future; correct load_cell.calibrated_on", is_good=False)
+    is_current = today < cell.due_on
+    return Line(subject, words + ("" if is_current else "; have it calibrated"), is_good=is_current)
 
 
 def listen(
@@ -172,16 +173,19 @@ def listen(
 
 def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
     lines = [
-        Line(name, name not in answers.errors, answers.errors.get(name) or _answer(answers, name)) for name in names
+        Line(name, answers.errors.get(name) or _answer(answers, name), is_good=name not in answers.errors)
+        for name in names
     ]
     for stream in answers.streams.values():
         rate = answers.rate_hz(stream.name)
         if stream.name == "/markers" and rate == 0:
             words = f"no frames: no capture is running (nominal {stream.rate_hz:g} Hz)"
-            lines.append(Line(stream.name, True, words, is_doubtful=True))
+            lines.append(Line(stream.name, words, is_good=True, is_doubtful=True))
         else:
             good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
-            lines.append(Line(stream.name, good, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}"))
+            lines.append(
+                Line(stream.name, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}", is_good=good)
+            )
     return lines
 
 
@@ -210,7 +214,7 @@ def _force_line(answers: Answers, config: StationConfig) -> list[Line]:
         words += f"; saturated at {limit:.4g} {unit}, check the wiring"
     elif is_loaded:
         words += f", expected within ±{most:.1f} N with the hook empty; unload the rope or correct the amplifier's zero"
-    return [Line("force at rest", good, words, is_doubtful=is_loaded)]
+    return [Line("force at rest", words, is_good=good, is_doubtful=is_loaded)]
 
 
 def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:
@@ -219,7 +223,7 @@ def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:
         return []
     good = level < config.sync.threshold_v
     advice = "" if good else "; expected low until a capture starts: stop the capture or check the polarity"
-    return [Line("sync line", good, f"{level:z.2f} V, threshold {config.sync.threshold_v:g} V{advice}")]
+    return [Line("sync line", f"{level:z.2f} V, threshold {config.sync.threshold_v:g} V{advice}", is_good=good)]
 
 
 def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
@@ -230,7 +234,7 @@ def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
     for name, cuff in config.cuffs.items():
         missing = sorted({*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers} - there)
         found = f"missing {', '.join(missing)}; there are {', '.join(sorted(there))}" if missing else "all labels there"
-        lines.append(Line(f"markers of cuff {name}", not missing, found))
+        lines.append(Line(f"markers of cuff {name}", found, is_good=not missing))
     return lines
 
 
@@ -238,4 +242,4 @@ def _disk_line(folder: Path, needed: float) -> Line:
     free = bytes_free(folder)
     where = folder.resolve() if folder == Path() else folder
     words = f"{free / 1e9:.1f} GB free for {where}, the plan needs {needed / 1e9:.2f} GB"
-    return Line("disk", free >= needed, words)
+    return Line("disk", words, is_good=free >= needed)

@@ -70,7 +70,7 @@ class DeviceFeed:
     def start(self) -> None:
         self._thread.start()
 
-    def request_capture(self, start: bool) -> None:
+    def request_capture(self, *, start: bool) -> None:
         """Asks the device to start or stop the common capture; done by its own thread between two reads."""
         device = self.device
         if isinstance(device, CaptureControl):

@@ -52,4 +52,4 @@ def check_known_mass(
         text += "; the zero is in it, run with --known-mass 0 on the empty cell first"
     elif not good:
         text += "; check the mass, load_cell.capacity_kg, full_scale_v and polarity"
-    return show_lines([Line(f"{mass:g} kg on the load cell", good, text)], console, as_json=as_json)
+    return show_lines([Line(f"{mass:g} kg on the load cell", text, is_good=good)], console, as_json=as_json)

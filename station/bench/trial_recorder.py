@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Protocol
@@ -59,7 +59,7 @@ class TrialResult:
     """What became of one trial; path is None when nothing was recorded."""
 
     path: Path | None
-    accepted: bool
+    accepted: bool = field(kw_only=True)
     lost_samples: int
     sentence: str
     origin: DataOrigin = DataOrigin.UNKNOWN
@@ -146,7 +146,7 @@ class TrialRecorder:
         opened: Sequence[Opened],
     ) -> TrialResult:
         streams = [stream for one in opened for stream in one.streams]
-        device_of = {stream.name: one.device for one in opened for stream in one.streams}
+        device_by_stream = {stream.name: one.device for one in opened for stream in one.streams}
         devices = tuple(one.identity for one in opened)
         if why_not := self._why_not_here(folder, devices):
             raise TrialRefused(why_not)
@@ -165,71 +165,71 @@ class TrialRecorder:
             duration_s,
             self._post_roll_s,
         )
-        session = TrialStateMachine(rules, writer, self._clock)
+        trial = TrialStateMachine(rules, writer, self._clock)
         try:
-            session.arm(streams, device_of)
+            trial.arm(streams, device_by_stream)
             if set_back:
-                session.note("clock_set_back", set_back)
-            self._run(session, feeds, DiskWatch(folder, self._clock))
+                trial.note("clock_set_back", set_back)
+            self._run(trial, feeds, DiskWatch(folder, self._clock))
         except RecordingError as error:
-            session.abandon(str(error))
-        self._show(session)
-        if not session.has_edge:
+            trial.abandon(str(error))
+        self._show(trial)
+        if not trial.has_edge:
             writer.discard()
-            return TrialResult(None, False, 0, session.sentence, manifest.origin)
-        accepted = session.state is TrialState.CLOSED
+            return TrialResult(None, 0, trial.sentence, manifest.origin, accepted=False)
+        accepted = trial.state is TrialState.CLOSED
         try:
-            writer.close(TrialOutcome(accepted, session.state.value, session.sentence))
+            writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence))
         except RecordingError as error:
-            return TrialResult(path, False, session.lost_samples, str(error), manifest.origin)
+            return TrialResult(path, trial.lost_samples, str(error), manifest.origin, accepted=False)
         with suppress(OSError):  # the trial is whole; that nobody can tell whether it stays so is told by every reader
             write_checksums(path)
-        return TrialResult(path, accepted, session.lost_samples, session.sentence, manifest.origin)
+        return TrialResult(path, trial.lost_samples, trial.sentence, manifest.origin, accepted=accepted)
 
-    def _run(self, session: TrialStateMachine, feeds: Feeds | SteppedFeeds, disk: DiskWatch) -> None:
+    def _run(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds, disk: DiskWatch) -> None:
         is_in_control = self._config.mocap.control == "start"
         controllers = [feed for feed in feeds.feeds if feed.can_control_capture and is_in_control]
         capture_asked = False
-        self._show(session)
-        while not session.is_over:
-            self._take(session, feeds)
-            session.tick()
+        self._show(trial)
+        while not trial.is_over:
+            self._take(trial, feeds)
+            trial.tick()
             if warning := disk.warning():
-                session.cut_short("disk_nearly_full", warning)
+                trial.cut_short("disk_nearly_full", warning)
             while not self._marks_asked.empty():
                 self._marks_asked.get()
-                session.mark()
+                trial.mark()
             if self._stops_asked:
-                session.stop(at_once=self._stops_asked > 1)
-            if session.wants_capture_start and not capture_asked:
+                trial.stop(at_once=self._stops_asked > 1)
+            if trial.wants_capture_start and not capture_asked:
                 capture_asked = True
                 for feed in controllers:
                     feed.request_capture(start=True)
-            self._show(session)
+            self._show(trial)
         if capture_asked:
             for feed in controllers:
                 feed.request_capture(start=False)
             feeds.finish_requests()
 
-    def _take(self, session: TrialStateMachine, feeds: Feeds | SteppedFeeds) -> None:
+    def _take(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds) -> None:
         """Hands everything that has come to the trial and the views."""
         try:
             messages = feeds.take()
         except DeviceLost as error:
-            return session.fail(str(error))
+            return trial.fail(str(error))
         for message in messages:
             if isinstance(message, Gone):
-                session.fail(str(message.error), message.device)
+                trial.fail(str(message.error), message.device)
             elif isinstance(message, Delivered):
                 for item in message.items:
-                    session.handle(item)
+                    trial.handle(item)
                     for view in self._views:
                         view.offer(item)
         return None
 
-    def _show(self, session: TrialStateMachine) -> None:
+    def _show(self, trial: TrialStateMachine) -> None:
         for view in self._views:
-            view.show(session.snapshot())
+            view.show(trial.snapshot())
 
     def _manifest(
         self,

@@ -132,7 +132,7 @@ def serve(
         app.add_middleware(AccessMiddleware, token=token)
         app.add_api_route("/beat", _beat)
         app.add_api_route("/report", lambda: _report(desk.folder))
-        app.on_startup(lambda: _announce(address, is_opened))
+        app.on_startup(lambda: _announce(address, is_opened=is_opened))
         app.on_startup(desk.warm_up)
         app.timer(HEARTBEAT_S, desk.look_after)
         ui.run(
@@ -184,7 +184,7 @@ def _report(folder: Path | None) -> Response:
     return FileResponse(folder / "report.html", media_type="text/html")
 
 
-def _announce(address: str, is_opened: bool) -> None:
+def _announce(address: str, *, is_opened: bool) -> None:
     print(address, flush=True)
     if is_opened:
         webbrowser.open(address)

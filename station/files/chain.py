@@ -56,7 +56,12 @@ def chain_of(folder: Path, *, is_report_included: bool = True) -> list[Link]:
     """Every link from report.html to the recordings, by their hashes."""
     files = _Files(folder)
     links = [*_of_report(files)] if is_report_included else []
-    return [*links, *_of_assessment(files), *_of_cuffs(files), *_of_checksums(files, is_report_included)]
+    return [
+        *links,
+        *_of_assessment(files),
+        *_of_cuffs(files),
+        *_of_checksums(files, is_report_included=is_report_included),
+    ]
 
 
 def damage_of(folder: Path) -> list[Link]:
@@ -183,7 +188,7 @@ def _recordings(plain: Mapping[str, Any]) -> dict[str, str]:
     return {name: sha256 for sources in used for name, sha256 in _texts(sources)}
 
 
-def _of_checksums(files: _Files, is_report_included: bool) -> Iterator[Link]:
+def _of_checksums(files: _Files, *, is_report_included: bool) -> Iterator[Link]:
     """What is left: the recordings, and other files that the station wrote."""
     above = {REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE}
     names = {*files.recorded, *(path.name for path in files.folder.glob("*.mcap"))} - above

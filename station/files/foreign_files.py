@@ -95,7 +95,7 @@ def parse_names(pairs: Sequence[str]) -> dict[str, str]:
     return {theirs.strip(): ours.strip() for theirs, ours in (pair.split("=", 1) for pair in pairs)}
 
 
-def read_force(source: ForceSource, has_own_clock: bool = True) -> Force:
+def read_force(source: ForceSource, *, has_own_clock: bool = True) -> Force:
     """The force and, where its clock is not the markers' own, the sync line beside it.
 
     Raises ForeignFile, ImportRefused or WrongImport.

@@ -100,7 +100,14 @@ def import_trial(
     origin = _origin(laid, (force_source.path, marker_source.path), start_utc_ns)
     path = session / spec.file_name(run)
     items = [origin, *_items(laid, force, markers, start_utc_ns)]
-    write_recording(path, manifest, streams, items, TrialOutcome(True, "closed", f"imported from {files}"), files)
+    write_recording(
+        path,
+        manifest,
+        streams,
+        items,
+        TrialOutcome(accepted=True, state="closed", sentence=f"imported from {files}"),
+        files,
+    )
     return Imported(path, (*markers.notes, *laid.notes))
 
 
@@ -168,7 +175,7 @@ def _by_edge(force: Force, markers: MarkerTable, config: StationConfig, files: s
     return _Laid("sync_edge", numbers, rate, force_at, frames, frames_at, 0.0, words, notes)
 
 
-def _by_declaration(force: Force, markers: MarkerTable, files: str, is_one_file: bool) -> _Laid:
+def _by_declaration(force: Force, markers: MarkerTable, files: str, *, is_one_file: bool) -> _Laid:
     numbers, rate = _counted(force.time)
     origin = float(markers.time_s[0])
     frames = np.rint((markers.time_s - origin) * markers.rate_hz).astype(np.int64) + 1

@@ -25,7 +25,7 @@ from station.exit_code import DONE, LOSSY
 from station.progress import busy, progress_bars
 
 
-def show_contents(path: Path, as_json: bool) -> int:
+def show_contents(path: Path, *, as_json: bool) -> int:
     """Prints what is in the file to stdout; returns 0, or 3 where something of it is missing."""
     with busy(f"reading {path.name}"):
         contents, certificate, sentence = _read(path)
@@ -49,7 +49,7 @@ def show_contents(path: Path, as_json: bool) -> int:
     return DONE if is_whole else LOSSY
 
 
-def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
+def recover_recording(path: Path, output: Path | None, *, as_json: bool) -> int:
     """Writes what can be read into a whole file, prints its path; returns 0, or 3 where something stays missing.
 
     A file that is whole is left as it is, and its own path is printed.
@@ -57,7 +57,7 @@ def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
     survey = survey_file(path)
     if not survey.damage and not survey.missing:
         print(f"{path} is whole: there is nothing to recover", file=sys.stderr)
-        print(json.dumps(_recovered(path, path, True, ()), indent=2) if as_json else path)
+        print(json.dumps(_recovered(path, path, (), lossless=True), indent=2) if as_json else path)
         return DONE
     with progress_bars(Console(stderr=True)) as progress:
         size = path.stat().st_size if path.is_file() else 0
@@ -67,13 +67,15 @@ def recover_recording(path: Path, output: Path | None, as_json: bool) -> int:
     for sentence in (*changed_files([path]), *report.sentences()):
         print(sentence, file=sys.stderr)
     if as_json:
-        print(json.dumps(_recovered(report.source, report.output, report.lossless, report.sentences()), indent=2))
+        print(
+            json.dumps(_recovered(report.source, report.output, report.sentences(), lossless=report.lossless), indent=2)
+        )
     else:
         print(report.output)
     return DONE if report.lossless and not report.damage else LOSSY
 
 
-def _recovered(source: Path, output: Path, lossless: bool, missing: Sequence[str]) -> dict[str, Any]:
+def _recovered(source: Path, output: Path, missing: Sequence[str], *, lossless: bool) -> dict[str, Any]:
     return {"source": str(source), "output": str(output), "lossless": lossless, "missing": list(missing)}
 
 

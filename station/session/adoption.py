@@ -40,7 +40,7 @@ def _account_of(path: Path) -> Recorded:
             path, words = report.output, "; ".join(("the recorder was killed in mid trial", *report.sentences()))
         manifest, outcome = recording.manifest, recording.outcome
     except RecordingError as error:
-        return Recorded(path.name, None, "unreadable", 0, "", False, 0, str(error))
+        return Recorded(path.name, None, "unreadable", 0, "", accepted=False, lost_samples=0, sentence=str(error))
     cuff = manifest.cuff.name if manifest.cuff else None
     is_accepted = not words and outcome is not None and outcome.accepted
     said = words or (outcome.sentence if outcome else "")

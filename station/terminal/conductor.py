@@ -119,10 +119,10 @@ class Conductor:
         return request
 
     def _answer(self, sentence: str) -> None:
-        self._face.tell(Answered(False, sentence))
+        self._face.tell(Answered(sentence, is_refused=False))
 
     def _refuse(self, sentence: str) -> None:
-        self._face.tell(Answered(True, sentence))
+        self._face.tell(Answered(sentence, is_refused=True))
 
     def _tell_once(self, event: Event) -> None:
         """What was told since the last trial already is not told again."""

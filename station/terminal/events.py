@@ -5,7 +5,7 @@ Fields carry their unit in the name; sentences are for people, everything a prog
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 from station.journal import Choice
@@ -155,7 +155,7 @@ class Answered:
     """To a command: what comes of it, or why it cannot be."""
 
     event: ClassVar[str] = "answer"
-    is_refused: bool
+    is_refused: bool = field(kw_only=True)
     sentence: str
 
 

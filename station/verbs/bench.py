@@ -160,7 +160,7 @@ def _record_trial(
             from station.viewer.log import open_rerun
 
             rope = config.cuffs[spec.cuff].rope_markers if spec.cuff in config.cuffs else ()
-            views += open_rerun(stack, rrd, rerun, rope)
+            views += open_rerun(stack, rrd, rope, has_viewer=rerun)
         daemon = TrialRecorder(config, clock, views, why_not_here=why_not_here)
         _stop_on_signals(daemon)
         try:

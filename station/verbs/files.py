@@ -66,7 +66,7 @@ def replay(
             from station.viewer.log import open_rerun
             from station.viewer.scene import log_scene
 
-            logs = open_rerun(stack, rrd, rerun, subject.rope_markers if subject else ())
+            logs = open_rerun(stack, rrd, subject.rope_markers if subject else (), has_viewer=rerun)
             result = play_back(file, folder, speed, [*views, *logs])
             for log in logs:
                 log_scene(log.stream, file, log.edge_ns, log.framed)

@@ -34,7 +34,7 @@ Columns = list[tuple[NDArray[np.int64], NDArray[np.floating]]]
 """Host times [ns], and values at them."""
 
 
-def open_rerun(stack: ExitStack, path: Path | None, has_viewer: bool, rope: tuple[str, ...]) -> list[RerunLog]:
+def open_rerun(stack: ExitStack, path: Path | None, rope: tuple[str, ...], *, has_viewer: bool) -> list[RerunLog]:
     """The views that were asked for: file, viewer, both or none. Raises ViewerError if the viewer does not start."""
     sinks: list[Path | str] = [] if path is None else [path]
     if has_viewer:

@@ -39,7 +39,9 @@ def waist(fitted: SessionFit) -> CuffFit:
 def test_the_report_is_written_of_what_there_is(
     fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    failed = RecordedTrial(TrialSpec("hand", "static", 2), TrialResult(None, False, 0, "-"), None, "no edge came")
+    failed = RecordedTrial(
+        TrialSpec("hand", "static", 2), TrialResult(None, 0, "-", accepted=False), None, "no edge came"
+    )
 
     def fit(_folder: Path, output: Path, *_: object) -> SessionFit:
         output.write_text(fitted.to_json(), encoding="utf-8")

@@ -38,8 +38,8 @@ class FakeBench:
         path.write_bytes(b"")
         self.problems[path.name] = str(outcome)
         if isinstance(outcome, TrialResult):
-            return TrialResult(path, outcome.accepted, outcome.lost_samples, outcome.sentence)
-        return TrialResult(path, True, 0, "the capture ended")
+            return TrialResult(path, outcome.lost_samples, outcome.sentence, accepted=outcome.accepted)
+        return TrialResult(path, 0, "the capture ended", accepted=True)
 
 
 @dataclass
@@ -71,7 +71,7 @@ def test_a_plan_without_problems_is_recorded_once_and_nothing_is_said(run, tmp_p
 
 
 def test_a_trial_that_is_not_accepted_is_recorded_again_and_set_aside(run, tmp_path: Path) -> None:
-    ran = run(GOOD, GOOD, TrialResult(tmp_path, False, 0, "QTM went silent"))
+    ran = run(GOOD, GOOD, TrialResult(tmp_path, 0, "QTM went silent", accepted=False))
     assert [trial.problem for trial in ran.trials] == [GOOD] * 3
     assert ran.trials[2].result.path == tmp_path / "cuff-hand_test-dynamic_run-2.mcap"
     (said,) = ran.said
@@ -125,6 +125,6 @@ def test_a_trial_that_cannot_begin_is_tried_twice(run, tmp_path: Path, error: Ex
 
 
 def test_the_first_recording_still_counts_where_the_second_attempt_records_nothing(run, tmp_path: Path) -> None:
-    ran = run(GOOD, GOOD, "too short a swing", TrialResult(None, False, 0, "no edge came"))
+    ran = run(GOOD, GOOD, "too short a swing", TrialResult(None, 0, "no edge came", accepted=False))
     assert "no edge came" in ran.trials[2].problem
     assert read_journal(tmp_path).redone == {}

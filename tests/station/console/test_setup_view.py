@@ -23,9 +23,9 @@ def test_what_could_be_read_in_two_senses_is_refused(typed: str) -> None:
 @pytest.mark.parametrize(
     ("line", "grade"),
     [
-        (Line("disk", True, "74 GB free"), "good"),
-        (Line("/markers", True, "no frames: no capture is running", is_doubtful=True), "doubtful"),
-        (Line("NI Dev1", False, "did not answer"), "bad"),
+        (Line("disk", "74 GB free", is_good=True), "good"),
+        (Line("/markers", "no frames: no capture is running", is_good=True, is_doubtful=True), "doubtful"),
+        (Line("NI Dev1", "did not answer", is_good=False), "bad"),
     ],
 )
 def test_only_what_was_checked_and_is_right_is_green(line: Line, grade: str) -> None:
