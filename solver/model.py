@@ -306,11 +306,12 @@ class CoordinateForce:
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """A named point of a body, location (3,) [m] in it."""
+    """A named point of a body, location (3,) [m] in it; one that is fixed stays there when a model is scaled."""
 
     name: str
     body: int
     location: Array
+    is_fixed: bool = False
 
     def __post_init__(self) -> None:
         _freeze(self, location=(3,))

@@ -28,7 +28,8 @@ WAY = {
     "At the bench": (bench.simulate, bench.check, bench.record, whole.serve),
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
-    "From markers to muscles": (kinematics.ik, muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
+    "The body in motion": (kinematics.scale, kinematics.ik),
+    "The suit on the muscles": (muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
     "Report": (whole.report, whole.verify),
 }
 """Where on the way, from left to right → its verbs."""

@@ -80,6 +80,11 @@ def read_ik_setup(path: Path) -> IkSetup:
     tool = read_document(path).find("InverseKinematicsTool")
     if tool is None:
         raise ModelError(f"{path.name} should hold an InverseKinematicsTool and does not; take OpenSim's set-up of it")
+    return ik_setup_of(path, tool)
+
+
+def ik_setup_of(path: Path, tool: Element) -> IkSetup:
+    """Of the element of a file that holds an IKTaskSet: an InverseKinematicsTool, or a ScaleTool's MarkerPlacer."""
     tasks = [task for task in tool.objects("IKTaskSet") if task.word("apply", "true") == "true"]
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")

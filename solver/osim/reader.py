@@ -91,7 +91,8 @@ def _model(element: Element) -> Model:
 
 
 def _marker(element: Element, names: Names) -> Marker:
-    return Marker(element.name, *names.station(element, "socket_parent_frame", "location"))
+    is_fixed = element.word("fixed", "false") == "true"
+    return Marker(element.name, *names.station(element, "socket_parent_frame", "location"), is_fixed)
 
 
 def _refuse(element: Element) -> None:

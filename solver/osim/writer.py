@@ -24,6 +24,7 @@ from solver.model import (
     Constraint,
     Coordinate,
     CoordinateActuator,
+    CoordinateLock,
     Joint,
     Model,
     ModelError,
@@ -59,6 +60,9 @@ def osim_document(model: Model) -> Xml.Element:
     for joint in model.joints:
         _add_joint(objects_of(written, "JointSet"), model, joint)
     for constraint in model.constraints:
+        if isinstance(constraint, CoordinateLock):
+            _lock(written, model.coordinate_names[constraint.coordinate], constraint.value)
+            continue
         _add_constraint(objects_of(written, "ConstraintSet"), model, constraint)
     for muscle in model.muscles:
         _add_muscle(objects_of(written, "ForceSet"), model, muscle)
@@ -67,6 +71,7 @@ def osim_document(model: Model) -> Xml.Element:
     for marker in model.markers:
         made = add(objects_of(written, "MarkerSet"), "Marker", marker.name)
         add_values(made, socket_parent_frame=frame_of(model.bodies, marker.body), location=marker.location)
+        add_values(made, fixed="true" if marker.is_fixed else "false")
     return root
 
 
@@ -198,9 +203,18 @@ def _add_function(holder: Xml.Element, function: Function, where: str) -> None:
         add_values(add(holder, "PolynomialFunction", "function"), coefficients=function.coefficients[0, ::-1])
 
 
+def _lock(written: Xml.Element, name: str, value: float) -> None:
+    """A lock is a property of its coordinate, at the default value."""
+    coordinate = next(each for each in written.iter("Coordinate") if each.get("name") == name)
+    coordinate.remove(coordinate.find("default_value"))  # type: ignore[arg-type]
+    add_values(coordinate, default_value=value, locked="true")
+
+
 def _add_constraint(objects: Xml.Element, model: Model, constraint: Constraint) -> None:
     if not isinstance(constraint, PointConstraint):
-        raise ModelError(f"the writer of .osim has only point constraints, and {model.name} has {constraint.name}")
+        raise ModelError(
+            f"the writer of .osim has only point constraints and locks, and {model.name} has {constraint.name}"
+        )
     add_values(
         add(objects, "PointConstraint", constraint.name),
         socket_body_1=frame_of(model.bodies, constraint.body_1),

@@ -62,8 +62,8 @@ class SolvedPostures:
 def solve_postures(inputs: IkInputs) -> SolvedPostures:
     """Raises ModelError, MotionError, ForeignFile for files that do not fit together."""
     setup = None if inputs.setup is None else read_ik_setup(inputs.setup)
-    model = model_of(str(inputs.model or _named(setup.model_file if setup else None, "model", "--model")))
-    file = inputs.markers or _named(setup.marker_file if setup else None, "markers' file", "--markers")
+    model = model_of(str(inputs.model or named_file(setup.model_file if setup else None, "model", "--model")))
+    file = inputs.markers or named_file(setup.marker_file if setup else None, "markers' file", "--markers")
     table = read_trc(file, tracked=setup.markers if setup else [marker.name for marker in model.markers])
     low, high = setup.time_range if setup else (-math.inf, math.inf)
     kept = (table.time_s >= max(low, inputs.start) - 1e-6) & (table.time_s <= min(high, inputs.end) + 1e-6)
@@ -119,7 +119,7 @@ def _noise(observed: Array) -> Array:
     return np.where(np.isfinite(found), found, usual)
 
 
-def _named(path: Path | None, what: str, option: str) -> Path:
+def named_file(path: Path | None, what: str, option: str) -> Path:
     if path is None:
         raise ModelError(f"which {what} is not said: neither the set-up nor {option} names one; add {option}")
     return path

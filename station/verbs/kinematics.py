@@ -1,4 +1,4 @@
-"""From markers to postures: ik."""
+"""From markers to bodies and postures: scale, ik."""
 
 from __future__ import annotations
 
@@ -10,6 +10,29 @@ import typer
 
 from station.exit_code import DONE, LOSSY
 from station.verbs.options import say
+
+
+def scale(
+    setup: Annotated[Path, typer.Option(help="OpenSim's ScaleTool (.xml): measurements, manual factors, mass.")],
+    output: Annotated[Path, typer.Option(help="The scaled model: .osim.")],
+    model: Annotated[str | None, typer.Option(help='The generic model: .osim or "bundled".')] = None,
+    markers: Annotated[Path | None, typer.Option(help="A .trc file; default: the set-up's.")] = None,
+    joined_points: Annotated[
+        bool,
+        typer.Option(
+            "--scale-joined-points/--keep-joined-points",
+            help="Stretch the points that a constraint joins, too; OpenSim keeps them.",
+        ),
+    ] = True,
+) -> None:
+    """Scale a model to a person by distances between markers. Prints the file's path."""
+    from station.kinematics.scale import ScaleInputs, scale_body, summary, write_body
+
+    body = scale_body(ScaleInputs(setup, model, markers, joined_points))
+    for line in (*body.notes, *summary(body)):
+        say(line)
+    write_body(output, body)
+    print(output)
 
 
 def ik(

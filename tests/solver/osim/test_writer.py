@@ -13,7 +13,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.functions.coordinate import Sine, polynomial
 from solver.functions.fibre import ThelenCurves
-from solver.model import BallMotion, CoordinateForce, CoordinateLock, Model, ModelError
+from solver.model import BallMotion, CoordinateCoupler, CoordinateForce, CoordinateLock, Model, ModelError
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 
@@ -66,12 +66,28 @@ def test_limits_and_higher_polynomials_come_back_too(tmp_path: Path) -> None:
     assert_same((changed.joints, changed.actuators), (back.joints, back.actuators))
 
 
+def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path: Path) -> None:
+    clamped = (*MODEL.coordinates[:3], replace(MODEL.coordinates[3], is_clamped=True), *MODEL.coordinates[4:])
+    fixed = (replace(MODEL.markers[0], is_fixed=True), *MODEL.markers[1:])
+    lock = CoordinateLock(MODEL.coordinate_names[5], 5, 0.25)
+    back = read_back(
+        replace(MODEL, coordinates=clamped, markers=fixed, constraints=(*MODEL.constraints, lock)), tmp_path
+    )
+    assert [each.is_clamped for each in back.coordinates] == [each.is_clamped for each in clamped]
+    assert [each.is_fixed for each in back.markers] == [each.is_fixed for each in fixed]
+    assert [each.value for each in back.constraints if isinstance(each, CoordinateLock)] == [0.25]
+    assert back.coordinates[5].default == 0.25
+
+
 @pytest.mark.parametrize(
     ("model", "sentence"),
     [
         (with_shoulder(BallMotion((6, 7, 8), ())), "no ball and free joints, and thoracoscapular has"),
         (with_shoulder(moved_by(Sine(1, 1, 0, 0))), "has only polynomials"),
-        (replace(MODEL, constraints=(CoordinateLock("still", 3, 0.0),)), "only point constraints, .* has still"),
+        (
+            replace(MODEL, constraints=(CoordinateCoupler("follows", 3, 4, polynomial([0.0])),)),
+            "only point constraints and locks, .* has follows",
+        ),
         (
             replace(MODEL, muscles=(replace(MODEL.muscles[0], curves=ThelenCurves()),)),
             "only Millard's muscles, and thoracoscapular has TrapeziusScapula_M",

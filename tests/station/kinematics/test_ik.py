@@ -47,8 +47,10 @@ def random_postures_near(wanted: np.ndarray) -> np.ndarray:
     return np.array([assemble(MODEL, posture) for posture in wanted])
 
 
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: object) -> tuple[int, str]:
-    monkeypatch.setattr("sys.argv", ["station", "ik", *map(str, words)])
+def run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: object, verb: str = "ik"
+) -> tuple[int, str]:
+    monkeypatch.setattr("sys.argv", ["station", verb, *map(str, words)])
     with pytest.raises(SystemExit) as ended:
         main()
     told = capsys.readouterr()

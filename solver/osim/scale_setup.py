@@ -1,0 +1,147 @@
+"""OpenSim's set-up of scaling: which distances between markers, and which factors by hand, stretch which bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.inverse_kinematics.solve import assemble
+from solver.model import Model, ModelError
+from solver.multibody.postures import points_in_ground, postures
+from solver.osim.document import Element, read_document
+from solver.osim.ik_setup import IkSetup, ik_setup_of
+
+Array = NDArray[np.float64]
+AXES = "XYZ"
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Distances between markers, as pairs of names, and the axes (0, 1, 2) of each body that they stretch."""
+
+    name: str
+    pairs: tuple[tuple[str, str], ...]
+    axes: Mapping[str, tuple[int, ...]]
+
+    def factor(self, model: Model, at: Mapping[str, Array], seen: Mapping[str, Array]) -> float:
+        """Mean over the pairs of the mean measured distance over the model's.
+
+        at: name → (3,) in the model's default posture; seen: name → (frames, 3), NaN where hidden. Raises ModelError.
+        """
+        ratios = []
+        for pair in self.pairs:
+            for name in pair:
+                if name not in at or name not in seen:
+                    where = f"the model {model.name}" if name not in at else "the markers' file"
+                    raise ModelError(f"measurement {self.name} needs the marker {name}, which {where} lacks; add it")
+            apart = np.linalg.norm(seen[pair[0]] - seen[pair[1]], axis=1)
+            if not np.isfinite(apart).any():
+                raise ModelError(
+                    f"measurement {self.name}: {' and '.join(pair)} are never seen together in the time range; choose "
+                    "another"
+                )
+            ratios.append(float(np.nanmean(apart) / np.linalg.norm(at[pair[0]] - at[pair[1]])))
+        return float(np.mean(ratios))
+
+
+@dataclass(frozen=True)
+class ScaleSetup:
+    """A ScaleTool. Files are as the set-up names them.
+
+    order       of "measurements" and "manualScale", later ones overwrite;  manual: name of a body → its factors (3,)
+    mass        of the scaled model [kg], None to keep what follows from the factors
+    time_range  first and last second of the markers;  placement: the tasks that place markers, None for none
+    """
+
+    measurements: tuple[Measurement, ...]
+    manual: Mapping[str, Array]
+    order: tuple[str, ...]
+    mass: float | None
+    keeps_masses: bool
+    time_range: tuple[float, float]
+    marker_file: Path | None
+    model_file: Path | None
+    placement: IkSetup | None
+
+    def factors(self, model: Model, labels: Sequence[str], observed: Array) -> dict[str, Array]:
+        """Name of a body → (3,) along its axes, of observed markers (frames, labels, 3) [m] within the time range.
+
+        Raises ModelError for a body or a marker that is missing.
+        """
+        seen = {label: observed[:, k] for k, label in enumerate(labels)}
+        posture = assemble(model)[None]
+        state = postures(model, posture, np.zeros_like(posture))
+        at = {marker.name: points_in_ground(state, marker.body, marker.location)[0] for marker in model.markers}
+        factors: dict[str, Array] = {}
+        for step in self.order:
+            if step == "measurements":
+                for measurement in self.measurements:
+                    factor = measurement.factor(model, at, seen)
+                    for body, axes in measurement.axes.items():
+                        factors.setdefault(body, np.ones(3))[list(axes)] = factor
+            else:
+                factors |= {body: given.copy() for body, given in self.manual.items()}
+        for body in factors:
+            model.body_index(body)
+        return factors
+
+
+def read_scale_setup(path: Path) -> ScaleSetup:
+    """Read a ScaleTool; ModelError, with the line, for what is none or cannot be read."""
+    tool = read_document(path).find("ScaleTool")
+    if tool is None:
+        raise ModelError(f"{path.name} should hold a ScaleTool and does not; take OpenSim's set-up of it")
+    scaler = tool.child("ModelScaler")
+    order = tuple(scaler.word("scaling_order", "measurements manualScale").split())
+    if set(order) - {"measurements", "manualScale"}:
+        raise scaler.refusal(f"has scaling_order {' '.join(order)}, expected measurements and manualScale")
+    mass = tool.number("mass", "-1")
+    first, last = scaler.numbers("time_range", 2, "-inf inf")
+    placer, maker = tool.find("MarkerPlacer"), tool.find("GenericModelMaker")
+    is_placed = placer is not None and _is_applied(placer)
+    return ScaleSetup(
+        tuple(_measurement(each) for each in scaler.objects("MeasurementSet") if _is_applied(each)),
+        {_segment(each): each.numbers("scales", 3) for each in scaler.objects("ScaleSet") if _is_applied(each)},
+        order if _is_applied(scaler) else (),
+        mass if mass > 0 else None,
+        scaler.word("preserve_mass_distribution", "false") == "true",
+        (float(first), float(last)),
+        _file(path, scaler, "marker_file"),
+        _file(path, maker, "model_file") if maker is not None else None,
+        ik_setup_of(path, placer) if placer is not None and is_placed else None,
+    )
+
+
+def _measurement(element: Element) -> Measurement:
+    pairs = []
+    for pair in element.objects("MarkerPairSet"):
+        names = pair.word("markers", "").split()
+        if len(names) != 2:
+            raise pair.refusal(f"should name two markers and names {len(names)}")
+        pairs.append((names[0], names[1]))
+    axes = {}
+    for body in element.objects("BodyScaleSet"):
+        words = body.word("axes", "").split()
+        if not words or set(words) - set(AXES):
+            raise body.refusal(f"should name axes of X, Y and Z and names {' '.join(words) or 'none'}")
+        axes[body.name] = tuple(AXES.index(word) for word in words)
+    if not pairs:
+        raise element.refusal("has no pair of markers")
+    return Measurement(element.name, tuple(pairs), axes)
+
+
+def _segment(element: Element) -> str:
+    return element.child("segment").text
+
+
+def _is_applied(element: Element) -> bool:
+    return element.word("apply", "true") == "true"
+
+
+def _file(path: Path, element: Element, tag: str) -> Path | None:
+    named = element.word(tag, "")
+    return path.parent / named if named and named != "Unassigned" else None

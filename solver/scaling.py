@@ -1,0 +1,204 @@
+"""A model of another size: every body stretched along its own axes, as OpenSim's ScaleTool does it (OpenSim 4.6).
+
+Factors belong to bodies; what is fixed to a body is stretched with it, component by component. Muscles keep their
+maximum isometric force and pennation; fibres and tendons grow with the length of the path in the default posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solver.functions.coordinate import PiecewisePolynomial, scaled
+from solver.inverse_kinematics.solve import assemble
+from solver.model import (
+    AnyPathPoint,
+    AxisMotion,
+    Body,
+    Constraint,
+    Joint,
+    Model,
+    ModelError,
+    MovingPathPoint,
+    Muscle,
+    Placement,
+    PointConstraint,
+    ScapulothoracicMotion,
+    WrapSurface,
+)
+from solver.multibody.postures import postures
+from solver.paths import evaluate_paths
+
+Array = NDArray[np.float64]
+Factors = Array
+"""(bodies, 3), 1 where a body keeps its size along an axis."""
+
+ALIKE = 1e-12  # of factors that count as equal: then inertia is scaled exactly
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How a model is to be stretched.
+
+    factors         (3,) by the name of a body, along its own axes; a body without factors keeps its size
+    mass            of the whole model afterwards [kg]; None leaves what follows from the factors. Of a model of thorax
+                    and one arm it is no subject's mass
+    keeps_masses    masses keep their ratios; otherwise each body's grows with its volume
+    scales_joined_points  points that a constraint joins are stretched with their bodies. OpenSim leaves them, which
+                    moves the shoulder girdle when the model is assembled; False is its way
+    """
+
+    factors: Mapping[str, ArrayLike] = field(default_factory=dict)
+    mass: float | None = None
+    keeps_masses: bool = False
+    scales_joined_points: bool = True
+
+
+def scale_model(model: Model, scaling: Scaling) -> Model:
+    """The stretched model. Raises ModelError for factors that are not above zero, or of a body it does not have."""
+    factors = _factors(model, scaling)
+    stretched = replace(
+        model,
+        bodies=_masses_to([_body(b, s, scaling) for b, s in zip(model.bodies, factors, strict=True)], scaling.mass),
+        joints=tuple(_joint(joint, factors) for joint in model.joints),
+        surfaces=tuple(_surface(surface, factors[surface.body]) for surface in model.surfaces),
+        markers=tuple(replace(marker, location=marker.location * factors[marker.body]) for marker in model.markers),
+        constraints=tuple(_constraint(each, factors, scaling) for each in model.constraints),
+        muscles=tuple(_with_path(muscle, factors) for muscle in model.muscles),
+    )
+    before, after = _default_lengths(model), _default_lengths(stretched)
+    muscles = [_grown(muscle, ratio) for muscle, ratio in zip(stretched.muscles, after / before, strict=True)]
+    return replace(stretched, muscles=tuple(muscles))
+
+
+def _factors(model: Model, scaling: Scaling) -> Factors:
+    factors = np.ones((len(model.bodies), 3))
+    for name, given in scaling.factors.items():
+        one = np.asarray(given, dtype=np.float64)
+        if one.shape != (3,) or not (np.isfinite(one).all() and one.min() > 0):
+            raise ModelError(f"the scale factors of {name} should be three numbers above zero and are {given!r}")
+        factors[model.body_index(name)] = one
+    if scaling.mass is not None and not (np.isfinite(scaling.mass) and scaling.mass > 0):
+        raise ModelError(f"the scaled model's mass should be above zero [kg] and is {scaling.mass}")
+    return factors
+
+
+def _body(body: Body, s: Array, scaling: Scaling) -> Body:
+    mass = body.mass if scaling.keeps_masses else body.mass * float(np.prod(s))
+    return Body(body.name, mass, body.mass_center * s, _inertia(body, mass, s))
+
+
+def _inertia(body: Body, mass: float, s: Array) -> Array:
+    """Of equal factors exactly; otherwise as of a cylinder along the axis about which the inertia is least."""
+    if body.mass == 0.0:
+        return np.zeros((3, 3))
+    ratio = mass / body.mass
+    if np.ptp(s) < ALIKE:
+        alike: Array = body.inertia * (ratio * s[0] ** 2)
+        return alike
+    moments = np.diag(body.inertia)
+    axis = int(np.argmin(moments))
+    other = 1 if axis == 0 else 0
+    radius_squared = max(0.0, 2.0 * moments[axis] / body.mass)
+    length_squared = max(0.0, 12.0 * (moments[other] / body.mass - 0.25 * radius_squared))
+    length_squared *= s[axis] ** 2
+    radius_squared *= float(np.prod(np.delete(s, axis)))
+    inertia: Array = body.inertia * np.outer(s, s) * ratio
+    np.fill_diagonal(inertia, mass * (3.0 * radius_squared + length_squared) / 12.0)
+    inertia[axis, axis] = 0.5 * mass * radius_squared
+    return inertia
+
+
+def _masses_to(bodies: list[Body], total: float | None) -> tuple[Body, ...]:
+    """All masses and inertias times one number."""
+    if total is None:
+        return tuple(bodies)
+    ratio = total / sum(body.mass for body in bodies)
+    return tuple(Body(body.name, ratio * body.mass, body.mass_center, ratio * body.inertia) for body in bodies)
+
+
+def _joint(joint: Joint, factors: Factors) -> Joint:
+    parent, child = factors[joint.parent], factors[joint.child]
+    motion = joint.motion
+    if isinstance(motion, ScapulothoracicMotion):
+        motion = replace(motion, radii=motion.radii * parent, winging_origin=motion.winging_origin * child[:2])
+    elif isinstance(motion, AxisMotion):
+        functions = tuple(
+            function if index < 3 or _is_plain(function) else scaled(function, float(np.abs(axis) @ parent))
+            for index, (axis, function) in enumerate(zip(motion.axes, motion.functions, strict=True))
+        )
+        motion = replace(motion, functions=functions)
+    return replace(
+        joint,
+        frame_in_parent=_moved(joint.frame_in_parent, parent),
+        frame_in_child=_moved(joint.frame_in_child, child),
+        motion=motion,
+    )
+
+
+def _is_plain(function: object) -> bool:
+    """Whether the axis moves by the coordinate itself: a degree of freedom, which has no size."""
+    if not isinstance(function, PiecewisePolynomial):
+        return False
+    value, slope, bend = function.derivatives(np.array([-1.0, 0.0, 1.0]))
+    return bool(np.array_equal(value, [-1.0, 0.0, 1.0]) and np.all(slope == 1.0) and not bend.any())
+
+
+def _moved(placement: Placement, s: Array) -> Placement:
+    return Placement(placement.rotation, placement.translation * s)
+
+
+def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
+    columns = np.linalg.norm(s[:, None] * surface.placement.rotation, axis=0)
+    if surface.kind == "sphere":
+        grown = np.full(3, s.mean())
+    elif surface.kind == "cylinder":
+        across = columns[:2].mean()
+        grown = np.array([across, across, columns[2]])
+    else:
+        grown = columns
+    return replace(surface, placement=_moved(surface.placement, s), dimensions=surface.dimensions * grown)
+
+
+def _constraint(constraint: Constraint, factors: Factors, scaling: Scaling) -> Constraint:
+    if not (isinstance(constraint, PointConstraint) and scaling.scales_joined_points):
+        return constraint
+    return replace(
+        constraint,
+        location_1=constraint.location_1 * factors[constraint.body_1],
+        location_2=constraint.location_2 * factors[constraint.body_2],
+    )
+
+
+Fixed = TypeVar("Fixed", bound=AnyPathPoint)
+
+
+def _with_path(muscle: Muscle, factors: Factors) -> Muscle:
+    points = tuple(_point(point, factors[point.body]) for point in muscle.path.points)
+    return replace(muscle, path=replace(muscle.path, points=points))
+
+
+def _point(point: Fixed, s: Array) -> Fixed:
+    if not isinstance(point, MovingPathPoint):
+        return replace(point, location=point.location * s)
+    x, y, z = (scaled(function, float(factor)) for function, factor in zip(point.functions, s, strict=True))
+    return replace(point, placement=_moved(point.placement, s), functions=(x, y, z))
+
+
+def _default_lengths(model: Model) -> Array:
+    """(muscles,) [m] in the default posture, assembled."""
+    posture = assemble(model)[None]
+    lengths: Array = evaluate_paths(model, postures(model, posture, np.zeros_like(posture))).lengths[0]
+    return lengths
+
+
+def _grown(muscle: Muscle, ratio: float) -> Muscle:
+    return replace(
+        muscle,
+        optimal_fiber_length=muscle.optimal_fiber_length * ratio,
+        tendon_slack_length=muscle.tendon_slack_length * ratio,
+    )

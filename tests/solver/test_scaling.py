@@ -1,0 +1,121 @@
+"""Scaling: what a body twice as large must have, by geometry alone, and what is told of one that does not fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recordings.exchange.trc import read_trc
+from solver.bundled import bundled_model
+from solver.inverse_kinematics.solve import TrackingTasks, assemble
+from solver.marker_placement import place_markers
+from solver.model import ModelError, PointConstraint
+from solver.multibody.postures import postures
+from solver.osim.reader import read_osim
+from solver.osim.scale_setup import read_scale_setup
+from solver.paths import evaluate_paths
+from solver.scaling import Scaling, scale_model
+from solver.scaling_findings import ScalingCode, check_scaling
+from tests.solver.inverse_kinematics.marked import seen_from
+from tests.solver.references import SHARED
+
+MODEL = bundled_model()
+BODIES = [body.name for body in MODEL.bodies[1:]]
+SIZE = 1.05
+
+
+def test_a_body_that_is_larger_in_all_directions_is_similar() -> None:
+    """Lengths grow with the size, masses with its cube, inertias with its fifth power, angles stay."""
+    model = replace(MODEL, muscles=MODEL.muscles)
+    scaled = scale_model(model, Scaling(dict.fromkeys(["ground", *BODIES], [SIZE] * 3)))
+    for old, new in zip(MODEL.bodies, scaled.bodies, strict=True):
+        assert new.mass == pytest.approx(old.mass * SIZE**3)
+        np.testing.assert_allclose(new.inertia, old.inertia * SIZE**5, rtol=1e-12, atol=1e-18)
+    angles = [coordinate.motion == "rotation" for coordinate in MODEL.coordinates]
+    q = np.where(angles, assemble(MODEL), SIZE * assemble(MODEL))[None]
+    old, new = (
+        evaluate_paths(each, postures(each, posture, np.zeros_like(posture))).lengths[0]
+        for each, posture in ((MODEL, assemble(MODEL)[None]), (scaled, q))
+    )
+    np.testing.assert_allclose(new, SIZE * old, rtol=1e-4)  # OpenSim's wrapping stops at lengths, not at parts of them
+    for before, after in zip(MODEL.muscles, scaled.muscles, strict=True):
+        assert after.optimal_fiber_length == pytest.approx(SIZE * before.optimal_fiber_length, rel=1e-4)
+        assert after.max_isometric_force == before.max_isometric_force
+
+
+def test_joined_points_are_stretched_unless_asked_otherwise() -> None:
+    factors = {"clavicle": [1.1, 1.0, 0.9]}
+    ours, theirs = (scale_model(MODEL, Scaling(factors, scales_joined_points=each)) for each in (True, False))
+    joints = [next(c for c in each.constraints if isinstance(c, PointConstraint)) for each in (MODEL, ours, theirs)]
+    clavicle = MODEL.body_index("clavicle")
+    side = "location_1" if joints[0].body_1 == clavicle else "location_2"
+    np.testing.assert_allclose(getattr(joints[1], side), getattr(joints[0], side) * factors["clavicle"])
+    np.testing.assert_array_equal(getattr(joints[2], side), getattr(joints[0], side))
+
+
+def test_masses_reach_the_total_and_keep_their_ratios_where_asked() -> None:
+    factors = {"thorax": [1.2, 1.0, 1.0]}
+    total = sum(body.mass for body in MODEL.bodies)
+    grown = scale_model(MODEL, Scaling(factors, mass=2 * total))
+    kept = scale_model(MODEL, Scaling(factors, mass=2 * total, keeps_masses=True))
+    for scaled in (grown, kept):
+        assert sum(body.mass for body in scaled.bodies) == pytest.approx(2 * total)
+    hand = MODEL.body_index("hand")
+    assert kept.bodies[hand].mass == pytest.approx(2 * MODEL.bodies[hand].mass)
+    assert grown.bodies[hand].mass < 2 * MODEL.bodies[hand].mass
+
+
+@pytest.mark.parametrize(
+    ("scaling", "said"),
+    [
+        (Scaling({"wing": [1, 1, 1]}), "no body wing"),
+        (Scaling({"thorax": [1, 0, 1]}), "three numbers above zero"),
+        (Scaling({"thorax": [1, 1]}), "three numbers above zero"),
+        (Scaling({}, mass=-30.0), "mass should be above zero"),
+    ],
+)
+def test_factors_that_are_none_are_refused(scaling: Scaling, said: str) -> None:
+    with pytest.raises(ModelError, match=said):
+        scale_model(MODEL, scaling)
+
+
+def test_a_thorax_that_grows_alone_is_told() -> None:
+    assert check_scaling(MODEL, MODEL) == ()
+    scaled = scale_model(MODEL, Scaling({"thorax": [1.6, 1.0, 1.6]}))
+    codes = {finding.code for finding in check_scaling(MODEL, scaled)}
+    assert {ScalingCode.POINT_INSIDE_SURFACE, ScalingCode.PATH_LENGTH} & codes
+
+
+def test_free_markers_move_to_where_they_were_seen_and_fixed_ones_stay() -> None:
+    model = replace(MODEL, markers=tuple(replace(each, is_fixed=k % 2 == 0) for k, each in enumerate(MODEL.markers)))
+    seen = seen_from(model, assemble(model)[None])[0]
+    offset = np.where(np.arange(len(seen)) % 2 == 0, 0.0, 0.01)[:, None]
+    labels = [marker.name for marker in model.markers]
+    fixed = tuple(marker for marker in model.markers if marker.is_fixed)
+    placed = place_markers(model, labels, seen + offset, TrackingTasks(fixed, np.ones(len(fixed))))
+    for before, after in zip(model.markers, placed.markers, strict=True):
+        moved = float(np.linalg.norm(after.location - before.location))
+        assert moved == pytest.approx(0.0 if before.is_fixed else 0.01 * np.sqrt(3), abs=1e-6)
+
+
+@pytest.mark.shared
+def test_a_published_body_comes_back_from_its_set_up() -> None:
+    """The published run had other names for the two markers of the wrist."""
+    subject = SHARED / "subject"
+    setup, published = read_scale_setup(subject / "scale_setup.xml"), read_osim(subject / "scaled.osim")
+    generic = read_osim(subject / "generic.osim")
+    names = {"US2": "RS2", "RS2": "RS2_0"}
+    markers = tuple(replace(each, name=names.get(each.name, each.name)) for each in generic.markers)
+    table = read_trc(subject / "S8R_side.trc")
+    shown = (table.time_s >= setup.time_range[0] - 1e-6) & (table.time_s <= setup.time_range[1] + 1e-6)
+    factors = setup.factors(replace(generic, markers=markers), table.labels, 1e-3 * table.positions[shown])
+    measured = [factors["thorax"][1], factors["thorax"][0], factors["scapula"][0], factors["humerus"][1]]
+    np.testing.assert_allclose(measured, [1.12257015, 1.38530274, 1.15629819, 1.00471602], rtol=1e-8)
+    scaled = scale_model(generic, Scaling(factors, setup.mass, setup.keeps_masses, scales_joined_points=False))
+    for ours, theirs in zip(scaled.bodies, published.bodies, strict=True):
+        np.testing.assert_allclose(ours.inertia, theirs.inertia, rtol=5e-5, atol=1e-9)
+    for one, other in zip(scaled.muscles, published.muscles, strict=True):
+        assert one.optimal_fiber_length == pytest.approx(other.optimal_fiber_length, rel=5e-5)
+        assert one.tendon_slack_length == pytest.approx(other.tendon_slack_length, rel=5e-5)

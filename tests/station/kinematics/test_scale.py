@@ -1,0 +1,76 @@
+"""station scale, on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from solver.bundled import bundled_model
+from solver.osim.reader import read_osim
+from tests.solver.references import SHARED
+from tests.station.kinematics.test_ik import run as run_verb
+from tests.station.kinematics.test_ik import trial
+
+MODEL = bundled_model()
+SETUP = """<?xml version="1.0"?>
+<OpenSimDocument Version="40000"><ScaleTool><mass>-1</mass><ModelScaler>
+<MeasurementSet><objects><Measurement name="arm"><MarkerPairSet><objects>{pairs}</objects></MarkerPairSet>
+<BodyScaleSet><objects><BodyScale name="humerus"><axes>{axes}</axes></BodyScale></objects></BodyScaleSet>
+</Measurement></objects></MeasurementSet>
+<ScaleSet><objects><Scale><scales>1.1 1 1</scales><segment>clavicle</segment></Scale></objects></ScaleSet>
+<marker_file>trial.trc</marker_file><time_range>{range}</time_range>
+</ModelScaler></ScaleTool></OpenSimDocument>"""
+PAIR = "<MarkerPair><markers>{one} {other}</markers></MarkerPair>"
+
+
+def on_humerus() -> list[str]:
+    return [marker.name for marker in MODEL.markers if marker.body == MODEL.body_index("humerus")]
+
+
+def run(folder: Path, capsys, monkeypatch, **parts: str) -> tuple[int, str]:
+    names = on_humerus()
+    given = {"pairs": PAIR.format(one=names[0], other=names[1]), "axes": "Y", "range": "-1 9"} | parts
+    (folder / "scale.xml").write_text(SETUP.format(**given), encoding="utf-8")
+    words = ("--setup", folder / "scale.xml", "--model", "bundled", "--output", folder / "scaled.osim")
+    return run_verb(capsys, monkeypatch, *words, verb="scale")
+
+
+def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys, monkeypatch) -> None:
+    trial(tmp_path, frames=5)
+    code, told = run(tmp_path, capsys, monkeypatch)
+    assert code == 0, told
+    assert "humerus: 1.0000 × 1.0000 × 1.0000" in told
+    scaled = read_osim(tmp_path / "scaled.osim")
+    clavicle = MODEL.body_index("clavicle")
+    assert scaled.bodies[clavicle].mass == pytest.approx(1.1 * MODEL.bodies[clavicle].mass)
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"axes": "Q"}, "should name axes of X, Y and Z"),
+        ({"pairs": ""}, "has no pair of markers"),
+        ({"pairs": PAIR.format(one="nobody", other="nobody")}, "needs the marker nobody"),
+        ({"range": "5 9"}, "no frame between 5 and 9 s"),
+    ],
+)
+def test_a_set_up_that_does_not_fit_is_one_sentence(
+    parts: dict[str, str], said: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=5)
+    code, told = run(tmp_path, capsys, monkeypatch, **parts)
+    assert (code, (tmp_path / "scaled.osim").exists()) == (1, False)
+    assert said in told
+    assert len(told.strip().splitlines()) == 1
+
+
+@pytest.mark.shared
+def test_a_published_patient_is_scaled_and_the_figures_are_told(tmp_path: Path, capsys, monkeypatch) -> None:
+    subject = SHARED / "subject"
+    words = ("--setup", subject / "scale_setup.xml", "--model", subject / "generic.osim")
+    files = ("--markers", subject / "S8R_side.trc", "--output", tmp_path / "scaled.osim")
+    code, told = run_verb(capsys, monkeypatch, *words, *files, verb="scale")
+    assert code == 0, told
+    assert "thorax: 1.3853 × 1.1226 × 1.1226" in told
+    assert "mass of the model 30.00 kg" in told
