@@ -17,8 +17,8 @@ from solver.osim.scale_setup import read_scale_setup
 from solver.osim.writer import osim_document
 from solver.scaling import Scaling, scale_model
 from solver.scaling_findings import ScalingCode, ScalingFinding, check_scaling
+from station.assessment.sources import model_of
 from station.kinematics.ik import named_file
-from station.muscles.sources import model_of
 from station.whole_file import drafted
 
 Array = NDArray[np.float64]
