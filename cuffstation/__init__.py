@@ -5,22 +5,27 @@
     cuffs = cs.fit_session("demo").cuffs           # stiffness, damping, migration with their uncertainty
     cs.plot(cs.assess(cuffs)).savefig("effort.png")   # muscle effort over the cord's rest length
 
-The ten functions below and the types of their results follow semantic versioning; everything else may change. Units are
-SI from a trial on; a recording keeps the unit of its device in Stream.unit.
+The ten functions below, the types of their results and the roots of their exceptions follow semantic versioning;
+everything else may change. Units are SI from a trial on; a recording keeps the unit of its device in Stream.unit.
 """
 
 from __future__ import annotations
 
 from importlib.metadata import version
 
+from drivers.errors import DeviceError
 from fitting.cuffs_file import read_cuffs, write_cuffs
+from fitting.errors import FitError
 from fitting.result import CuffFit, SessionFit
 from fitting.uncertainty import Estimate
+from recordings.errors import RecordingError
 from recordings.reader import Recording, Track
+from solver.errors import SolverError
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.redundancy.motion import MotionSolution, RedundancyOptions
 from solver.suit.assessment import Assessment
+from station.errors import StationError
 from station.library import (
     assess,
     fit_donning,
@@ -37,13 +42,18 @@ __version__ = version("cuffstation")
 __all__ = [
     "Assessment",
     "CuffFit",
+    "DeviceError",
     "Estimate",
+    "FitError",
     "Kinematics",
     "Model",
     "MotionSolution",
     "Recording",
+    "RecordingError",
     "RedundancyOptions",
     "SessionFit",
+    "SolverError",
+    "StationError",
     "Track",
     "assess",
     "fit_donning",

@@ -25,6 +25,8 @@ MOST_DOTS = 200
 class PlainDataError(ValueError):
     """The text is not JSON or TOML within the limits. Says what it "is" or "holds"; its reader names the file."""
 
+    exit_code = 1
+
 
 def read_json(path: Path) -> Any:
     """A JSON file. Raises OSError where it cannot be read, PlainDataError for what is in it."""

@@ -12,6 +12,8 @@ from __future__ import annotations
 class DeviceError(Exception):
     """One sentence for the operator; a second may say what to do."""
 
+    exit_code = 1
+
 
 class DeviceUnavailable(DeviceError):
     """Nothing answers where the configuration points."""

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from fitting.calibration import MAX_GAIN_ERROR, Calibration, blame
 from fitting.oscillation import Oscillation, find_oscillation
@@ -29,7 +30,6 @@ from fitting.timing.clocks import LagUncertainty
 from fitting.uncertainty import Repeat, combine
 from recordings.manifest import BounceRig, DataOrigin
 
-GRAVITY = 9.80665
 WINDOW_CYCLES = 4
 MIN_CYCLES = 10.0
 MIN_SAMPLES_PER_CYCLE = 8.0
@@ -126,7 +126,7 @@ def fit_bounce(trial: BounceTrial) -> BounceFit:
     # A filter that delays also damps: a first-order one by (ω delay)²/2, others by less.
     scale_sd = math.hypot(rig.mass_relative_sd, (omega * min(0.0, answer.lag)) ** 2 / 2 / math.sqrt(3))
     zero = _zero(trial, motion, answer, gain)
-    weight = (rig.mass_kg + rig.spring_mass_kg) * GRAVITY
+    weight = (rig.mass_kg + rig.spring_mass_kg) * g
     return BounceFit(
         # Where between two samples the edge was is this trial's own and no delay of the load cell's.
         lag=Repeat(lag, math.hypot(answer.phase_sd / omega, trial.lag.edge)),
@@ -289,14 +289,14 @@ def _zero(trial: BounceTrial, motion: _Motion, answer: _Answer, gain: float) -> 
     bump = _window(time, start, length, 0.0)[0].real * _step(time)
     curvature = _window(motion.time, start, length, 0.0)[1].real * _step(motion.time)
     mean = (bump @ trial.force + answer.mass * (curvature @ motion.displacement)) / bump.sum()
-    return float(mean - gain * (trial.rig.mass_kg + trial.rig.spring_mass_kg) * GRAVITY)
+    return float(mean - gain * (trial.rig.mass_kg + trial.rig.spring_mass_kg) * g)
 
 
 def _judge(gain: float, zero_over_weight: float, rig: BounceRig) -> tuple[str, ...]:
     """Notes on a gain or zero that is a mistake rather than a calibration. Raises UnusableTrial for a wrong sign."""
     if abs(zero_over_weight / gain - POLARITY) < NEAR:
         raise UnusableTrial(
-            f"the load cell reads {(1 + zero_over_weight / gain) * gain * rig.mass_kg * GRAVITY:.1f} N under "
+            f"the load cell reads {(1 + zero_over_weight / gain) * gain * rig.mass_kg * g:.1f} N under "
             f"{rig.mass_kg:g} kg, expected a positive force; set load_cell.polarity to the other sign"
         )
     notes = []

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin, LoadCell
 
-STANDARD_GRAVITY = 9.80665
 MAX_GAIN_ERROR = 0.05
 """A load cell that is off by more is not out of calibration: a setting or a weight is wrong, and gain stays alone."""
 
@@ -64,13 +64,13 @@ MISTAKES = {
     0.5: "as if load_cell.capacity_kg were half the cell's",
     10.0: "as if load_cell.capacity_kg were ten times the cell's",
     0.1: "as if load_cell.capacity_kg were a tenth of the cell's",
-    25 * POUND / STANDARD_GRAVITY / 10: "as if the cell were one of 25 lb and not of 10 kg, or the reverse",
-    10 * POUND / STANDARD_GRAVITY / 10: "as if pounds were taken for kilograms",
-    STANDARD_GRAVITY / POUND: "as if kilograms were taken for pounds",
+    25 * POUND / g / 10: "as if the cell were one of 25 lb and not of 10 kg, or the reverse",
+    10 * POUND / g / 10: "as if pounds were taken for kilograms",
+    g / POUND: "as if kilograms were taken for pounds",
     POUND: "as if newtons were taken for pounds",
     1 / POUND: "as if pounds were taken for newtons",
-    STANDARD_GRAVITY: "as if newtons were taken for kilograms",
-    1 / STANDARD_GRAVITY: "as if kilograms were taken for newtons",
+    g: "as if newtons were taken for kilograms",
+    1 / g: "as if kilograms were taken for newtons",
 }
 """Force read over force exerted → how that happens."""
 
@@ -97,7 +97,7 @@ def full_scale(cell: LoadCell, converter: float) -> float:
 
     Beyond its capacity no certificate holds, and an amplifier is near its own end; inf where neither is known.
     """
-    capacity = math.inf if cell.capacity_kg is None else cell.capacity_kg * STANDARD_GRAVITY / cell.newtons_per_unit
+    capacity = math.inf if cell.capacity_kg is None else cell.capacity_kg * g / cell.newtons_per_unit
     return min(converter, capacity)
 
 

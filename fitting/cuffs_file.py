@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.validation import describe_error
+from fitting.errors import FitError
 from fitting.result import QUANTITIES, CuffFit, SessionFit, covariance_of
 from fitting.results.codes import DOUBTED, Verdict
 from fitting.results.format_0 import verdicts_in
@@ -21,7 +22,7 @@ from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin, is_file_name
 
 
-class CuffsFileError(Exception):
+class CuffsFileError(FitError):
     """A cuffs.json that cannot be used; one sentence says where and what was expected."""
 
 

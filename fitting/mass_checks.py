@@ -12,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from documents.plain_data import parse_json
 from documents.regular_file import read_regular
-from fitting.calibration import STANDARD_GRAVITY, code_width, level_bias
+from fitting.calibration import code_width, level_bias
+from fitting.errors import FitError
 from fitting.result import SessionFit
 from fitting.trial import Trial
 
@@ -31,7 +33,7 @@ COVERAGE = 3.0
 """Standard uncertainties that are tolerated; each is estimated from few blocks."""
 
 
-class MassCheckError(Exception):
+class MassCheckError(FitError):
     """A reading of a known mass is missing or cannot be read; one sentence."""
 
 
@@ -52,7 +54,7 @@ class MassCheck:
     def tolerance(self, gain_sd: float, capacity_kg: float) -> float:
         """Newtons by which the reading may be off: for the scale's relative standard uncertainty, and the capacity."""
         allowed = COVERAGE * math.hypot(self.sd, gain_sd * self.expected)
-        return allowed + (TOLERANCE * self.expected if self.mass else ZERO_TOLERANCE * capacity_kg * STANDARD_GRAVITY)
+        return allowed + (TOLERANCE * self.expected if self.mass else ZERO_TOLERANCE * capacity_kg * g)
 
 
 def evaluate_reading(force: NDArray[np.float64], mass: float, zero: MassCheck | None) -> MassCheck:
@@ -60,7 +62,7 @@ def evaluate_reading(force: NDArray[np.float64], mass: float, zero: MassCheck | 
     found, sd = _mean(force)
     if zero is not None:
         found, sd = found - zero.found, math.hypot(sd, zero.sd)
-    return MassCheck("", mass, mass * STANDARD_GRAVITY, found, sd, zero.found if zero else None)
+    return MassCheck("", mass, mass * g, found, sd, zero.found if zero else None)
 
 
 def read_checks(folder: Path) -> tuple[MassCheck, ...]:

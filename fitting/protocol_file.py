@@ -18,13 +18,14 @@ from pydantic import AfterValidator, Field, ValidationError
 
 from documents.plain_data import PlainDataError, read_toml, shortened
 from documents.validation import Number, Positive, Section, describe_error
+from fitting.errors import FitError
 
 PROTOCOL_FILE = "protocol.toml"
 BETTER = (".recovered.mcap", ".completed.mcap")
 """Endings of the files that replace a recording; the steps of the recording hold for them."""
 
 
-class ProtocolFileError(Exception):
+class ProtocolFileError(FitError):
     """The session's protocol.toml cannot be used; one sentence says where and what was expected."""
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.calibration import code_width
+from fitting.errors import FitError
 
 MIN_ANCHOR_MARKERS = 3
 MIN_ANCHOR_WIDTH = 5e-3
@@ -30,7 +31,7 @@ ZERO_DRIFT, ZERO_DRIFT_PART = 0.5, 0.02
 MOST_DISPLACEMENT, LEAST_DISPLACEMENT = 1.0, 1e-6
 
 
-class UnusableTrial(Exception):
+class UnusableTrial(FitError):
     """The trial cannot be fitted; one sentence says who, what was expected, what was found, and what to do."""
 
 

@@ -14,6 +14,7 @@ from fitting.calibration import Calibration
 from fitting.curves import TrialCurves
 from fitting.dynamic.damping import DampingFit
 from fitting.dynamic.weak_form import ComplexStiffness
+from fitting.errors import FitError
 from fitting.laws.diagnosis import Diagnosis
 from fitting.laws.model_class import ModelComparison
 from fitting.plain import (
@@ -43,7 +44,7 @@ QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", 
 UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
 
 
-class NotIdentified(Exception):
+class NotIdentified(FitError):
     """A cuff lacks a figure that was asked for; one sentence says which and why."""
 
 

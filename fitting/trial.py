@@ -11,10 +11,11 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from fitting import quality
 from fitting.bounce import BounceTrial, calibrate
-from fitting.calibration import STANDARD_GRAVITY, Calibration
+from fitting.calibration import Calibration
 from fitting.protocol_file import PROTOCOL_FILE, ProtocolFileError, SessionProtocol, read_protocol
 from fitting.quality import UnusableTrial
 from fitting.timing.clocks import LagUncertainty
@@ -309,7 +310,7 @@ def _zero_limit(manifest: Manifest) -> float:
     cell = manifest.load_cell
     if cell.capacity_kg is None:
         return math.inf
-    return cell.zero_drift_relative_limit * cell.capacity_kg * STANDARD_GRAVITY
+    return cell.zero_drift_relative_limit * cell.capacity_kg * g
 
 
 def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> BounceTrial:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NoReturn
 
+from recordings.errors import RecordingError
+
 UNPACKED, UNPACKED_PER_BYTE = 64 * 2**20, 50
 """Bytes that the chunks of a file may unpack to, and besides for each of its own."""
 RECORDS, BYTES_PER_RECORD = 20_000, 8
@@ -15,7 +17,7 @@ SEARCHED_AGAIN = 4
 """Times a file's size: bytes that a search after damage may go over once more."""
 
 
-class Excess(Exception):
+class Excess(RecordingError):
     """The file costs more than its size allows."""
 
 

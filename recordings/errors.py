@@ -12,6 +12,8 @@ from __future__ import annotations
 class RecordingError(Exception):
     """One sentence for the operator; a second may say what to do."""
 
+    exit_code = 1
+
 
 class WriteFailed(RecordingError):
     """The first failed write of a recording; every later call on its writer raises it again."""

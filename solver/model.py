@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverError
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
 
@@ -22,7 +23,7 @@ GROUND = 0
 NO_COORDINATE = -1
 
 
-class ModelError(ValueError):
+class ModelError(SolverError):
     """A model that cannot be read or does not fit together; the message is one sentence for the person who wrote it."""
 
 

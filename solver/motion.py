@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_TABLE, read_regular
+from solver.errors import SolverError
 from solver.model import Model
 
 Array = NDArray[np.float64]
 
 
-class MotionError(ValueError):
+class MotionError(SolverError):
     """A motion that cannot be used; its text is the sentence to show."""
 
 

@@ -16,12 +16,19 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from documents.plain_data import PlainDataError
+from drivers.errors import DeviceError
+from fitting.errors import FitError
+from recordings.errors import RecordingError
+from solver.errors import SolverError
+from station.errors import StationError
 from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.extras import with_extras
 from station.verbs import bench, cuffs, files, kinematics, muscles, whole
 from station.verbs.options import say
 
-ROOMS = ("station", "drivers", "recordings", "fitting", "solver", "documents")
+ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
+"""One root of exceptions for each folder, with its exit code."""
 
 WAY = {
     "Try it": (whole.demo,),
@@ -68,7 +75,7 @@ for place, verbs in WAY.items():
 
 
 def main() -> NoReturn:
-    """Runs the verb. An exception born in our house is a sentence for the user; any other is a bug and shows itself."""
+    """Run the verb. An exception below one of ROOTS is a sentence for the user; any other is a bug and is shown."""
     # The last digits of a product hang on how many threads share it; the same input shall give the same bytes anywhere.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _ready_streams()
@@ -79,10 +86,10 @@ def main() -> NoReturn:
             say("station: ended by Ctrl-C; what was finished is kept")
         raise
     except Exception as error:
-        if type(error).__module__.split(".")[0] not in ROOMS and not isinstance(error, OSError):
+        if not isinstance(error, (*ROOTS, OSError)):
             raise
         say(f"station: {_one_line(error)}")
-        sys.exit(getattr(error, "exit_code", FAILED))
+        sys.exit(error.exit_code if isinstance(error, ROOTS) else FAILED)
     sys.exit(DONE)
 
 

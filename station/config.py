@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from scipy.constants import g
 
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import describe_error
@@ -22,13 +23,13 @@ from recordings.manifest import (
     Timing,
     is_file_name,
 )
+from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
 from station.windows_names import why_no_windows_name
 
-STANDARD_GRAVITY = 9.80665
 DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
-INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": STANDARD_GRAVITY * 1e-3}  # pounds-force and grams-force
+INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": g * 1e-3}  # pounds-force and grams-force
 PUBLISHED_SITES: dict[str, Literal["arm", "waist"]] = {"waist": "waist", "hand": "arm", "tube": "arm", "elbow": "arm"}
 
 CEILING_PART_OF_CAPACITY = 0.8
@@ -36,7 +37,7 @@ CUFF_NAME = re.compile(r"[^\W_][\w-]*")
 Positive = Annotated[float, Field(gt=0)]
 
 
-class ConfigError(Exception):
+class ConfigError(StationError):
     """The configuration cannot be used; one sentence names file, key, expected and found."""
 
     exit_code = WRONG_USAGE
@@ -75,7 +76,7 @@ class LoadCellSection(_Section):
 
     @property
     def capacity_n(self) -> float:
-        return self.capacity_kg * STANDARD_GRAVITY
+        return self.capacity_kg * g
 
     @property
     def due_on(self) -> date | None:
@@ -289,9 +290,7 @@ class StationConfig(_Section):
         """How the recorded force becomes newtons."""
         cell = self.load_cell
         scale = (
-            cell.capacity_kg * STANDARD_GRAVITY / cell.full_scale_v
-            if cell.source == "daq"
-            else INDICATOR_UNITS_N[cell.line_format]
+            cell.capacity_kg * g / cell.full_scale_v if cell.source == "daq" else INDICATOR_UNITS_N[cell.line_format]
         )
         return LoadCell(
             cell.source,

@@ -22,6 +22,7 @@ from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import StationConfig, parse_config
+from station.errors import StationError
 from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
 from station.progress import Progress, progress_bars
@@ -35,7 +36,7 @@ MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16, "draws": 50}
 """At most so much of the bundled motion is solved; the assessment's own verb takes all of it and 200 draws."""
 
 
-class DemoError(Exception):
+class DemoError(StationError):
     """The demo cannot go on; one sentence."""
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import ParamSpec, TypeVar
 
+from station.errors import StationError
 from station.exit_code import FAILED
 
 P = ParamSpec("P")
@@ -31,7 +32,7 @@ EXTRAS_OF_VERB = {
 """A verb that is not listed needs none, or needs one for an option (`replay --rerun`, `export --to c3d`)."""
 
 
-class MissingExtra(Exception):
+class MissingExtra(StationError):
     """A package is not installed because its extra was not asked for."""
 
     exit_code = FAILED

@@ -19,12 +19,13 @@ from recordings.manifest import Manifest
 from recordings.older_manifest import cuff_mass
 from recordings.reader import open_recording
 from station.checksums import sha256_of, standing_of, write_checksums
+from station.errors import StationError
 from station.journal import Assignment, Journal, read_journal
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
 
-class SessionError(Exception):
+class SessionError(StationError):
     """The folder cannot be fitted or assessed; one sentence."""
 
 

@@ -20,6 +20,7 @@ from pydantic import Field, TypeAdapter
 from documents.plain_data import parse_json
 from documents.regular_file import append_to_regular, read_regular
 from recordings.manifest import CuffSite, DataOrigin, is_file_name
+from station.errors import StationError
 from station.file_lock import locked
 from station.protocol import TrialSpec
 
@@ -34,7 +35,7 @@ MOST_REPEATS = 1000
 Choice = Literal["accept", "redo"]
 
 
-class JournalError(Exception):
+class JournalError(StationError):
     """The journal cannot be read or written; one sentence."""
 
 

@@ -12,8 +12,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
-from drivers.simulators.settings import STANDARD_GRAVITY, BounceTest
+from drivers.simulators.settings import BounceTest
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ class BouncingMass:
     def tension(self, t: Floats) -> Floats:
         """(n,) [N] of the spring on the load cell at t (n,)."""
         displacement, speed = self._motion(t)
-        return self._test.mass_kg * STANDARD_GRAVITY + self._stiffness * displacement + self._damping * speed
+        return self._test.mass_kg * g + self._stiffness * displacement + self._damping * speed
 
     def _motion(self, t: Floats) -> tuple[Floats, Floats]:
         """Way and speed: down with the hand, free, and stilled by it; speed of what a hand moves by differences."""

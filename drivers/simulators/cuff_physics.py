@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.constants import g
 
-from drivers.simulators.settings import STANDARD_GRAVITY, CuffTruth, SlipLaw
+from drivers.simulators.settings import CuffTruth, SlipLaw
 
 STEP_S = 0.0005
 
@@ -130,7 +131,7 @@ def _slope(vector, law, is_driven, drive, out):  # type: ignore[no-untyped-def]
     out[1] = (tension - force) / mass
     out[2] = slip_speed
     out[3] = 0.0 if is_driven else far_speed
-    out[4] = 0.0 if is_driven else STANDARD_GRAVITY - tension / drive[2]
+    out[4] = 0.0 if is_driven else g - tension / drive[2]
 
 
 @njit(cache=True, nogil=True)

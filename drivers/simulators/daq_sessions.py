@@ -8,13 +8,14 @@ from __future__ import annotations
 import grpc
 from session_pb2 import SessionInitializationBehavior as Behavior
 
+from drivers.errors import DeviceError
 from drivers.simulators.acquisition_task import AcquisitionTask
 from drivers.simulators.usb6008 import DaqmxError, Usb6008
 
 NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
 
 
-class SessionRefused(Exception):
+class SessionRefused(DeviceError):
     """The session exists, or does not, against what the client expects; not an error of NI-DAQmx."""
 
     def __init__(self, status: grpc.StatusCode, text: str) -> None:

@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.simulators.settings import STANDARD_GRAVITY
+from scipy.constants import g
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +23,7 @@ class HungMass:
 
     def hang(self, mass_kg: float, now: float) -> None:
         """The mass hangs in the place of the rig; 0: the empty cell."""
-        self._change(mass_kg * STANDARD_GRAVITY, now)
+        self._change(mass_kg * g, now)
 
     def take_off(self, now: float) -> None:
         """The rig is back."""

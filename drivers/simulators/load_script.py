@@ -10,9 +10,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from drivers.simulators.cuff_physics import SpringDamper
-from drivers.simulators.settings import STANDARD_GRAVITY, DynamicTest, Rig, Settings, StaticTest
+from drivers.simulators.settings import DynamicTest, Rig, Settings, StaticTest
 from drivers.simulators.wander import Wander, random_wander
 
 Floats = NDArray[np.float64]
@@ -117,7 +118,7 @@ def _static_script(test: StaticTest, rig: Rig, rng: np.random.Generator) -> Stat
         times.append(time)
         time += hand_over + test.hold_s
     link = SpringDamper(rig.rope_stiffness_n_per_m, rig.rope_damping_n_s_per_m, is_driven=False)
-    return StaticScript(link, time, rig.hook_n / STANDARD_GRAVITY, tuple(times), hand_overs, masses)
+    return StaticScript(link, time, rig.hook_n / g, tuple(times), hand_overs, masses)
 
 
 def _dynamic_script(test: DynamicTest, rig: Rig, rest: float, rng: np.random.Generator) -> DynamicScript:

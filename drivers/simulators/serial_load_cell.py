@@ -15,9 +15,10 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from drivers.simulators.faults import Faults
-from drivers.simulators.settings import STANDARD_GRAVITY, SerialLineSettings
+from drivers.simulators.settings import SerialLineSettings
 
 logger = logging.getLogger(__name__)
 
@@ -43,7 +44,7 @@ def encode_usb220(newtons: float) -> bytes:
 
 def encode_usb520(newtons: float) -> bytes:
     """Grams-force."""
-    return f"{newtons / STANDARD_GRAVITY * 1000:.2f} g\r\n".encode("ascii")
+    return f"{newtons / g * 1000:.2f} g\r\n".encode("ascii")
 
 
 ENCODERS = {"usb220": encode_usb220, "usb520": encode_usb520}

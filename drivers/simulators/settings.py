@@ -9,10 +9,9 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy.constants import g
 
 from documents.validation import describe_error
-
-STANDARD_GRAVITY = 9.80665  # m/s², by which a load cell turns kilograms into newtons
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -254,7 +253,7 @@ class Settings(_Section):
     @property
     def peak_static_n(self) -> float:
         """The heaviest load of the static test [N]."""
-        return self.rig.hook_n + sum(self.protocol.static.step_masses_kg) * STANDARD_GRAVITY
+        return self.rig.hook_n + sum(self.protocol.static.step_masses_kg) * g
 
 
 def settings_from_dict(data: Mapping[str, Any]) -> Settings:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import DeviceError
 from drivers.simulators.faults import Faults
 from drivers.simulators.settings import DaqClockSettings
 
@@ -66,7 +67,7 @@ class ElectricalWorld(Protocol):
     def sync_voltage(self, t: Array) -> Array: ...
 
 
-class DaqmxError(Exception):
+class DaqmxError(DeviceError):
     """An NI-DAQmx error code and its sentence."""
 
     def __init__(self, code: int, text: str) -> None:

@@ -18,13 +18,14 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from drivers.simulators.bounce import BouncingMass
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.hung_mass import HungMass
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.pull import Pull
-from drivers.simulators.settings import STANDARD_GRAVITY, Settings
+from drivers.simulators.settings import Settings
 from drivers.simulators.world_clock import WorldClock
 
 Floats = NDArray[np.float64]
@@ -115,7 +116,7 @@ class World:
         with self._lock:
             newtons = amplifier.gain * self.cell_force(t - amplifier.delay_s)
             noise = self._noise.normal(0.0, amplifier.noise_v, t.shape)
-        scale = amplifier.full_scale_v / (amplifier.capacity_kg * STANDARD_GRAVITY)
+        scale = amplifier.full_scale_v / (amplifier.capacity_kg * g)
         volts: Floats = amplifier.zero_v + newtons * scale + noise
         return volts
 

@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from drivers.errors import DeviceError
+
 LONGEST_STEP_S = 0.5  # world
 TICK_S = 0.008  # wall; between two steps of a world that nobody is attached to
 CATCH_UP_S = 0.1  # wall; a step that is later than this is not caught up: the world is slower than its pace
@@ -26,7 +28,7 @@ IDLE_TIMEOUT_S = 60.0  # wall; a station that is attached and asks for nothing f
 logger = logging.getLogger(__name__)
 
 
-class ClockStopped(Exception):
+class ClockStopped(DeviceError):
     """The world has ended, or the station was detached; one sentence."""
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fitting.errors import FitError
 from fitting.uncertainty import NORMAL_95, Estimate
 
 LEAST_SPREAD = 0.15
@@ -25,7 +26,7 @@ ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """The order of the six entries in a covariance."""
 
 
-class NoTensor(Exception):
+class NoTensor(FitError):
     """The trials tell no tensor; one sentence says what is missing."""
 
 

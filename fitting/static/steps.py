@@ -14,8 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
-from fitting.calibration import STANDARD_GRAVITY, blame
+from fitting.calibration import blame
 from fitting.static.plateaus import Plateau
 from fitting.uncertainty import Estimate, normal_estimate
 
@@ -63,7 +64,7 @@ def load_scale(plateaus: Sequence[Plateau], masses: Sequence[float]) -> LoadScal
     if len(plateaus) < 2 or not masses:
         return None
     force = np.array([plateau.force for plateau in plateaus]) - plateaus[0].force
-    levels = STANDARD_GRAVITY * np.concatenate(([0.0], np.cumsum(masses)))
+    levels = g * np.concatenate(([0.0], np.cumsum(masses)))
     if force.max() < max(LEAST_SCALE * levels[1], SIGNIFICANCE * _noise(plateaus)):
         return None
     scales = [_fitted(plateaus, force, levels, on) for on in _orders(force, levels)]
@@ -74,7 +75,7 @@ def check_steps(plateaus: Sequence[Plateau], masses: Sequence[float]) -> tuple[s
     """Notes on loads that are not those of the weights [kg], which are hung on in this order and taken off again."""
     if len(plateaus) < 2 or not masses:
         return ()
-    weight = STANDARD_GRAVITY * masses[0]
+    weight = g * masses[0]
     fall = plateaus[0].force - min(plateau.force for plateau in plateaus)
     rise = max(plateau.force for plateau in plateaus) - plateaus[0].force
     if fall > max(2 * rise, LEAST_SCALE * weight, SIGNIFICANCE * _noise(plateaus)):
@@ -93,7 +94,7 @@ def check_steps(plateaus: Sequence[Plateau], masses: Sequence[float]) -> tuple[s
 
 
 def _setting_notes(scale: LoadScale, masses: Sequence[float]) -> Iterator[str]:
-    gain, mu, weight = scale.gain, scale.friction, STANDARD_GRAVITY * masses[0]
+    gain, mu, weight = scale.gain, scale.friction, g * masses[0]
     if scale.is_off:
         yield (
             f"the load rises by {gain.value * weight:.1f} N where {masses[0]:g} kg ({weight:.1f} N) are hung on, "
@@ -110,8 +111,8 @@ def _setting_notes(scale: LoadScale, masses: Sequence[float]) -> Iterator[str]:
 
 def _step_notes(plateaus: Sequence[Plateau], scale: LoadScale, masses: Sequence[float]) -> Iterator[str]:
     """Single loads that are off."""
-    levels = STANDARD_GRAVITY * np.concatenate(([0.0], np.cumsum(masses)))
-    limit = MAX_STEP_ERROR * STANDARD_GRAVITY * float(np.median(masses))
+    levels = g * np.concatenate(([0.0], np.cumsum(masses)))
+    limit = MAX_STEP_ERROR * g * float(np.median(masses))
     for plateau, k, expected in zip(plateaus, scale.on, scale.expected, strict=True):
         read = plateau.force - plateaus[0].force
         if abs(read - levels[k]) > limit and abs(read - expected) > limit / 2:  # a drift is no wrong load

@@ -19,6 +19,7 @@ from documents import validation
 from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, read_regular
 from documents.validation import Section, Whole, describe_error
+from solver.errors import SolverError
 from solver.model import Model
 from solver.point_mass import with_point_mass
 
@@ -34,7 +35,7 @@ BEYOND_MEASURE = 1e12
 BUNDLED_SUIT = Path(__file__).with_name("suit.toml")
 
 
-class SuitError(ValueError):
+class SuitError(SolverError):
     """A suit that cannot be worn; its text is the sentence to show."""
 
 

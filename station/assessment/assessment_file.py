@@ -11,11 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
 from documents.validation import describe_error
+from station.errors import StationError
 
 RIGID = "rigid"
 
 
-class AssessmentFileError(Exception):
+class AssessmentFileError(StationError):
     """An assessment.json that cannot be used; one sentence says where and what was expected."""
 
 

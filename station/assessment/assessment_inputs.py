@@ -26,6 +26,7 @@ from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.assessment.emg import MeasuredReduction, read_emg
 from station.assessment.sources import loads_of, model_of, motion_of, named_hash, named_hashes
 from station.checksums import standing_of
+from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 
 KNOWN_LAW, TENSOR, RIGID = "kelvin_voigt", "tensor", "rigid"
@@ -33,7 +34,7 @@ TENSOR_KEYS = ("stiffness_tensor_n_per_m", "damping_tensor_n_s_per_m")
 HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itself
 
 
-class InputError(Exception):
+class InputError(StationError):
     """Files that do not make an assessment; one sentence."""
 
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from documents.regular_file import LARGEST_TABLE, read_regular
+from station.errors import StationError
 
 COLUMNS = ("muscle", "reduction_percent", "sd")
 
 
-class EmgError(Exception):
+class EmgError(StationError):
     """An EMG file that cannot be used; one sentence."""
 
 

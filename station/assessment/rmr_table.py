@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from solver.motion import write_table
 from station.assessment.rmr import STATUS, SolvedMotion
+from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.whole_file import drafted
 
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 SUFFIXES = (".csv", ".sto", ".parquet")
 
 
-class TableError(Exception):
+class TableError(StationError):
     """The table cannot be written so; one sentence."""
 
     exit_code = WRONG_USAGE

@@ -16,6 +16,7 @@ from recordings.manifest import TestKind
 from station.bench.typed_faults import handle_commands_in_thread
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
+from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.protocol import CUFF_TESTS
 
@@ -34,7 +35,7 @@ SWING_MARGIN_S = 6.0
 """What a page needs beyond a swing to know that it began and that it lasted."""
 
 
-class SimulationError(Exception):
+class SimulationError(StationError):
     """The simulated bench did not start or did not answer; one sentence."""
 
 

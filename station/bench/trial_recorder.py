@@ -30,6 +30,7 @@ from station.bench.trial_state_machine import TrialStateMachine
 from station.checksums import write_checksums
 from station.clock import Clock, SteppedClock
 from station.config import StationConfig
+from station.errors import StationError
 from station.file_lock import locked
 from station.protocol import TrialSpec
 from station.versions import installed_versions
@@ -42,7 +43,7 @@ LOCK = ".recording.lock"
 """In the session's folder, from its first trial on."""
 
 
-class TrialRefused(Exception):
+class TrialRefused(StationError):
     """The trial cannot begin: another one runs, or there is no room for it. One sentence."""
 
 

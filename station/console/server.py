@@ -24,6 +24,7 @@ from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.config import StationConfig, parse_config
 from station.console.page import show_page
+from station.errors import StationError
 from station.session.desk import Desk
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -40,7 +41,7 @@ Scope = dict[str, Any]
 AsgiApp = Callable[[Scope, Any, Any], Awaitable[None]]
 
 
-class ServeError(Exception):
+class ServeError(StationError):
     """The console cannot listen where it should; one sentence."""
 
 

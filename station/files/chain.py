@@ -18,6 +18,7 @@ from recordings.reader import survey_file
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.checksums import CHECKSUMS_FILE, read_checksums, sha256_of
+from station.errors import StationError
 from station.fit import recordings_in
 
 REPORT_FILE, CUFFS_FILE = "report.html", "cuffs.json"
@@ -26,7 +27,7 @@ LARGEST_REPORT = 1 << 28
 INPUTS = re.compile(r'<script type="application/json" id="inputs">(.*?)</script>', re.DOTALL)
 
 
-class ChainError(Exception):
+class ChainError(StationError):
     """There is nothing to verify; one sentence."""
 
 

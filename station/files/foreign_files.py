@@ -19,6 +19,7 @@ from recordings.exchange.qtm_tsv import read_qtm_tsv
 from recordings.exchange.signal_csv import read_signals
 from recordings.exchange.tables import MarkerTable, SignalTable, require_labels
 from recordings.exchange.trc import read_trc
+from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 
 ForceUnit = Literal["V", "N", "lbs"]
@@ -40,7 +41,7 @@ NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
 """Markers on a body and on what pulls it are this far apart; in another unit they would not be."""
 
 
-class ImportRefused(Exception):
+class ImportRefused(StationError):
     """What was asked for cannot be done with these files; one sentence."""
 
 

@@ -16,10 +16,11 @@ from fitting.timing.timeline import Timeline, lay_out
 from recordings.exchange.tables import MarkerTable
 from recordings.manifest import Manifest
 from recordings.reader import Track, TrackCollector, open_recording
+from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 
 
-class ExportRefused(Exception):
+class ExportRefused(StationError):
     """The recording cannot be exported so; one sentence."""
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fitting.seal import Standing
 from station.checksums import CHECKSUMS_FILE, write_checksums
+from station.errors import StationError
 from station.files.chain import Link, verify_folder
 
 SIGNATURE_FILE = f"{CHECKSUMS_FILE}.sig"
@@ -17,7 +18,7 @@ TIMEOUT_S = 60.0
 NOT_SIGNED = (CHECKSUMS_FILE, SIGNATURE_FILE)
 
 
-class SignatureError(Exception):
+class SignatureError(StationError):
     """The folder cannot be signed, or its signature not be checked; one sentence."""
 
 

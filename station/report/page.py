@@ -27,6 +27,7 @@ from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.checksums import sha256_of, write_checksums
+from station.errors import StationError
 from station.files.chain import CUFFS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder, recordings_in
 from station.interval import bracketed, digits_of, of_cuff, rounded
@@ -61,7 +62,7 @@ MISSING_FILE = "missing.json"
 """Beside them where the demo is not complete: a list of sentences, what is missing and why."""
 
 
-class ReportError(Exception):
+class ReportError(StationError):
     """There is nothing to report; one sentence."""
 
 

@@ -21,6 +21,7 @@ from station.bench.check import Line, look_at_bench
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
+from station.errors import StationError
 from station.journal import (
     JOURNAL_FILE,
     Assignment,
@@ -49,7 +50,7 @@ from station.session.trial_process import TrialProcess
 from station.session.worker import Worker
 
 
-class DeskRefusal(Exception):
+class DeskRefusal(StationError):
     """The desk cannot do that now; one sentence."""
 
 

@@ -14,11 +14,11 @@ from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
+from scipy.constants import g
 
 from recordings.manifest import TestKind
 from station.config import ProtocolSection, StationConfig
 
-STANDARD_GRAVITY = 9.80665
 WINDOW_S = 1.0
 """The force of so many last seconds tells whether it rests."""
 STEADY_SLOPE_N_PER_S = 1.5
@@ -131,7 +131,7 @@ class StaticGuide:
     """Weights put on one by one, each level held, then taken off one by one, each level held again."""
 
     def __init__(self, step_masses_kg: Sequence[float], hold_s: float) -> None:
-        steps = [mass * STANDARD_GRAVITY for mass in step_masses_kg]
+        steps = [mass * g for mass in step_masses_kg]
         rising = np.cumsum([0.0, *steps])
         self._levels = [*rising, *rising[-2::-1]]  # N above the empty hook
         self._hold_s = hold_s

@@ -8,13 +8,14 @@ from pathlib import Path
 
 from fitting.result import CuffFit
 from fitting.uncertainty import Estimate
+from station.errors import StationError
 from station.fit import SessionError, fit_session_folder
 from station.interval import bracketed, of_cuff
 
 DRAWS = 50
 
 
-class SummaryError(Exception):
+class SummaryError(StationError):
     """The session cannot be summed up; one sentence."""
 
 

@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from distributed import Client, Future, LocalCluster, as_completed
 
+from station.errors import StationError
 from station.sweep.solving import Outcome, Task, failed, solve_task
 
 AHEAD = 64
@@ -20,7 +21,7 @@ CONNECT_TIMEOUT = 10  # s
 Solved: TypeAlias = "Future[dict[str, Outcome]]"
 
 
-class ClusterError(Exception):
+class ClusterError(StationError):
     """No cluster to work on; one sentence."""
 
 

@@ -19,6 +19,7 @@ from documents.regular_file import read_regular
 from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
 from solver.suit.scenarios import Condition
 from station.assessment.sources import BUNDLED
+from station.errors import StationError
 
 Value = str | float | tuple[float, ...]
 Point = dict[str, Value]
@@ -28,7 +29,7 @@ NONE = "none"
 MOST_POINTS = 1_000_000
 
 
-class PlanError(Exception):
+class PlanError(StationError):
     """A plan that cannot be swept; one sentence."""
 
 

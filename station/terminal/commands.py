@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from station.errors import StationError
+
 
 class Action(StrEnum):
     """The letters of keep, redo, don anew, arm, mark, stop and silence are those of the console's page."""
@@ -57,7 +59,7 @@ MEANINGS = {
 TAKES_A_REASON = (Action.REDO, Action.REDON)
 
 
-class UnknownCommand(Exception):
+class UnknownCommand(StationError):
     """A line that is no command; one sentence."""
 
 

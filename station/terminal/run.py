@@ -14,6 +14,7 @@ from station.bench.session_folder import SIMULATED_FOLDER, is_for_simulated
 from station.bench.simulation import SimulatedBench, clock_port, serves_simulated, simulator_settings
 from station.config import StationConfig
 from station.end_signals import end_signals
+from station.errors import StationError
 from station.exit_code import DONE, LOSSY
 from station.journal import Setup, read_journal
 from station.session.desk import Desk
@@ -24,7 +25,7 @@ from station.terminal.keyboard import is_interactive, listen_to_lines, listening
 from station.terminal.text_face import SessionConsole, TextFace
 
 
-class SetupMissing(Exception):
+class SetupMissing(StationError):
     """A new session and nobody says who is measured; one sentence."""
 
     exit_code = 2

@@ -8,10 +8,12 @@ import subprocess
 import sys
 import time
 
+from station.errors import StationError
+
 WAIT_S = 20.0
 
 
-class ViewerError(Exception):
+class ViewerError(StationError):
     """The viewer did not start; one sentence."""
 
 

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 from scipy.linalg import expm
 from scipy.signal import butter, lfilter
 
@@ -18,7 +19,6 @@ from recordings.reader import Track
 from tests.fitting.experiment import track
 
 STEP = 5e-4
-GRAVITY = 9.80665
 LINKS = 6
 
 
@@ -108,7 +108,7 @@ def _swing(truth: Bounce, phase: float) -> tuple[NDArray[np.float64], NDArray[np
     start = truth.amplitude * np.concatenate((share * np.cos(phase), -omega * share * np.sin(phase)))
     states = _powers(tuple(a.ravel()), 2 * links, count) @ start
     time = STEP * np.arange(count) - 0.5
-    force = stiffness * states[:, 0] + damping * states[:, links] + (truth.mass + truth.spring_mass) * GRAVITY
+    force = stiffness * states[:, 0] + damping * states[:, links] + (truth.mass + truth.spring_mass) * g
     return time, states[:, links - 1], force
 
 

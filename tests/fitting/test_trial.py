@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.constants import g
 
-from fitting.calibration import STANDARD_GRAVITY
 from fitting.protocol_file import ProtocolFileError
 from fitting.quality import UnusableTrial
 from fitting.trial import build_trial, read_alone, read_trial, read_trials
@@ -229,7 +229,7 @@ def test_a_recording_that_was_cut_tells_nothing_of_the_zero() -> None:
 def test_force_beyond_the_cell_s_capacity_is_saturated_whatever_reads_it() -> None:
     manifest, tracks = _recorded()
     peak = float(np.abs(tracks["/force"].values).max())
-    small = peak * manifest.load_cell.newtons_per_unit / STANDARD_GRAVITY / 1.2
+    small = peak * manifest.load_cell.newtons_per_unit / g / 1.2
     indicator = replace(tracks["/force"].stream, unit="N")
     manifest = replace(manifest, load_cell=replace(manifest.load_cell, capacity_kg=small))
     with pytest.raises(UnusableTrial, match=rf"saturated in .* \(at {peak / 1.2:.4g} N\)"):

@@ -36,6 +36,16 @@ def test_a_file_is_small_enough_to_hold_in_the_head_and_named_by_its_noun(path: 
             assert (node.end_lineno or 0) - node.lineno < 60, f"{node.name} is long"
 
 
+def test_standard_gravity_is_scipy_s() -> None:
+    typed = {
+        str(path.relative_to(ROOT))
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, float) and 9.8 <= node.value <= 9.81
+    }
+    assert typed == set()
+
+
 @pytest.mark.parametrize("room", [*ROOMS, "drivers/simulators"])
 def test_a_package_s_init_is_empty_so_that_every_file_is_named(room: str) -> None:
     assert (ROOT / room / "__init__.py").read_text(encoding="utf-8") == ""

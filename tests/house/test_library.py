@@ -38,6 +38,7 @@ TYPES = {
     "SessionFit",
     "Track",
 }
+ERRORS = {"DeviceError", "FitError", "RecordingError", "SolverError", "StationError"}
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -49,7 +50,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_public_names_are_these_and_each_is_documented() -> None:
-    assert set(cs.__all__) == FUNCTIONS | TYPES
+    assert set(cs.__all__) == FUNCTIONS | TYPES | ERRORS
     for name in cs.__all__:
         assert getattr(cs, name).__doc__, name
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.constants import g
 
 from drivers.simulators.bounce import BouncingMass
-from drivers.simulators.settings import STANDARD_GRAVITY, BounceTest
+from drivers.simulators.settings import BounceTest
 from tests.drivers.simulators.test_world import go_to, play, world
 
 TEST = BounceTest(mass_kg=2.0, frequency_hz=1.2, damping_ratio=0.01)
@@ -22,7 +23,7 @@ def test_while_no_hand_holds_it_the_cell_carries_weight_and_inertia() -> None:
     bounce, _ = _bounced()
     t = np.arange(12.5, 30.0, 1e-3)
     acceleration = np.gradient(np.gradient(bounce.displacement(t), t), t)
-    newton = TEST.mass_kg * (STANDARD_GRAVITY - acceleration)
+    newton = TEST.mass_kg * (g - acceleration)
     np.testing.assert_allclose(bounce.tension(t)[5:-5], newton[5:-5], atol=0.01)
 
 
@@ -30,7 +31,7 @@ def test_it_hangs_at_rest_before_and_after() -> None:
     bounce, end = _bounced()
     still = np.array([0.0, 9.0, 10.0, end + 0.01, end + 60])
     np.testing.assert_allclose(bounce.displacement(still), 0.0, atol=1e-12)
-    np.testing.assert_allclose(bounce.tension(still), TEST.mass_kg * STANDARD_GRAVITY, atol=1e-6)
+    np.testing.assert_allclose(bounce.tension(still), TEST.mass_kg * g, atol=1e-6)
 
 
 def test_the_bench_bounces_the_weight_when_it_is_told_to() -> None:
@@ -39,7 +40,7 @@ def test_the_bench_bounces_the_weight_when_it_is_told_to() -> None:
     capture, t = play(bench)
     assert (capture.trial.cuff, capture.trial.test) == (None, "bounce")
     force = bench.cell_force(t)
-    assert force.mean() == pytest.approx(2.0 * STANDARD_GRAVITY, abs=0.3)
+    assert force.mean() == pytest.approx(2.0 * g, abs=0.3)
     height = bench.markers(t)[:, bench.labels.index("weight"), 2]
     assert np.corrcoef(force, height)[0, 1] == pytest.approx(-1.0, abs=1e-3)
     bench.select_trial("waist", "static")
@@ -52,7 +53,7 @@ def test_the_amplifier_is_late_and_off_in_scale() -> None:
     bench = world(bounce={"mass_kg": 2.0}, amplifier={"delay_s": 0.05, "noise_v": 0.0, "zero_v": 0.0, "gain": 1.02})
     bench.select_trial(None, "bounce")
     _, t = play(bench)
-    per_newton = bench.settings.amplifier.full_scale_v / (bench.settings.amplifier.capacity_kg * STANDARD_GRAVITY)
+    per_newton = bench.settings.amplifier.full_scale_v / (bench.settings.amplifier.capacity_kg * g)
     np.testing.assert_allclose(bench.amplifier_voltage(t), 1.02 * per_newton * bench.cell_force(t - 0.05), rtol=1e-9)
 
 

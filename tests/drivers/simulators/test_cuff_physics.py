@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_of
-from drivers.simulators.settings import PUBLISHED_CUFFS, STANDARD_GRAVITY, CuffTruth, SlipLaw
+from drivers.simulators.settings import PUBLISHED_CUFFS, CuffTruth, SlipLaw
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ def ramps(*levels_n: float, hold_s: float = 4.0) -> Floats:
     times = np.concatenate([[0.0], *(i * hold_s + np.array([0.5, hold_s]) for i in range(len(levels_n)))])
     loads = np.concatenate([[2.0], np.repeat(levels_n, 2)])
     t = half_steps(hold_s * len(levels_n))
-    return np.interp(t, times, loads) / STANDARD_GRAVITY
+    return np.interp(t, times, loads) / g
 
 
 @settings(deadline=None, max_examples=20)
@@ -67,7 +68,7 @@ def test_a_swinging_cuff_without_damping_and_friction_keeps_its_energy() -> None
     def energy(state: object) -> float:
         x, v, _, y, w = (getattr(state, name) for name in ("cuff", "cuff_speed", "slip", "far", "far_speed"))
         springs = 2500 * x**2 / 2 + 5000 * (y - x) ** 2 / 2
-        return springs + 0.2 * v**2 / 2 + mass * w**2 / 2 - mass * STANDARD_GRAVITY * y
+        return springs + 0.2 * v**2 / 2 + mass * w**2 / 2 - mass * g * y
 
     start = mechanics.at_rest(load=20.0, slip=0.0, base=0.0, base_speed=0.0)  # 9.4 N too little for the mass
     end, trajectory = mechanics.integrate(start, still_body(np.full_like(half_steps(5.0), mass)))

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.constants import g
 
 from drivers.simulators.load_script import script_for
-from drivers.simulators.settings import STANDARD_GRAVITY, Settings
+from drivers.simulators.settings import Settings
 
 BENCH = Settings()
-HOOK_KG = BENCH.rig.hook_n / STANDARD_GRAVITY
+HOOK_KG = BENCH.rig.hook_n / g
 
 
 def rng(seed: int = 1) -> np.random.Generator:
@@ -24,7 +25,7 @@ def test_weights_go_on_one_by_one_and_come_off_one_by_one() -> None:
     assert np.unique(np.round(levels, 6)) == pytest.approx(np.unique(np.round(HOOK_KG + steps, 6)))
     rising = mass[: mass.argmax()]
     assert np.all(np.diff(rising) >= -1e-12)
-    assert mass.max() * STANDARD_GRAVITY == pytest.approx(BENCH.peak_static_n)
+    assert mass.max() * g == pytest.approx(BENCH.peak_static_n)
 
 
 def test_every_load_is_held_for_as_long_as_configured_after_a_hand_over_of_tenths_of_a_second() -> None:

@@ -9,11 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scipy.constants import g
 
 from recordings.reader import open_recording
 from recordings.samples import Event
 from station.bench.simulation import SimulatedBench, practice_settings
-from station.config import STANDARD_GRAVITY, StationConfig, load_config
+from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
 from station.session.desk import Desk, DeskRefusal
@@ -329,7 +330,7 @@ def test_practice_hands_hang_each_weight_when_the_page_asks_for_it_and_the_trial
         desk.close()
     assert desk.message == "the mocap capture ended"
     assert sorted({step for step, _ in seen}) == list(range(8)), "every step, and then the end"
-    hook, weight = seen[0][1], 2 * STANDARD_GRAVITY
+    hook, weight = seen[0][1], 2 * g
     for step, newtons in seen:
         asked = hook + weight * min(step, max(6 - step, 0))
         assert newtons < asked + 0.4 * weight or step > 3, "no weight hangs before it was asked for"

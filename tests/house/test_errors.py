@@ -1,0 +1,78 @@
+"""One root of exceptions for each folder: what the command line shows as a sentence, and with which exit code."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+import cuffstation
+from documents.plain_data import PlainDataError
+from drivers.errors import DeviceError
+from fitting.errors import FitError
+from recordings.errors import RecordingError
+from solver.errors import SolverError
+from station import cli
+from station.config import ConfigError
+from station.errors import StationError
+
+ROOT = Path(__file__).parents[2]
+ROOTS: dict[str, type[Exception]] = {
+    "station": StationError,
+    "drivers": DeviceError,
+    "fitting": FitError,
+    "recordings": RecordingError,
+    "solver": SolverError,
+    "documents": PlainDataError,
+}
+CLASSES = [
+    (path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."), node.name)
+    for folder in ROOTS
+    for path in sorted((ROOT / folder).rglob("*.py"))
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+]
+
+
+@pytest.mark.parametrize("folder", ROOTS)
+def test_every_public_exception_of_a_folder_derives_from_its_root(folder: str) -> None:
+    found = [getattr(importlib.import_module(module), name, None) for module, name in CLASSES if _is_in(module, folder)]
+    raised = {kind for kind in found if isinstance(kind, type) and issubclass(kind, Exception)}
+    assert ROOTS[folder] in raised
+    assert {kind.__name__ for kind in raised if not issubclass(kind, ROOTS[folder])} == set()
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [*((kind("the reason"), 1) for kind in ROOTS.values()), (ConfigError("x"), 2)]
+)
+def test_the_command_line_ends_with_the_sentence_and_the_exit_code_of_the_root(
+    error: Exception, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _ended(error, monkeypatch) == code
+    assert capsys.readouterr().err == f"station: {error}\n"
+
+
+def test_any_other_exception_is_a_bug_and_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ZeroDivisionError):
+        _ended(ZeroDivisionError("a bug"), monkeypatch)
+
+
+def test_the_library_hands_the_roots_on() -> None:
+    roots = {kind for folder, kind in ROOTS.items() if folder != "documents"}
+    assert roots <= {getattr(cuffstation, name) for name in cuffstation.__all__}
+
+
+def _is_in(module: str, folder: str) -> bool:
+    return module.startswith(f"{folder}.") and not module.endswith("__main__")
+
+
+def _ended(error: Exception, monkeypatch: pytest.MonkeyPatch) -> object:
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return ended.value.code
