@@ -119,9 +119,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def _parameter(parameter: inspect.Parameter) -> tuple[str, str, str, str]:
     kind, info, *_ = get_args(parameter.annotation)
     is_argument = isinstance(info, ArgumentInfo)
-    spellings = getattr(info, "param_decls", None) or (f"--{parameter.name.rstrip('_').replace('_', '-')}",)
+    declared = [text for text in (info.default, *(info.param_decls or ())) if isinstance(text, str)]
+    spellings = declared or [f"--{parameter.name.rstrip('_').replace('_', '-')}"]
     spelling = parameter.name.upper() if is_argument else ", ".join(spellings)
-    value = "flag" if kind is bool else _type(kind)
+    value = "flag" if kind is bool else _type(kind).replace('"', "")
     least, most = getattr(info, "min", None), getattr(info, "max", None)
     value += "" if least is None else f", ≥ {least:g}"
     value += "" if most is None else f", ≤ {most:g}"

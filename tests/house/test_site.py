@@ -1,0 +1,136 @@
+"""The README as a front page; the site builds strictly, fetches nothing, and its reference is that of the code."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from docs.reference import pages
+from station.cli import VERBS, app
+from station.config import StationConfig, keys_of
+from tests.timeout import scaled_timeout
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+LOADED = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
+
+
+def test_the_readme_shows_pictures_a_table_and_ten_lines_of_python_before_any_list_of_commands() -> None:
+    commands = README.index("\n    station ")
+    pictures = re.findall(r"^!\[.+\]\((docs/pictures/[\w-]+\.png)\)", README[:commands], re.M)
+    assert sorted(Path(picture).stem.split("-")[0] for picture in pictures) == ["console", "report"]
+    assert all((ROOT / picture).is_file() for picture in pictures)
+    python = re.findall(r"^```python\n(.*?)^```", README[:commands], re.M | re.S)
+    assert [block.count("\n") for block in python] == [10]
+    assert "| cuff | k [N/m] |" in README[: README.index("```python")]
+
+
+def test_the_folder_picture_of_the_readme_is_the_tree() -> None:
+    picture = README[README.index("\n    station/  ") : README.index("`drivers/simulators` speaks")]
+    top, drawn = "", set()
+    for line in filter(str.strip, picture.splitlines()):
+        for place, name in ((match.start(), match[1]) for match in re.finditer(r"(?<![\w/.])([\w-]+)/(?=\s|$)", line)):
+            is_top = place == 4 or ((ROOT / name).is_dir() and not (ROOT / top / name).is_dir())
+            top = name if place == 4 else top
+            drawn.add(name if is_top else f"{top}/{name}")
+    folders = {
+        str(path.parent.relative_to(ROOT)) for room in drawn if "/" not in room for path in (ROOT / room).glob("*/*.py")
+    }
+    assert {name for name in drawn if not (ROOT / name).is_dir()} == set()
+    assert {name for name in folders if not name.startswith("tests/") and "__pycache__" not in name} <= drawn
+
+
+def test_every_page_that_the_readme_lists_is_there_and_every_page_is_listed() -> None:
+    listed = set(re.findall(r"^    (docs/[\w./-]+|[\w/]+\.md|[\w]+\.toml|benchmarks/)  ", README, re.M))
+    assert {name for name in listed if not (ROOT / name).exists()} == set()
+    assert {f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")} - listed == {"docs/index.md"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_command_line_page_has_every_option_that_help_has(verb: str) -> None:
+    section = re.split(r"^##+ ", pages.command_line(), flags=re.M)
+    (mine,) = [part for part in section if part.startswith(f"station {verb}\n")]
+    options = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", _help_of(verb)))
+    shown = set(re.findall(r"`(--[^`]+)`", mine))
+    assert {option for option in options if option != "--help" and not option.startswith("--no-")} <= {
+        spelling for text in shown for spelling in re.split(r"[,/] ?", text)
+    } | {"--help"}
+
+
+def test_the_configuration_page_has_every_key() -> None:
+    page = pages.configuration()
+    unnamed = {key for key in keys_of(StationConfig) if f"`{key}`" not in page and not re.search(rf"\[{key}\b", page)}
+    assert unnamed <= {"simulation"}
+    assert "| `sample_rate_hz` | number, > 0 | `1000.0` |" in page
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("mkdocs", reason="needs the extra docs: pip install -e '.[docs]'")
+    folder = tmp_path_factory.mktemp("site")
+    ran = subprocess.run(  # noqa: S603
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=scaled_timeout(200),
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)},
+    )
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+def test_the_site_has_its_four_parts(site: Path) -> None:
+    for page in (
+        "tutorial/operator",
+        "tutorial/analyst",
+        "how-to/driver",
+        "fitting",
+        "redundancy",
+        "decisions",
+        "glossary",
+        "reference/command-line",
+        "reference/configuration",
+        "reference/recording-format",
+    ):
+        assert (site / page / "index.html").is_file(), page
+    python = (site / "reference" / "python" / "index.html").read_text(encoding="utf-8")
+    assert 'id="cuffstation.fit_session"' in python and 'id="cuffstation.CuffFit"' in python
+
+
+def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None:
+    pages_seen = list(site.rglob("*.html"))
+    assert len(pages_seen) > 30
+    for page in pages_seen:
+        reader = _Assets()
+        reader.feed(page.read_text(encoding="utf-8"))
+        assert not [address for address in reader.found if re.match(r"(https?:)?//", address)], page
+    for style in site.rglob("*.css"):
+        assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
+
+
+class _Assets(HTMLParser):
+    """The addresses that a browser loads by itself; the canonical address of a page is none."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if tag in LOADED and given.get("rel") != "canonical":
+            self.found.append(given.get(LOADED[tag]) or "")
+
+
+def _help_of(verb: str) -> str:
+    ran = CliRunner().invoke(app, [verb, "--help"], terminal_width=300, env={"COLUMNS": "300", "TERM": "dumb"})
+    assert ran.exit_code == 0
+    return ran.stdout
