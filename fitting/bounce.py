@@ -58,6 +58,7 @@ class BounceTrial:
     marker_time, position  (frames,) s, (frames, 3) m in the mocap frame, NaN where the marker was not seen
     lag             as configured, and what is not known of it
     origin          measured or simulated, as the devices said of themselves
+    marks           number of moments that the operator marked
     """
 
     rig: BounceRig
@@ -72,6 +73,7 @@ class BounceTrial:
     position: NDArray[np.float64]
     lag: LagUncertainty
     origin: DataOrigin = DataOrigin.UNKNOWN
+    marks: int = 0
 
 
 @dataclass(frozen=True)

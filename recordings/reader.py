@@ -16,7 +16,7 @@ from recordings.chunks import Damage, Entry, read_entries
 from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import MOST_LABELS, Message, no_values, unpack
-from recordings.samples import Item, Samples, Stream
+from recordings.samples import Event, Item, Samples, Stream
 
 WIDENED, WIDENED_PER_BYTE = 64 * 2**20, 20
 """Bytes that a track may have, and besides for each that its samples have, where its labels changed."""
@@ -130,6 +130,10 @@ class TrackCollector:
         described = read(entry) if entry.topic == topics.STREAMS else None
         name = described.name if isinstance(described, Stream) else entry.topic
         self._entries.setdefault(name, []).append(entry)
+
+    def events(self) -> list[Event]:
+        """All events of the recording, in the order of the file."""
+        return [event for event in map(read, self._entries.get(topics.EVENTS, ())) if isinstance(event, Event)]
 
     def track(self, stream: Stream) -> Track:
         """One stream of the recording, as first described, as arrays. Raises RecordingError where a block cannot be
