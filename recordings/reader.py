@@ -79,9 +79,9 @@ class Recording:
     damage: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        said = self.outcome.sentence if self.outcome else "cut before its end"
-        streams = ", ".join(f"{each.name} at {each.rate_hz:g} Hz [{each.unit}]" for each in self.streams)
-        return f"Recording {self.path.name}: {said}\n  {streams}" + "".join(f"\n  {each}" for each in self.missing)
+        outcome = self.outcome.sentence if self.outcome else "cut before its end"
+        streams = ", ".join(f"{stream.name} at {stream.rate_hz:g} Hz [{stream.unit}]" for stream in self.streams)
+        return f"Recording {self.path.name}: {outcome}\n  {streams}" + "".join(f"\n  {gap}" for gap in self.missing)
 
     @property
     def complete(self) -> bool:
@@ -279,8 +279,8 @@ def _nothing_is_ours(path: Path, damage: list[Damage]) -> RecordingError:
         )
     if damage[0].offset == 0:
         return RecordingError(f"{path} is not an MCAP file, expected a recording")
-    words = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
-    return RecordingError(words) if damage[0].is_cut else DamagedFile(words)
+    message = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
+    return RecordingError(message) if damage[0].is_cut else DamagedFile(message)
 
 
 def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:

@@ -78,9 +78,9 @@ def optimise_suit(
     Raises as worn.wear does, and where the suit's cord never pulls; a suit on the way that cannot be worn or solved
     counts as infinitely costly.
     """
-    thinned = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
-    thinned.ensure_pulls()
-    search = _Search(thinned, condition, tuple(free), progress)
+    decimated = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
+    decimated.ensure_pulls()
+    search = _Search(decimated, condition, tuple(free), progress)
     pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
