@@ -91,7 +91,7 @@ class QualisysSimulator:
 
 
 class _RefusedError(Exception):
-    """QTM's arguments for what it will not do."""
+    """QTM's answer to a command that it refuses."""
 
 
 class _Server:
@@ -262,7 +262,7 @@ class _Server:
             client.close()
 
     def _handle_command(self, client: Client, kind: int, text: str) -> None:
-        """Answers one command, as QTM arguments it."""
+        """Answer one command in QTM's wording."""
         word, _, rest = text.partition(" ")
         word = word.lower()
         command = getattr(self, f"_on_{word}", None) if kind == COMMAND and word.isalpha() else None

@@ -130,7 +130,7 @@ def _measurement(element: Element) -> Measurement:
         axis_names = body.word("axes", "").split()
         if not axis_names or set(axis_names) - set(AXES):
             raise body.refusal(f"should name axes of X, Y and Z and names {' '.join(axis_names) or 'none'}")
-        axes[body.name] = tuple(AXES.index(word) for word in axis_names)
+        axes[body.name] = tuple(AXES.index(axis) for axis in axis_names)
     if not pairs:
         raise element.refusal("has no pair of markers")
     return Measurement(element.name, tuple(pairs), axes)

@@ -87,12 +87,12 @@ def optimise_suit(
     whole = prepare_suited_motion(model, kinematics, suit, 1, options, loads)
     start, best, safe = (
         SuitCandidate(
-            suit=each,
-            cost=float(_costs(whole, each, condition, pairs[:1])[0]),
-            drawn=_costs(search.worn, each, condition, pairs[1:]),
+            suit=candidate,
+            cost=float(_costs(whole, candidate, condition, pairs[:1])[0]),
+            drawn=_costs(search.worn, candidate, condition, pairs[1:]),
             at_limit=at_limit,
         )
-        for each, at_limit in ((suit, ()), fitted, robust)
+        for candidate, at_limit in ((suit, ()), fitted, robust)
     )
     return OptimisedSuit(start, best, safe, search.tried)
 

@@ -8,7 +8,7 @@ from station.bench.pre_roll import PRE_ROLL_S, PreRoll
 from station.bench.snapshot import TrialState
 from station.bench.states.context import DeviceFailure, TrialContext
 from station.bench.states.idle import CANCELLED
-from station.bench.states.recording import Recording
+from station.bench.states.recording import RecordingState
 from station.bench.states.state import OpenState, Over, StartEdge, State
 from station.bench.sync_line import Edge, wrong_polarity
 
@@ -82,7 +82,7 @@ class Armed(OpenState):
         self._falls.note_fall(fall, self.armed_s)
         self._pre_roll.forget_before(fall.device_time_ns)
 
-    def _begin(self, sample_number: int, device_ns: int, found: str) -> Recording:
+    def _begin(self, sample_number: int, device_ns: int, found: str) -> RecordingState:
         context = self.context
         self.edge = edge = StartEdge(device_ns, context.clock.station_s())  # also where a write below fails
         for item in [*self._pre_roll.cut(device_ns), *context.notes]:
@@ -90,4 +90,4 @@ class Armed(OpenState):
         context.write_event("sync_edge", f"{found} at sample {sample_number}; recording")
         since_edge_ns = context.latest_device_ns - device_ns
         context.write_loss(context.first_frame.edge(context.shortfall.reached_ns("/sync") - since_edge_ns))
-        return Recording(context, edge)
+        return RecordingState(context, edge)
