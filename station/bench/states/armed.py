@@ -59,7 +59,8 @@ class Armed(OpenState):
                 return self.fail(silence)
             if edge := self._falls.inverted_start(now_s):
                 return Over(wrong_polarity(edge))
-            self.sentence = ALREADY_CAPTURING if self.context.sync.is_high else ARMED
+            sync = self.context.sync
+            self.sentence = ALREADY_CAPTURING if sync.is_high and sync.has_settled else ARMED
         if waited_s > rules.timeout_s:
             why = self.context.sync.why_no_rise(self._falls.unexplained)
             return Over(f"no sync edge came within {rules.timeout_s:g} s{why}")
