@@ -18,6 +18,7 @@ from fitting.cuffs_file import read_cuffs, write_cuffs
 from fitting.errors import FitError
 from fitting.result import CuffFit, SessionFit
 from fitting.uncertainty import Estimate
+from fitting.wearable_cuff import WearableCuff
 from recordings.errors import RecordingError
 from recordings.reader import Recording, Track
 from solver.errors import SolverError
@@ -55,6 +56,7 @@ __all__ = [
     "SolverError",
     "StationError",
     "Track",
+    "WearableCuff",
     "assess",
     "fit_donning",
     "fit_session",

@@ -8,29 +8,36 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fitting.curves import TrialCurves
+from fitting.donning_notes import donning_notes, interval_notes, migration_notes, origin_notes
 from fitting.dynamic.damping import DampingFit, fit_damping
 from fitting.dynamic.weak_form import ComplexStiffness, complex_stiffness
 from fitting.held_loads import fit_held_loads, held_load_notes, plain_held_loads
-from fitting.identification import judge_damping, judge_migration, judge_stiffness
 from fitting.quality import UnusableTrial
-from fitting.result import CuffFit, Lag, TrialFit, covariance_of
+from fitting.result import CuffFit, Lag, TrialFit
 from fitting.results.codes import Verdict
 from fitting.spatial.held_tensor import held_tensor
 from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor, Tensor, Tensors
+from fitting.static.creep import Creep
 from fitting.static.migration import fit_migration
 from fitting.static.stiffness import StaticFit, StiffnessFit, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate, combine
+from fitting.wearable_cuff import covariance_of
 from recordings.manifest import DataOrigin
 
 TESTS = ("static", "dynamic")
+MIN_LOADS = 3
+"""Held loads without which a donning has no stiffness."""
 TIE_ABOVE, TIE_BELOW = 0.15, 0.1
 """Relative standard error of c on its own from which the static stiffness is called to help, and what it must reach:
 beyond, c by its magnitude is far from normal, since that holds c only by its square."""
 
 
+WIDE_ANGLE, CLEAR = math.radians(2.5), 0.15
+"""Of the loss angle at the swing's frequency, ωc/k, that noise and lag may leave open: the published cuffs have 2.5 to
+20 degrees. And the part of c below which they may leave more. Noise in c alone then decides nothing about it."""
 ONE_WAY_BACK = (
     "all weights come off at once, which shows one way back: the loads alone cannot tell whether the cuff slipped or "
     "rubs; take them off one by one",
@@ -59,9 +66,9 @@ def fit_donning(
 
     before = _started_before(all_static, trials, rejected, reasons)
     judged = (
-        judge_stiffness(static, stiffness),
-        judge_damping(list(swings.values())),
-        judge_migration(all_static, held.creep if held and static == all_static else None, before),
+        _judge_stiffness(static, stiffness.stiffness),
+        _judge_damping(list(swings.values())),
+        _judge_migration(all_static, held.creep if held and static == all_static else None, before),
     )
     estimates = [estimate for estimate, _ in judged]
     cuff = trials[0].cuff
@@ -80,11 +87,11 @@ def fit_donning(
         trials=_list_trials(
             trials, every, {each.trial.file: each.pull for each in moved}, lines, stiffness.if_rubs, swings, reasons
         ),
-        notes=_notes(stiffness, list(swings.values()))
+        notes=donning_notes(stiffness, list(swings.values()))
         + interval_notes(None if judged[1][1] else estimates[1])
         + held_load_notes(held, stiffness)
-        + _mixed(trials)
-        + _migration_notes(all_static, before),
+        + origin_notes(trials, set(_origins(trials)))
+        + migration_notes(all_static, before),
         held=plain_held_loads(held, stiffness),
         diagnostics=_diagnostics(stiffness, list(swings.values())),
         energy=_energy(list(swings.values())),
@@ -93,17 +100,6 @@ def fit_donning(
         origin=DataOrigin.joined(_origins(trials)),
     )
     return fit, {file: _draw(each, lines.get(file), swings.get(file)) for file, each in used.items()}
-
-
-def interval_notes(damping: Estimate | None) -> tuple[str, ...]:
-    """A damping [N s/m] whose standard error is small enough may still have an interval that holds zero."""
-    if damping is None or damping.ci95[0] > 0:
-        return ()
-    low, high = damping.ci95
-    return (
-        f"the 95 % interval of damping holds zero ({low:.0f} to {high:.0f} N s/m); record more dynamic trials, and a "
-        "bounce if the lag is only declared",
-    )
 
 
 def _of(trials: Sequence[ReducedTrial], test: str) -> list[ReducedTrial]:
@@ -135,13 +131,6 @@ def _origins(trials: Sequence[Trial]) -> Iterator[DataOrigin]:
         yield trial.origin
         if trial.calibration is not None:
             yield trial.calibration.origin
-
-
-def _mixed(trials: Sequence[Trial]) -> tuple[str, ...]:
-    simulated = [trial.file for trial in trials if trial.origin is DataOrigin.SIMULATED]
-    if not simulated or set(_origins(trials)) == {DataOrigin.SIMULATED}:
-        return ()
-    return (f"fitted from simulated and other recordings together; simulated: {', '.join(simulated)}",)
 
 
 def _lag(trials: Sequence[Trial]) -> Lag:
@@ -193,6 +182,46 @@ def _fit_dampings(
 def _relative_error(fits: Mapping[str, DampingFit]) -> float:
     damping = combine([fit.damping for fit in fits.values()])
     return damping.standard_error / abs(damping.value)
+
+
+def _judge_stiffness(
+    static: Sequence[ReducedTrial], stiffness: Estimate | None
+) -> tuple[Estimate | None, Verdict | None]:
+    if not static:
+        return None, Verdict.NO_STATIC
+    if sum(len(each.plateaus) for each in static) < MIN_LOADS:
+        return None, Verdict.FEW_LOADS
+    if stiffness is None:
+        return None, Verdict.ONLY_ROSE
+    if stiffness.is_open or stiffness.value < 0 or not math.isfinite(stiffness.ci95[1]):
+        return None, Verdict.STIFFNESS_UNCERTAIN
+    return stiffness, None
+
+
+def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict | None]:
+    """What noise and lag leave open is given too, with its verdict: chosen by its value, c would come out too large."""
+    if not fits:
+        return None, Verdict.NO_DYNAMIC
+    damping = combine([fit.damping for fit in fits])
+    noise = float(np.linalg.norm([fit.noise for fit in fits])) / len(fits)
+    with_lag = math.hypot(
+        float(np.linalg.norm([fit.damping.noise for fit in fits])) / len(fits), max(fit.damping.common for fit in fits)
+    )
+    omega = 2 * math.pi * float(np.mean([fit.oscillation.frequency for fit in fits]))
+    angle = omega * with_lag / float(np.mean([fit.stiffness.value for fit in fits]))
+    is_wide = angle > WIDE_ANGLE and with_lag > CLEAR * abs(damping.value)
+    if not damping.is_open and not is_wide:
+        return damping, None if damping.value > 0 else Verdict.NEGATIVE
+    return damping, Verdict.LAG if with_lag > math.sqrt(2) * noise else Verdict.DAMPING_UNCERTAIN
+
+
+def _judge_migration(
+    static: Sequence[ReducedTrial], creep: Creep | None, before: Sequence[str]
+) -> tuple[Estimate | None, Verdict | None]:
+    migration = fit_migration([each.plateaus for each in static], creep)
+    if migration is None:
+        return None, Verdict.NOT_UNLOADED if static else None
+    return (None, Verdict.MIGRATED_BEFORE) if before else (migration, None)
 
 
 def _started_before(
@@ -250,58 +279,6 @@ def _list_trials(
             )
         )
     return tuple(listed)
-
-
-def _notes(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> tuple[str, ...]:
-    notes = [*_slip_notes(stiffness)]
-    if stiffness.only_rose and stiffness.stiffness:
-        notes.append("the load only rose; noise or creep explain all of its steps, so no slip is taken to be in them")
-    if any(fit.uses_static_stiffness for fit in damping):
-        notes.append(
-            "the lag is too uncertain for damping on its own; the stiffness of the held loads was used, "
-            "which holds if the cuff is as stiff when it swings"
-        )
-    if stiffness.stiffness and damping:
-        ratio = float(np.mean([fit.stiffness.value for fit in damping])) / stiffness.stiffness.value
-        if not 0.8 < ratio < 1.25:
-            notes.append(f"the cuff is {ratio:.2f} times as stiff when it swings as under held loads")
-    return tuple(notes)
-
-
-def _slip_notes(stiffness: StiffnessFit) -> Iterator[str]:
-    """What moves a cuff beside its spring while weights go on and off."""
-    if stiffness.slips_again and stiffness.further:
-        yield (
-            f"the cuff slips even under loads it carried before, by {1e3 * stiffness.further:.2f} mm from the first "
-            "trial to the last; stiffness is from taking weights off only"
-        )
-    elif stiffness.slips_again:
-        yield (
-            "weights that come off lead the cuff back another way than they led it out, but the same load holds it "
-            "where it did before: it rubs, or was put back between the trials; stiffness is from taking weights off "
-            "only, which friction makes too high: take them off one by one"
-        )
-    if stiffness.if_rubs and stiffness.stiffness:
-        yield (
-            "weights that all come off at once show one way back, on which a cuff that slipped and one that rubs look "
-            f"alike: stiffness is {stiffness.stiffness.value:.0f} N/m if it slipped, and down to "
-            f"{stiffness.if_rubs.value:.0f} if it rubs, which is in its interval; take them off one by one"
-        )
-    if stiffness.friction:
-        yield (
-            f"the cuff rubs by ± {stiffness.friction:.1f} N, or creeps too little for the holds to show: under the "
-            "same load it lies further out when weights come off than when they go on; stiffness is along each way"
-        )
-
-
-def _migration_notes(static: Sequence[ReducedTrial], before: Sequence[str]) -> tuple[str, ...]:
-    migration = fit_migration([each.plateaus for each in static])
-    if not before or migration is None:
-        return ()
-    return (
-        f"from {static[0].trial.file} on the cuff migrated by {1e3 * migration.value:.2f} mm; how far it had in "
-        f"{', '.join(before)}, recorded before, is not known",
-    )
 
 
 def _diagnostics(stiffness: StiffnessFit, damping: Sequence[DampingFit]) -> dict[str, float]:

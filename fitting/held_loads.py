@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.outcome import worst
 from fitting.plain import plain_estimate
+from fitting.results.codes import NoteCode
+from fitting.results.note import Note
 from fitting.spatial.reduction import ReducedTrial
 from fitting.static.creep import Creep, HeldTrial, fit_creep
 from fitting.static.migration import is_unloaded
@@ -56,8 +57,6 @@ def fit_held_loads(static: Sequence[ReducedTrial], gain_sd: float) -> tuple[Stif
         stiffness = fit_stiffness(trials, gain_sd, drift_sd, creeps=True)
     else:
         creep = _creep(static, stiffness.trials)
-    if creep is not None:
-        stiffness = replace(stiffness, outcome=worst((stiffness.outcome, creep.outcome)))
     if not any(trials):
         return stiffness, None
     spans = [plateau.end - plateau.start for plateaus in trials for plateau in plateaus]
@@ -65,35 +64,31 @@ def fit_held_loads(static: Sequence[ReducedTrial], gain_sd: float) -> tuple[Stif
     return stiffness, HeldLoads(float(np.mean(spans)) / 2 + SETTLING, drift, creep, _energy(trials), steps)
 
 
-def held_load_notes(held: HeldLoads | None, stiffness: StiffnessFit) -> tuple[str, ...]:
+def held_load_notes(held: HeldLoads | None, stiffness: StiffnessFit) -> tuple[Note, ...]:
     """What a reader should know."""
     if held is None:
         return ()
     notes = []
     if held.creep is not None and held.creep.is_measured:
         rest, fraction = held.creep.stiffness_at_rest, held.creep.fraction
-        notes.append(
-            f"the cuff creeps: it yields {100 * fraction.value:.0f} ± {196 * fraction.standard_error:.0f} % more, with "
-            f"a time constant of about {held.creep.time_constant:.0f} s; stiffness is that {held.hold:.0f} s after a "
-            f"step, and {rest.value:.0f} ± {1.96 * rest.standard_error:.0f} N/m when it has come to rest"
-        )
+        figures = {
+            "fraction": fraction.value,
+            "fraction_half_width": 1.96 * fraction.standard_error,
+            "time_constant_s": held.creep.time_constant,
+            "hold_s": held.hold,
+            "rest_n_per_m": rest.value,
+            "rest_half_width_n_per_m": 1.96 * rest.standard_error,
+        }
+        notes.append(Note(NoteCode.CREEPS, figures))
     elif held.creep is not None and held.creep.is_seen:
-        notes.append(
-            "the cuff goes on yielding under held loads, but slips or rubs as well: how far it would creep is not "
-            f"known; stiffness is that {held.hold:.0f} s after a step"
-        )
+        notes.append(Note(NoteCode.YIELDS, {"hold_s": held.hold}))
     law = stiffness.law
     if law is not None and abs(law.significance) > SIGNIFICANCE:
         low, high = law.tangent(law.reference_force), law.tangent(_highest(stiffness))
-        notes.append(
-            f"the cuff {'stiffens' if law.growth > 0 else 'softens'} with the load, from {low.value:.0f} N/m under the "
-            f"lowest to {high.value:.0f} N/m under the highest held load"
-        )
+        code = NoteCode.STIFFENS if law.growth > 0 else NoteCode.SOFTENS
+        notes.append(Note(code, {"lowest_n_per_m": low.value, "highest_n_per_m": high.value}))
     if held.drift is not None and abs(held.drift.value) > max(SIGNIFICANCE * held.drift.standard_error, DRIFT_NOTE):
-        notes.append(
-            f"the load cell's zero drifts by {60 * held.drift.value:+.2f} N a minute, which is taken out; let it warm "
-            "up"
-        )
+        notes.append(Note(NoteCode.ZERO_DRIFT, {"drift_n_per_s": held.drift.value}))
     return tuple(notes)
 
 

@@ -10,16 +10,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.result import CuffFit
 from fitting.uncertainty import NORMAL_95
+from fitting.wearable_cuff import WearableCuff
 from solver.cuff import PARAMETER_ORDER, CuffParameters
 
 
-def with_interval_covariance(fit: CuffFit) -> CuffParameters:
+def with_interval_covariance(cuff: WearableCuff) -> CuffParameters:
     """k, c and migration with a covariance whose normal 95 % intervals are those of the fit. Raises NotIdentified."""
-    parameters = fit.parameters()
+    parameters = cuff.parameters()
     errors = np.sqrt(np.diag(parameters.covariance))
-    ends = [getattr(fit, name).ci95 for name in PARAMETER_ORDER]
+    ends = [getattr(cuff, name).ci95 for name in PARAMETER_ORDER]
     wanted = np.maximum(errors, np.diff(ends, axis=1)[:, 0] / (2 * NORMAL_95))
     scale = np.divide(wanted, errors, out=np.ones(3), where=errors > 0)
     covariance = parameters.covariance * np.outer(scale, scale)

@@ -19,6 +19,9 @@ from documents.regular_file import read_regular
 from fitting.calibration import code_width, level_bias
 from fitting.errors import FitError
 from fitting.result import SessionFit
+from fitting.results.codes import NoteCode
+from fitting.results.note import Note
+from fitting.results.rendering import Figures
 from fitting.trial import Trial
 
 CHECKS_FILE = "calibration.jsonl"
@@ -97,10 +100,7 @@ def with_gain_drift(trials: Sequence[Trial], checks: Sequence[MassCheck]) -> lis
 
 def with_mass_checks(fitted: SessionFit, checks: Sequence[MassCheck]) -> SessionFit:
     """The fit with every reading, and every drift between the first and the last of a mass, among its cuffs' notes."""
-    notes = tuple(
-        f"known mass {one.mass:g} kg read {one.found:.2f} ± {one.sd:.2f} N, of {one.expected:.2f} N ({one.at})"
-        for one in checks
-    ) + tuple(_drift_note(first, last) for first, last in _drifted(checks))
+    notes = (*map(_reading_note, checks), *(_drift_note(first, last) for first, last in _drifted(checks)))
     donnings = {
         name: {donning: replace(fit, notes=fit.notes + notes) for donning, fit in fits.items()}
         for name, fits in fitted.donnings.items()
@@ -118,14 +118,22 @@ def _drifted(checks: Sequence[MassCheck]) -> list[tuple[MassCheck, MassCheck]]:
     return pairs
 
 
-def _drift_note(first: MassCheck, last: MassCheck) -> str:
+def _reading_note(check: MassCheck) -> Note:
+    figures: Figures = {
+        "mass_kg": check.mass,
+        "found_n": check.found,
+        "standard_error_n": check.sd,
+        "expected_n": check.expected,
+        "at": check.at,
+    }
+    return Note(NoteCode.KNOWN_MASS, figures)
+
+
+def _drift_note(first: MassCheck, last: MassCheck) -> Note:
     drift = last.found - first.found
     if first.mass == 0:
-        return f"the load cell's zero drifted by {drift:+.2f} N between the first and last reading; fits leave it free"
-    return (
-        f"the load cell's gain drifted by {100 * drift / first.expected:+.2f} % between the first and last reading of "
-        f"{first.mass:g} kg; half of it is in the uncertainty of the force"
-    )
+        return Note(NoteCode.KNOWN_MASS_ZERO_DRIFT, {"drift_n": drift})
+    return Note(NoteCode.KNOWN_MASS_GAIN_DRIFT, {"drift": drift / first.expected, "mass_kg": first.mass})
 
 
 def _mean(force: NDArray[np.float64]) -> tuple[float, float]:

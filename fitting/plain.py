@@ -35,7 +35,6 @@ def plain_swing(fit: DampingFit) -> dict[str, Any]:
     """What a dynamic trial says beside its damping."""
     return {
         "method": fit.method,
-        "outcome": fit.outcome,
         "frequency_hz": fit.oscillation.frequency,
         "force_amplitude_n": fit.oscillation.amplitude,
         "dynamic_stiffness_n_per_m": plain_estimate(fit.stiffness),
@@ -114,6 +113,7 @@ def plain_classes(classes: ModelComparison | None) -> dict[str, Any] | None:
         return None
     return {
         "chosen": classes.name,
+        "extensions": list(classes.chosen),
         "ranking": [
             {"class": score.name, "left_over_n": score.residual_rms, "gain": score.gain} for score in classes.ranking
         ],

@@ -91,7 +91,7 @@ def assess_what_is_there(
     folder: Path, cuffs: Mapping[str, CuffFit], progress: Progress
 ) -> tuple[AssessedSuit | None, list[str]]:
     """assessment.json of the cuffs that can be worn, and sentences on the others. None where there is no arm cuff."""
-    worn, left_out = wearable(cuffs)
+    worn, left_out = wearable({name: fit.wearable() for name, fit in cuffs.items()})
     missing = [f"not in the assessment: {reason}" for reason in left_out.values()]
     try:
         assessed = assess_cuffs(worn, AssessmentInputs(folder / "cuffs.json"), **MUSCLE_BOUNDS, progress=progress)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from fitting.result import CuffFit
+from fitting.wearable_cuff import WearableCuff
 
 SIGNIFICANT = 2
 """Digits of the half width that are told: with fewer nobody sees how wide an interval is, more are noise."""
@@ -40,9 +41,9 @@ def plus_minus(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0) ->
     return f"{rounded(scale * value, digits)} ± {rounded(_half(ci95, scale), digits)}"
 
 
-def of_cuff(fit: CuffFit, quantity: str, words: str) -> str:
+def of_cuff(fit: CuffFit | WearableCuff, quantity: str, words: str) -> str:
     """The words for a cuff's stiffness, damping or migration; a figure that nobody should wear is told as such."""
-    if quantity in fit.given:
+    if isinstance(fit, WearableCuff) and quantity in fit.given:
         return f"{words} (given by hand)"
     is_doubtful = quantity in fit.missing and getattr(fit, quantity) is not None
     return f"not identified: {words}" if is_doubtful else words

@@ -9,6 +9,7 @@ from pathlib import Path
 from fitting.result import CuffFit, SessionFit
 from fitting.session import fit_session as fit_trials
 from fitting.trial import read_trials
+from fitting.wearable_cuff import WearableCuff
 from recordings.reader import Recording, open_recording
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
@@ -80,7 +81,7 @@ def solve_motion(model: Model, kinematics: Kinematics, options: RedundancyOption
 
 
 def assess(
-    cuffs: Mapping[str, CuffFit],
+    cuffs: Mapping[str, CuffFit | WearableCuff],
     model: Model | None = None,
     kinematics: Kinematics | None = None,
     suit: File = BUNDLED_SUIT,
@@ -97,5 +98,6 @@ def assess(
     model = model or load_model()
     kinematics = kinematics or load_motion(model)
     every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
-    worn = worn_cuffs(dict(cuffs), ())
+    fitted = {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
+    worn = worn_cuffs(fitted, ())
     return assess_suit(model, kinematics, read_suit(Path(suit)), worn, every=every, draws=draws, options=options)

@@ -168,8 +168,8 @@ class _Server(socketserver.ThreadingTCPServer):
 
 
 def _talk_to(talk: Any) -> type[socketserver.BaseRequestHandler]:
-    class LineHandler(socketserver.BaseRequestHandler):
+    class Handler(socketserver.BaseRequestHandler):
         def handle(self) -> None:
             talk(self.request)
 
-    return LineHandler
+    return Handler

@@ -1,11 +1,33 @@
-"""What cuffs.json of format 0 says in sentences only: verdicts in the words of the stations that wrote it.
+"""cuffs.json of format 0, which has no "format": written by hand, or with its verdicts in words only.
 
-Format 0 has no "format". Its words are kept here as they were and never follow those of rendering.py.
+Its words are kept here as they were and never follow those of rendering.py.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from fitting.laws.model_class import KELVIN_VOIGT
 from fitting.results.codes import Verdict
+from recordings.manifest import DataOrigin
+
+_WORN = (
+    "stiffness_n_per_m",
+    "damping_n_s_per_m",
+    "migration_m",
+    "not_identified",
+    "verdict",
+    "site",
+    "donning",
+    "law",
+    "covariance",
+    "notes",
+    "diagnostics",
+    "sources",
+)
+"""Keys of a cuff that are read of it; they mean the same in format 1."""
+_TENSORS = ("stiffness_tensor_n_per_m", "damping_tensor_n_s_per_m")
 
 _VERDICTS = {
     Verdict.IDENTIFIED: "stiffness, damping and migration are identified",
@@ -49,6 +71,28 @@ _VERDICTS = {
 }
 
 
-def verdicts_in(text: str) -> tuple[Verdict, ...]:
-    """The verdicts that the text of a format-0 verdict holds."""
-    return tuple(verdict for verdict, sentence in _VERDICTS.items() if sentence in text)
+def as_format_1(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What can be worn of a document of format 0, as format 1 has it; its types are for the schema to check."""
+    return {"format": 1, "cuffs": {name: _cuff(entry) for name, entry in document["cuffs"].items()}}
+
+
+def _cuff(entry: Any) -> Any:
+    if not isinstance(entry, dict):
+        return entry
+    cuff = {key: entry[key] for key in _WORN if entry.get(key) is not None}
+    text = entry.get("verdict")
+    cuff["verdict_codes"] = [code for code, sentence in _VERDICTS.items() if isinstance(text, str) and sentence in text]
+    if entry.get("origin") in list(DataOrigin):
+        cuff["origin"] = entry["origin"]
+    if chosen := _member(entry.get("model_class"), "chosen"):
+        extensions = [name for name in str(chosen).split(" + ") if name != KELVIN_VOIGT]
+        cuff["model_class"] = {"chosen": str(chosen), "extensions": extensions}
+    for key in _TENSORS:
+        if value := _member(entry.get(key), "value"):
+            cuff[key] = {"value": value}
+    return cuff
+
+
+def _member(entry: Any, key: str) -> Any:
+    """What an object has under its key, or what stands in the object's place."""
+    return entry.get(key) if isinstance(entry, dict) else entry

@@ -8,16 +8,20 @@ from string import Formatter
 from types import MappingProxyType
 from typing import Any
 
-from fitting.results.codes import CauseCode, FindingCode, Verdict
+from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
 
 Figures = Mapping[str, float | str]
 """Name → figure, in SI with the unit in the name."""
 
-_SCALES = {"mm": 1e3, "percent": 100.0}
+_SCALES = {"mm": 1e3, "percent": 100.0, "per_minute": 60.0}
 """Unit in which a template shows a figure of SI: `{shift_m:mm .2f}`."""
 
 _ZEROS = "k and c stand, as each record has a zero of its own"
 _TANGENT = "k is the mean slope; read the tangent at the load that matters (exponential_law in cuffs.json)"
+_WITH_LOAD = (
+    " with the load, from {lowest_n_per_m:.0f} N/m under the lowest to {highest_n_per_m:.0f} N/m under the highest "
+    "held load"
+)
 _EXPLAINS = "{law} explains {gain:percent .0f} % of what a spring and a damper leave over; "
 
 _SENTENCES: Mapping[StrEnum, str | tuple[str, ...]] = {
@@ -33,12 +37,6 @@ _SENTENCES: Mapping[StrEnum, str | tuple[str, ...]] = {
     ),
     Verdict.STIFFNESS_UNCERTAIN: (
         "stiffness is not identified: its interval is wider than its value; hang more weight on"
-    ),
-    Verdict.STIFFNESS_NOT_CONVERGED: (
-        "stiffness is not identified: the fit did not converge; check the held loads in the report, and record again"
-    ),
-    Verdict.DAMPING_NOT_CONVERGED: (
-        "damping is not identified: the fit did not converge; check the swings in the report, and record again"
     ),
     Verdict.NO_DYNAMIC: "damping is not identified: there is no usable dynamic trial; record --test dynamic",
     Verdict.LAG: (
@@ -144,6 +142,66 @@ _SENTENCES: Mapping[StrEnum, str | tuple[str, ...]] = {
     + "k is that of the holds' length; hold as long as the suit will, and wait before migration is read",
     CauseCode.SLIP: _EXPLAINS
     + "k is from where it held; fasten the cuff tighter, or load it once before the first trial",
+    NoteCode.SLIPS_AGAIN: (
+        "the cuff slips even under loads it carried before, by {distance_m:mm .2f} mm from the first trial to the "
+        "last; stiffness is from taking weights off only"
+    ),
+    NoteCode.RUBS_OR_MOVED: (
+        "weights that come off lead the cuff back another way than they led it out, but the same load holds it "
+        "where it did before: it rubs, or was put back between the trials; stiffness is from taking weights off "
+        "only, which friction makes too high: take them off one by one"
+    ),
+    NoteCode.SLIP_OR_FRICTION: (
+        "weights that all come off at once show one way back, on which a cuff that slipped and one that rubs look "
+        "alike: stiffness is {slipped_n_per_m:.0f} N/m if it slipped, and down to {rubs_n_per_m:.0f} if it rubs, which "
+        "is in its interval; take them off one by one"
+    ),
+    NoteCode.RUBS: (
+        "the cuff rubs by ± {friction_n:.1f} N, or creeps too little for the holds to show: under the same load it "
+        "lies further out when weights come off than when they go on; stiffness is along each way"
+    ),
+    NoteCode.ONLY_ROSE: (
+        "the load only rose; noise or creep explain all of its steps, so no slip is taken to be in them"
+    ),
+    NoteCode.STATIC_STIFFNESS_USED: (
+        "the lag is too uncertain for damping on its own; the stiffness of the held loads was used, which holds if the "
+        "cuff is as stiff when it swings"
+    ),
+    NoteCode.STIFFNESS_RATIO: "the cuff is {ratio:.2f} times as stiff when it swings as under held loads",
+    NoteCode.DAMPING_INTERVAL: (
+        "the 95 % interval of damping holds zero ({low_n_s_per_m:.0f} to {high_n_s_per_m:.0f} N s/m); record more "
+        "dynamic trials, and a bounce if the lag is only declared"
+    ),
+    NoteCode.MIGRATED_BEFORE: (
+        "from {file} on the cuff migrated by {migration_m:mm .2f} mm; how far it had in {before}, recorded before, is "
+        "not known"
+    ),
+    NoteCode.MIXED_ORIGIN: "fitted from simulated and other recordings together; simulated: {simulated}",
+    NoteCode.CREEPS: (
+        "the cuff creeps: it yields {fraction:percent .0f} ± {fraction_half_width:percent .0f} % more, with a time "
+        "constant of about {time_constant_s:.0f} s; stiffness is that {hold_s:.0f} s after a step, and "
+        "{rest_n_per_m:.0f} ± {rest_half_width_n_per_m:.0f} N/m when it has come to rest"
+    ),
+    NoteCode.YIELDS: (
+        "the cuff goes on yielding under held loads, but slips or rubs as well: how far it would creep is not known; "
+        "stiffness is that {hold_s:.0f} s after a step"
+    ),
+    NoteCode.STIFFENS: "the cuff stiffens" + _WITH_LOAD,
+    NoteCode.SOFTENS: "the cuff softens" + _WITH_LOAD,
+    NoteCode.ZERO_DRIFT: (
+        "the load cell's zero drifts by {drift_n_per_s:per_minute +.2f} N a minute, which is taken out; let it warm up"
+    ),
+    NoteCode.KNOWN_MASS: (
+        "known mass {mass_kg:g} kg read {found_n:.2f} ± {standard_error_n:.2f} N, of {expected_n:.2f} N ({at})"
+    ),
+    NoteCode.KNOWN_MASS_ZERO_DRIFT: (
+        "the load cell's zero drifted by {drift_n:+.2f} N between the first and last reading; fits leave it free"
+    ),
+    NoteCode.KNOWN_MASS_GAIN_DRIFT: (
+        "the load cell's gain drifted by {drift:percent +.2f} % between the first and last reading of {mass_kg:g} kg; "
+        "half of it is in the uncertainty of the force"
+    ),
+    NoteCode.NO_SHIFT: "migration is not identified: assessed as if the cuff did not migrate",
 }
 """Code → its template; of several clauses those are shown whose figures are there."""
 

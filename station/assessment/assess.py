@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fitting.result import CuffFit
 from fitting.seal import Standing
+from fitting.wearable_cuff import WearableCuff
 from recordings.manifest import DataOrigin
 from solver.redundancy.motion import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
@@ -46,7 +46,7 @@ class AssessedSuit:
     in, and how the cuffs' file stood to what was recorded of it.
     """
 
-    cuffs: tuple[CuffFit, ...]
+    cuffs: tuple[WearableCuff, ...]
     assessment: Assessment
     beside: tuple[str, Assessment] | None
     emg: tuple[MeasuredReduction, ...]
@@ -60,7 +60,7 @@ class AssessedSuit:
 
 
 def assess_cuffs(
-    cuffs: dict[str, CuffFit],
+    cuffs: dict[str, WearableCuff],
     inputs: AssessmentInputs,
     *,
     most_frames: int | None = None,

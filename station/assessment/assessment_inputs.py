@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from documents.plain_data import read_json
 from fitting.cuffs_file import read_cuffs
 from fitting.interval_covariance import with_interval_covariance
-from fitting.laws.model_class import KELVIN_VOIGT, SLIP
-from fitting.result import CuffFit, NotIdentified
+from fitting.laws.model_class import SLIP
 from fitting.seal import Standing
-from fitting.uncertainty import Estimate
+from fitting.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff
 from solver.cuff import CuffParameters
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
@@ -29,8 +26,7 @@ from station.checksums import standing_of
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 
-KNOWN_LAW, TENSOR, RIGID = "kelvin_voigt", "tensor", "rigid"
-TENSOR_KEYS = ("stiffness_tensor_n_per_m", "damping_tensor_n_s_per_m")
+RIGID = "rigid"
 HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itself
 
 
@@ -105,7 +101,7 @@ class AssessmentInputs:
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 
-def standing_of_cuffs(path: Path, cuffs: Iterable[CuffFit]) -> Standing:
+def standing_of_cuffs(path: Path, cuffs: Iterable[WearableCuff]) -> Standing:
     """How the file stands to what was recorded of it; figures given by hand in these cuffs explain a change."""
     found = {fit.standing for fit in cuffs}
     if Standing.CHANGED in found:
@@ -113,7 +109,7 @@ def standing_of_cuffs(path: Path, cuffs: Iterable[CuffFit]) -> Standing:
     return Standing.BY_HAND if Standing.BY_HAND in found else standing_of(path)
 
 
-def cuff_remarks(path: Path, cuffs: Iterable[CuffFit]) -> list[str]:
+def cuff_remarks(path: Path, cuffs: Iterable[WearableCuff]) -> list[str]:
     """What a reader of a result must know of the cuffs that went into it, in sentences."""
     cuffs = tuple(cuffs)
     said = [f"cuff {fit.name}: {remark}" for fit in cuffs for remark in fit.remarks]
@@ -128,7 +124,7 @@ def ensure_folder(output: Path) -> None:
         raise InputError(f"{output} should be a folder to write into and is a file; give another --output")
 
 
-def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffParameters]:
+def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[CuffParameters]:
     """The chosen cuffs, or all, and the waist's. Raises InputError for one that is missing, or of another law."""
     missing = [name for name in chosen if name not in cuffs]
     if missing:
@@ -136,33 +132,20 @@ def worn_cuffs(cuffs: dict[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffP
             f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
             "another"
         )
-    worn = worn_fits(cuffs, chosen)
+    worn = chosen_cuffs(cuffs, chosen)
     for fit in worn:
         if fit.name == RIGID:
             raise InputError(f"a cuff is called {RIGID}, as is the suit with cuffs that do not yield; rename it")
-        if fit.classes is not None:
-            _ensure_is_worn_as(fit.classes.name, fit.name)
-        if fit.tensors is not None and (fit.tensors.stiffness or fit.tensors.damping):
-            _ensure_is_worn_as(TENSOR, fit.name)
+        _ensure_is_worn(fit)
     return [with_interval_covariance(fit) for fit in worn]
 
 
-NO_SHIFT = "migration is not identified: assessed as if the cuff did not migrate"
-
-
-def without_shift(fit: CuffFit) -> CuffFit:
-    """The cuff without migration, and with a note of it, where migration is all that is missing; else as it is."""
-    if fit.missing != ("migration",):
-        return fit
-    return replace(fit, migration=Estimate(0.0, 0.0, (0.0, 0.0)), notes=(*fit.notes, NO_SHIFT))
-
-
-def worn_fits(cuffs: Mapping[str, CuffFit], chosen: tuple[str, ...]) -> list[CuffFit]:
+def chosen_cuffs(cuffs: Mapping[str, WearableCuff], chosen: tuple[str, ...]) -> list[WearableCuff]:
     """Those of the chosen cuffs, or of all, and the waist's."""
     return [fit for fit in cuffs.values() if not chosen or fit.name in chosen or fit.site == "waist"]
 
 
-def wearable(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, CuffFit], dict[str, str]]:
+def wearable(cuffs: Mapping[str, WearableCuff]) -> tuple[dict[str, WearableCuff], dict[str, str]]:
     """The cuffs that can be worn, and of the others by name why not."""
     left_out = {}
     for name, fit in cuffs.items():
@@ -173,32 +156,22 @@ def wearable(cuffs: Mapping[str, CuffFit]) -> tuple[dict[str, CuffFit], dict[str
     return {name: fit for name, fit in cuffs.items() if name not in left_out}, left_out
 
 
-def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, CuffFit]:
+def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, WearableCuff]:
     """Reads cuffs.json; of the cuffs that worn_cuffs would take, raises InputError for a law that no suit wears."""
     cuffs = read_cuffs(path)
-    plain = read_json(path)["cuffs"]
-    for fit in worn_fits(cuffs, chosen):
-        entry = plain[fit.name]
-        _ensure_is_worn_as(entry.get("law"), fit.name)
-        _ensure_is_worn_as(_named(entry.get("model_class"), "chosen"), fit.name)
-        if any(_named(entry.get(key), "value") for key in TENSOR_KEYS):
-            _ensure_is_worn_as(TENSOR, fit.name)
+    for cuff in chosen_cuffs(cuffs, chosen):
+        _ensure_is_worn(cuff)
     return cuffs
 
 
-def _named(entry: Any, key: str) -> Any:
-    """What an object has under its key, or what stands in the object's place."""
-    return entry.get(key) if isinstance(entry, dict) else entry
-
-
-def _ensure_is_worn_as(law: Any, name: str) -> None:
+def _ensure_is_worn(cuff: WearableCuff) -> None:
     """Raises InputError where a cuff's law, or the class of its trials (fitting/laws/model_class.py), is a richer one.
 
     A cuff that slips is no other law: the suit wears its migration.
     """
-    if law is not None and set(str(law).split(" + ")) - {KNOWN_LAW, KELVIN_VOIGT, SLIP}:
+    if set(cuff.law) - {SLIP}:
         raise InputError(
-            f"the cuff {name} has the law {law}, and the suit wears cuffs of the law {KNOWN_LAW} only, which "
-            f"F = k x + c ẋ describes; where that will do, write {name} with its k, c and migration alone into a "
-            "cuffs file"
+            f"the cuff {cuff.name} has the law {' + '.join(cuff.law)}, and the suit wears cuffs of the law {KNOWN_LAW} "
+            f"only, which F = k x + c ẋ describes; where that will do, write {cuff.name} with its k, c and migration "
+            "alone into a cuffs file"
         )

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.result import QUANTITIES, CuffFit
 from fitting.seal import Standing
 from fitting.uncertainty import Estimate
+from fitting.wearable_cuff import QUANTITIES, WearableCuff
 from solver.suit.assessment import Assessment, EffortCurve, Quantity
-from station.assessment.assessment_inputs import NO_SHIFT
 from station.assessment.emg import MeasuredReduction
 
 Plain = dict[str, Any]
@@ -90,7 +89,7 @@ def plain_emg(measured: Sequence[MeasuredReduction]) -> list[Plain]:
     ]
 
 
-def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
+def plain_cuffs(cuffs: Sequence[WearableCuff]) -> Plain:
     """What was worn, as it was measured; a figure that was given has no interval."""
 
     def number(estimate: Estimate | None) -> Plain:
@@ -106,10 +105,17 @@ def plain_cuffs(cuffs: Sequence[CuffFit]) -> Plain:
                 key: {**number(getattr(fit, name)), "source": Standing.BY_HAND if name in fit.given else "fit"}
                 for name, key in QUANTITIES.items()
             },
-            **({"assumed": NO_SHIFT} if NO_SHIFT in fit.notes else {}),
+            **_plain_assumed(fit),
         }
         for fit in cuffs
     }
+
+
+def _plain_assumed(cuff: WearableCuff) -> Plain:
+    """What was assumed to make the cuff wearable, in a sentence and by its codes."""
+    if not cuff.assumed:
+        return {}
+    return {"assumed": "; ".join(map(str, cuff.assumed)), "assumed_codes": [note.code for note in cuff.assumed]}
 
 
 def _optimum(curve: EffortCurve) -> Plain:

@@ -19,10 +19,11 @@ from documents.validation import describe_error
 from fitting.bushing import bushing_force
 from fitting.cuffs_file import read_cuffs
 from fitting.curves import TrialCurves
-from fitting.result import QUANTITIES, UNITS, CuffFit, SessionFit
+from fitting.result import CuffFit, SessionFit
 from fitting.seal import Standing
 from fitting.spatial.tensor import Tensor
 from fitting.uncertainty import Estimate
+from fitting.wearable_cuff import QUANTITIES, UNITS, WearableCuff
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
@@ -62,22 +63,25 @@ MISSING_FILE = "missing.json"
 """Beside them where the demo is not complete: a list of sentences, what is missing and why."""
 
 
+_Cuffs = Mapping[str, CuffFit | WearableCuff]
+
+
 class ReportError(StationError):
     """There is nothing to report; one sentence."""
 
 
 @dataclass(frozen=True)
-class ReportedCuff:
+class CuffSection:
     """One cuff on the page."""
 
-    fit: CuffFit
+    fit: CuffFit | WearableCuff
     truth: _Truth | None
     pictures: tuple[Picture, ...]
 
     @property
     def tensors(self) -> list[tuple[str, str, Tensor]]:
         """Those that are told, with their names and units."""
-        found = self.fit.tensors
+        found = self.fit.tensors if isinstance(self.fit, CuffFit) else None
         both = (("Stiffness", "N/m", found and found.stiffness), ("Damping", "N s/m", found and found.damping))
         return [(what, unit, tensor) for what, unit, tensor in both if tensor]
 
@@ -94,7 +98,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     """
     if fitted is None and folder.is_dir() and recordings_in(folder):
         fitted = fit_session_folder(folder, None, progress)
-    cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
+    cuffs: _Cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
     assessment = read_assessment(folder / ASSESSMENT_FILE) if (folder / ASSESSMENT_FILE).is_file() else None
     if not cuffs and not assessment:
         raise ReportError(f"{folder} holds no recording, no cuffs.json and no assessment.json to report")
@@ -103,7 +107,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     curves = fitted.curves if fitted else {}
     planned: dict[str | None, Sequence[PlannedFigure]] = {
         None: suit_figures(assessment, folder) if assessment else (),
-        **{name: _figures_of(fit, curves) for name, fit in cuffs.items()},
+        **{name: _figures_of(fit, curves) if isinstance(fit, CuffFit) else () for name, fit in cuffs.items()},
     }
     pictures = draw_all(planned, progress)
     page = (
@@ -111,14 +115,14 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
         .get_template("page.html")
         .render(
             folder=folder.resolve().name,
-            cuffs=[ReportedCuff(fit, truth.get(name), pictures[name]) for name, fit in cuffs.items()],
+            cuffs=[CuffSection(fit, truth.get(name), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
             origin=_origin(cuffs, assessment),
             chain=chain,
             doubts=[str(link) for link in chain if link.standing in DOUBTFUL] + _contradictions(cuffs, assessment),
             inputs=json.dumps(_inputs(folder), indent=1).replace("<", "\\u003c"),
             missing=_beside(folder / MISSING_FILE, _MISSING) or (),
-            trials=[trial for fit in cuffs.values() for trial in fit.trials],
+            trials=[trial for fit in fitted.cuffs.values() for trial in fit.trials] if fitted else [],
             rejected=fitted.rejected if fitted else (),
             assessment=assessment,
             suit=assessment_section(assessment, pictures[None]) if assessment else None,
@@ -137,7 +141,7 @@ def _inputs(folder: Path) -> dict[str, str]:
     return {path.name: sha256_of(path) for path in made_of if path.is_file()}
 
 
-def _contradictions(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] | None) -> list[str]:
+def _contradictions(cuffs: _Cuffs, assessment: Mapping[str, Any] | None) -> list[str]:
     """Where the assessment wears other figures than those in the table of cuffs, in sentences."""
     said = []
     for name, worn in ((assessment or {}).get("cuffs") or {}).items():
@@ -154,7 +158,7 @@ def _contradictions(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] 
     return said
 
 
-def _origin(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] | None) -> DataOrigin:
+def _origin(cuffs: _Cuffs, assessment: Mapping[str, Any] | None) -> DataOrigin:
     """Of all that the page shows."""
     found = [fit.origin for fit in cuffs.values()]
     if assessment and assessment.get("origin") in list(DataOrigin):
@@ -162,7 +166,7 @@ def _origin(cuffs: Mapping[str, CuffFit], assessment: Mapping[str, Any] | None) 
     return DataOrigin.joined(found)
 
 
-def _cuffs_of(folder: Path) -> dict[str, CuffFit]:
+def _cuffs_of(folder: Path) -> dict[str, WearableCuff]:
     path = folder / "cuffs.json"
     return read_cuffs(path) if path.is_file() else {}
 

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fitting.result import QUANTITIES, UNITS, CuffFit, SessionFit
+from fitting.result import CuffFit, SessionFit
+from fitting.wearable_cuff import QUANTITIES, UNITS
 from recordings.reader import Recording
 from solver.redundancy.motion import MotionSolution
 from solver.suit.assessment import Assessment

@@ -55,11 +55,11 @@ def _assess_what_is_there(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[s
     from solver.motion import MotionError
     from solver.suit.suit import SuitError
     from station.assessment.assess import assess_cuffs, write_assessment
-    from station.assessment.assessment_inputs import NO_SHIFT, AssessmentInputs, InputError, wearable, without_shift
+    from station.assessment.assessment_inputs import AssessmentInputs, InputError, wearable
     from station.assessment.findings import findings
 
-    worn, left_out = wearable({name: without_shift(cuff) for name, cuff in cuffs.items()})
-    remarks = [f"{name}: {NO_SHIFT}" for name, cuff in worn.items() if NO_SHIFT in cuff.notes]
+    worn, left_out = wearable({name: fit.wearable().without_migration() for name, fit in cuffs.items()})
+    remarks = [f"{name}: {note}" for name, cuff in worn.items() for note in cuff.assumed]
     remarks += [f"not in the assessment: {reason}" for reason in left_out.values()]
     try:
         assessed = assess_cuffs(worn, AssessmentInputs(folder / "cuffs.json"), draws=DRAWS)

@@ -27,6 +27,7 @@ def fit(
     """Stiffness, damping and migration of every cuff in a session, with their uncertainty."""
     from rich.console import Console
 
+    from fitting.results.cuffs_json import cuffs_json
     from station.fit import fit_session_folder
     from station.progress import progress_bars
     from station.tables import print_cuffs
@@ -39,7 +40,7 @@ def fit(
     if method == "paper":
         _compare_with_paper(fitted, output, format)
     elif format == "json":
-        print(fitted.to_json(), end="")
+        print(cuffs_json(fitted), end="")
     else:
         print_cuffs(fitted, Console(markup=False))  # "[mm]" is a unit
     if not fitted.curves:

@@ -135,7 +135,7 @@ def optimise(
 
     from fitting.cuffs_file import read_cuffs
     from solver.suit.suit import BUNDLED_SUIT
-    from station.assessment.assessment_inputs import AssessmentInputs, cuff_remarks, worn_fits
+    from station.assessment.assessment_inputs import AssessmentInputs, chosen_cuffs, cuff_remarks
     from station.assessment.compilation import compilation_shown
     from station.assessment.optimum import optimise_file
     from station.progress import progress_bars
@@ -147,7 +147,7 @@ def optimise(
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
     Console(markup=False).print(optimum_table(optimised))
-    for sentence in cuff_remarks(cuffs, worn_fits(read_cuffs(cuffs), chosen)):
+    for sentence in cuff_remarks(cuffs, chosen_cuffs(read_cuffs(cuffs), chosen)):
         say(sentence)
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
         say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")

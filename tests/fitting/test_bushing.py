@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from fitting.bushing import bushing_force
-from fitting.result import CuffFit, NotIdentified
+from fitting.result import CuffFit
 from fitting.results.codes import Verdict
 from fitting.uncertainty import normal_estimate
+from fitting.wearable_cuff import NotIdentified
 
 FIT = CuffFit(
     name="hand",

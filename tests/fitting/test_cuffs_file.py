@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from fitting.cuffs_file import CuffsFileError, read_cuffs
-from fitting.result import CuffFit, NotIdentified, SessionFit, covariance_of
+from fitting.result import CuffFit, SessionFit
 from fitting.results.codes import Verdict
+from fitting.results.cuffs_json import cuffs_json
 from fitting.results.rendering import sentence_of
 from fitting.trial import RejectedTrial
 from fitting.uncertainty import Estimate
+from fitting.wearable_cuff import NotIdentified, covariance_of
 
 K, C, M = (
     Estimate(8520.0, 10.0, (8500.0, 8540.0), {"noise": 8.0, "between_repeats": 6.0}, 8.0),
@@ -33,7 +35,7 @@ def _session(*fits: CuffFit) -> SessionFit:
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
-    path.write_text(_session(_fit()).to_json(), encoding="utf-8")
+    path.write_text(cuffs_json(_session(_fit())), encoding="utf-8")
     read = read_cuffs(path)["hand"]
     assert (read.stiffness, read.damping, read.migration) == (K, C, M)
     assert read.verdicts == (Verdict.IDENTIFIED,)
@@ -44,7 +46,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 
 def test_the_file_has_the_keys_others_rely_on() -> None:
-    cuff = json.loads(_session(_fit()).to_json())["cuffs"]["hand"]
+    cuff = json.loads(cuffs_json(_session(_fit())))["cuffs"]["hand"]
     assert cuff["stiffness_n_per_m"] == {
         "value": 8520.0,
         "standard_error": 10.0,
@@ -56,7 +58,7 @@ def test_the_file_has_the_keys_others_rely_on() -> None:
 
 
 def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path) -> None:
-    text = _session(_fit(damping=None, verdict=Verdict.LAG)).to_json()
+    text = cuffs_json(_session(_fit(damping=None, verdict=Verdict.LAG)))
     cuff = json.loads(text)["cuffs"]["hand"]
     assert cuff["damping_n_s_per_m"] == {"value": None, "standard_error": None, "ci95": None}
     assert cuff["verdict_codes"] == ["damping_not_identified.lag"]
@@ -70,7 +72,7 @@ def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path)
 def test_what_noise_leaves_open_is_null_beside_its_figure_and_nobody_wears_it(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     wide = Estimate(210.0, 120.0, (-25.0, 445.0))
-    path.write_text(_session(_fit(damping=wide, verdict=Verdict.LAG)).to_json(), encoding="utf-8")
+    path.write_text(cuffs_json(_session(_fit(damping=wide, verdict=Verdict.LAG))), encoding="utf-8")
     written = json.loads(path.read_text(encoding="utf-8"))["cuffs"]["hand"]
     assert written["damping_n_s_per_m"] == {"value": None, "standard_error": None, "ci95": None}
     assert written["not_identified"]["damping_n_s_per_m"]["ci95"] == [-25.0, 445.0]
@@ -84,7 +86,7 @@ def test_what_noise_leaves_open_is_null_beside_its_figure_and_nobody_wears_it(tm
 def test_a_verdict_in_other_words_says_the_same(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     wide = Estimate(400.0, 300.0, (-190.0, 990.0))
-    plain = json.loads(_session(_fit(damping=wide, verdict=Verdict.LAG)).to_json())
+    plain = json.loads(cuffs_json(_session(_fit(damping=wide, verdict=Verdict.LAG))))
     plain["cuffs"]["hand"]["verdict"] = "c cannot be told"
     path.write_text(json.dumps(plain), encoding="utf-8")
     read = read_cuffs(path)["hand"]
@@ -106,12 +108,14 @@ def test_a_file_of_an_older_station_has_its_verdict_in_words_alone(tmp_path: Pat
     read = read_cuffs(path)["hand"]
     assert read.verdicts == (Verdict.LAG,)
     assert read.missing == ("damping",)
+    path.write_text(path.read_text(encoding="utf-8").replace("leaves too much", "leaves a lot"), encoding="utf-8")
+    assert read_cuffs(path)["hand"].missing == ("damping",), "whatever the words: it stands under not_identified"
 
 
 @pytest.mark.parametrize("verdict", [Verdict.SCALE, Verdict.SKIN])
 def test_a_stiffness_that_the_diagnosis_calls_wrong_is_worn_by_nobody(tmp_path: Path, verdict: Verdict) -> None:
     path = tmp_path / "cuffs.json"
-    path.write_text(_session(_fit(verdict=verdict)).to_json(), encoding="utf-8")
+    path.write_text(cuffs_json(_session(_fit(verdict=verdict))), encoding="utf-8")
     read = read_cuffs(path)["hand"]
     assert read.verdicts == (verdict,)
     with pytest.raises(NotIdentified, match="no stiffness and no damping to be relied on"):
@@ -119,7 +123,7 @@ def test_a_stiffness_that_the_diagnosis_calls_wrong_is_worn_by_nobody(tmp_path: 
 
 
 def test_the_latest_donning_stands_at_the_top_and_the_others_beside_it() -> None:
-    cuff = json.loads(_session(_fit("1"), _fit("2")).to_json())["cuffs"]["hand"]
+    cuff = json.loads(cuffs_json(_session(_fit("1"), _fit("2"))))["cuffs"]["hand"]
     assert cuff["donning"] == "2"
     assert list(cuff["donnings"]) == ["1", "2"]
 
@@ -138,20 +142,47 @@ def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
     assert parameters.source == sentence_of(Verdict.GIVEN)
 
 
+def test_a_file_of_a_later_format_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text('{"format": 2, "cuffs": {}}', encoding="utf-8")
+    with pytest.raises(CuffsFileError, match="has the format 2, expected 1"):
+        read_cuffs(path)
+
+
+@pytest.mark.parametrize("code", ["damping_not_identified", 5])
+def test_a_code_that_is_none_is_refused(code: str | int, tmp_path: Path) -> None:
+    path = tmp_path / "cuffs.json"
+    path.write_text(json.dumps({"format": 1, "cuffs": {"hand": {"verdict_codes": [code]}}}), encoding="utf-8")
+    with pytest.raises(CuffsFileError, match=r"cuffs\.hand\.verdict_codes\.0 is"):
+        read_cuffs(path)
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("{", "not a cuffs file"),
         ("[]", "not a cuffs file"),
-        ('{"cuffs": {"hand": 3}}', "cuff hand is 3"),
-        ('{"cuffs": {"hand": {"stiffness_n_per_m": {"value": "soft"}}}}', "hand.stiffness_n_per_m"),
-        ('{"cuffs": {"hand": {"site": "leg"}}}', "hand.site is 'leg'"),
-        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "standard_error": -1}}}}', "no standard_error below 0"),
-        ('{"cuffs": {"hand": {"migration_m": {"value": true}}}}', "hand.migration_m is .* expected a finite number"),
-        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "ci95": [1]}}}}', "two finite numbers, the lower first"),
-        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "ci95": [2, 1]}}}}', "two finite numbers, the lower first"),
-        ('{"cuffs": {"hand": {"covariance": [[1, 2], [3, 4]]}}}', "hand.covariance is .* expected 3 rows of 3"),
-        ('{"cuffs": {"hand": {"covariance": "none"}}}', "hand.covariance is 'none', expected 3 rows of 3"),
+        ('{"cuffs": {"hand": 3}}', "cuffs.hand is 3, expected a table"),
+        (
+            '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": "soft"}}}}',
+            "stiffness_n_per_m.value is 'soft'",
+        ),
+        ('{"cuffs": {"hand": {"site": "leg"}}}', "cuffs.hand.site is 'leg', expected 'arm' or 'waist'"),
+        (
+            '{"cuffs": {"hand": {"migration_m": {"value": 1, "standard_error": -1}}}}',
+            "migration_m.standard_error is -1",
+        ),
+        (
+            '{"cuffs": {"hand": {"migration_m": {"value": true}}}}',
+            "value is True, expected a number",
+        ),
+        (
+            '{"cuffs": {"hand": {"migration_m": {"value": 1, "ci95": [1]}}}}',
+            "migration_m.ci95 is .1.,",
+        ),
+        ('{"cuffs": {"hand": {"migration_m": {"value": 1, "ci95": [2, 1]}}}}', "expected the lower end first"),
+        ('{"cuffs": {"hand": {"covariance": [[1, 2], [3, 4]]}}}', "hand.covariance.0 is"),
+        ('{"cuffs": {"hand": {"covariance": "none"}}}', "hand.covariance is 'none', expected a list"),
     ],
 )
 def test_a_file_that_is_none_is_refused_in_a_sentence(text: str, sentence: str, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from fitting.quality import UnusableTrial
+from fitting.results.cuffs_json import cuffs_json
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from recordings.manifest import Manifest
@@ -111,7 +112,7 @@ def test_damaged_tracks_are_fitted_or_refused_in_a_sentence(damages: list[tuple[
             trials.append(build_trial(manifest, tracks[i], f"{i}.mcap", "hash"))
         except UnusableTrial as error:
             assert len(str(error)) > 20
-    json.loads(fit_session(trials).to_json(), parse_constant=_no_constant)
+    json.loads(cuffs_json(fit_session(trials)), parse_constant=_no_constant)
 
 
 def _no_constant(name: str) -> None:

@@ -55,7 +55,13 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
         assert low - 0.5 * (high - low) < truth["damping_n_s_per_m"] < high + 0.5 * (high - low)
 
     inputs = AssessmentInputs(session / "cuffs.json")
-    assessed = assess_cuffs(fitted.cuffs, inputs, most_frames=12, most_rest_lengths=16, draws=0)
+    assessed = assess_cuffs(
+        {name: fit.wearable() for name, fit in fitted.cuffs.items()},
+        inputs,
+        most_frames=12,
+        most_rest_lengths=16,
+        draws=0,
+    )
     write_assessment(assessed, session)
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
     assert plain["origin"] == json.loads((session / "cuffs.json").read_text(encoding="utf-8"))["origin"] == "simulated"

@@ -37,6 +37,7 @@ TYPES = {
     "RedundancyOptions",
     "SessionFit",
     "Track",
+    "WearableCuff",
 }
 ERRORS = {"DeviceError", "FitError", "RecordingError", "SolverError", "StationError"}
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -10,6 +10,7 @@ import pytest
 
 from fitting.result import CuffFit, SessionFit
 from fitting.results.codes import Verdict
+from fitting.results.cuffs_json import cuffs_json
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from solver.suit.suit import SuitError
@@ -44,7 +45,7 @@ def test_the_report_is_written_of_what_there_is(
     )
 
     def fit(_folder: Path, output: Path, *_: object) -> SessionFit:
-        output.write_text(fitted.to_json(), encoding="utf-8")
+        output.write_text(cuffs_json(fitted), encoding="utf-8")
         return fitted
 
     monkeypatch.setattr(demo, "record_session", lambda *_: ([failed], {}))
@@ -67,7 +68,7 @@ def test_the_report_is_written_of_what_there_is(
 def test_a_cuff_without_migration_is_left_out_and_named(waist: CuffFit) -> None:
     hand = replace(waist, name="hand", site="arm")
     lost = replace(hand, name="tube", migration=None, verdicts=(Verdict.NOT_UNLOADED,))
-    worn, left_out = wearable({"waist": waist, "hand": hand, "tube": lost})
+    worn, left_out = wearable({fit.name: fit.wearable() for fit in (waist, hand, lost)})
     assert list(worn) == ["waist", "hand"]
     assert list(left_out) == ["tube"]
     assert "tube has no migration" in left_out["tube"]

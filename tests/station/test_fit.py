@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fitting.result import SessionFit
+from fitting.results.cuffs_json import cuffs_json
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from recordings.manifest import TrialOutcome
@@ -50,7 +51,7 @@ def folder(fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
     def fit(_folder: Path, output: Path | None, _progress: object) -> SessionFit:
         if output is not None:
-            output.write_text(fitted.to_json(), encoding="utf-8")
+            output.write_text(cuffs_json(fitted), encoding="utf-8")
         return fitted
 
     monkeypatch.setattr("station.fit.fit_session_folder", fit)

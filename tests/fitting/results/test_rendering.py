@@ -7,7 +7,8 @@ from enum import StrEnum
 
 import pytest
 
-from fitting.results.codes import CauseCode, FindingCode, Verdict
+from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
+from fitting.results.note import Note
 from fitting.results.rendering import _SENTENCES, Figures, fields_of, name_of, sentence_of
 
 
@@ -47,3 +48,15 @@ def test_a_figure_is_shown_in_the_unit_of_its_place_and_a_clause_without_its_fig
 
 
 FORCE = "; with x counted from that zero F − k x would be off by +102.2 N"
+
+
+@pytest.mark.parametrize("code", NoteCode)
+def test_every_note_is_rendered(code: NoteCode) -> None:
+    names = fields_of(_SENTENCES[code])
+    figures: Figures = {name: f"<{name}>" if name in NOTE_TEXTS else 0.0125 for name in names}
+    sentence = str(Note(code, figures))
+    assert "{" not in sentence
+    assert all(f"<{name}>" in sentence for name in names & NOTE_TEXTS)
+
+
+NOTE_TEXTS = {"file", "before", "simulated", "at"}

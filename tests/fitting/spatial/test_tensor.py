@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fitting.results.cuffs_json import cuffs_json
 from fitting.session import fit_session
 from fitting.spatial.held_tensor import held_tensor
 from fitting.spatial.reduction import ReducedTrial, reduce_trials
@@ -145,7 +146,7 @@ def test_a_donning_pulled_in_five_directions_keeps_one_line_and_adds_space() -> 
     assert "counts in three dimensions only" in notes["static-2"]
     assert "counts in three dimensions only" not in notes["static-1"]
     assert len(fit.sources) == 10
-    plain = json.loads(session.to_json())["cuffs"]["elbow"]
+    plain = json.loads(cuffs_json(session))["cuffs"]["elbow"]
     assert len(plain["stiffness_tensor_n_per_m"]["eigenvalues"]) == 3
     assert plain["damping_tensor_n_s_per_m"]["directions"] == 5
     for tensor, causes in ((fit.tensors.stiffness, ("gain",)), (fit.tensors.damping, ("lag", "gain"))):

@@ -13,6 +13,7 @@ import pytest
 from rich.console import Console
 
 from fitting.mass_checks import CHECKS_FILE, MassCheckError, read_checks, with_gain_drift, with_mass_checks
+from fitting.results.codes import NoteCode
 from fitting.session import fit_session
 from fitting.trial import build_trial
 from recordings.samples import Item
@@ -110,9 +111,10 @@ def test_a_gain_that_drifted_widens_the_scale_of_the_force_and_is_told_with_all_
     assert trial.gain_sd == 0
     assert wider.gain_sd == pytest.approx(0.89 / 19.61 / 2, rel=0.1)
     notes = with_mass_checks(fit_session([wider]), checks).cuffs["hand"].notes
-    assert sum(note.startswith("known mass") for note in notes) == 4
-    assert any("zero drifted by +2." in note for note in notes)
-    assert any("gain drifted by +4." in note for note in notes)
+    assert [note.code for note in notes if note.code is NoteCode.KNOWN_MASS] == [NoteCode.KNOWN_MASS] * 4
+    figures = {note.code: note.figures for note in notes}
+    assert figures[NoteCode.KNOWN_MASS_ZERO_DRIFT]["drift_n"] == pytest.approx(2.3, abs=0.35)
+    assert figures[NoteCode.KNOWN_MASS_GAIN_DRIFT]["drift"] == pytest.approx(0.045, abs=0.005)
 
 
 def test_the_fit_of_a_folder_goes_by_what_was_read_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,7 +126,8 @@ def test_the_fit_of_a_folder_goes_by_what_was_read_in_it(tmp_path: Path, monkeyp
         said = {"mass_kg": 2.0, "expected_n": 19.6, "found_n": found, "u_n": 0.02, "zero_n": 0.1}
         append_line(tmp_path / CHECKS_FILE, "known_mass", **said)
     fit = fit_session_folder(tmp_path, None).cuffs["hand"]
-    assert any("gain drifted by +15.31 %" in note for note in fit.notes)
+    assert fit.notes[-1].code is NoteCode.KNOWN_MASS_GAIN_DRIFT
+    assert fit.notes[-1].figures["drift"] == pytest.approx(3 / 19.6)
     assert fit.stiffness is not None
     assert silent.stiffness is not None
     assert fit.stiffness.standard_error > 1.5 * silent.stiffness.standard_error

@@ -50,7 +50,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_checksums(folder / STATIC, folder / DYNAMIC)  # as the recorder does when a trial ends
     fitted = fit_session_folder(folder, folder / "cuffs.json")
     inputs = AssessmentInputs(folder / "cuffs.json")
-    write_assessment(assess_cuffs(fitted.cuffs, inputs, most_frames=4, most_rest_lengths=5, draws=0), folder)
+    worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
+    write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, draws=0), folder)
     write_report(folder, fitted)
     return folder
 

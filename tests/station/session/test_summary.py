@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from station.assessment.assessment_inputs import NO_SHIFT, InputError
+from fitting.results.codes import NoteCode
+from fitting.results.rendering import sentence_of
+from station.assessment.assessment_inputs import InputError
 from station.fit import fit_session_folder
 from station.journal import Assignment, write_assigned, write_verdict
 from station.session.summary import SummaryError, summarise
@@ -47,13 +49,14 @@ def test_a_cuff_without_migration_is_assessed_without_shift_and_named(tmp_path: 
     write_verdict(tmp_path, "cuff-hand_test-static_run-0.mcap", "redo", "the wearer coughed")
     summary = summarise(tmp_path)
     assert summary.rows[0]["migration [mm]"] == "not identified"
-    assert summary.findings[0] == f"hand: {NO_SHIFT}"
+    assert summary.findings[0] == f"hand: {sentence_of(NoteCode.NO_SHIFT)}"
     assessed = json.loads((tmp_path / "assessment.json").read_text())
     hand = assessed["cuffs"]["hand"]
-    assert hand["migration_m"] == {"value": 0.0, "ci95": None} and hand["assumed"] == NO_SHIFT
+    assert hand["migration_m"] == {"value": 0.0, "ci95": None}
+    assert hand["assumed_codes"] == [NoteCode.NO_SHIFT]
     both, yielding = (assessed["at_rigid_optimum"]["hand"][condition] for condition in ("both", "visco_elastic"))
     assert both["value"] == pytest.approx(yielding["value"], rel=1e-9), "no shift"
-    assert NO_SHIFT in (tmp_path / "report.html").read_text()
+    assert sentence_of(NoteCode.NO_SHIFT) in (tmp_path / "report.html").read_text()
 
 
 def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Path) -> None:

@@ -1,0 +1,298 @@
+"""The schema of cuffs.json: it writes the file, reads it, and is published in docs/schemas/cuffs.schema.json.
+
+SI, with the unit in the key. Only "cuffs" must be there, and of a cuff only the figures that are worn: a file may be
+written by hand. Keys that are not named here are passed over.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
+from fitting.seal import Standing
+from recordings.manifest import DataOrigin
+
+FORMAT = 1
+"""Of the file; 0 is a file without "format". It rises where a key changes its meaning, not where one is added."""
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
+Origin = Annotated[DataOrigin, Field(strict=False)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
+
+
+class FigureEntry(_Entry):
+    """A number with its standard error and 95 % interval; value is null where it is not identified."""
+
+    value: float | None = None
+    standard_error: float | None = Field(default=None, ge=0)
+    ci95: Annotated[Ends | None, Field(description="lower and upper end of the 95 % interval")] = None
+    parts: dict[str, float] = Field(default_factory=dict, description="standard error by cause; squares add up")
+    cramer_rao_bound: float | None = None
+
+    @model_validator(mode="after")
+    def _ensure_order(self) -> Self:
+        if self.ci95 is not None and self.ci95[0] > self.ci95[1]:
+            raise ValueError(f"ci95 is {self.ci95}, expected the lower end first")
+        return self
+
+
+def _with_value(entry: Any) -> Any:
+    return entry if isinstance(entry, dict | FigureEntry) else {"value": entry}
+
+
+Figure = Annotated[FigureEntry, BeforeValidator(_with_value, json_schema_input_type=FigureEntry | float | None)]
+"""As an object, or as the bare number."""
+
+
+class NoteEntry(_Entry):
+    code: Annotated[NoteCode, Field(strict=False)]
+    figures: dict[str, float | str] = Field(default_factory=dict)
+
+
+class LagEntry(_Entry):
+    value_s: float
+    delay_standard_error_s: float
+    edge_standard_error_s: float
+    clock_rate_standard_error: float
+    source: str
+
+
+class CreepEntry(_Entry):
+    is_seen: bool
+    fraction: Figure
+    time_constant_s: float | None
+    stiffness_at_rest_n_per_m: Figure
+
+
+class TangentEntry(_Entry):
+    force_n: float
+    stiffness_n_per_m: Figure
+
+
+class ExponentialLawEntry(_Entry):
+    stiffening_per_m: Figure
+    tangents: list[TangentEntry]
+
+
+class HeldLoadsEntry(_Entry):
+    """Held loads beside the straight line."""
+
+    hold_s: float
+    zero_drift_n_per_s: Figure
+    hysteresis_energy_j: Figure
+    slip_m: float
+    steps_s: dict[str, list[float]]
+    creep: CreepEntry | None = None
+    exponential_law: ExponentialLawEntry | None = None
+
+
+class BandEntry(_Entry):
+    frequency_hz: float
+    stiffness_n_per_m: Figure
+    damping_n_s_per_m: Figure
+
+
+class TensorEntry(_Entry):
+    """K or C in three dimensions, or the reason why there is none."""
+
+    value: Matrix | None
+    reason: str = ""
+    standard_error: Matrix | None = None
+    ci95: Annotated[list[Matrix] | None, Field(min_length=2, max_length=2)] = None
+    parts: dict[str, Matrix] = Field(default_factory=dict)
+    covariance: list[list[float]] | None = None
+    eigenvalues: list[Figure] = Field(default_factory=list)
+    axes: Matrix | None = None
+    axes_ci95_rad: list[float] | None = None
+    directions: int | None = None
+
+
+class ClassEntry(_Entry):
+    name: str = Field(alias="class")
+    left_over_n: float = Field(description="residual RMS in repeats that were left out")
+    gain: float
+
+
+class ModelClassEntry(_Entry):
+    """The law that describes the cuff: extensions of F = k x + c ẋ, none for that law alone."""
+
+    chosen: str
+    extensions: list[str]
+    ranking: list[ClassEntry] = Field(default_factory=list)
+
+
+class FindingEntry(_Entry):
+    """A check D1 to D8."""
+
+    code: str
+    finding: Annotated[FindingCode | None, Field(strict=False)] = None
+    name: str
+    value: float
+    standard_error: float | None
+    unit: str
+    alarm: bool
+    figures: dict[str, float | str] = Field(default_factory=dict)
+    sentence: str
+
+
+class CauseEntry(_Entry):
+    cause: str
+    code: Annotated[CauseCode | None, Field(strict=False)] = None
+    severity: float
+    figures: dict[str, float | str] = Field(default_factory=dict)
+    finding: Annotated[FindingCode | None, Field(strict=False)] = None
+    sentence: str
+
+
+class DiagnosisEntry(_Entry):
+    findings: list[FindingEntry]
+    causes: list[CauseEntry]
+
+
+class SyncEntry(_Entry):
+    """The trial's sync certificate."""
+
+    has_both_edges: bool
+    offset_s: float
+    offset_standard_error_s: float
+    clock_ratio_ppm: float
+    clock_ratio_standard_error_ppm: float
+    clock_ratio_ci95_ppm: Ends | None = None
+    clock_ratio_is_identified: bool | None = None
+    stop_edge_contradiction_s: float
+    peak_force_rate_n_per_s: float
+    peak_speed_m_per_s: float
+    time_standard_error_s: float
+    force_standard_error_n: float
+    displacement_standard_error_m: float
+    findings: list[str]
+
+
+class CrossCheckEntry(_Entry):
+    method: str
+    stiffness_n_per_m: Figure
+    damping_n_s_per_m: Figure
+
+
+class SwingEntry(_Entry):
+    """A dynamic trial beside its damping."""
+
+    method: str
+    frequency_hz: float
+    force_amplitude_n: float
+    dynamic_stiffness_n_per_m: Figure
+    hysteresis_energy_j: Figure
+    lag_s: float
+    force_noise_n: float
+    marker_noise_m: float
+    marker_noise_correlation: float
+    residual_at_harmonics_n: list[float]
+    residual_between_harmonics_n: float
+    cross_checks: list[CrossCheckEntry]
+    complex_stiffness: list[BandEntry]
+
+
+class TrialEntry(_Entry):
+    """A recording's part in the fit."""
+
+    file: str
+    sha256: str
+    test: str
+    repeat: int
+    run: int
+    state: Literal["used", "superseded", "unusable"]
+    reason: str
+    notes: list[str]
+    origin: Origin = DataOrigin.UNKNOWN
+    damage: list[str] = Field(default_factory=list)
+    sync: SyncEntry | None = None
+    zero_drift_n: float | None = None
+    stiffness_n_per_m: Figure = FigureEntry()
+    damping_n_s_per_m: Figure = FigureEntry()
+    migration_m: Figure = FigureEntry()
+    dynamic: SwingEntry | None = None
+
+
+class CuffEntry(_Entry):
+    """A cuff as last donned, or in one donning. What is not identified is null, and under not_identified."""
+
+    stiffness_n_per_m: Figure = FigureEntry()
+    damping_n_s_per_m: Figure = FigureEntry()
+    migration_m: Figure = FigureEntry()
+    not_identified: dict[str, Figure] | None = None
+    verdict: str = Field(default="", description="verdict_codes in sentences")
+    verdict_codes: list[Annotated[Verdict, Field(strict=False)]] = Field(default_factory=list)
+    origin: Origin = DataOrigin.UNKNOWN
+    site: Literal["arm", "waist"] | None = None
+    donning: str | int = ""
+    law: str | None = Field(default=None, description="by hand: kelvin_voigt, the only law that a suit wears")
+    covariance: Matrix | None = Field(default=None, description="of stiffness, damping and migration")
+    notes: list[str] = Field(default_factory=list, description="note_codes in sentences")
+    note_codes: list[NoteEntry] = Field(default_factory=list)
+    diagnostics: dict[str, float] = Field(default_factory=dict)
+    lag: LagEntry | None = None
+    static: HeldLoadsEntry | None = None
+    hysteresis_energy_j: Figure = FigureEntry()
+    complex_stiffness: list[BandEntry] = Field(default_factory=list)
+    stiffness_tensor_n_per_m: TensorEntry | None = None
+    damping_tensor_n_s_per_m: TensorEntry | None = None
+    model_class: ModelClassEntry | None = None
+    diagnosis: DiagnosisEntry | None = None
+    sources: dict[str, str] = Field(default_factory=dict, description="file → SHA-256")
+    trials: list[TrialEntry] = Field(default_factory=list)
+    donnings: dict[str, CuffEntry] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _ensure_covariance(self) -> Self:
+        if self.covariance is not None and min(self.covariance[i][i] for i in range(3)) < 0:
+            raise ValueError("covariance has a number below 0 in its diagonal")
+        return self
+
+
+class RejectedEntry(_Entry):
+    file: str
+    reason: str
+    damage: list[str] = Field(default_factory=list)
+
+
+class CalibrationEntry(_Entry):
+    """The load cell by the session's bounce trials."""
+
+    lag_s: Figure
+    gain: Figure
+    gain_is_used: bool
+    zero_n: Figure
+    recorded_utc: str
+    sources: dict[str, str]
+    notes: list[str]
+
+
+class RecordingEntry(_Entry):
+    sha256: str
+    standing: Annotated[Standing, Field(strict=False)]
+
+
+class SealEntry(_Entry):
+    """Hashes of the figures as fitted (docs/decisions/0021-a-chain-of-hashes.md)."""
+
+    cuffs: dict[str, dict[str, str]]
+    session: str
+
+
+class CuffsDocument(_Entry):
+    """cuffs.json: the cuffs of a session, with what they were fitted from."""
+
+    format: Literal[1]
+    origin: Origin = DataOrigin.UNKNOWN
+    cuffs: dict[str, CuffEntry]
+    rejected: list[RejectedEntry] = Field(default_factory=list)
+    calibration: CalibrationEntry | None = None
+    recordings: dict[str, RecordingEntry] = Field(default_factory=dict)
+    seal: SealEntry | None = None
