@@ -81,7 +81,7 @@ def _one(cuff: str, seed: int, rate: float, lag_sd: float, colour: float = 0.0) 
     error = np.sqrt(np.diag(solution.covariance))
     found = (solution.parameters[K], error[K], error[K], solution.parameters[C], error[C], error[C])
     if check(record, solution, 1.0).is_coloured:
-        robust = output_error(record, float(solution.parameters[K]), float(solution.parameters[C]))
+        robust = output_error(record, float(solution.parameters[K]), float(solution.parameters[C])).estimates
         if robust:
             found = (
                 robust[0].value,

@@ -69,8 +69,8 @@ def parse_toml(content: str | bytes) -> dict[str, Any]:
 
 def shortened(found: object) -> str:
     """What was found in a file, as much of it as a sentence bears."""
-    words = repr(found)
-    return words if len(words) <= LONGEST_QUOTE else f"{words[:LONGEST_QUOTE]}…"
+    text = repr(found)
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}…"
 
 
 _NUMBER_IN_A_LIST = re.compile(r"(?<![\w.])\d+\.\d+(?=\s*[,\]}])")

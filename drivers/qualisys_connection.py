@@ -109,7 +109,7 @@ class QtmConnection:
         except self._refusal as error:
             advice = "check QTM's measurement" if self._settings.has_control else 'set mocap.control = "start"'
             raise DeviceMisconfigured(
-                f'{self._name} was asked to {what} and answered "{_words(error)}"; {advice}'
+                f'{self._name} was asked to {what} and answered "{_text_of(error)}"; {advice}'
             ) from error
         except (TimeoutError, RuntimeError) as error:  # RuntimeError: the loop has ended
             raise DeviceLost(f"{self._name} was asked to {what} and did not answer; check that QTM runs") from error
@@ -169,7 +169,7 @@ class QtmConnection:
             ) from error
         except self._refusal as error:
             raise DeviceMisconfigured(
-                f'{self._name} was asked for its {step} and answered "{_words(error)}"; {_ADVICE[step]}'
+                f'{self._name} was asked for its {step} and answered "{_text_of(error)}"; {_ADVICE[step]}'
             ) from error
 
     async def _connect(self) -> None:
@@ -180,7 +180,7 @@ class QtmConnection:
     async def _ask_identity(self) -> DeviceIdentity:
         """QTM's answer to QTMVersion; a simulated one says there that it is."""
         try:
-            answer = _words(await self._connection.qtm_version())
+            answer = _text_of(await self._connection.qtm_version())
         except self._refusal:
             return DeviceIdentity(self._name, "", None)
         return DeviceIdentity(self._name, answer, "simulat" in answer.lower())
@@ -381,7 +381,7 @@ _ADVICE = {
 }
 
 
-def _words(said: Any) -> str:
+def _text_of(answer: Any) -> str:
     """What QTM answered, or refused with."""
-    value = getattr(said, "value", said)
+    value = getattr(answer, "value", answer)
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

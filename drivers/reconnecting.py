@@ -105,8 +105,8 @@ class Reconnecting:
             self._wait_longer(outage, error)
             return []
         self._outage = None
-        words = f"{self.name} is back after {self._seconds() - outage.since_s:.1f} s"
-        return [self._event("connection_restored", words), *self._accounted(items)]
+        message = f"{self.name} is back after {self._seconds() - outage.since_s:.1f} s"
+        return [self._event("connection_restored", message), *self._accounted(items)]
 
     def _wait_longer(self, outage: _Outage, error: DeviceError) -> None:
         now = self._seconds()

@@ -201,8 +201,8 @@ def _identity_of_port(name: str, port: str) -> DeviceIdentity:
     if found is None:
         return DeviceIdentity(name, "", None)
     number = f"serial number {found.serial_number}" if found.serial_number else ""
-    words = (found.manufacturer or "", found.product or "", number)
-    return DeviceIdentity(name, " ".join(word for word in words if word), False)
+    parts = (found.manufacturer or "", found.product or "", number)
+    return DeviceIdentity(name, " ".join(part for part in parts if part), False)
 
 
 def _tcp_port(port: Any) -> int:

@@ -24,6 +24,7 @@ from scipy.constants import g
 
 from fitting.calibration import MAX_GAIN_ERROR, Calibration, blame
 from fitting.oscillation import Oscillation, find_oscillation
+from fitting.outcome import FitOutcome, NotConverged
 from fitting.quality import UnusableTrial
 from fitting.spline import Spline, grounded, solve_banded
 from fitting.timing.clocks import LagUncertainty
@@ -43,7 +44,10 @@ KNOTS_PER_CYCLE = 10
 OUTLIER = 6.0
 LONGEST_GAP = 0.15
 """Cycles for which the marker may be hidden and its displacement still be interpolated by the spline."""
-ROUNDS = 4
+ROUNDS, MAX_ROUNDS = 4, 20
+"""Of the lag: at least so many, and then until it rests; and of the outlying frames at most."""
+LAG_TOLERANCE = 1e-7
+"""Seconds by which the last round may still move the lag: a thousandth of what a bounce can tell."""
 POLARITY, TARED = -2.0, -1.0
 """Zero over weight if the load cell's sign is wrong, and if it was zeroed with the weight on."""
 NEAR = 0.3
@@ -58,6 +62,7 @@ class BounceTrial:
     marker_time, position  (frames,) s, (frames, 3) m in the mocap frame, NaN where the marker was not seen
     lag             as configured, and what is not known of it
     origin          measured or simulated, as the devices said of themselves
+    marks           number of moments that the operator marked
     """
 
     rig: BounceRig
@@ -72,6 +77,7 @@ class BounceTrial:
     position: NDArray[np.float64]
     lag: LagUncertainty
     origin: DataOrigin = DataOrigin.UNKNOWN
+    marks: int = 0
 
 
 @dataclass(frozen=True)
@@ -120,6 +126,11 @@ def fit_bounce(trial: BounceTrial) -> BounceFit:
     _require_cycles(trial, oscillation)
     motion = _motion(trial, oscillation)
     answer = _compare(trial, motion, oscillation)
+    if not motion.outcome is answer.outcome is FitOutcome.CONVERGED:
+        raise NotConverged(
+            "the lag of the bounce is not identified: the fit did not converge; let the weight bounce freely in view "
+            "of the cameras, and record again"
+        )
     omega, rig = 2 * math.pi * oscillation.frequency, trial.rig
     gain = answer.mass / (rig.mass_kg + rig.spring_mass_kg / 2)
     lag = trial.lag.value + answer.lag
@@ -160,6 +171,7 @@ class _Motion:
     displacement: NDArray[np.float64]
     is_known: NDArray[np.bool_]
     noise: float
+    outcome: FitOutcome
 
 
 def _motion(trial: BounceTrial, oscillation: Oscillation) -> _Motion:
@@ -177,18 +189,22 @@ def _motion(trial: BounceTrial, oscillation: Oscillation) -> _Motion:
     displacement = (position - position[seen].mean(axis=0)) @ (follows / max(float(np.linalg.norm(follows)), 1e-30))
     spline = Spline(float(time[0]), float(time[-1]), 1 / KNOTS_PER_CYCLE / oscillation.frequency)
     design = spline.design(time)[0]
-    for _ in range(3):
+    outcome = FitOutcome.NOT_CONVERGED
+    for _ in range(MAX_ROUNDS):
         rows = design[np.flatnonzero(seen)]
         smooth = np.asarray(design @ solve_banded(grounded(rows.T @ rows), rows.T @ displacement[seen]))
         noise = 1.4826 * float(np.median(np.abs(displacement[seen] - smooth[seen])))
-        seen = np.isfinite(displacement) & (np.abs(displacement - smooth) < OUTLIER * max(noise, 1e-6))
+        before, seen = seen, np.isfinite(displacement) & (np.abs(displacement - smooth) < OUTLIER * max(noise, 1e-6))
+        if np.array_equal(before, seen):
+            outcome = FitOutcome.CONVERGED
+            break
     if np.sqrt(2) * np.std(smooth) < MIN_AMPLITUDE * max(noise, LEAST_NOISE):
         raise UnusableTrial(
             f"marker {trial.rig.marker} moves by ± {1e3 * np.sqrt(2) * np.std(smooth):.2f} mm with the force, expected "
             f"at least {MIN_AMPLITUDE:g} times its noise of {1e3 * noise:.2f} mm; check that it is on the weight"
         )
     is_known = _is_near(time, np.asarray(seen), LONGEST_GAP / oscillation.frequency)
-    return _Motion(time, np.where(seen, displacement, smooth), is_known, noise)
+    return _Motion(time, np.where(seen, displacement, smooth), is_known, noise, outcome)
 
 
 def _is_near(time: NDArray[np.float64], seen: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
@@ -207,6 +223,7 @@ class _Answer:
     lag: float
     length_sd: float
     phase_sd: float
+    outcome: FitOutcome
 
 
 def _compare(trial: BounceTrial, motion: _Motion, oscillation: Oscillation) -> _Answer:
@@ -220,12 +237,16 @@ def _compare(trial: BounceTrial, motion: _Motion, oscillation: Oscillation) -> _
     displacement = of_displacement @ motion.displacement
     matched = displacement.conj() / float(np.sum(np.abs(displacement) ** 2))
     load = force - force.mean()
-    lag = 0.0
-    for _ in range(ROUNDS):
+    lag, outcome = 0.0, FitOutcome.NOT_CONVERGED
+    for count in range(1, MAX_ROUNDS + 1):
         time = force_time + lag
         of_force = np.array([_window(time, start, length, omega)[0] for start in starts]) * _step(time)
         answer = complex(matched @ (of_force @ load))
-        lag += math.atan2(answer.imag, answer.real) / omega
+        change = math.atan2(answer.imag, answer.real) / omega
+        lag += change
+        if count >= ROUNDS and abs(change) <= LAG_TOLERANCE:
+            outcome = FitOutcome.CONVERGED
+            break
     noise = _roughness(load)
     from_force = (matched @ of_force) * noise / answer
     from_displacement = (matched @ of_displacement) * motion.noise
@@ -238,7 +259,7 @@ def _compare(trial: BounceTrial, motion: _Motion, oscillation: Oscillation) -> _
         widened * math.hypot(float(np.linalg.norm(part(from_force))), float(np.linalg.norm(part(from_displacement))))
         for part in (np.real, np.imag)
     ]
-    return _Answer(abs(answer), lag, *errors)
+    return _Answer(abs(answer), lag, errors[0], errors[1], outcome)
 
 
 def _averaged(trial: BounceTrial, oscillation: Oscillation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

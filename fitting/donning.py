@@ -12,6 +12,7 @@ from fitting.donning_notes import donning_notes, interval_notes, migration_notes
 from fitting.dynamic.damping import DampingFit, fit_damping
 from fitting.dynamic.weak_form import ComplexStiffness, complex_stiffness
 from fitting.held_loads import fit_held_loads, held_load_notes, plain_held_loads
+from fitting.identification import judge_damping, judge_migration, judge_stiffness
 from fitting.quality import UnusableTrial
 from fitting.result import CuffFit, Lag, TrialFit
 from fitting.results.codes import Verdict
@@ -19,7 +20,6 @@ from fitting.spatial.held_tensor import held_tensor
 from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor, Tensor, Tensors
-from fitting.static.creep import Creep
 from fitting.static.migration import fit_migration
 from fitting.static.stiffness import StaticFit, StiffnessFit, trial_stiffness
 from fitting.trial import RejectedTrial, Trial
@@ -28,16 +28,11 @@ from fitting.wearable_cuff import covariance_of
 from recordings.manifest import DataOrigin
 
 TESTS = ("static", "dynamic")
-MIN_LOADS = 3
-"""Held loads without which a donning has no stiffness."""
 TIE_ABOVE, TIE_BELOW = 0.15, 0.1
 """Relative standard error of c on its own from which the static stiffness is called to help, and what it must reach:
 beyond, c by its magnitude is far from normal, since that holds c only by its square."""
 
 
-WIDE_ANGLE, CLEAR = math.radians(2.5), 0.15
-"""Of the loss angle at the swing's frequency, ωc/k, that noise and lag may leave open: the published cuffs have 2.5 to
-20 degrees. And the part of c below which they may leave more. Noise in c alone then decides nothing about it."""
 ONE_WAY_BACK = (
     "all weights come off at once, which shows one way back: the loads alone cannot tell whether the cuff slipped or "
     "rubs; take them off one by one",
@@ -66,9 +61,9 @@ def fit_donning(
 
     before = _started_before(all_static, trials, rejected, reasons)
     judged = (
-        _judge_stiffness(static, stiffness.stiffness),
-        _judge_damping(list(swings.values())),
-        _judge_migration(all_static, held.creep if held and static == all_static else None, before),
+        judge_stiffness(static, stiffness),
+        judge_damping(list(swings.values())),
+        judge_migration(all_static, held.creep if held and static == all_static else None, before),
     )
     estimates = [estimate for estimate, _ in judged]
     cuff = trials[0].cuff
@@ -182,46 +177,6 @@ def _fit_dampings(
 def _relative_error(fits: Mapping[str, DampingFit]) -> float:
     damping = combine([fit.damping for fit in fits.values()])
     return damping.standard_error / abs(damping.value)
-
-
-def _judge_stiffness(
-    static: Sequence[ReducedTrial], stiffness: Estimate | None
-) -> tuple[Estimate | None, Verdict | None]:
-    if not static:
-        return None, Verdict.NO_STATIC
-    if sum(len(each.plateaus) for each in static) < MIN_LOADS:
-        return None, Verdict.FEW_LOADS
-    if stiffness is None:
-        return None, Verdict.ONLY_ROSE
-    if stiffness.is_open or stiffness.value < 0 or not math.isfinite(stiffness.ci95[1]):
-        return None, Verdict.STIFFNESS_UNCERTAIN
-    return stiffness, None
-
-
-def _judge_damping(fits: Sequence[DampingFit]) -> tuple[Estimate | None, Verdict | None]:
-    """What noise and lag leave open is given too, with its verdict: chosen by its value, c would come out too large."""
-    if not fits:
-        return None, Verdict.NO_DYNAMIC
-    damping = combine([fit.damping for fit in fits])
-    noise = float(np.linalg.norm([fit.noise for fit in fits])) / len(fits)
-    with_lag = math.hypot(
-        float(np.linalg.norm([fit.damping.noise for fit in fits])) / len(fits), max(fit.damping.common for fit in fits)
-    )
-    omega = 2 * math.pi * float(np.mean([fit.oscillation.frequency for fit in fits]))
-    angle = omega * with_lag / float(np.mean([fit.stiffness.value for fit in fits]))
-    is_wide = angle > WIDE_ANGLE and with_lag > CLEAR * abs(damping.value)
-    if not damping.is_open and not is_wide:
-        return damping, None if damping.value > 0 else Verdict.NEGATIVE
-    return damping, Verdict.LAG if with_lag > math.sqrt(2) * noise else Verdict.DAMPING_UNCERTAIN
-
-
-def _judge_migration(
-    static: Sequence[ReducedTrial], creep: Creep | None, before: Sequence[str]
-) -> tuple[Estimate | None, Verdict | None]:
-    migration = fit_migration([each.plateaus for each in static], creep)
-    if migration is None:
-        return None, Verdict.NOT_UNLOADED if static else None
-    return (None, Verdict.MIGRATED_BEFORE) if before else (migration, None)
 
 
 def _started_before(

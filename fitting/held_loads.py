@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fitting.outcome import worst
 from fitting.plain import plain_estimate
 from fitting.results.codes import NoteCode
 from fitting.results.note import Note
@@ -57,6 +58,8 @@ def fit_held_loads(static: Sequence[ReducedTrial], gain_sd: float) -> tuple[Stif
         stiffness = fit_stiffness(trials, gain_sd, drift_sd, creeps=True)
     else:
         creep = _creep(static, stiffness.trials)
+    if creep is not None:
+        stiffness = replace(stiffness, outcome=worst((stiffness.outcome, creep.outcome)))
     if not any(trials):
         return stiffness, None
     spans = [plateau.end - plateau.start for plateaus in trials for plateau in plateaus]

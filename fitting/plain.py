@@ -35,6 +35,7 @@ def plain_swing(fit: DampingFit) -> dict[str, Any]:
     """What a dynamic trial says beside its damping."""
     return {
         "method": fit.method,
+        "outcome": fit.outcome,
         "frequency_hz": fit.oscillation.frequency,
         "force_amplitude_n": fit.oscillation.amplitude,
         "dynamic_stiffness_n_per_m": plain_estimate(fit.stiffness),

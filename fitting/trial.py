@@ -25,7 +25,6 @@ from fitting.timing.timeline import lay_out
 from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
 from recordings.reader import Recording, Track, TrackCollector, open_recording
-from recordings.samples import Event
 
 DEFAULT_CUFF_MASS = 0.2
 
@@ -56,6 +55,7 @@ class Trial:
     is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
     notes           what a reader should know before believing it
     damage          of the file, beyond a cut: then only the damage is a note
+    marks           number of moments that the operator marked
     """
 
     cuff: CuffSite
@@ -87,6 +87,7 @@ class Trial:
     is_whole: bool = True
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()
+    marks: int = 0
 
     def __post_init__(self) -> None:
         for array in (self.force_time, self.force, self.marker_time, self.markers):
@@ -113,6 +114,7 @@ class RejectedTrial:
     reason: str
     capture: Manifest | None = None
     damage: tuple[str, ...] = ()
+    marks: int = 0
 
 
 TrialReading = Trial | BounceTrial | RejectedTrial
@@ -172,10 +174,10 @@ def read_alone(
         recording = open_recording(path, collector.take)
         if correct is not None:
             recording = replace(recording, manifest=correct(recording.manifest))
-        trial = _read(path, recording, collector)
+        trial = replace(_read(path, recording, collector), marks=_marks(collector))
     except (UnusableTrial, RecordingError) as error:
         damage = recording.damage if recording else (str(error),) if isinstance(error, DamagedFile) else ()
-        return RejectedTrial(path.name, str(error), _begun(recording), damage)
+        return RejectedTrial(path.name, str(error), _begun(recording, collector), damage, _marks(collector))
     return _as_edited(trial, protocol) if isinstance(trial, Trial) and protocol is not None else trial
 
 
@@ -257,12 +259,16 @@ def _build(path: Path, recording: Recording, collector: TrackCollector) -> Trial
     return build(recording.manifest, tracks, path.name, sha256)
 
 
-def _begun(recording: Recording | None) -> Manifest | None:
+def _marks(collector: TrackCollector) -> int:
+    return sum(event.kind == "mark" for event in collector.events())
+
+
+def _begun(recording: Recording | None, collector: TrackCollector) -> Manifest | None:
     """The manifest, unless the station was still waiting for the edge when the recording ended."""
     if recording is None:
         return None
     begins = ("sync_edge", "imported")
-    has_begun = any(isinstance(item, Event) and item.kind in begins for item in recording.items())
+    has_begun = any(event.kind in begins for event in collector.events())
     return recording.manifest if has_begun or recording.outcome is None else None
 
 

@@ -6,8 +6,8 @@ A fit of the whole donning says more; what is refused here, no fit can use.
 from __future__ import annotations
 
 from fitting.bounce import BounceTrial, calibrate
-from fitting.donning import MIN_LOADS
 from fitting.dynamic.damping import fit_damping
+from fitting.identification import MIN_LOADS
 from fitting.quality import UnusableTrial, damage_sentence
 from fitting.results.codes import Verdict
 from fitting.results.rendering import sentence_of

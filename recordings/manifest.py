@@ -37,10 +37,10 @@ class DataOrigin(StrEnum):
     @classmethod
     def of_devices(cls, devices: Iterable[DeviceIdentity]) -> DataOrigin:
         """By what the devices of a trial said of themselves: simulated if any of them is."""
-        said = {device.is_simulated for device in devices}
-        if True in said:
+        claims = {device.is_simulated for device in devices}
+        if True in claims:
             return cls.SIMULATED
-        return cls.MEASURED if said == {False} else cls.UNKNOWN
+        return cls.MEASURED if claims == {False} else cls.UNKNOWN
 
     @classmethod
     def joined(cls, origins: Iterable[DataOrigin]) -> DataOrigin:

@@ -16,7 +16,7 @@ from recordings.chunks import Damage, Entry, read_entries
 from recordings.errors import DamagedFile, RecordingError
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import MOST_LABELS, Message, no_values, unpack
-from recordings.samples import Item, Samples, Stream
+from recordings.samples import Event, Item, Samples, Stream
 
 WIDENED, WIDENED_PER_BYTE = 64 * 2**20, 20
 """Bytes that a track may have, and besides for each that its samples have, where its labels changed."""
@@ -79,9 +79,9 @@ class Recording:
     damage: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        said = self.outcome.sentence if self.outcome else "cut before its end"
-        streams = ", ".join(f"{each.name} at {each.rate_hz:g} Hz [{each.unit}]" for each in self.streams)
-        return f"Recording {self.path.name}: {said}\n  {streams}" + "".join(f"\n  {each}" for each in self.missing)
+        outcome = self.outcome.sentence if self.outcome else "cut before its end"
+        streams = ", ".join(f"{stream.name} at {stream.rate_hz:g} Hz [{stream.unit}]" for stream in self.streams)
+        return f"Recording {self.path.name}: {outcome}\n  {streams}" + "".join(f"\n  {gap}" for gap in self.missing)
 
     @property
     def complete(self) -> bool:
@@ -130,6 +130,10 @@ class TrackCollector:
         described = read(entry) if entry.topic == topics.STREAMS else None
         name = described.name if isinstance(described, Stream) else entry.topic
         self._entries.setdefault(name, []).append(entry)
+
+    def events(self) -> list[Event]:
+        """All events of the recording, in the order of the file."""
+        return [event for event in map(read, self._entries.get(topics.EVENTS, ())) if isinstance(event, Event)]
 
     def track(self, stream: Stream) -> Track:
         """One stream of the recording, as first described, as arrays. Raises RecordingError where a block cannot be
@@ -275,8 +279,8 @@ def _nothing_is_ours(path: Path, damage: list[Damage]) -> RecordingError:
         )
     if damage[0].offset == 0:
         return RecordingError(f"{path} is not an MCAP file, expected a recording")
-    words = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
-    return RecordingError(words) if damage[0].is_cut else DamagedFile(words)
+    message = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
+    return RecordingError(message) if damage[0].is_cut else DamagedFile(message)
 
 
 def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:

@@ -67,7 +67,7 @@ def scale_model(model: Model, scaling: Scaling) -> Model:
         joints=tuple(_joint(joint, factors) for joint in model.joints),
         surfaces=tuple(_surface(surface, factors[surface.body]) for surface in model.surfaces),
         markers=tuple(replace(marker, location=marker.location * factors[marker.body]) for marker in model.markers),
-        constraints=tuple(_constraint(each, factors, scaling) for each in model.constraints),
+        constraints=tuple(_constraint(constraint, factors, scaling) for constraint in model.constraints),
         muscles=tuple(_with_path(muscle, factors) for muscle in model.muscles),
     )
     before, after = _default_lengths(model), _default_lengths(stretched)

@@ -2,7 +2,7 @@
 
 Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing, or a file has
 changed since it was recorded; 130 Ctrl-C.
-stdout carries data, stderr talk, both in UTF-8.
+stdout carries results, stderr messages, both in UTF-8.
 """
 
 from __future__ import annotations

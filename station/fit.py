@@ -18,7 +18,7 @@ from fitting.trial import RejectedTrial, Trial, TrialReading, read_alone, read_t
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.older_manifest import cuff_mass
-from recordings.reader import open_recording
+from recordings.reader import read_manifest
 from station.checksums import sha256_of, standing_of, write_checksums
 from station.errors import StationError
 from station.journal import Assignment, Journal, read_journal
@@ -61,9 +61,58 @@ def fit_session_folder(
     if not paths:
         raise SessionError(f"{folder} holds no recording (*.mcap); record a trial into it first")
     journal = read_journal(folder)
+    fitted = replace(_fit(folder, paths, journal, progress, readings), recordings=_checked(paths))
+    if output is not None:
+        write_whole(output, cuffs_json(fitted))
+        write_checksums(output, *_write_bushings(output.parent, fitted))
+    return fitted
+
+
+def fit_donning_of(folder: Path, trial: Trial) -> SessionFit:
+    """The fit of the donning that the trial belongs to, as in fit_session_folder, at the cost of that donning alone.
+
+    Only its recordings and the bounces, which calibrate it, are read; the trial itself is not read again. The donning
+    of another recording is as in the journal, or else as in its manifest. Raises SessionError.
+    """
+    journal = read_journal(folder)
+    recorded = {entry.file: entry for entry in journal.recorded}
+
+    def belongs(path: Path) -> bool:
+        if path.name == trial.file:
+            return True
+        entry = recorded.get(path.name)
+        if entry is not None:
+            return entry.test == "bounce" or (entry.cuff, entry.donning) == (trial.cuff.name, trial.donning)
+        try:
+            manifest = _corrected(read_manifest(path), journal.assignments.get(path.name))
+        except RecordingError:
+            return False  # not known to have loaded this cuff
+        return manifest.cuff is None or (manifest.cuff.name, manifest.donning) == (trial.cuff.name, trial.donning)
+
+    paths = [path for path in recordings_in(folder) if belongs(path)]
+    return _fit(folder, paths, journal, silent, {trial.file: trial})
+
+
+def read_recording(path: Path) -> TrialReading:
+    """One recording of a session, in one pass, as the trial that the operator assigned it to."""
+    journal = read_journal(path.parent)
+    return (
+        _read_assigned(path, journal)
+        if path.name in journal.assignments
+        else read_alone(path, read_protocol(path.parent))
+    )
+
+
+def _fit(
+    folder: Path, paths: Sequence[Path], journal: Journal, progress: Progress, readings: Mapping[str, TrialReading]
+) -> SessionFit:
     redone = journal.redone
     counting = [path for path in paths if path.name not in redone]
-    assigned = {path.name: _read_assigned(path, journal) for path in counting if path.name in journal.assignments}
+    assigned = {
+        path.name: _read_assigned(path, journal)
+        for path in counting
+        if path.name in journal.assignments and path.name not in readings
+    }
     trials, rejected = read_trials(_counted(counting, "reading trials", progress), {**readings, **assigned})
     rejected += tuple(_set_aside(path, journal) for path in paths if path.name in redone)
     if not trials:
@@ -72,11 +121,7 @@ def fit_session_folder(
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     checks = read_checks(folder)
     fitting = fit_session(with_gain_drift(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
-    fitted = replace(with_mass_checks(fitting, checks), recordings=_checked(paths))
-    if output is not None:
-        write_whole(output, cuffs_json(fitted))
-        write_checksums(output, *_write_bushings(output.parent, fitted))
-    return fitted
+    return with_mass_checks(fitting, checks)
 
 
 def _is(path: Path, what: str) -> bool:
@@ -103,13 +148,10 @@ def _write_bushings(folder: Path, fitted: SessionFit) -> list[Path]:
 
 def _set_aside(path: Path, journal: Journal) -> RejectedTrial:
     """A recording that the operator redid. Its cuff was loaded all the same, and may have migrated in it."""
-    given = journal.assignments.get(path.name)
     try:
-        manifest = open_recording(path).manifest
+        manifest = _corrected(read_manifest(path), journal.assignments.get(path.name))
     except RecordingError:
         manifest = None
-    if manifest is not None and given is not None:
-        manifest = _as_assigned(manifest, given)
     return RejectedTrial(path.name, f"set aside by the operator: {journal.redone[path.name]}", manifest)
 
 
@@ -125,6 +167,10 @@ def _read_assigned(path: Path, journal: Journal) -> TrialReading:
     reading = read_alone(path, read_protocol(path.parent), correct)
     note = f"assigned to this trial by the operator; recorded as {recorded_as}"
     return replace(reading, notes=(*reading.notes, note)) if isinstance(reading, Trial) else reading
+
+
+def _corrected(manifest: Manifest, given: Assignment | None) -> Manifest:
+    return manifest if given is None else _as_assigned(manifest, given)
 
 
 def _as_assigned(manifest: Manifest, given: Assignment) -> Manifest:

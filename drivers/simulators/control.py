@@ -67,7 +67,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 
 def _handler(bench: ServedBench, connections: WeakSet[socket.socket]) -> type[socketserver.StreamRequestHandler]:
-    class Handler(socketserver.StreamRequestHandler):
+    class RequestHandler(socketserver.StreamRequestHandler):
         disable_nagle_algorithm = True
 
         def handle(self) -> None:
@@ -77,7 +77,7 @@ def _handler(bench: ServedBench, connections: WeakSet[socket.socket]) -> type[so
                 for line in self.rfile:
                     self.wfile.write(json.dumps(talk.answer(line)).encode() + b"\n")
 
-    return Handler
+    return RequestHandler
 
 
 class _ClockConnection:

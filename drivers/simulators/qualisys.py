@@ -91,7 +91,7 @@ class QualisysSimulator:
 
 
 class _RefusedError(Exception):
-    """QTM's words for what it will not do."""
+    """QTM's answer to a command that it refuses."""
 
 
 class _Server:
@@ -251,7 +251,7 @@ class _Server:
                 body = await reader.readexactly(size - 8)
                 while self._trouble.is_now("silent") and not self.ending.is_set():
                     await asyncio.sleep(GLANCE_S)
-                self._obey(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
+                self._handle_command(client, kind, body.rstrip(b"\0").decode("utf-8", "replace").strip())
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
         finally:
@@ -261,8 +261,8 @@ class _Server:
                 self.master = None
             client.close()
 
-    def _obey(self, client: Client, kind: int, text: str) -> None:
-        """Answers one command, as QTM words it."""
+    def _handle_command(self, client: Client, kind: int, text: str) -> None:
+        """Answer one command in QTM's wording."""
         word, _, rest = text.partition(" ")
         word = word.lower()
         command = getattr(self, f"_on_{word}", None) if kind == COMMAND and word.isalpha() else None
@@ -380,14 +380,14 @@ class _Server:
             raise _RefusedError("QTM is not capturing")
         return "Event set"
 
-    def _stream(self, words: list[str]) -> FrameSubscription | None:
+    def _stream(self, arguments: list[str]) -> FrameSubscription | None:
         """What streamframes asks for; None to stop."""
-        if words == ["stop"]:
+        if arguments == ["stop"]:
             return None
-        pace = re.fullmatch(r"allframes|frequency:(\d+)|frequencydivisor:(\d+)", words[0]) if words else None
-        if pace is None or len(words) != 2 or words[1] not in COMPONENTS:
+        pace = re.fullmatch(r"allframes|frequency:(\d+)|frequencydivisor:(\d+)", arguments[0]) if arguments else None
+        if pace is None or len(arguments) != 2 or arguments[1] not in COMPONENTS:
             raise _RefusedError("Parse error")
         frequency, divisor = (int(digits) if digits else 0 for digits in pace.groups())
         if frequency:
             divisor = round(self._mocap.rate_hz / frequency)
-        return FrameSubscription(words[1], max(divisor, 1))
+        return FrameSubscription(arguments[1], max(divisor, 1))

@@ -168,8 +168,8 @@ class _Server(socketserver.ThreadingTCPServer):
 
 
 def _talk_to(talk: Any) -> type[socketserver.BaseRequestHandler]:
-    class Handler(socketserver.BaseRequestHandler):
+    class LineHandler(socketserver.BaseRequestHandler):
         def handle(self) -> None:
             talk(self.request)
 
-    return Handler
+    return LineHandler

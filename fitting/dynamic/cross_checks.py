@@ -14,6 +14,7 @@ from scipy.signal import hilbert
 from fitting.dynamic.errors_in_variables import TAU, C, K, Record, Solution
 from fitting.dynamic.output_error import output_error
 from fitting.dynamic.weak_form import ComplexStiffness, Lines, complex_stiffness, fit_lines, tapered_lines
+from fitting.outcome import FitOutcome
 from fitting.uncertainty import Estimate, normal_estimate
 
 Method = Literal["errors in variables", "output error", "weak form", "complex stiffness"]
@@ -45,6 +46,7 @@ class Checks:
     marker_correlation   of the default's residuals in neighbouring frames
     harmonics            (2,) N: residual force at twice and three times the swing's frequency
     harmonic_noise       N: the same between the harmonics
+    not_converged        methods whose iteration did not converge on the record: they check nothing
     """
 
     others: tuple[CrossCheck, ...]
@@ -53,6 +55,7 @@ class Checks:
     marker_correlation: float
     harmonics: tuple[float, ...]
     harmonic_noise: float
+    not_converged: tuple[Method, ...] = ()
 
     @property
     def is_coloured(self) -> bool:
@@ -66,9 +69,10 @@ def check(record: Record, solution: Solution, frequency: float) -> Checks:
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
     lines = tapered_lines(aligned, solution.marker_noise)
     bands = complex_stiffness(lines, record.mass, frequency)
+    simulated = output_error(aligned, k, c)
     fits: dict[Method, tuple[Estimate, Estimate] | None] = {
         "weak form": fit_lines(lines, record.mass),
-        "output error": output_error(aligned, k, c),
+        "output error": simulated.estimates,
     }
     if bands:
         main = min(bands, key=lambda band: abs(band.frequency - frequency))
@@ -82,6 +86,7 @@ def check(record: Record, solution: Solution, frequency: float) -> Checks:
         marker_correlation=_neighbour_correlation(record.marker_time, solution.marker_residual),
         harmonics=tuple(harmonics),
         harmonic_noise=math.sqrt(np.mean(np.square(between))),
+        not_converged=("output error",) if simulated.outcome is FitOutcome.NOT_CONVERGED else (),
     )
 
 

@@ -15,6 +15,7 @@ from fitting.dynamic.magnitude import LagPosterior, lag_of_magnitude
 from fitting.dynamic.output_error import output_error
 from fitting.dynamic.slip import Slip, find_slip
 from fitting.oscillation import Oscillation, find_oscillation
+from fitting.outcome import FitOutcome, worst
 from fitting.quality import REST, UnusableTrial
 from fitting.trial import Trial
 from fitting.uncertainty import Estimate, Repeat, normal_estimate
@@ -36,6 +37,10 @@ COLOURED_NOTE = (
     "the noise of the markers is correlated in time ({:.2f} between neighbouring frames); check the mocap system's "
     "smoothing and the markers' hold on the cuff"
 )
+NOT_CONVERGED_NOTE = (
+    "the fit of damping did not converge: its figures still changed at the limit of rounds; check that the markers are "
+    "on the cuff, and record again"
+)
 FIT_RATE = 250.0
 """Hz to which force is averaged: 5 % of a thousandth of its swing at 3 Hz is lost, and the fit is four times faster."""
 
@@ -56,6 +61,7 @@ class DampingFit:
     oscillation  the stretch that was fitted
     checks       other methods on the same record, its complex stiffness and what is left over
     notes        what a reader should know
+    outcome      of all fits of the record that these figures rest on
     time, displacement, velocity, damper_force  (n,) [s, m, m/s, N]: the fitted motion, and the measured
                  F − k x − m ẍ − F0 − F1 u over it, whose slope against velocity is c
     """
@@ -77,6 +83,7 @@ class DampingFit:
     velocity: NDArray[np.float64]
     damper_force: NDArray[np.float64]
     notes: tuple[str, ...] = ()
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
 
 def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate | None = None) -> DampingFit:
@@ -89,6 +96,7 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
     _require_cycles(trial, oscillation)
     record = _cut(trial, displacement, oscillation)
     solution = estimate(record)
+    outcomes = [solution.outcome]
     _require_amplitude(solution)
     slip = _slip_of(record, solution, oscillation)
     notes = _sign_notes(trial, oscillation)
@@ -96,6 +104,7 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
         oscillation = replace(oscillation, start=oscillation.start + slip.cycles / oscillation.frequency)
         record = _cut(trial, displacement, oscillation)
         solution = estimate(record)
+        outcomes.append(solution.outcome)
         cycles = "the first cycle, which is" if slip.cycles == 1 else f"the first {slip.cycles} cycles, which are"
         notes += (f"the cuff slipped or crept by {1e3 * slip.distance:.2f} mm in {cycles} left out",)
     posterior = None
@@ -106,7 +115,9 @@ def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate |
         record = replace(record, force_time=record.force_time + posterior.lag, lag_sd=0.0)
         solution = estimate(record)
     fit = _fit(trial, oscillation, record, solution, slip.damping, posterior)
-    return replace(fit, notes=notes + fit.notes)
+    outcome = worst((*outcomes, fit.outcome))
+    not_converged = () if outcome is FitOutcome.CONVERGED else (NOT_CONVERGED_NOTE,)
+    return replace(fit, notes=notes + fit.notes + not_converged, outcome=outcome)
 
 
 def _require_cycles(trial: Trial, oscillation: Oscillation) -> None:
@@ -204,9 +215,14 @@ def _fit(
     checks = cross_checks.check(record, solution, oscillation.frequency)
     default = cross_checks.without_lag(solution)
     notes = small + cross_checks.disagreements(default, checks)
-    robust = output_error(record, default[0].value, default[1].value) if checks.is_coloured else None
+    notes += tuple(f"{method} did not converge and checks nothing here" for method in checks.not_converged)
+    outcome, robust = solution.outcome, None
     if checks.is_coloured:
         notes += (COLOURED_NOTE.format(checks.marker_correlation),)
+        simulated = output_error(record, default[0].value, default[1].value)
+        robust = simulated.estimates
+        if simulated.outcome is FitOutcome.NOT_CONVERGED:  # without a solution the default stands
+            outcome = simulated.outcome
     method: Method = "errors in variables"
     lag_sd = posterior.lag_sd if posterior else trial.lag.total(oscillation.middle)
     stiffness, free = _stiffness(solution, oscillation.frequency, lag_sd), default[1]
@@ -232,6 +248,7 @@ def _fit(
         velocity=solution.velocity,
         damper_force=solution.damper_force,
         notes=notes,
+        outcome=outcome,
     )
 
 

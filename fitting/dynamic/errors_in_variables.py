@@ -12,12 +12,13 @@ S⁻¹ is the covariance of p, and the Cramér-Rao bound of the same model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from fitting.outcome import NEGLIGIBLE, FitOutcome
 from fitting.quality import UnusableTrial
 from fitting.spline import Spline, combined, grounded, solve_banded
 from solver.cuff import cuff_force
@@ -27,7 +28,12 @@ OUTLIER = 5.0
 MAX_LAG_SD = 4.0
 """The spline reaches beyond the samples by so many standard deviations of the lag."""
 
-MAX_ROUNDS = 20
+MAX_ROUNDS, MAX_NOISE_ROUNDS = 20, 20
+"""Of Gauss-Newton with the noise as given, and of the noise."""
+NOISE_TOLERANCE = 2e-3
+"""Relative change of both noises in the last round."""
+TOLERANCE, LAG_TOLERANCE = 1e-7, 1e-8
+"""Relative change of k and c, and change of the lag [s], at which the rounds end."""
 MIN_MARKER_NOISE, MIN_FORCE_NOISE = 1e-7, 1e-4
 """Noise [m], [N] below which a perfect simulation would divide by zero."""
 
@@ -62,6 +68,7 @@ class Solution:
     marker_noise, force_noise  standard deviation per sample [m], [N], estimated with the rest
     x, velocity, damper_force  (n,) at the force samples: the fitted motion, and F − k x − m ẍ − F0 − F1 u over it
     force_residual, marker_residual  (n,) [N], (frames,) [m]: measured minus fitted; outlying frames are NaN
+    outcome        of the rounds of the noise, and of the last ones of Gauss-Newton
     """
 
     parameters: NDArray[np.float64]
@@ -74,6 +81,7 @@ class Solution:
     damper_force: NDArray[np.float64]
     force_residual: NDArray[np.float64]
     marker_residual: NDArray[np.float64]
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
 
 def estimate(record: Record) -> Solution:
@@ -93,14 +101,15 @@ def _estimate(record: Record) -> Solution:
     spline = Spline(float(ends.min() - reach), float(ends.max() + reach), KNOT_STEP)
     noise = _roughness(record.displacement), _roughness(record.force)
     seen = np.ones(len(record.displacement), bool)
-    parameters = _start(record, spline)
-    for _ in range(8):
+    parameters, outcome = _start(record, spline), FitOutcome.NOT_CONVERGED
+    for _ in range(MAX_NOISE_ROUNDS):
         step = _converge(record, spline, seen, noise, parameters)
         parameters, before, noise = step.parameters, noise, step.updated_noise(seen)
         seen = np.abs(step.marker_residual) < OUTLIER * noise[0]
-        if np.allclose(before, noise, rtol=2e-3):
+        if np.allclose(before, noise, rtol=NOISE_TOLERANCE):
+            outcome = step.outcome
             break
-    return _solution(step, seen)
+    return replace(_solution(step, seen), outcome=outcome)
 
 
 @dataclass(frozen=True)
@@ -117,6 +126,7 @@ class _Step:
     jacobian: NDArray[np.float64]
     information: NDArray[np.float64]
     gradient: NDArray[np.float64]
+    outcome: FitOutcome = FitOutcome.NOT_CONVERGED
 
     def updated_noise(self, seen: NDArray[np.bool_]) -> tuple[float, float]:
         """Standard deviations (marker, force) of the residuals; θ's degrees of freedom shared as the data share θ."""
@@ -140,13 +150,22 @@ def _converge(
     design = spline.design(record.force_time + parameters[TAU])
     for _ in range(MAX_ROUNDS):
         step = _linearise(record, markers, design, seen, noise, parameters)
-        change = np.linalg.solve(step.information, step.gradient)
+        change = np.asarray(np.linalg.solve(step.information, step.gradient), dtype=np.float64)
         parameters = parameters + change
-        if np.all(np.abs(change[:2]) < 1e-7 * np.abs(parameters[:2])) and abs(change[TAU]) < 1e-8:
+        rests = np.all(np.abs(change[:2]) < TOLERANCE * np.abs(parameters[:2])) and abs(change[TAU]) < LAG_TOLERANCE
+        if rests:
             break
         if change[TAU]:
             design = spline.design(record.force_time + parameters[TAU])
+    if rests or _is_negligible(change, step.information):
+        return replace(step, outcome=FitOutcome.CONVERGED)
     return step
+
+
+def _is_negligible(change: NDArray[np.float64], information: NDArray[np.float64]) -> bool:
+    """Whether k, c and the lag change by a negligible part of their standard errors."""
+    variance = np.diag(np.linalg.inv(information))
+    return bool(np.all((change**2 <= NEGLIGIBLE**2 * variance)[[K, C, TAU]]))
 
 
 def _linearise(

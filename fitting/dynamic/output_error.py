@@ -7,6 +7,7 @@ autoregressive, as fitted to them. So it is what to believe where the noise of t
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import butter, cont2discrete, fftconvolve, lfilter, sosfiltfilt
 
 from fitting.dynamic.errors_in_variables import Record
+from fitting.outcome import FitOutcome
 from fitting.uncertainty import Estimate, normal_estimate
 
 SETTLING = 0.5
@@ -32,10 +34,30 @@ SWING, BEYOND = 0.95, 3.0
 the model's resonance, and so bias the damping."""
 
 
-def output_error(record: Record, stiffness: float, damping: float) -> tuple[Estimate, Estimate] | None:
-    """k [N/m] and c [N s/m], the lag taken as known, from a start near them; None if no k, c > 0 fits."""
+@dataclass(frozen=True)
+class OutputError:
+    """k [N/m] and c [N s/m] of a record, the lag taken as known; both None unless the outcome is CONVERGED.
+
+    The outcome is NO_SOLUTION where no k, c > 0 describe the record.
+    """
+
+    outcome: FitOutcome
+    stiffness: Estimate | None = None
+    damping: Estimate | None = None
+
+    @property
+    def estimates(self) -> tuple[Estimate, Estimate] | None:
+        """k and c, or None."""
+        return None if self.stiffness is None or self.damping is None else (self.stiffness, self.damping)
+
+
+NO_SOLUTION = OutputError(FitOutcome.NO_SOLUTION)
+
+
+def output_error(record: Record, stiffness: float, damping: float) -> OutputError:
+    """Gauss-Newton from a start near k [N/m] and c [N s/m]."""
     if stiffness <= 0:
-        return None  # a law that is no spring diverges
+        return NO_SOLUTION  # a law that is no spring diverges
     time = np.arange(record.force_time[0], record.force_time[-1], STEP)
     force = _without_noise(CubicSpline(record.force_time, record.force)(time))
     u = (2 * time - time[0] - time[-1]) / (time[-1] - time[0])
@@ -54,17 +76,19 @@ def output_error(record: Record, stiffness: float, damping: float) -> tuple[Esti
         kept = np.abs(residual) < OUTLIER * 1.4826 * float(np.median(np.abs(residual))) + 1e-12
         k, c = k + float(change[0]), c + float(change[1])
         if not (k > 0 and c > 0):
-            return None
+            return NO_SOLUTION
         if abs(change[0]) < 1e-5 * k and abs(change[1]) < 1e-5 * c:
             break
     else:
-        return None
+        return OutputError(FitOutcome.NOT_CONVERGED)
     try:
         covariance = _covariance(design, np.where(kept, residual, 0.0))
     except np.linalg.LinAlgError:
-        return None  # the motion that is left to compare with tells nothing of one of them
+        return NO_SOLUTION  # the motion that is left to compare with does not constrain one of them
     k_error, c_error = (math.sqrt(max(0.0, float(covariance[i, i]))) for i in range(2))
-    return None if k_error > k else (normal_estimate(k, k_error), normal_estimate(c, c_error))
+    if k_error > k:
+        return NO_SOLUTION
+    return OutputError(FitOutcome.CONVERGED, normal_estimate(k, k_error), normal_estimate(c, c_error))
 
 
 def _without_noise(force: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ A code keeps its meaning for ever. A new one may be added; one that is no longer
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 
 
@@ -17,19 +18,26 @@ class Verdict(StrEnum):
     FEW_LOADS = "stiffness_not_identified.few_loads"
     ONLY_ROSE = "stiffness_not_identified.load_only_rose"
     STIFFNESS_UNCERTAIN = "stiffness_not_identified.wide_interval"
+    STIFFNESS_NOT_CONVERGED = "stiffness_not_identified.not_converged"
     NO_DYNAMIC = "damping_not_identified.no_dynamic_trial"
     LAG = "damping_not_identified.lag"
     DAMPING_UNCERTAIN = "damping_not_identified.noise"
     NEGATIVE = "damping_not_identified.negative"
+    DAMPING_NOT_CONVERGED = "damping_not_identified.not_converged"
     SCALE = "stiffness_and_damping_not_identified.gain_error"
     SKIN = "stiffness_and_damping_not_identified.skin_motion"
     NOT_UNLOADED = "migration_not_identified.not_unloaded"
     MIGRATED_BEFORE = "migration_not_identified.unusable_trial_before"
 
 
-DOUBTED = dict.fromkeys((Verdict.LAG, Verdict.DAMPING_UNCERTAIN, Verdict.NEGATIVE), ("damping",)) | dict.fromkeys(
-    (Verdict.SCALE, Verdict.SKIN), ("stiffness", "damping")
-)
+DOUBTED: Mapping[Verdict, tuple[str, ...]] = {
+    Verdict.LAG: ("damping",),
+    Verdict.DAMPING_UNCERTAIN: ("damping",),
+    Verdict.NEGATIVE: ("damping",),
+    Verdict.DAMPING_NOT_CONVERGED: ("damping",),
+    Verdict.SCALE: ("stiffness", "damping"),
+    Verdict.SKIN: ("stiffness", "damping"),
+}
 """Verdict → the quantities that it calls not identified, though there is a figure."""
 
 

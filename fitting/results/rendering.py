@@ -38,6 +38,12 @@ _SENTENCES: Mapping[StrEnum, str | tuple[str, ...]] = {
     Verdict.STIFFNESS_UNCERTAIN: (
         "stiffness is not identified: its interval is wider than its value; hang more weight on"
     ),
+    Verdict.STIFFNESS_NOT_CONVERGED: (
+        "stiffness is not identified: the fit did not converge; check the held loads in the report, and record again"
+    ),
+    Verdict.DAMPING_NOT_CONVERGED: (
+        "damping is not identified: the fit did not converge; check the swings in the report, and record again"
+    ),
     Verdict.NO_DYNAMIC: "damping is not identified: there is no usable dynamic trial; record --test dynamic",
     Verdict.LAG: (
         "damping is not identified: what is not known of the lag between force and markers, times the stiffness, "

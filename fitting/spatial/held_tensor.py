@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fitting.outcome import NEGLIGIBLE, FitOutcome
 from fitting.spatial.posture import posture_error
 from fitting.spatial.reduction import ReducedTrial
 from fitting.spatial.tensor import (
@@ -32,7 +33,8 @@ from fitting.static.stiffness import BELIEVED, SAME_LOAD
 
 BATCH = 0.5
 """Seconds whose means tell the error of a hold's mean: sway and its noise are coloured."""
-ROUNDS = 6
+ROUNDS, MAX_ROUNDS = 6, 40
+"""Of the weights: at least so many, and then until the compliance rests."""
 
 
 def held_tensor(trials: Sequence[ReducedTrial], gain_sd: float) -> Tensor:
@@ -47,6 +49,9 @@ def held_tensor(trials: Sequence[ReducedTrial], gain_sd: float) -> Tensor:
         slipped = [_segments(each.plateaus) for each, _ in seen]
         if all(len(np.unique(segment)) < len(segment) for segment in slipped):
             fit = _solve(holds, slipped)
+    if fit.outcome is not FitOutcome.CONVERGED:
+        why = "stiffness in three dimensions is not identified: the fit did not converge; hang more weight on"
+        raise NoTensor(why, fit.outcome)
     inflation = fit.chi_square / fit.dof if fit.dof else 1.0
     # δK = −K δ(K⁻¹) K, entry by entry.
     stiffness = np.asarray(np.linalg.inv(fit.compliance), dtype=np.float64)
@@ -75,6 +80,7 @@ class _Fit:
     covariance: NDArray[np.float64]
     chi_square: float
     dof: int
+    outcome: FitOutcome
 
 
 def _hold(each: ReducedTrial, rope: NDArray[np.float64], plateau: Plateau) -> _Hold:
@@ -124,18 +130,22 @@ def _solve(holds: Sequence[Sequence[_Hold]], segments: Sequence[NDArray[np.intp]
     )
     columns = np.hstack((design, offsets))
     x = np.concatenate([hold.x for hold in flat])
-    compliance = np.zeros((3, 3))
-    for _ in range(ROUNDS):
+    compliance, outcome = np.zeros((3, 3)), FitOutcome.NOT_CONVERGED
+    for count in range(1, MAX_ROUNDS + 1):
         roots: list[NDArray[np.float64]] = [_whitening(hold, compliance) for hold in flat]
         white = joined(roots) @ np.column_stack((columns, x))
         scale = np.linalg.norm(white[:, :-1], axis=0)
         solved, _, rank, _ = np.linalg.lstsq(white[:, :-1] / scale, white[:, -1])
         if rank < len(scale):
             raise NoTensor("stiffness in three dimensions is not told: the loads of some pull do not differ; hang more")
-        compliance = symmetric(solved[:6] / scale[:6])
+        before, compliance = compliance, symmetric(solved[:6] / scale[:6])
+        inverse = np.linalg.inv((white[:, :-1] / scale).T @ (white[:, :-1] / scale)) / np.outer(scale, scale)
+        change = entries_of(compliance - before)
+        if count >= ROUNDS and np.all(change**2 <= NEGLIGIBLE**2 * np.diag(inverse)[:6]):
+            outcome = FitOutcome.CONVERGED
+            break
     residual = white[:, -1] - white[:, :-1] @ (solved / scale)
-    inverse = np.linalg.inv((white[:, :-1] / scale).T @ (white[:, :-1] / scale)) / np.outer(scale, scale)
-    return _Fit(compliance, inverse[:6, :6], float(residual @ residual), len(x) - len(scale))
+    return _Fit(compliance, inverse[:6, :6], float(residual @ residual), len(x) - len(scale), outcome)
 
 
 def _whitening(hold: _Hold, compliance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from fitting.oscillation import Oscillation, find_oscillation
+from fitting.outcome import FitOutcome
 from fitting.quality import UnusableTrial
 from fitting.spatial.posture import posture_error
 from fitting.spatial.reduction import ReducedTrial
@@ -47,7 +48,10 @@ def swung_tensor(trials: Sequence[ReducedTrial], swings: Mapping[str, Oscillatio
         if np.all(np.abs(change) < RESTS * np.sqrt(np.diag(covariance))):
             break
     else:
-        raise NoTensor("damping in three dimensions is not told: no K and C follow the swings; pull with more force")
+        raise NoTensor(
+            "damping in three dimensions is not identified: the fit did not converge; pull with more force",
+            FitOutcome.NOT_CONVERGED,
+        )
     stiffness, damping = parameters[:6], parameters[6:]
     # To first order a lag τ adds K τ to C, in all trials alike.
     lag = max(pull.lag_sd for pull in pulls)

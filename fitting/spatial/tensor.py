@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fitting.errors import FitError
+from fitting.outcome import FitOutcome
 from fitting.uncertainty import NORMAL_95, Estimate
 
 LEAST_SPREAD = 0.15
@@ -27,7 +28,11 @@ ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class NoTensor(FitError):
-    """The trials tell no tensor; one sentence says what is missing."""
+    """The trials tell no tensor; one sentence says what is missing. outcome is that of an iteration that failed."""
+
+    def __init__(self, sentence: str, outcome: FitOutcome | None = None) -> None:
+        super().__init__(sentence)
+        self.outcome = outcome
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from scipy import stats
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from fitting.outcome import FitOutcome
 from fitting.static.plateaus import Plateau
 from fitting.static.stiffness import LEAST_SD
 from fitting.static.tangent import within
@@ -27,6 +28,8 @@ BIN = 0.5
 MIN_BINS = 20
 MAX_CONDITION = 1e8
 STEP = 0.05
+MAX_ROUNDS = 500
+"""Of the search for the time constant."""
 TIME_CONSTANTS = np.geomspace(2.0, 60.0, 12)
 SIGNIFICANCE = 4.0
 """From which a cuff is said to creep; the time constant is picked, so three would be too few."""
@@ -61,6 +64,7 @@ class Creep:
     cuff goes on yielding while a load is held, whatever lies between the holds.
 
     to_come is how far y is from the force in each trial's last hold [N]: by C φ to_come the cuff will still move.
+    outcome is that of the search for the time constant.
     """
 
     fraction: Estimate
@@ -72,6 +76,7 @@ class Creep:
     chi_square: float
     dof: int
     to_come: tuple[float, ...]
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
     @property
     def is_seen(self) -> bool:
@@ -106,7 +111,10 @@ def fit_creep(trials: Sequence[HeldTrial]) -> Creep | None:
     if not math.isfinite(tried[best]):
         return None
     bounds = float(logs[max(best - 1, 0)]), float(logs[min(best + 1, len(logs) - 1)])
-    log = float(minimize_scalar(lambda log: problem.solve(log)[1], bounds=bounds, method="bounded").x)
+    found = minimize_scalar(
+        lambda log: problem.solve(log)[1], bounds=bounds, method="bounded", options={"maxiter": MAX_ROUNDS}
+    )
+    log = float(found.x)
     (compliance, extra), chi_square = problem.solve(log)
     if compliance <= 0:
         return None
@@ -125,6 +133,7 @@ def fit_creep(trials: Sequence[HeldTrial]) -> Creep | None:
         chi_square=chi_square,
         dof=dof,
         to_come=tuple(_lagged(trial, np.zeros(0), math.exp(log))[1] for trial in trials),
+        outcome=FitOutcome.CONVERGED if found.success else FitOutcome.NOT_CONVERGED,
     )
 
 

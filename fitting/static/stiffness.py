@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fitting.outcome import NEGLIGIBLE, FitOutcome, worst
 from fitting.quality import UnusableTrial
 from fitting.static.plateaus import Plateau
 from fitting.static.tangent import HeldPoints, TangentLaw, fit_law, within
@@ -33,6 +34,8 @@ INCONSISTENT = 3.0
 MOST_FRICTION = 0.1
 """Part of the load by which a cuff may rub unnoticed: more would hold it against half of what a usual swing pulls. What
 is left behind beyond what that explains, the cuff slipped."""
+ROUNDS, MAX_ROUNDS = 4, 40
+"""Of the weights: at least so many, and then until the compliance rests."""
 LEAST_SD = 1e-7
 """Metres: no marker is placed better, whatever a stream that stands still claims."""
 
@@ -46,6 +49,7 @@ class StaticFit:
     offset    (plateaus,) N: force = k x + offset along the plateau's segment
     repeat    compliance 1/k [m/N] of this trial, None if no segment holds two different loads
     x, x_sd   (plateaus,) m: displacement as it was read, and its error with that of the force in it
+    outcome   of the rounds of the weights
     """
 
     plateaus: tuple[Plateau, ...]
@@ -54,6 +58,7 @@ class StaticFit:
     repeat: Repeat | None
     x: NDArray[np.float64]
     x_sd: NDArray[np.float64]
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,7 @@ class StiffnessFit:
     only_rose   is True if no load was taken off or put on again
     law         tangent stiffness over the load, None if the loads are too few to bend it
     if_rubs     k [N/m] if the cuff rubs and has not slipped, where nothing tells which; it is in the interval then
+    outcome     of all iterations that k rests on
     """
 
     stiffness: Estimate | None
@@ -78,6 +84,7 @@ class StiffnessFit:
     only_rose: bool
     law: TangentLaw | None
     if_rubs: Estimate | None = None
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
 
 def require_positive_loads(plateaus: Sequence[Plateau]) -> None:
@@ -122,7 +129,10 @@ def fit_stiffness(
     further = _further(trials, stiffness.value) if slips_again and stiffness else 0.0
     if stiffness and one_way_back:
         stiffness = _reaching(stiffness, one_way_back)
-    return StiffnessFit(stiffness, tuple(fits), slip, slips_again, further, friction, only_rose, law, one_way_back)
+    outcome = worst([fit.outcome for fit in fits] + ([law.outcome] if law else []))
+    return StiffnessFit(
+        stiffness, tuple(fits), slip, slips_again, further, friction, only_rose, law, one_way_back, outcome
+    )
 
 
 def trial_stiffness(fit: StaticFit, if_rubs: Estimate | None = None) -> Estimate | None:
@@ -168,8 +178,9 @@ def _holds(unslipped: Sequence[StaticFit], law: TangentLaw | None, only_rose: bo
         return False
     if _is_straight(unslipped):
         return True
-    bends = law is not None and law.chi_square < stats.chi2.ppf(BELIEVED, law.dof)
-    return bends and (not only_rose or (law is not None and law.growth > 0))
+    if law is None or law.outcome is not FitOutcome.CONVERGED:
+        return False
+    return law.chi_square < float(stats.chi2.ppf(BELIEVED, law.dof)) and (not only_rose or law.growth > 0)
 
 
 def _is_straight(fits: Sequence[StaticFit]) -> bool:
@@ -293,12 +304,15 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
     dof = len(plateaus) - len(np.unique(segment)) - 1
     if dof < 0 or not any(np.ptp(force[segment == s]) > SAME_LOAD for s in np.unique(segment)):
         return StaticFit(plateaus, segment, np.full(len(plateaus), np.nan), None, x, x_sd)
-    compliance = 0.0
-    for _ in range(4):
+    compliance, outcome = 0.0, FitOutcome.NOT_CONVERGED
+    for count in range(1, MAX_ROUNDS + 1):
         weight = 1 / (x_sd**2 + (compliance * force_sd) ** 2)
         way, load = within(x, segment, weight), within(force, segment, weight)
         information = float(weight @ load**2)
-        compliance = float(weight @ (load * way)) / information
+        before, compliance = compliance, float(weight @ (load * way)) / information
+        if count >= ROUNDS and (compliance - before) ** 2 * information <= NEGLIGIBLE**2:
+            outcome = FitOutcome.CONVERGED
+            break
     chi_square = float(weight @ (way - compliance * load) ** 2)
     codes = np.array([plateau.codes for plateau in plateaus])
     white = 1 / (x_sd**2 + compliance**2 * (force_sd**2 - codes**2))
@@ -313,7 +327,7 @@ def _fit_trial(plateaus: tuple[Plateau, ...], begins: NDArray[np.bool_], gain_sd
     }
     repeat = Repeat(compliance, noise, math.hypot(*causes.values()), chi_square, max(dof, 0), causes)
     offset = (force - load) - (x - way) / compliance
-    return StaticFit(plateaus, segment, offset, repeat, x, np.hypot(x_sd, compliance * force_sd))
+    return StaticFit(plateaus, segment, offset, repeat, x, np.hypot(x_sd, compliance * force_sd), outcome)
 
 
 def _contradict(above_all: list[StaticFit], every_rise: list[StaticFit]) -> bool:

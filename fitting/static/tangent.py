@@ -17,10 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from fitting.outcome import FitOutcome
 from fitting.uncertainty import Estimate, normal_estimate, student_estimate
 
 SOFTEST, STIFFEST = -0.9, 20.0
 """Bounds of ρ times the range of loads: the tangent at the highest load over that at the lowest is 1 more."""
+
+MAX_ROUNDS = 500
+"""Of the search for the growth."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,8 @@ class HeldPoints:
 class TangentLaw:
     """Tangent stiffness k(F) = κ (1 + ρ (F − F_r)): slope 1/κ [m/N], growth ρ [1/N], their (2, 2) covariance.
 
-    gain_sd is the relative standard uncertainty of the load cell's scale, which all tangents share.
+    gain_sd is the relative standard uncertainty of the load cell's scale, which all tangents share;
+    outcome is that of the search for the growth.
     """
 
     reference_force: float
@@ -50,6 +55,7 @@ class TangentLaw:
     chi_square: float
     dof: int
     gain_sd: float
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
     @property
     def significance(self) -> float:
@@ -91,7 +97,7 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
         lambda growth: slope_of(growth)[1],
         bounds=(SOFTEST / span, STIFFEST / span),
         method="bounded",
-        options={"xatol": 1e-6 / span},
+        options={"xatol": 1e-6 / span, "maxiter": MAX_ROUNDS},
     )
     growth = float(found.x)
     slope, chi_square = slope_of(growth)
@@ -101,7 +107,8 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
     bending = slope * (_bent(load, growth + step) - _bent(load, growth - step)) / (2 * step)
     columns = np.column_stack([within(each, points.group, weight) for each in (_bent(load, growth), bending)])
     covariance = np.asarray(np.linalg.inv((columns.T * weight) @ columns) * max(1.0, chi_square / dof), np.float64)
-    return TangentLaw(float(points.force.min()), slope, growth, covariance, chi_square, dof, gain_sd)
+    outcome = FitOutcome.CONVERGED if found.success else FitOutcome.NOT_CONVERGED
+    return TangentLaw(float(points.force.min()), slope, growth, covariance, chi_square, dof, gain_sd, outcome)
 
 
 def within(values: NDArray[np.float64], group: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.float64]:

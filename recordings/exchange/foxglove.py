@@ -147,6 +147,6 @@ def _seen(zero_utc_ns: int, markers: MarkerTable) -> Iterator[tuple[int, NDArray
 
 def _log(channel: int, events: Iterable[Event]) -> Messages:
     for event in sorted(events, key=lambda event: event.host_time_ns):
-        said = Log(level=Log.INFO, message=event.text, name=event.source)
-        said.timestamp.FromNanoseconds(event.host_time_ns)
-        yield event.host_time_ns, channel, said.SerializeToString()
+        message = Log(level=Log.INFO, message=event.text, name=event.source)
+        message.timestamp.FromNanoseconds(event.host_time_ns)
+        yield event.host_time_ns, channel, message.SerializeToString()

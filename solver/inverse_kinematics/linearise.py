@@ -70,14 +70,14 @@ class LeastSquares(NamedTuple):
 
 def constraints_of(model: Model) -> ConstraintTable:
     """Locks are no rows: their coordinates are given."""
-    points = [each for each in model.constraints if isinstance(each, PointConstraint)]
-    couplers = [each for each in model.constraints if isinstance(each, CoordinateCoupler)]
+    points = [constraint for constraint in model.constraints if isinstance(constraint, PointConstraint)]
+    couplers = [coupler for coupler in model.constraints if isinstance(coupler, CoordinateCoupler)]
     return ConstraintTable(
-        np.array([[each.body_1, each.body_2] for each in points], dtype=np.int64).reshape(-1, 2),
-        np.array([[each.location_1, each.location_2] for each in points]).reshape(-1, 2, 3),
-        np.array([each.dependent for each in couplers], dtype=np.int64),
-        np.array([each.independent for each in couplers], dtype=np.int64),
-        pack_functions([each.function for each in couplers]),
+        np.array([[constraint.body_1, constraint.body_2] for constraint in points], dtype=np.int64).reshape(-1, 2),
+        np.array([[constraint.location_1, constraint.location_2] for constraint in points]).reshape(-1, 2, 3),
+        np.array([coupler.dependent for coupler in couplers], dtype=np.int64),
+        np.array([coupler.independent for coupler in couplers], dtype=np.int64),
+        pack_functions([coupler.function for coupler in couplers]),
     )
 
 

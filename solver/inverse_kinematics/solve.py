@@ -126,7 +126,7 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
         if coordinate.is_clamped:
             lowest[k], highest[k] = coordinate.range
     is_locked = np.zeros(count, dtype=np.bool_)
-    is_locked[[each.coordinate for each in _locks(model)]] = True
+    is_locked[[lock.coordinate for lock in _locks(model)]] = True
     pull = np.zeros(count)
     for name, weight in tasks.coordinate_weights.items():
         pull[model.coordinate_index(name)] = weight
@@ -177,7 +177,7 @@ def _solve(
 
 
 def _locks(model: Model) -> Sequence[CoordinateLock]:
-    return [each for each in model.constraints if isinstance(each, CoordinateLock)]
+    return [constraint for constraint in model.constraints if isinstance(constraint, CoordinateLock)]
 
 
 def _targets(model: Model, tasks: TrackingTasks, frames: int) -> Array:

@@ -119,7 +119,7 @@ def _add_coordinates(element: Element, coordinates: list[Coordinate], kinds: lis
     found = element.members("coordinates")
     if len(found) != len(kinds):
         raise element.refusal(f"has {len(found)} coordinates, expected {len(kinds)}")
-    coordinates += [_coordinate(each, kind) for each, kind in zip(found, kinds, strict=True)]
+    coordinates += [_coordinate(element, kind) for element, kind in zip(found, kinds, strict=True)]
 
 
 def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:

@@ -96,7 +96,7 @@ def _data_file(loads: Element) -> Path:
 
 
 def _force(element: Element, model: Model, data: _Data) -> ExternalForce:
-    force, torque, point = (_identifier(element, each) for each in ("force", "torque", "point"))
+    force, torque, point = (_identifier(element, key) for key in ("force", "torque", "point"))
     if not force and not torque:
         raise element.refusal("names neither force nor torque; add a <force_identifier> or a <torque_identifier>")
     if point and not force:

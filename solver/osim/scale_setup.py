@@ -104,8 +104,10 @@ def read_scale_setup(path: Path) -> ScaleSetup:
     placer, maker = tool.find("MarkerPlacer"), tool.find("GenericModelMaker")
     is_placed = placer is not None and _is_applied(placer)
     return ScaleSetup(
-        tuple(_measurement(each) for each in scaler.objects("MeasurementSet") if _is_applied(each)),
-        {_segment(each): each.numbers("scales", 3) for each in scaler.objects("ScaleSet") if _is_applied(each)},
+        tuple(
+            _measurement(measurement) for measurement in scaler.objects("MeasurementSet") if _is_applied(measurement)
+        ),
+        {_segment(scale): scale.numbers("scales", 3) for scale in scaler.objects("ScaleSet") if _is_applied(scale)},
         order if _is_applied(scaler) else (),
         mass if mass > 0 else None,
         scaler.word("preserve_mass_distribution", "false") == "true",
@@ -125,10 +127,10 @@ def _measurement(element: Element) -> Measurement:
         pairs.append((names[0], names[1]))
     axes = {}
     for body in element.objects("BodyScaleSet"):
-        words = body.word("axes", "").split()
-        if not words or set(words) - set(AXES):
-            raise body.refusal(f"should name axes of X, Y and Z and names {' '.join(words) or 'none'}")
-        axes[body.name] = tuple(AXES.index(word) for word in words)
+        axis_names = body.word("axes", "").split()
+        if not axis_names or set(axis_names) - set(AXES):
+            raise body.refusal(f"should name axes of X, Y and Z and names {' '.join(axis_names) or 'none'}")
+        axes[body.name] = tuple(AXES.index(axis) for axis in axis_names)
     if not pairs:
         raise element.refusal("has no pair of markers")
     return Measurement(element.name, tuple(pairs), axes)

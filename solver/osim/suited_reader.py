@@ -113,6 +113,6 @@ def _bare(element: Element) -> Element:
         if child.tag in SETS:
             kept = [member for member in child.members("objects") if member.name not in worn]
             holder = replace(child.child("objects"), children=kept)
-            child = replace(child, children=[holder if each.tag == "objects" else each for each in child.children])  # noqa: PLW2901
+            child = replace(child, children=[holder if kept.tag == "objects" else kept for kept in child.children])  # noqa: PLW2901
         children.append(child)
     return replace(element, children=children)

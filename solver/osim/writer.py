@@ -205,7 +205,7 @@ def _add_function(holder: Xml.Element, function: Function, where: str) -> None:
 
 def _lock(written: Xml.Element, name: str, value: float) -> None:
     """A lock is a property of its coordinate, at the default value."""
-    coordinate = next(each for each in written.iter("Coordinate") if each.get("name") == name)
+    coordinate = next(node for node in written.iter("Coordinate") if node.get("name") == name)
     coordinate.remove(coordinate.find("default_value"))  # type: ignore[arg-type]
     add_values(coordinate, default_value=value, locked="true")
 
@@ -264,7 +264,7 @@ def _add_point(points: Xml.Element, model: Model, point: AnyPathPoint, name: str
         )
     made = add(points, "MovingPathPoint", name)
     coordinate = model.coordinates[point.coordinate].name
-    (joint,) = [each.name for each in model.joints if point.coordinate in each.motion.coordinates]
+    (joint,) = [joint.name for joint in model.joints if point.coordinate in joint.motion.coordinates]
     add_values(made, socket_parent_frame=frame)
     for axis, function in zip("xyz", point.functions, strict=True):
         add_values(made, **{f"socket_{axis}_coordinate": f"/jointset/{joint}/{coordinate}"})

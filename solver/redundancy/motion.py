@@ -323,7 +323,9 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         reaction_at_rest=maps.reaction_at_rest,
         cone=cone,
         solver=options.solver,
-        control_limits=np.array([[each.min_control, each.max_control] for each in model.actuators]).reshape(-1, 2).T,
+        control_limits=np.array([[actuator.min_control, actuator.max_control] for actuator in model.actuators])
+        .reshape(-1, 2)
+        .T,
     )
 
 

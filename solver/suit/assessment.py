@@ -87,7 +87,7 @@ class Comparison:
 class UncertaintySummary:
     """How the intervals came about, and how far the thinner study of the draws is from the whole one.
 
-    largest_difference  name of a field of Readings → largest |thinned − whole| over all conditions, NaN where one is
+    largest_difference  name of a field of Readings → largest |decimated − whole| over all conditions, NaN where one is
     """
 
     draws: int
@@ -179,9 +179,9 @@ def assess(
     readouts = _read(worn, slack, scenarios, efforts)
     drawn = None
     if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
-        thinned = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
+        decimated = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
         spans = {_place(w): _span(suit, w, reading) for w, reading in zip(scenarios, readouts, strict=True)}
-        drawn = solve_draws(thinned, waist, arms, draws, spans, lambda *count: progress("varying cuffs", *count))
+        drawn = solve_draws(decimated, waist, arms, draws, spans, lambda *count: progress("varying cuffs", *count))
     everything = [slack, bare, *efforts]
     return Assessment(
         muscles=model.muscle_names,
@@ -309,9 +309,11 @@ def _uncertainty(
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
     largest = {}
     for name in names:
-        thinned = [getattr(drawn.readouts[_place(scenario)], name)[0] for scenario in scenarios]
+        decimated = [getattr(drawn.readouts[_place(scenario)], name)[0] for scenario in scenarios]
         # NaN where one of them is, which max() would tell or hide by their order
-        largest[name] = float(np.max(np.abs(np.subtract(thinned, [getattr(each, name)[0] for each in readouts]))))
+        largest[name] = float(
+            np.max(np.abs(np.subtract(decimated, [getattr(readout, name)[0] for readout in readouts])))
+        )
     return UncertaintySummary(drawn.count, drawn.every, largest)
 
 

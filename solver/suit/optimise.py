@@ -78,21 +78,21 @@ def optimise_suit(
     Raises as worn.wear does, and where the suit's cord never pulls; a suit on the way that cannot be worn or solved
     counts as infinitely costly.
     """
-    thinned = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
-    thinned.ensure_pulls()
-    search = _Search(thinned, condition, tuple(free), progress)
+    decimated = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
+    decimated.ensure_pulls()
+    search = _Search(decimated, condition, tuple(free), progress)
     pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
     whole = prepare_suited_motion(model, kinematics, suit, 1, options, loads)
     start, best, safe = (
         SuitCandidate(
-            suit=each,
-            cost=float(_costs(whole, each, condition, pairs[:1])[0]),
-            drawn=_costs(search.worn, each, condition, pairs[1:]),
+            suit=candidate,
+            cost=float(_costs(whole, candidate, condition, pairs[:1])[0]),
+            drawn=_costs(search.worn, candidate, condition, pairs[1:]),
             at_limit=at_limit,
         )
-        for each, at_limit in ((suit, ()), fitted, robust)
+        for candidate, at_limit in ((suit, ()), fitted, robust)
     )
     return OptimisedSuit(start, best, safe, search.tried)
 

@@ -57,7 +57,7 @@ def read_off_curves(
 def stacked(readouts: Sequence[CurveReadouts]) -> CurveReadouts:
     """Versions of a curve, one behind the other."""
     return CurveReadouts(
-        **{f.name: np.concatenate([getattr(each, f.name) for each in readouts]) for f in fields(CurveReadouts)}
+        **{f.name: np.concatenate([getattr(part, f.name) for part in readouts]) for f in fields(CurveReadouts)}
     )
 
 

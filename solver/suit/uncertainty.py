@@ -87,7 +87,7 @@ def solve_draws(
                 if condition != "rigid":
                     readouts.setdefault((condition, arm.name), []).append(reading)
         progress(first + len(batch), len(pairs))
-    return DrawnScenarios({place: stacked(each) for place, each in readouts.items()}, count, worn.every)
+    return DrawnScenarios({place: stacked(entries) for place, entries in readouts.items()}, count, worn.every)
 
 
 def _scenarios(

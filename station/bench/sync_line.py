@@ -44,6 +44,11 @@ class SyncLine:
     def is_high(self) -> bool:
         return self.level_v is not None and self.level_v >= self.threshold_v
 
+    @property
+    def has_settled(self) -> bool:
+        """Whether the level has lasted too long for a glitch."""
+        return self._unsettled is None
+
     def why_no_rise(self, fell: Edge | None) -> str:
         """What may have kept a capture's start from showing; fell is the latest fall."""
         level = "unknown" if self.level_v is None else f"{self.level_v:z.2f} V"

@@ -14,7 +14,7 @@ LINE_WIDTH = 3
 
 def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
     """A value axis that follows its curve."""
-    letters = {"fontSize": 18, "color": colour}
+    letters = {"fontSize": 18, "color": colour, "hideOverlap": True}
     return {
         "type": "value",
         "scale": True,
@@ -28,7 +28,7 @@ def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
 
 def axis_below(name: str, **more: Any) -> dict[str, Any]:
     """The axis along the bottom: its numbers clear of the lowest one beside it, its name under them."""
-    letters = {"fontSize": 18, "color": INK}
+    letters = {"fontSize": 18, "color": INK, "hideOverlap": True}
     return axis(name, nameLocation="middle", nameGap=36, axisLabel={**letters, "margin": 14}, **more)
 
 

@@ -54,7 +54,7 @@ class _Page:
                 with ui.column().classes("gap-0"):
                     self._title = ui.label().classes("title").mark("title")
                     self._subtitle = ui.label().classes("subtitle").mark("subtitle")
-            with ui.row().classes("items-center no-wrap"):
+            with ui.row().classes("items-center no-wrap shrink-0"):
                 ui.label().classes("age").mark("age")
                 self._sound = ui.switch("sound").props("dark color=orange").mark("sound")
                 self._sound.tooltip("a tone and the words of every new step; an alarm sounds in any case")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -208,7 +208,7 @@ class _Pictures:
         ]
         picture = {
             "at": at,
-            "over_time": (self._over_time.id, [{"data": _last(live.force)}, {"data": _last(live.displacement)}]),
+            "over_time": (self._over_time.id, [{"data": points} for points in curves_over_time(live)]),
             "loop": (self._loop.id, [{"data": _against(live)}]),
             "markers": (self._markers.html_id, points),
         }
@@ -221,10 +221,14 @@ class _Pictures:
             self._on_their_way -= 1
 
 
-def _last(points: Iterable[tuple[float, float]]) -> list[list[float]]:
-    kept = list(points)
-    first = kept[-1][0] - SHOWN_S if kept else 0.0
-    return [[t, y] for t, y in kept if t >= first][::2]
+def curves_over_time(live: Live) -> list[list[tuple[float, float]]]:
+    """Force and displacement of the last SHOWN_S, with their time from the sync edge."""
+    return [_last(live.from_edge(points)) for points in (live.force, live.displacement)]
+
+
+def _last(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    first = points[-1][0] - SHOWN_S if points else 0.0
+    return [point for point in points if point[0] >= first][::2]
 
 
 def _against(live: Live) -> list[list[float]]:

@@ -71,7 +71,7 @@ class ReportError(StationError):
 
 
 @dataclass(frozen=True)
-class CuffSection:
+class ReportedCuff:
     """One cuff on the page."""
 
     fit: CuffFit | WearableCuff
@@ -115,7 +115,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
         .get_template("page.html")
         .render(
             folder=folder.resolve().name,
-            cuffs=[CuffSection(fit, truth.get(name), pictures[name]) for name, fit in cuffs.items()],
+            cuffs=[ReportedCuff(fit, truth.get(name), pictures[name]) for name, fit in cuffs.items()],
             has_truth=bool(truth),
             origin=_origin(cuffs, assessment),
             chain=chain,

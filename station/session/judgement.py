@@ -10,18 +10,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.bounce import fit_bounce
+from fitting.bounce import BounceTrial, fit_bounce
 from fitting.curves import TrialCurves
 from fitting.outlying import SLIPPED, find_outliers, has_slipped
 from fitting.quality import UnusableTrial, zero_notes
 from fitting.result import CuffFit, SessionFit, TrialFit
 from fitting.results.codes import Verdict
 from fitting.results.rendering import sentence_of
-from fitting.trial import read_bounce
+from fitting.trial import RejectedTrial
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
-from recordings.reader import open_recording
-from station.fit import SessionError, fit_session_folder
+from station.fit import SessionError, fit_donning_of, read_recording
 from station.interval import bracketed, digits_of, rounded
 from station.journal import Choice, JournalError, Recorded, read_journal
 
@@ -89,23 +88,29 @@ def be_ready() -> None:
 
 
 def judge_recording(folder: Path, file: str) -> Judgement:
-    """Fits the session with this recording in it. Never raises: what goes wrong is told, and the recording is safe."""
+    """Fit the donning with this recording in it. Never raises: what goes wrong is told, and the recording is safe."""
+    marks = 0
     try:
-        recorded = {each.file: each for each in read_journal(folder).recorded}.get(file)
-        if recorded is not None and recorded.test == "bounce":
-            return _judge_bounce(folder / file, recorded)
-        fitted = fit_session_folder(folder, None)
+        journal = read_journal(folder)
+        recorded = {entry.file: entry for entry in journal.recorded}.get(file)
+        reading = read_recording(folder / file)
+        marks = reading.marks
+        if isinstance(reading, BounceTrial):
+            return _judge_bounce(reading, recorded)
+        if isinstance(reading, RejectedTrial):
+            return Judgement(file, _title(recorded, file), "redo", (reading.reason,), (), (), (), marks)
+        fitted = fit_donning_of(folder, reading)
     except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
-        return Judgement(file, file, "redo", (str(error),), (), (), (), _marks_in(folder / file))
+        return Judgement(file, file, "redo", (str(error),), (), (), (), marks)
     except Exception as error:  # a fault of ours must not hold the operator up
         words = f"the fit failed on it ({type(error).__name__}: {error}); the recording is stored, keep it and tell us"
-        return Judgement(file, file, "accept", (words,), (), (), (), _marks_in(folder / file))
-    rejected = [each.reason for each in fitted.rejected if each.file == file]
+        return Judgement(file, file, "accept", (words,), (), (), (), marks)
+    rejected = [trial.reason for trial in fitted.rejected if trial.file == file]
     of_trial, of_cuff = _find(fitted, file)
     if of_trial is None or of_cuff is None:
         reasons = tuple(rejected) or ("the fit makes no use of this recording",)
         advice: Choice = "redo" if rejected else "accept"
-        return Judgement(file, _title(recorded, file), advice, reasons, (), (), (), _marks_in(folder / file))
+        return Judgement(file, _title(recorded, file), advice, reasons, (), (), (), marks)
     others = [
         each for each in of_cuff.trials if each.test == of_trial.test and each.file != file and each.state == "used"
     ]
@@ -124,7 +129,7 @@ def judge_recording(folder: Path, file: str) -> Judgement:
             *(f"so far: {sentence_of(verdict)}" for verdict in of_cuff.verdicts),
         ),
         path=_path(curves),
-        marks=_marks_in(folder / file),
+        marks=marks,
         figures=_figures({name: getattr(of_trial, field) for field, name in SI_NAMES.items()}),
         doubts=_doubts(of_trial, of_cuff),
     )
@@ -136,14 +141,14 @@ def unjudged(file: str) -> Judgement:
     return Judgement(file, file, "accept", (words,), (), (), (), 0)
 
 
-def _judge_bounce(path: Path, recorded: Recorded) -> Judgement:
+def _judge_bounce(bounce: BounceTrial, recorded: Recorded | None) -> Judgement:
     """Raises UnusableTrial where the bounce calibrates nothing."""
-    fit = fit_bounce(read_bounce(path))
+    fit = fit_bounce(bounce)
     figures = {"lag [ms]": (fit.lag, 1e3), "gain": (fit.gain, 1.0), "zero [N]": (fit.zero, 1.0)}
     rows = tuple(Row(name, _words(found.estimate, scale), "-", "-") for name, (found, scale) in figures.items())
     measured = _figures({"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate})
-    title, marks = _title(recorded, path.name), _marks_in(path)
-    return Judgement(path.name, title, "accept", (), rows, fit.notes, (), marks, measured)
+    title = _title(recorded, bounce.file)
+    return Judgement(bounce.file, title, "accept", (), rows, fit.notes, (), bounce.marks, measured)
 
 
 def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[Figure, ...]:
@@ -223,11 +228,3 @@ def _path(curves: TrialCurves | None) -> tuple[tuple[float, float], ...]:
         seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), SHOWN_POINTS)).astype(int))] if len(seen) else seen
     )
     return tuple((round(1e3 * float(curves.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)
-
-
-def _marks_in(path: Path) -> int:
-    try:
-        recording = open_recording(path)
-        return sum(getattr(item, "kind", "") == "mark" for item in recording.items())
-    except RecordingError:
-        return 0

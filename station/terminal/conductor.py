@@ -1,6 +1,6 @@
 """Leads through a session without a page: arms trial after trial, judges each, and obeys commands meanwhile.
 
-It decides what a page leaves to its operator only where nothing speaks against a recording: that one is kept. The
+It decides only one thing that a page leaves to its operator: a recording without a reason to redo it is kept. The
 journal is read anew before every step, so a decision that is made elsewhere, as by `station judge`, counts here too.
 """
 
@@ -29,7 +29,7 @@ from station.terminal.events import (
     SummedUp,
     SummingUp,
     TrialEnded,
-    Verdict,
+    VerdictGiven,
     Waiting,
     Warned,
 )
@@ -293,7 +293,7 @@ class Conductor:
         if judged is None or judged.file != recorded.file:
             return
         self._face.tell(
-            Verdict(
+            VerdictGiven(
                 judged.file,
                 judged.title,
                 judged.advice,

@@ -107,7 +107,7 @@ class TrialEnded:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class VerdictGiven:
     """The figures of one recording with their 95 % intervals, and what they advise."""
 
     event: ClassVar[str] = "verdict"
@@ -122,7 +122,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Decided:
-    """by: the station itself, where nothing speaks against the recording; the operator here, or somewhere else."""
+    """by: the station itself, if there is no reason to redo the recording; the operator here, or somewhere else."""
 
     event: ClassVar[str] = "decided"
     file: str
@@ -193,7 +193,7 @@ Event = (
     | Status
     | Warned
     | TrialEnded
-    | Verdict
+    | VerdictGiven
     | Decided
     | Skipped
     | Waiting

@@ -78,7 +78,7 @@ class TextFace:
                 lost = f", {event.lost_samples} samples lost" if event.lost_samples else ""
                 state = "recorded" if event.accepted else "recorded, NOT ACCEPTED"
                 self._say(f"  {state}{lost}: {event.sentence}")
-            case events.Verdict():
+            case events.VerdictGiven():
                 self._judge(event)
             case _:
                 self._tell_of_the_session(event)
@@ -123,7 +123,7 @@ class TextFace:
         style = "bold white on red" if event.code == "alarm" else "red"
         self._say(f"{bell}  ! {event.sentence}.{again}", style)
 
-    def _judge(self, event: events.Verdict) -> None:
+    def _judge(self, event: events.VerdictGiven) -> None:
         is_good = event.advice == "accept"
         state = "no problems found" if is_good else "better redo it"
         self._say(f"  {event.title}: {state}", "green" if is_good else "bold red")

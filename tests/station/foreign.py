@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from recordings.exchange.tables import MarkerTable
 from recordings.exchange.trc import write_trc
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.reader import Track
-from recordings.samples import Samples
+from recordings.samples import Event, Samples
 from recordings.writer import RecordingWriter
 from station.config import StationConfig, parse_config
 from tests.fitting.experiment import Session, published
@@ -72,7 +73,7 @@ class Truth:
             path.write_text(text, encoding="utf-8")
         return path
 
-    def record(self, path: Path) -> Path:
+    def record(self, path: Path, events: Sequence[Event] = ()) -> Path:
         """What the station itself would have recorded of it."""
         streams = [track.stream for track in self.tracks.values()]
         writer = RecordingWriter(path, self.manifest, streams, sync=lambda _: None)
@@ -81,6 +82,8 @@ class Truth:
                 part = track.host_time_ns == host
                 numbers, device, values = track.sample_numbers[part], track.device_time_ns[part], track.values[part]
                 writer.write(Samples(name, numbers, device, int(host), values))
+        for event in events:
+            writer.write(event)
         writer.close(TrialOutcome(True, "closed", "the mocap capture ended"))
         return path
 

@@ -8,7 +8,7 @@ from station.bench.pre_roll import PRE_ROLL_S, PreRoll
 from station.bench.snapshot import TrialState
 from station.bench.states.context import DeviceFailure, TrialContext
 from station.bench.states.idle import CANCELLED
-from station.bench.states.recording import Recording
+from station.bench.states.recording import RecordingState
 from station.bench.states.state import OpenState, Over, StartEdge, State
 from station.bench.sync_line import Edge, wrong_polarity
 
@@ -59,7 +59,8 @@ class Armed(OpenState):
                 return self.fail(silence)
             if edge := self._falls.inverted_start(now_s):
                 return Over(wrong_polarity(edge))
-            self.sentence = ALREADY_CAPTURING if self.context.sync.is_high else ARMED
+            sync = self.context.sync
+            self.sentence = ALREADY_CAPTURING if sync.is_high and sync.has_settled else ARMED
         if waited_s > rules.timeout_s:
             why = self.context.sync.why_no_rise(self._falls.unexplained)
             return Over(f"no sync edge came within {rules.timeout_s:g} s{why}")
@@ -82,7 +83,7 @@ class Armed(OpenState):
         self._falls.note_fall(fall, self.armed_s)
         self._pre_roll.forget_before(fall.device_time_ns)
 
-    def _begin(self, sample_number: int, device_ns: int, found: str) -> Recording:
+    def _begin(self, sample_number: int, device_ns: int, found: str) -> RecordingState:
         context = self.context
         self.edge = edge = StartEdge(device_ns, context.clock.station_s())  # also where a write below fails
         for item in [*self._pre_roll.cut(device_ns), *context.notes]:
@@ -90,4 +91,4 @@ class Armed(OpenState):
         context.write_event("sync_edge", f"{found} at sample {sample_number}; recording")
         since_edge_ns = context.latest_device_ns - device_ns
         context.write_loss(context.first_frame.edge(context.shortfall.reached_ns("/sync") - since_edge_ns))
-        return Recording(context, edge)
+        return RecordingState(context, edge)

@@ -8,7 +8,7 @@ from recordings.samples import Item, Loss, Samples
 from station.bench.shortfall import SHORT_S
 from station.bench.snapshot import TrialState
 from station.bench.states.context import TrialContext
-from station.bench.states.recorded import Recorded
+from station.bench.states.recorded import RecordedState
 from station.bench.states.state import Over, StartEdge, State
 from station.bench.stream_watchdog import SILENCE_TIMEOUT_S
 
@@ -28,7 +28,7 @@ class Ending:
     has_capture_ended: bool
 
 
-class Closing(Recorded):
+class Closing(RecordedState):
     name = TrialState.CLOSING
 
     def __init__(

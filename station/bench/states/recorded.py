@@ -7,7 +7,7 @@ from station.bench.states.context import TrialContext
 from station.bench.states.state import OpenState, StartEdge
 
 
-class Recorded(OpenState):
+class RecordedState(OpenState):
     """A trial with a sync edge."""
 
     edge: StartEdge

@@ -10,12 +10,12 @@ from station.bench.pre_roll import LATENESS_S
 from station.bench.snapshot import TrialState
 from station.bench.states.closing import QUIET_S, Closing, Ending
 from station.bench.states.context import DeviceFailure, TrialContext
-from station.bench.states.recorded import Recorded
+from station.bench.states.recorded import RecordedState
 from station.bench.states.state import StartEdge, State
 from station.bench.sync_line import Edge
 
 
-class Recording(Recorded):
+class RecordingState(RecordedState):
     name, sentence = TrialState.RECORDING, "recording"
 
     def __init__(self, context: TrialContext, edge: StartEdge) -> None:

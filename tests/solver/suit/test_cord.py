@@ -205,7 +205,7 @@ def test_a_cuff_that_is_no_spring_is_refused(line, broken):
 def test_forces_in_every_second_frame_are_those_of_all_frames(line):
     options = {"is_shifted": True, "yields": True}
     whole = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, **options)
-    thinned = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, every=2, **options)
-    np.testing.assert_array_equal(thinned.tension, whole.tension)
+    decimated = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, every=2, **options)
+    np.testing.assert_array_equal(decimated.tension, whole.tension)
     for name in ("displacement", "points", "forces"):
-        np.testing.assert_array_equal(getattr(thinned, name), getattr(whole, name)[:, ::2])
+        np.testing.assert_array_equal(getattr(decimated, name), getattr(whole, name)[:, ::2])

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from station.bench.falls import ALREADY_CAPTURING, ARMED
 from station.bench.snapshot import TrialState
 from tests.station.bench_by_hand import Bench
 
@@ -52,6 +53,23 @@ def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file(cut: int) -> Non
     bench.run(3.0)
     assert bench.trial.state is TrialState.RECORDING, "nor is the glitch's end taken for an inverted edge"
     assert "sync_glitch" in bench.writer.events()
+
+
+def test_an_edge_in_the_last_samples_of_a_block_is_no_capture_that_runs_already() -> None:
+    bench = Bench().arm()
+    bench.run(2.5)
+    bench.send_daq(np.r_[np.zeros(97), np.full(3, 5.0)])
+    bench.trial.tick()
+    assert bench.trial.sentence == ARMED
+    bench.send_daq(np.full(100, 5.0))
+    assert bench.trial.state is TrialState.RECORDING
+
+
+def test_a_line_that_was_high_before_the_trial_was_armed_is_a_capture_that_runs_already() -> None:
+    bench = Bench()
+    bench.level = 5.0
+    bench.arm().run(0.2)
+    assert bench.trial.sentence == ALREADY_CAPTURING
 
 
 def test_an_inverted_line_is_named_when_the_capture_starts() -> None:

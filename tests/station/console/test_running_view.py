@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from station.console.running_view import state_of
+from station.config import ProtocolSection
+from station.console.running_view import curves_over_time, state_of
+from station.protocol import TrialSpec
+from station.session.guide import guide_for
+from station.session.live import Live
 
 
 @pytest.mark.parametrize(
@@ -21,3 +25,13 @@ def test_the_state_is_shown_with_its_time_and_what_speaks_against_the_trial(
     said: dict[str, object], shown: str
 ) -> None:
     assert state_of(said) == shown
+
+
+def test_the_curves_count_from_the_sync_edge() -> None:
+    live = Live(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
+    live.force.extend((t / 10, 0.0) for t in range(401))
+    live.displacement.extend([(3.0, 0.0), (39.0, 1.0)])
+    live.latest = {"state": "recording", "edge_s": 2.5}
+    force, displacement = curves_over_time(live)
+    assert force[0] == (17.5, 0.0) and force[-1] == (37.5, 0.0), "the last 20 s, the newest 37.5 s after the edge"
+    assert displacement == [(36.5, 1.0)]

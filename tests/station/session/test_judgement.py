@@ -1,14 +1,21 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import fitting.session
+import recordings.reader
 from fitting.result import SessionFit, TrialFit
 from fitting.results.codes import Verdict
 from fitting.uncertainty import Estimate
+from recordings.chunks import Damage, Entry
+from recordings.samples import Event
 from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
 from station.session.judgement import Judgement, judge_recording, unjudged
@@ -41,9 +48,7 @@ def judged(session: Path, fitted: SessionFit, monkeypatch: pytest.MonkeyPatch) -
         trials = [replace(each, **change) if each.file == STATIC else each for each in cuff.trials]  # type: ignore[arg-type]
         changed = replace(cuff, trials=(*trials, *others))
         donnings = {"hand": {cuff.donning: changed}}
-        monkeypatch.setattr(
-            "station.session.judgement.fit_session_folder", lambda *_: replace(fitted, donnings=donnings)
-        )
+        monkeypatch.setattr("station.session.judgement.fit_donning_of", lambda *_: replace(fitted, donnings=donnings))
         return judge_recording(session, STATIC)
 
     return judge
@@ -96,9 +101,7 @@ def test_good_is_only_what_was_checked_and_is_right(
 
     def grade_of(*verdicts: Verdict) -> str:
         donnings = {"hand": {cuff.donning: replace(cuff, verdicts=verdicts)}}
-        monkeypatch.setattr(
-            "station.session.judgement.fit_session_folder", lambda *_: replace(fitted, donnings=donnings)
-        )
+        monkeypatch.setattr("station.session.judgement.fit_donning_of", lambda *_: replace(fitted, donnings=donnings))
         return judge_recording(session, STATIC).grade
 
     assert grade_of(Verdict.IDENTIFIED) == "good"
@@ -122,6 +125,61 @@ def test_a_repeat_that_was_superseded_is_not_compared_with(
 def test_an_unusable_trial_says_why(judged: Callable[..., Judgement]) -> None:
     judgement = judged(state="unusable", reason="the rope was slack all the time")
     assert (judgement.advice, judgement.reasons) == ("redo", ("the rope was slack all the time",))
+
+
+class Work:
+    """What a verdict costs: passes over files, and fits of donnings."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.passes: Counter[str] = Counter()
+        self.fits = 0
+        read_entries, fit_donning = recordings.reader.read_entries, fitting.session.fit_donning
+
+        def count_pass(path: Path) -> Iterator[Entry | Damage]:
+            self.passes[path.name] += 1
+            return read_entries(path)
+
+        def count_fit(*arguments: Any) -> Any:
+            self.fits += 1
+            return fit_donning(*arguments)
+
+        monkeypatch.setattr("recordings.reader.read_entries", count_pass)
+        monkeypatch.setattr("fitting.session.fit_donning", count_fit)
+
+
+def test_a_verdict_costs_what_its_donning_costs_however_long_the_session_is(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Path(shutil.copytree(session, tmp_path / "session"))
+    alone = judge_recording(folder, DYNAMIC)
+    work = Work(monkeypatch)
+    for number in (2, 3, 4):
+        for truth in static_and_dynamic():
+            manifest = replace(truth.manifest, donning=str(number), run=number)
+            file = f"cuff-hand_test-{manifest.test}_run-{number}.mcap"
+            replace(truth, manifest=manifest).record(folder / file)
+            if number < 4:  # the last of them is not in the journal
+                write_recorded(folder, Recorded(file, "hand", manifest.test, 1, str(number), True, 0, "it ended"))
+    write_verdict(folder, "cuff-hand_test-static_run-2.mcap", "redo", "the wearer coughed")
+    assert judge_recording(folder, DYNAMIC) == alone, "and it is the same verdict"
+    not_in_the_journal = {f"cuff-hand_test-{test}_run-4.mcap": 1 for test in ("static", "dynamic")}  # its manifest
+    assert work.passes == {STATIC: 1, DYNAMIC: 1, **not_in_the_journal}
+    assert work.fits == 1
+
+
+def test_a_session_is_fitted_in_one_pass_over_each_of_its_recordings(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = Work(monkeypatch)
+    fit_session_folder(session, None)
+    assert (work.passes, work.fits) == ({STATIC: 1, DYNAMIC: 1}, 1)
+
+
+def test_marks_are_counted_in_the_pass_that_reads_the_trial(session: Path, tmp_path: Path) -> None:
+    (truth, _) = static_and_dynamic()
+    truth.record(tmp_path / STATIC, [Event("mark", f"mark {number}", 0, "station") for number in (1, 2)])
+    assert judge_recording(tmp_path, STATIC).marks == 2
+    assert judge_recording(session, STATIC).marks == 0
 
 
 def test_what_the_recorder_said_counts_against_it(session: Path, judged: Callable[..., Judgement]) -> None:
@@ -155,7 +213,7 @@ def test_a_fault_of_ours_keeps_the_recording(session: Path, monkeypatch: pytest.
     def fail(*_: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("station.session.judgement.fit_session_folder", fail)
+    monkeypatch.setattr("station.session.judgement.fit_donning_of", fail)
     judgement = judge_recording(session, STATIC)
     assert judgement.advice == "accept" and "ZeroDivisionError: oh" in judgement.reasons[0]
 

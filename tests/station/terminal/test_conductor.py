@@ -24,7 +24,7 @@ from station.terminal.events import (
     StateChanged,
     SummingUp,
     TrialEnded,
-    Verdict,
+    VerdictGiven,
     Waiting,
     Warned,
 )
@@ -111,7 +111,7 @@ def test_a_plan_is_recorded_judged_and_kept_with_nothing_said_but_arm(tmp_path: 
     assert [trial.test for trial in face.of(NextTrial)] == ["static", "dynamic"]
     assert face.of(NextTrial)[0].order == "Don the hand cuff, rope slack"
     assert [(one.choice, one.by) for one in face.of(Decided)] == [("accept", "station")] * 2
-    (stiffness,) = [figure for figure in face.of(Verdict)[0].figures if figure.quantity == "stiffness_n_per_m"]
+    (stiffness,) = [figure for figure in face.of(VerdictGiven)[0].figures if figure.quantity == "stiffness_n_per_m"]
     assert stiffness.low < 8520 < stiffness.high, "what the simulated hand cuff has"
     assert face.of(SessionClosed)[0].done == 2
     journal = read_journal(tmp_path / "simulated" / "monday")
@@ -161,7 +161,7 @@ def test_what_speaks_against_a_recording_is_asked_and_may_be_answered_elsewhere(
             (lambda event: isinstance(event, Decided) and event.by == "elsewhere", "end"),
         )
         face = lead(bench, config, folder, script)
-    assert face.of(Verdict)[0].advice == "redo" and face.of(Verdict)[0].reasons
+    assert face.of(VerdictGiven)[0].advice == "redo" and face.of(VerdictGiven)[0].reasons
     assert [(one.choice, one.reason, one.by) for one in face.of(Decided)] == [
         ("redo", "stopped by mistake", "elsewhere")
     ]

@@ -10,12 +10,12 @@ import os
 import pytest
 
 from station.session.judgement import Figure, Row
-from station.terminal.events import Decided, SessionOpened, Verdict, Warned
+from station.terminal.events import Decided, SessionOpened, VerdictGiven, Warned
 from station.terminal.json_face import JsonFace
 from station.terminal.text_face import SessionConsole, TextFace
 
 OPENED = SessionOpened("P01", "monday", "monday", 2, 0, 0, is_simulated=False)
-VERDICT = Verdict(
+VERDICT = VerdictGiven(
     "a.mcap",
     "hand, static, repeat 1",
     "redo",

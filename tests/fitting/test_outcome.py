@@ -1,0 +1,128 @@
+"""Every iteration of the fit, starved of rounds, says so, and the verdict of the donning calls nothing identified."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fitting.bounce import BounceTrial, calibrate, fit_bounce
+from fitting.dynamic.errors_in_variables import estimate
+from fitting.dynamic.output_error import output_error
+from fitting.outcome import FitOutcome, NotConverged, worst
+from fitting.result import CuffFit
+from fitting.results.codes import Verdict
+from fitting.session import fit_session
+from fitting.spatial.held_tensor import held_tensor
+from fitting.spatial.reduction import ReducedTrial, reduce_trials
+from fitting.spatial.swung_tensor import swung_tensor
+from fitting.spatial.tensor import NoTensor
+from fitting.trial import Trial, build_bounce, build_trial
+from tests.fitting.bouncing import Bounce
+from tests.fitting.bouncing import recorded as bounced
+from tests.fitting.experiment import Session, published
+from tests.fitting.pulled_in_space import directions, elbow, pulled
+from tests.fitting.swinging import DAMPING, STIFFNESS, swing
+
+EIV, OUTPUT_ERROR = "fitting.dynamic.errors_in_variables", "fitting.dynamic.output_error"
+
+
+@cache
+def _trials() -> tuple[Trial, ...]:
+    session = Session(published("hand", hold=6.0, duration=16.0), 1)
+    return build_trial(*session.static(1), "s", "s"), build_trial(*session.dynamic(1), "d", "d")
+
+
+def _fit() -> CuffFit:
+    return fit_session(_trials()).cuffs["hand"]
+
+
+@cache
+def _bounce() -> BounceTrial:
+    return build_bounce(*bounced(Bounce(), 1), "test-bounce_run-1.mcap", "hash")
+
+
+@cache
+def _in_space(test: str) -> tuple[ReducedTrial, ...]:
+    random = np.random.default_rng(1)
+    space = elbow(random)
+    trials = [pulled(space, u, test, number, random) for number, u in enumerate(directions(30), 1)]
+    return tuple(reduce_trials(trials)[0])
+
+
+def test_with_their_rounds_all_fits_converge() -> None:
+    fit = _fit()
+    assert fit.verdicts == (Verdict.IDENTIFIED,)
+    assert [trial.swing.outcome for trial in fit.trials if trial.swing] == [FitOutcome.CONVERGED]
+    assert held_tensor(_in_space("static"), 0.0).value.shape == (3, 3)
+    assert swung_tensor(_in_space("dynamic"), {}, 0.0).value.shape == (3, 3)
+    assert calibrate([_bounce()])[1] == {}
+
+
+@pytest.mark.parametrize("limit", ["MAX_ROUNDS", "MAX_NOISE_ROUNDS"])
+def test_a_damping_whose_fit_is_starved_is_given_and_not_identified(
+    limit: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(f"{EIV}.{limit}", 1)
+    assert estimate(swing(1)).outcome is FitOutcome.NOT_CONVERGED
+    fit = _fit()
+    assert fit.verdicts == (Verdict.DAMPING_NOT_CONVERGED,)
+    assert fit.damping is not None
+    assert fit.missing == ("damping",)
+    assert any("did not converge" in note for trial in fit.trials for note in trial.notes)
+
+
+def test_output_error_that_is_starved_checks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{OUTPUT_ERROR}.ROUNDS", 1)
+    starved = output_error(swing(1), 0.8 * STIFFNESS, DAMPING)
+    assert (starved.outcome, starved.estimates) == (FitOutcome.NOT_CONVERGED, None)
+    fit = _fit()
+    assert fit.verdicts == (Verdict.IDENTIFIED,), "the default does not rest on it where the noise is white"
+    (found,) = [trial.swing for trial in fit.trials if trial.swing]
+    assert found.checks.not_converged == ("output error",)
+
+
+def test_output_error_that_is_starved_leaves_damping_open_where_the_noise_is_coloured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(f"{OUTPUT_ERROR}.ROUNDS", 1)
+    monkeypatch.setattr("fitting.dynamic.cross_checks.COLOURED", -1.0)
+    assert _fit().verdicts == (Verdict.DAMPING_NOT_CONVERGED,)
+
+
+@pytest.mark.parametrize("module", ["fitting.static.stiffness", "fitting.static.tangent", "fitting.static.creep"])
+def test_a_stiffness_whose_fit_is_starved_is_not_identified(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{module}.MAX_ROUNDS", 1)
+    fit = _fit()
+    assert Verdict.STIFFNESS_NOT_CONVERGED in fit.verdicts
+    assert fit.stiffness is None
+
+
+def test_a_stiffness_in_space_whose_fit_is_starved_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.spatial.held_tensor.MAX_ROUNDS", 1)
+    with pytest.raises(NoTensor) as caught:
+        held_tensor(_in_space("static"), 0.0)
+    assert caught.value.outcome is FitOutcome.NOT_CONVERGED
+
+
+def test_a_damping_in_space_whose_fit_is_starved_is_not_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.spatial.swung_tensor.ROUNDS", 1)
+    with pytest.raises(NoTensor) as caught:
+        swung_tensor(_in_space("dynamic"), {}, 0.0)
+    assert caught.value.outcome is FitOutcome.NOT_CONVERGED
+
+
+def test_a_bounce_whose_fit_is_starved_calibrates_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.bounce.MAX_ROUNDS", 1)
+    with pytest.raises(NotConverged) as caught:
+        fit_bounce(_bounce())
+    assert caught.value.outcome is FitOutcome.NOT_CONVERGED
+    assert "did not converge" in calibrate([_bounce()])[1]["test-bounce_run-1.mcap"]
+
+
+def test_the_worst_part_is_the_outcome_of_the_whole() -> None:
+    converged, not_converged, none = FitOutcome.CONVERGED, FitOutcome.NOT_CONVERGED, FitOutcome.NO_SOLUTION
+    assert worst([]) is converged
+    assert worst([converged, not_converged]) is not_converged
+    assert worst([not_converged, none, converged]) is none
