@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from fitting.outcome import Outcome
+from fitting.outcome import FitOutcome
 from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
 from fitting.seal import Standing
 from recordings.manifest import DataOrigin
@@ -186,7 +186,7 @@ class SwingEntry(_Entry):
     """A dynamic trial beside its damping."""
 
     method: str
-    outcome: Annotated[Outcome | None, Field(strict=False)] = None
+    outcome: Annotated[FitOutcome | None, Field(strict=False)] = None
     frequency_hz: float
     force_amplitude_n: float
     dynamic_stiffness_n_per_m: Figure
