@@ -127,7 +127,7 @@ def _judged(rows: np.ndarray) -> list[str]:
 
 def _coloured(runs: int, pool: ProcessPoolExecutor) -> Iterator[str]:
     for memory in (0.05, 0.5):
-        title = f"T9b: markers' memory {memory:g} s"
+        title = f"T9b: correlation time {memory:g} s"
         yield from _estimates(title, runs, pool, rate=20.0, lag_sd=0.0, colour=memory)
     for memory in (0.0, 0.05, 0.5):
         flagged = [pool.map(partial(_is_flagged, memory, cuff), range(max(2, runs // 5))) for cuff in PUBLISHED]

@@ -104,6 +104,7 @@ def test_the_site_has_its_four_parts(site: Path) -> None:
         assert (site / page / "index.html").is_file(), page
     python = (site / "reference" / "python" / "index.html").read_text(encoding="utf-8")
     assert 'id="cuffstation.fit_session"' in python and 'id="cuffstation.CuffFit"' in python
+    assert "<li><code>sample_numbers</code>: (n,) uint64</li>" in python, "fields of a docstring are a list"
 
 
 def test_no_page_of_the_site_fetches_anything_from_elsewhere(site: Path) -> None:
