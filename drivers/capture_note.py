@@ -1,7 +1,7 @@
-"""Which capture is ours: what lets a station end the one it left running when it was killed, and no other.
+"""Identify the capture that a killed station left running, so that the next station ends this one and no other.
 
-QTM does not say who began a capture. It numbers the frames of each from 1, though, so that its latest frame tells how
-long it has run; and a note on the disk tells when ours began, until QTM has saved it. One capture runs at a time.
+QTM does not report who started a capture. It numbers the frames of a capture from 1, so the latest frame number gives
+its duration. A note on the disk holds the start time of our capture until QTM has saved it. One capture runs at a time.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from contextlib import suppress
 from pathlib import Path
 
 AGREES_S = 2.0
-"""What the two may differ by: delays of the network and of a busy machine. Nobody ends our capture at the mocap PC,
-and begins one of his own, within so short a time of our beginning."""
+"""Largest difference between the two durations: delays of the network and of a busy machine. A person cannot stop
+our capture at the mocap PC and start another within this time."""
 
 
 _DIGITS = 20
-"""Of a UTC in nanoseconds, and more."""
+"""More than a UTC in nanoseconds has."""
 
 
 class CaptureNote:
-    """now_ns gives UTC [ns], of the same pace as QTM's frames also in the next process. Without a path there is none.
+    """now_ns returns UTC [ns] at the pace of QTM's frames, also in the next process. Without a path no note is kept.
 
-    A note that cannot be kept makes us ask a person for help, no more; so it fails silently.
+    Write errors are ignored: without the note the operator ends the capture.
     """
 
     def __init__(self, path: Path | None, now_ns: Callable[[], int]) -> None:
@@ -30,7 +30,7 @@ class CaptureNote:
 
     @property
     def age_s(self) -> float | None:
-        """Since our capture began; None where we have left none."""
+        """Time since the start of our capture; None without a note."""
         if self._path is None or not self._path.is_file():
             return None
         try:
@@ -40,11 +40,11 @@ class CaptureNote:
             return None
 
     def fits(self, running_s: float) -> bool:
-        """Whether a capture that has run so long is the one we left."""
+        """Whether a capture with this duration is ours."""
         return self.age_s is not None and abs(self.age_s - running_s) < AGREES_S
 
     def write(self) -> None:
-        """Our capture begins now."""
+        """Note that our capture starts now."""
         if self._path is not None:
             with suppress(OSError):
                 self._path.unlink(missing_ok=True)  # a link there would have another file written to
@@ -52,7 +52,7 @@ class CaptureNote:
                     file.write(str(self._now_ns()))
 
     def erase(self) -> None:
-        """It has been saved, or is not there any more."""
+        """Remove the note: the capture is saved, or no longer exists."""
         if self._path is not None:
             with suppress(OSError):
                 self._path.unlink(missing_ok=True)

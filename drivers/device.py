@@ -1,4 +1,4 @@
-"""What every device does, simulated or real."""
+"""Interfaces of a device, simulated or real."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ HostClock = Callable[[], int]
 
 
 class Device(Protocol):
-    """One instrument on one wire. One thread uses it at a time; the daemon owns that thread and its watchdog.
+    """One instrument on one wire. One thread uses it at a time; the recorder owns that thread and its watchdog.
 
-    A driver numbers and stamps samples as they come. It never aligns, filters, tares or converts them,
-    and it raises nothing but the exceptions of drivers/errors.py.
+    A driver numbers and time-stamps samples on arrival. It never aligns, filters, tares or converts them, and it
+    raises only the exceptions of drivers/errors.py.
     """
 
     @property
@@ -25,29 +25,29 @@ class Device(Protocol):
         ...
 
     def open(self) -> None:
-        """Connects, configures and starts the flow of samples. Raises DeviceError in one sentence."""
+        """Connect, configure and start streaming. Raises DeviceError in one sentence."""
         ...
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """What it sends; known once open() returned."""
+        """The streams of the device; complete once open() has returned."""
         ...
 
     @property
     def identity(self) -> DeviceIdentity:
-        """What it says of itself, also about being simulated; known once open() returned."""
+        """Product, serial number and whether it is simulated, as reported by the device; complete after open()."""
         ...
 
     def read(self, timeout_s: float) -> Sequence[Item]:
-        """Everything that came, in order; waits at most timeout_s (wall seconds) for the first of it, then returns [].
+        """All items received since the last call, in order. Waits at most timeout_s [wall s] for the first one.
 
-        With a timeout of 0 also what a driver would keep for a moment, to hand it over in larger blocks.
-        Raises DeviceLost when the device is gone; what came before was returned by earlier calls.
+        A timeout of 0 also returns samples that the driver would otherwise collect into larger blocks.
+        Raises DeviceLost when the device is gone; items received before that were returned by earlier calls.
         """
         ...
 
     def close(self) -> None:
-        """Stops and releases the device; may be called at any time, twice, and after a loss."""
+        """Stop and release the device. May be called at any time, twice, and after a loss."""
         ...
 
 
@@ -62,7 +62,7 @@ class CaptureControl(Protocol):
 
 @dataclass(frozen=True)
 class Received:
-    """What has come over a connection since it began: its local TCP port, and the bytes that the driver has decoded."""
+    """Progress of a connection: its local TCP port, and the number of bytes that the driver has decoded."""
 
     port: int
     size: int
@@ -70,22 +70,22 @@ class Received:
 
 @runtime_checkable
 class StreamingDevice(Protocol):
-    """A device that sends without being asked, so that only the driver can tell how far it has got."""
+    """A device that sends unrequested data, so that only the driver knows how much of it is decoded."""
 
     @property
     def received(self) -> Received | None:
-        """None while there is no connection, or where it is no TCP connection."""
+        """None without a connection, and for a connection other than TCP."""
         ...
 
 
 @runtime_checkable
 class Resumable(Protocol):
-    """A device that can be brought back in the middle of a trial."""
+    """A device that can be reconnected during a trial."""
 
     def resume(self) -> None:
-        """Opens again after read() raised DeviceLost; streams stay as they are. May be tried until it works.
+        """Reconnect after read() raised DeviceLost; the streams do not change. May be repeated until it succeeds.
 
-        Waits for no trigger that has been, begins no capture. Samples are numbered on: what nobody numbered meanwhile
-        counts by the host's clock; the jump of the numbers is the loss. Raises DeviceError in one sentence.
+        Does not wait for a past trigger and does not start a capture. Sample numbers continue: samples without a number
+        of the device are counted by the host's clock, and the jump of the numbers is the loss. Raises DeviceError.
         """
         ...

@@ -1,9 +1,9 @@
-"""What can go wrong with a device.
+"""Errors of a device.
 
-DeviceError            the device as asked for cannot be used; the sentence says who, expected, found, what to do
-├── DeviceUnavailable  it does not answer: no driver, no server, nothing plugged in, refused
-├── DeviceMisconfigured  it answers and refuses what was asked: rate, channel, range, label
-└── DeviceLost         it answered before and does so no more
+DeviceError            the device cannot be used as configured; the sentence names device, expected, found, remedy
+├── DeviceUnavailable  no answer: no driver, no server, not plugged in, connection refused
+├── DeviceMisconfigured  it rejects the configuration: rate, channel, range, label
+└── DeviceLost         it answered before and no longer does
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ class DeviceError(Exception):
 
 
 class DeviceUnavailable(DeviceError):
-    """Nothing answers where the configuration points."""
+    """No device answers at the configured address."""
 
 
 class DeviceMisconfigured(DeviceError):
-    """It answers, and cannot do what the configuration asks."""
+    """The device answers and rejects the configuration."""
 
 
 class DeviceLost(DeviceError):
-    """It was there, and is gone or silent."""
+    """The device was connected and is gone or silent."""

@@ -1,4 +1,4 @@
-"""What a device sent and nobody has read yet, between the thread that hears it and the one that reads it."""
+"""Queue of received items between the thread of a connection and the thread that reads the device."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from recordings.samples import Event, Item, Loss, Samples
 
 
 class Inbox:
-    """Holds at most longest_queue samples and events, and one Loss for each row of blocks that found no room.
+    """At most longest_queue samples and events; consecutive blocks beyond that become one Loss.
 
-    It ends with a sentence.
+    A sentence ends the queue.
     """
 
     def __init__(self, longest_queue: int) -> None:
@@ -32,13 +32,13 @@ class Inbox:
             self._changed.notify_all()
 
     def end(self, sentence: str) -> None:
-        """Nothing more will come; the first sentence stays."""
+        """Close the queue with the reason; the first reason is kept."""
         with self._changed:
             self._end = self._end or sentence
             self._changed.notify_all()
 
     def take(self, timeout_s: float) -> list[Item]:
-        """Everything that waits; waits for it at most timeout_s. Raises DeviceLost after the end, once it is empty."""
+        """All queued items. Waits at most timeout_s for the first. Raises DeviceLost once closed and empty."""
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._end, timeout_s)
             if not self._items and self._end:
@@ -55,7 +55,7 @@ class Inbox:
             self._items.append(item)
             if isinstance(item, Samples):
                 self._last_time_ns = int(item.device_time_ns[-1])
-        elif not isinstance(item, Event):  # what is said in a flood of words is not worth the memory
+        elif not isinstance(item, Event):  # events beyond the limit are dropped
             self._put_loss(item)
 
     def _put_loss(self, item: Samples | Loss) -> None:

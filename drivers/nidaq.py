@@ -33,7 +33,7 @@ READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
 RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would hold the caller for ever
 POSITION_LOOKS = 20  # one every 1 / READS_PER_S
-BUFFER_S = 600.0  # device seconds the PC buffer holds while nobody reads: 10 MB
+BUFFER_S = 600.0  # device seconds that the PC buffer holds: 10 MB
 LARGEST_READ_S = 10.0
 
 T = TypeVar("T")
@@ -42,12 +42,13 @@ Volts = NDArray[np.float64]  # (channels, n)
 
 
 class NiDaq:
-    """Streams /force and /sync, in volts; only /sync where the load cell is on another wire (no force_channel).
+    """Stream /force and /sync in volts; without force_channel (load cell on another wire) only /sync.
 
-    Sample numbers count from 0 at the start of the task and device time is number ÷ the device's sample rate.
-    start "pfi0" begins at the rising edge on PFI0, "sync_edge" at once. After an overrun the task is restarted; the
-    numbers then jump by what the host's clock says was missed. After a lost connection the task, which runs on in NI's
-    server, is read on, and the numbers are its own; where it is gone, a new one begins as after an overrun.
+    Sample numbers count from 0 at the start of the task; device time is number ÷ sample rate of the device. With start
+    "pfi0" the task begins at the rising edge on PFI0, with "sync_edge" immediately. After an overrun the task is
+    restarted, and the numbers jump by the samples missed according to the host's clock. After a lost connection the
+    driver continues to read the task, which still runs in NI's server, with its own numbers; if the task is gone, a new
+    one starts as after an overrun.
     """
 
     def __init__(
@@ -195,8 +196,8 @@ class NiDaq:
         return None
 
     def _position_of(self, task: Any) -> int | None:
-        """Samples per channel that were read from the task, once no call that was lost reads any more; None where it
-        cannot be read on."""
+        """Samples per channel read from the task, once no lost call is still reading; None if the task cannot be read
+        further."""
         position = -1
         for _ in range(POSITION_LOOKS):
             before, position = position, self._ask(lambda: int(task.in_stream.curr_read_pos), -1)
@@ -250,10 +251,10 @@ class NiDaq:
         )
 
     def _read_volts(self, task: Any, reader: Any, timeout_s: float) -> Volts:
-        """All that is there, which may be nothing.
+        """All available samples, possibly none.
 
-        No read waits in the server for samples: a reply that is lost with the connection would take them along. Only a
-        server that cannot tell what is there is asked for the first block to come.
+        Reads do not wait in the server: a reply that is lost with the connection would lose its samples. Only a server
+        that does not report the number of available samples is asked to wait for the next block.
         """
         channels = len(self._inputs)
         if self._tells_available:
@@ -313,20 +314,20 @@ class NiDaq:
         return int((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
 
     def _count_missed(self, host_time_ns: int) -> int:
-        """Passes over the numbers of what a task that starts now has missed, and says how many."""
+        """Skip the sample numbers that a task starting now has missed; returns their count."""
         count = max(1, self._due(host_time_ns) - self._next_number) if self._has_begun else 0
         self._next_number += count
         return count
 
     def _ask(self, question: Callable[[], T], otherwise: U) -> T | U:
-        """For what is nice to know, and not worth refusing a device over."""
+        """Answer to an optional query; `otherwise` if the device does not support it."""
         try:
             return question()
         except self._vendor_errors:
             return otherwise
 
     def _refusal(self, error: Exception) -> DeviceError:
-        """What the device, its driver or its server said when it was opened, as one sentence."""
+        """The error of device, driver or server at opening, as one sentence."""
         from nidaqmx.errors import DaqNotFoundError
 
         code = _code(error)
@@ -379,7 +380,7 @@ def _code(error: BaseException | None) -> int:
 
 
 def _words(error: Exception) -> str:
-    """What NI or gRPC said, on one line, without the code and the task's name."""
+    """Error text of NI or gRPC on one line, without code and task name."""
     text = re.split(r"\n\s*(?:Task Name|Status Code):", str(error))[0].removeprefix("StatusCode.")
     if text.startswith("DEADLINE_EXCEEDED"):
         return f"no answer within {RPC_DEADLINE_S:g} s"

@@ -79,7 +79,7 @@ class Qualisys:
             connection.end()
 
     def start_capture(self) -> None:
-        """Raises DeviceMisconfigured with QTM's words where it refuses."""
+        """Raises DeviceMisconfigured with QTM's reason if it refuses."""
         self._opened("start a capture").start_capture()
 
     def stop_capture(self) -> None:

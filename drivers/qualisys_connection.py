@@ -22,16 +22,16 @@ CONNECT_TIMEOUT_S = 2.5
 COMMAND_TIMEOUT_S = 2.0
 CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
 LEAVE_TIMEOUT_S = 1.5
-QUIET_S = 0.5  # wall; a QTM that has said nothing for so long is asked something
+QUIET_S = 0.5  # wall; after this silence QTM is polled
 BLOCK_S = 0.05  # wall; frames that come within it are one block
-LONGEST_QUEUE = 60_000  # frames that nobody read: ten minutes at 100 Hz
+LONGEST_QUEUE = 60_000  # unread frames: ten minutes at 100 Hz
 CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
 
 
 class QtmConnection:
-    """One connection, in a thread with its own event loop. Methods from _run() on run in that thread.
+    """One connection in a thread with its own event loop; _run() and the methods below it run in that thread.
 
-    With a past it goes on where that one was lost: same streams, and the capture may still run.
+    `past` is a lost connection to continue: the streams are the same, and the capture may still run.
     """
 
     def __init__(self, settings: QtmSettings, past: QtmConnection | None = None) -> None:
@@ -58,7 +58,7 @@ class QtmConnection:
         self._is_lost = False
 
     def begin(self) -> None:
-        """Returns when frames may come. Raises DeviceError."""
+        """Connect; returns when QTM streams frames. Raises DeviceError."""
         self._thread.start()
         try:
             self._opened.result()
@@ -67,9 +67,9 @@ class QtmConnection:
             raise
 
     def end(self, is_lost: bool = False) -> None:
-        """Politely, with the capture that we began stopped and saved; lost, the connection is dropped as it is."""
+        """Stop and save our capture, release control and disconnect; if is_lost, only close the connection."""
         self._is_lost = is_lost
-        with suppress(RuntimeError):  # the loop is closed where the conversation ended by itself
+        with suppress(RuntimeError):  # the loop is closed if the connection has ended already
             self._loop.call_soon_threadsafe(self._ending.set)
         self._thread.join(2 * self._settings.timeout_s(LEAVE_TIMEOUT_S))
 
@@ -78,7 +78,7 @@ class QtmConnection:
         return self._guard.received
 
     def take(self, timeout_s: float) -> list[Item]:
-        """What waits in the inbox; with a timeout of 0 also the frames of a block that is not full."""
+        """All queued items; with a timeout of 0 also the frames of a partial block."""
         if timeout_s <= 0:
             delivered: Future[None] = Future()
             with suppress(RuntimeError, TimeoutError):  # the loop has ended, and delivered what it had
@@ -88,12 +88,12 @@ class QtmConnection:
         return self.inbox.take(timeout_s)
 
     def start_capture(self) -> None:
-        self._has_captured = True  # its beginning is noted when QTM tells it, which may be at once
+        self._has_captured = True  # noted when QTM reports the start, which may be before the answer
         try:
             self._command("start a capture", self._connection.start)
         except DeviceMisconfigured:
             self._has_captured = False
-            self._settings.note.erase()  # what began meanwhile is not ours
+            self._settings.note.erase()  # a capture that started meanwhile is not ours
             raise
         self._is_capturing = True
 
@@ -102,7 +102,7 @@ class QtmConnection:
             self._command("stop the capture", self._connection.stop)
 
     def _command(self, what: str, command: Callable[[], Coroutine[Any, Any, Any]]) -> None:
-        """Has QTM do something, on behalf of another thread."""
+        """Send a command to QTM from another thread and wait for its answer."""
         try:
             timeout_s = 2 * self._settings.timeout_s(COMMAND_TIMEOUT_S)
             asyncio.run_coroutine_threadsafe(command(), self._loop).result(timeout_s)
@@ -173,12 +173,12 @@ class QtmConnection:
             ) from error
 
     async def _connect(self) -> None:
-        """As qtm_rt.connect() does; that one ignores its time-out, returns None and leaves the socket open."""
+        """Connect without qtm_rt.connect(), which ignores its time-out, returns None and leaves the socket open."""
         await self._loop.create_connection(lambda: self._guard, self._settings.host, self._settings.port)
         await self._client.set_version(PROTOCOL_VERSION)
 
     async def _ask_identity(self) -> DeviceIdentity:
-        """QTM's answer to QTMVersion; a simulated one says there that it is."""
+        """QTM's answer to QTMVersion; a simulated QTM identifies itself in it."""
         try:
             answer = _text_of(await self._connection.qtm_version())
         except self._refusal:
@@ -196,7 +196,7 @@ class QtmConnection:
         if self._settings.note.age_s is not None:
             await asyncio.wait_for(self._save_capture(), self._settings.timeout_s(COMMAND_TIMEOUT_S))
         if await self._connection.new() == b"Creating new connection":
-            with suppress(TimeoutError):  # then QTM refuses to start a capture, and says why
+            with suppress(TimeoutError):  # QTM then refuses to start a capture and gives the reason
                 await asyncio.wait_for(self._cameras_are_connected.wait(), self._settings.timeout_s(CAMERAS_TIMEOUT_S))
 
     async def _ask_state(self) -> str:
@@ -205,10 +205,10 @@ class QtmConnection:
         return await asyncio.wait_for(self._state, self._settings.timeout_s(COMMAND_TIMEOUT_S))
 
     async def _ensure_ours(self, state: str) -> None:
-        """Raises DeviceUnavailable where somebody else has QTM busy: what he records is not ours to end."""
+        """Raises DeviceUnavailable if another user's capture keeps QTM busy; that capture is left alone."""
         note = self._settings.note
         if state == "capture_started" and note.age_s is not None:
-            with suppress(TimeoutError, self._refusal):  # QTM has no frame to tell it by
+            with suppress(TimeoutError, self._refusal):  # QTM has no frame to compare
                 _, rate_hz = await self._ask_parameters()
                 frame = decode_frame((await self._connection.get_current_frame(["3dres"])).data)
                 if note.fits((frame.number - 1) / rate_hz):
@@ -235,7 +235,7 @@ class QtmConnection:
         self.streams = self._resumed or (Stream("/markers", "mm", kept, rate_hz, self._name),)
 
     async def _watch(self) -> None:
-        """Asks a quiet QTM for what it has answered before; one that does not answer is not there any more."""
+        """Poll a silent QTM; without an answer the connection is lost."""
         while self._connection.has_transport():
             await asyncio.sleep(QUIET_S / 2)
             if self._loop.time() - self._guard.heard_s < QUIET_S:
@@ -250,7 +250,10 @@ class QtmConnection:
                     "check that QTM is not stuck"
                 )
                 self._guard.close()
-            except (self._refusal, DeviceError):  # any answer will do; what is closed is told elsewhere
+            except (
+                self._refusal,
+                DeviceError,
+            ):  # any answer shows that QTM runs; a closed connection is reported by _on_disconnect
                 continue
 
     async def _ask_parameters(self) -> tuple[tuple[str, ...], float]:
@@ -261,7 +264,7 @@ class QtmConnection:
             raise DeviceMisconfigured(f"{self._name} sent {error}; apply an AIM model to the markers in QTM") from error
 
     async def _leave(self) -> None:
-        """Ends what we began; QTM keeps its capture."""
+        """Save our capture and release control."""
         if not self._settings.has_control or not self._connection.has_transport():
             return
         with suppress(TimeoutError, self._refusal):
@@ -271,7 +274,7 @@ class QtmConnection:
                 await self._connection.release_control()
 
     async def _save_capture(self) -> None:
-        """Where QTM cannot, it says why on its own screen."""
+        """Stop and save our capture. If QTM cannot save it, it shows the reason on its own screen."""
         with suppress(self._refusal):
             if self._is_capturing:
                 with suppress(self._refusal):  # it has been stopped, and the event is on its way
@@ -303,7 +306,7 @@ class QtmConnection:
         if self._is_asking_state and kind != "camera_settings_changed":
             self._is_asking_state = False
             if kind == "capture_started":
-                return  # it still runs, as was said when it began
+                return  # it still runs; its start was reported before
             kind = "capture_stopped"
         self._say(kind, f"{self._name} reports: {kind.replace('_', ' ')}")
         if kind == "connected":
@@ -336,7 +339,7 @@ class QtmConnection:
         self._say("labels_lost", f"{self._name} has no marker {', '.join(missing)} any more; recorded as missing")
 
     def _admit(self, kind: int, body: bytes) -> bytes:
-        """What qtm_rt can read of a packet. Raises ValueError or struct.error where that is nothing."""
+        """The part of a packet that qtm_rt can decode. Raises ValueError or struct.error if there is none."""
         from qtm_rt.packet import QRTEvent, QRTPacketType, RTEvent
 
         if QRTPacketType(kind) is QRTPacketType.PacketData:
@@ -351,7 +354,7 @@ class QtmConnection:
         self._say("unreadable_packet", f"{self._name} sent {what}")
 
     def _on_nonsense(self, what: str) -> None:
-        """Where one packet ends and the next begins is lost, and with it what the last one said."""
+        """Packet boundaries are lost: discard the last frame and end the connection."""
         if self.streams:
             self._blocks.forget_last()
         self._deliver()
@@ -382,6 +385,6 @@ _ADVICE = {
 
 
 def _text_of(answer: Any) -> str:
-    """What QTM answered, or refused with."""
+    """Text of an answer or a refusal of QTM."""
     value = getattr(answer, "value", answer)
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,4 +1,4 @@
-"""What QTM's real-time protocol looks like on the wire, and what becomes of its frames."""
+"""QTM's real-time protocol: decode packets and settings, and assemble frames into blocks of /markers."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ FURTHEST_US = 2**53  # 285 years; beyond it nanoseconds leave the recording's 64
 
 @dataclass(frozen=True)
 class MarkerFrame:
-    """number as QTM counts, its time stamp [µs], and little-endian float32 (markers, 4): x, y, z, residual [mm].
+    """Frame number and time stamp [µs] of QTM, and little-endian float32 (markers, 4): x, y, z, residual [mm].
 
-    drop_rate and out_of_sync_rate are what QTM says of its cameras' images, in per mille.
+    drop_rate and out_of_sync_rate of the cameras' images are those of QTM, in per mille.
     """
 
     number: int
@@ -39,7 +39,7 @@ class MarkerFrame:
 
 
 def decode_frame(body: bytes) -> MarkerFrame:
-    """A data packet without its header. Raises ValueError where it holds no whole set of markers with residuals."""
+    """Decode a data packet without its header. Raises ValueError if it lacks a whole set of markers with residuals."""
     try:
         timestamp_us, number, components = FRAME.unpack_from(body)
         if abs(timestamp_us) > FURTHEST_US:
@@ -61,7 +61,7 @@ def decode_frame(body: bytes) -> MarkerFrame:
 
 
 def readable(body: bytes) -> bytes:
-    """The same data packet with the markers alone: components that qtm_rt does not know are none of ours.
+    """The data packet with its markers alone: qtm_rt cannot decode all components of newer protocols.
 
     Raises ValueError as decode_frame().
     """
@@ -89,9 +89,9 @@ def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
 
 
 class PacketGuard(asyncio.Protocol):
-    """Stands before qtm_rt's receiver and hands it whole packets that it can read.
+    """Filter between the socket and qtm_rt's receiver: it passes on whole packets that the receiver can decode.
 
-    By itself that receiver loops for ever on a length of zero, buffers without end on a huge one, and chokes on an
+    The receiver alone loops for ever on a length of zero, buffers without end on a huge one, and chokes on an
     unknown type, component or event. Here admit(type, body) gives the body as the receiver can read it; a packet for
     which it raises ValueError or struct.error is reported and passed over; of several in a row only the first is
     reported. A length that cannot be true ends the connection after nonsense() was told, as nothing after it can be
@@ -167,9 +167,9 @@ class PacketGuard(asyncio.Protocol):
 
 
 class MarkerBlocks:
-    """Turns frames into blocks of /markers with the wanted labels in their order, and tells what is missing.
+    """Assemble frames into blocks of /markers in the order of the wanted labels, and report missing frames.
 
-    labels is the order of the markers in the frames; while it is None, frames wait.
+    labels is the order of the markers in the frames; while it is None, frames are held back.
     """
 
     def __init__(self, wanted: Sequence[str], rate_hz: float, source: str) -> None:
@@ -194,21 +194,21 @@ class MarkerBlocks:
         self._arrived_ns = host_time_ns
 
     def forget_labels(self) -> None:
-        """Their order has changed, and frames wait until it is known; of those that wait already nobody can tell it."""
+        """The order of the labels has changed: hold frames back until it is known; drop those with an unknown order."""
         if self.labels is None:
             self._waiting.clear()
         self.labels = None
 
     def forget_last(self) -> None:
-        """The latest frame was not what it seemed."""
+        """Discard the latest frame: it was damaged."""
         del self._waiting[-1:]
 
     def capture_ended(self) -> None:
-        """What comes next is another capture or live preview, whose numbers have nothing to do with those before."""
+        """The next frames belong to another capture or a preview with frame numbers of its own."""
         self._follows_a_capture = True
 
     def take(self) -> list[Item]:
-        """Everything that waits. A jump of the numbers is a Loss; where they start again, an Event says so."""
+        """All frames held back. A jump of the numbers is a Loss; a restart of the numbers is an Event."""
         if self.labels is None:
             return []
         waiting, self._waiting = self._waiting, []
@@ -229,7 +229,7 @@ class MarkerBlocks:
         return [*items, *self._block(block)]
 
     def _rates(self, frame: MarkerFrame) -> list[Item]:
-        """What QTM says that it drops itself, whenever that is worse than before."""
+        """Event for a drop rate or out-of-sync rate of QTM higher than before."""
         drop_rate, out_of_sync_rate = self._worst_rates
         self._worst_rates = max(drop_rate, frame.drop_rate), max(out_of_sync_rate, frame.out_of_sync_rate)
         if self._worst_rates == (drop_rate, out_of_sync_rate):
@@ -241,7 +241,7 @@ class MarkerBlocks:
         return [Event("images_dropped", text, self._arrived_ns, self._source)]
 
     def _misfit(self, frame: MarkerFrame, expected: int) -> list[Item]:
-        """What there is to say of a frame without place for its markers, once in a row; its number will be missing."""
+        """Event for a frame with another number of markers, once per series; its frame number will be missing."""
         did_fit, self._fits = self._fits, False
         found = len(frame.points) // 16
         text = (
@@ -250,7 +250,7 @@ class MarkerBlocks:
         return [Event("unreadable_packet", text, self._arrived_ns, self._source)] if did_fit else []
 
     def _notice(self, frame: MarkerFrame) -> Item | None:
-        """What there is to say before this frame."""
+        """Loss or event that precedes this frame."""
         last, follows_a_capture = self._last, self._follows_a_capture
         self._follows_a_capture = False
         if last is None or frame.number == last.number + 1:

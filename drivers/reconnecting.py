@@ -1,4 +1,4 @@
-"""A device that is brought back when it is lost, with every sample that nobody received counted once."""
+"""Reconnect a lost device, and count every sample that was not received exactly once."""
 
 from __future__ import annotations
 
@@ -25,12 +25,11 @@ class ResumableDevice(Device, Resumable, Protocol):
 
 
 class Reconnecting:
-    """Delivers what its device delivers; a loss becomes two events and one Loss per stream.
+    """Pass on the items of a device; a loss of connection adds two events and one Loss per stream.
 
-    "connection_lost" comes at once and carries the device's sentence, "connection_restored" when it is back, and the
-    Loss "disconnected" before the first block of each stream thereafter. Numbers that begin anew are told by the event
-    "numbering_restarted" instead. Where the device stays away for patience_s by the clock
-    `seconds`, read() raises DeviceLost.
+    The event "connection_lost" carries the sentence of the device. "connection_restored" follows on reconnection, then
+    the Loss "disconnected" before the next block of a stream. If the sample numbers restart, the event
+    "numbering_restarted" replaces the Loss. After patience_s by the clock `seconds`, read() raises DeviceLost.
     """
 
     def __init__(
@@ -140,10 +139,10 @@ class Reconnecting:
 
 
 class ReconnectingCapture(Reconnecting):
-    """The same for a device that controls the capture, and numbers its frames by itself.
+    """Reconnect a device that controls the capture and numbers its frames itself.
 
-    After an outage its clock must have gone on as ours has. Where it has not, another capture runs there, or another
-    device answers at the address: the event "capture_replaced" says so.
+    After an outage its clock must have advanced as much as the host's. Otherwise another capture runs, or another
+    device answers at the address: the event "capture_replaced" reports it.
     """
 
     device: ResumableCapture

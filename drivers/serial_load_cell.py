@@ -1,6 +1,7 @@
 """Force from an indicator that streams ASCII lines: FUTEK's USB220 and USB520, through pyserial.
 
-Both speak unasked, some ten lines a second, and number nothing: a lost line is seen only when half of it comes.
+Both stream about ten lines a second without a request and without numbers: a lost line is detected only if part of it
+arrives.
 """
 
 from __future__ import annotations
@@ -49,9 +50,9 @@ FORMATS: dict[LineFormat, tuple[str, str, Callable[[bytes], float | None]]] = {
 
 
 class SerialLoadCell:
-    """Streams /force in the unit the line carries: "lbf" (USB220 writes lbs) or "g", both of force.
+    """Stream /force in the unit of the line: "lbf" (USB220 writes lbs) or "g", both of force.
 
-    The wire carries neither numbers nor time nor who sends; the identity is that of the USB adapter, if any.
+    The wire carries no sample number, no time and no identity; the identity is that of the USB adapter, if any.
     Lines are numbered from 0 as they come, and device time is the host's at arrival. A garbled line takes a number and
     is reported as a Loss("garbled"); the rest of the line that was under way when the port was opened is not counted.
     Where no line comes for QUIET_S an event "silent" says so, once. Resumed after a loss, the numbers jump by ten for
@@ -164,7 +165,7 @@ class SerialLoadCell:
         self._heard_s, self._heard_ns, self._is_quiet = time.monotonic(), self._host_clock(), False
 
     def _silence(self) -> list[Item]:
-        """What there is to say when no line came for a while."""
+        """Event for a silent line."""
         quiet_s = min(time.monotonic() - self._heard_s, (self._host_clock() - self._heard_ns) * 1e-9)
         if self._is_quiet or quiet_s < QUIET_S:
             return []
@@ -193,7 +194,7 @@ class SerialLoadCell:
 
 
 def _identity_of_port(name: str, port: str) -> DeviceIdentity:
-    """What the port's USB adapter tells the operating system; other ports tell nothing."""
+    """Identity of the port's USB adapter, from the operating system; other ports have none."""
     from serial.tools import list_ports
 
     ports: Any = list_ports

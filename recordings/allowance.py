@@ -1,6 +1,6 @@
-"""What reading a file may cost: so much for each of its bytes, that no few kilobytes unpack to gigabytes.
+"""Limits on the cost of reading a file, per byte of the file, so that a few kilobytes cannot unpack to gigabytes.
 
-A recorder's own files are far below: their samples take twice the file's size, and a message a hundred of its bytes.
+Recorded files are far below them: samples take twice the size of the file, and a message takes about 100 bytes.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ from typing import NoReturn
 from recordings.errors import RecordingError
 
 UNPACKED, UNPACKED_PER_BYTE = 64 * 2**20, 50
-"""Bytes that the chunks of a file may unpack to, and besides for each of its own."""
+"""Bytes that the chunks of a file may unpack to: a constant, plus this for every byte of the file."""
 RECORDS, BYTES_PER_RECORD = 20_000, 8
-"""Records that they may hold, and one more for so many bytes of the file."""
+"""Records that the chunks may hold: a constant, plus one for every BYTES_PER_RECORD of the file."""
 SEARCHED_AGAIN = 4
-"""Times a file's size: bytes that a search after damage may go over once more."""
+"""Bytes that searches after damage may read again, as a multiple of the size of the file."""
 
 
 class Excess(RecordingError):
-    """The file costs more than its size allows."""
+    """The file exceeds the limits for its size."""
 
 
 class Allowance:
-    """What is left for one reading of a file of `size` bytes."""
+    """Remaining allowance while a file of `size` bytes is read."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -43,7 +43,7 @@ class Allowance:
             self._exceed(f"holds more than {self._most_records} records")
 
     def search_again(self, start: int, end: int) -> int:
-        """Where to search on when start to end was read in vain: at its start, as long as that may be gone over."""
+        """Where to continue a search after `start` to `end` held nothing: at `start`, while it may be read again."""
         self._searched_again -= max(0, end - start)
         return start if self._searched_again >= 0 else max(start, end)
 

@@ -1,9 +1,9 @@
-"""Messages out of an MCAP file as it is: whole, cut anywhere, or with damaged bytes in it.
+"""Read messages from an MCAP file that is whole, cut anywhere, or damaged.
 
-The package's own readers stop at the first damage or need the index at the end, so the records are framed here. A chunk
-is believed when its CRC is right. After damage the search goes on, byte by byte, for the next believable chunk.
+mcap's own readers stop at the first damage or need the index at the end, so the records are framed here. A chunk is
+valid if its CRC is correct. After damage, the next valid chunk is searched byte by byte.
 
-What a file may cost grows with its size and not faster, whatever it holds: see Allowance.
+Time and memory grow at most linearly with the size of the file, whatever it holds: see Allowance.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ class Damage:
 
 
 def read_entries(path: Path) -> Iterator[Entry | Damage]:
-    """Every readable message in file order, and every damage where it stands; one chunk in memory at a time.
+    """Every readable message and every damage, in file order, with one chunk in memory at a time.
 
-    Raises RecordingError when the file cannot be opened, the disk fails under it, or it unpacks to so much more than
-    its size that no recorder wrote it; never for any other damage.
+    Raises RecordingError if the file cannot be opened, the disk fails, or the file unpacks to far more than a recorder
+    writes; other damage is returned.
     """
     channels: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}

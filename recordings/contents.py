@@ -1,4 +1,4 @@
-"""What is in a recording: counts, rates, gaps, occlusions, and whether it is whole."""
+"""Summary of a recording: counts, rates, gaps, occlusions, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from recordings.reader import Survey, is_ours, read, survey_file
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
 MOST_JUMPS_IN_A_BLOCK = 1000
-"""Those beyond are told as one: no device skips so often in 50 ms, a forged block might."""
+"""Further jumps are reported as one: no device skips so often in 50 ms, but a forged block might."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ class StreamContents:
 
 @dataclass(frozen=True)
 class Contents:
-    """A recording summed up.
+    """Summary of a recording.
 
     manifest  None where both its copies are damaged
     gaps      all samples that are not in the file, in the order of their discovery. Beside the causes of the ledger:
               "file_damage" (the file has lost messages), "unexplained" (the sample numbers jump and no Loss says why)
-              and "numbers_went_back" (the device began to count anew; how many are missing is not known, so 0)
-    events    all that the devices, the station and the operator had to say, in file order
-    missing   damage to the file and messages that it has lost, in sentences
+              and "numbers_went_back" (the device restarted its count; the number missing is unknown, so 0)
+    events    events of the devices, the station and the operator, in file order
+    missing   damage to the file and lost messages, as sentences
     """
 
     path: Path
@@ -90,12 +90,12 @@ class Contents:
 
 
 def contents_of(path: Path) -> Contents:
-    """Reads a recording, whole or cut, in bounded memory. Raises RecordingError where there is nothing to read."""
+    """Summarise a recording, whole or cut, in bounded memory. Raises RecordingError if nothing can be read."""
     return summarise(path, survey_file(path))
 
 
 def summarise(path: Path, survey: Survey, listen: Callable[[Stream | Item], None] = lambda _: None) -> Contents:
-    """The contents of a file that was surveyed. listen hears everything on the way, so that it is read but once."""
+    """Summarise a surveyed file. `listen` receives every item, so that one pass over the file is enough."""
     found: dict[str, TopicContents] = {}
     tallies = {stream.name: _Tally(stream) for stream in survey.streams}
     losses: list[Loss] = []
@@ -195,12 +195,12 @@ class _Tally:
 
 
 def _undescribed(name: str) -> _Tally:
-    """For a stream whose description was in a damaged chunk."""
+    """Counter for a stream whose description was in a damaged chunk."""
     return _Tally(Stream(name=name, unit="", labels=(), rate_hz=0.0, source=""))
 
 
 def _explained(jumps: list[Loss], ledger: list[Loss]) -> tuple[Loss, ...]:
-    """The jumps in the sample numbers with the causes that the ledger names, and what the ledger alone knows."""
+    """Jumps in the sample numbers with the causes from the ledger, and losses that only the ledger has."""
     gaps = sorted(jumps, key=lambda gap: (gap.stream, gap.first_missing))
     starts = [(gap.stream, gap.first_missing) for gap in gaps]
     for loss in ledger:

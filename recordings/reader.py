@@ -64,11 +64,11 @@ class Track:
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """A recording that was opened and read through once, so what is missing from it is known.
+    """A recording that was read once, so that everything missing from it is known.
 
     outcome  how the trial ended; None when the file was cut before its end
-    missing  in sentences, every damage to the file and everything counted at its end that is not there
-    damage   the part of it that no cut explains: bytes that changed, and messages that were lost among others
+    missing  every damage to the file, and messages counted at its end that are not there, as sentences
+    damage   the part of `missing` that a cut does not explain: changed bytes, and messages lost between others
     """
 
     path: Path
@@ -85,13 +85,13 @@ class Recording:
 
     @property
     def complete(self) -> bool:
-        """Whether everything the writer was given is here."""
+        """Whether everything that the writer received is in the file."""
         return not self.missing
 
     def items(self) -> Iterator[Stream | Item]:
-        """Everything in file order, one chunk in memory at a time.
+        """All items in file order, with one chunk in memory at a time.
 
-        A Stream comes where one is described anew: before the first block with other labels.
+        A Stream precedes the first block with new labels.
         """
         in_force = {stream.name: stream for stream in self.streams}
         for entry in read_entries(self.path):
@@ -163,7 +163,7 @@ class TrackCollector:
         )
 
     def _ensure_not_blown_up(self, blocks: Sequence[NDArray[Any]], columns: int) -> None:
-        """A few samples of one marker each, under thousands of labels in turn, would fill the memory with NaN."""
+        """Blocks of one marker under thousands of changing labels would fill the memory with NaN: refuse them."""
         held = sum(values.nbytes for values in blocks)
         wide = sum(values.nbytes * columns // max(1, values.shape[1]) for values in blocks)
         if wide > WIDENED + WIDENED_PER_BYTE * held:
@@ -171,10 +171,9 @@ class TrackCollector:
 
 
 def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Recording:
-    """Reads a file through once and says what it is and what is missing from it; a cut file opens like a whole one.
+    """Open a recording, whole or cut, in one pass over the file; what is missing is in the result.
 
-    take is given every message as it is read. Raises RecordingError for a file that cannot be read, holds nothing, or
-    is not a recording.
+    take receives every message. Raises RecordingError for a file that cannot be read, is empty, or is not a recording.
     """
     survey = survey_file(path, take)
     if survey.manifest is None:
@@ -184,7 +183,7 @@ def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Who, when, which cuff, and nothing else of the file is read. Raises RecordingError where it cannot be."""
+    """Read the manifest only. Raises RecordingError if there is none to read."""
     for entry in read_entries(path):
         found = read(entry) if isinstance(entry, Entry) else None
         if isinstance(found, Manifest):
@@ -194,10 +193,10 @@ def read_manifest(path: Path) -> Manifest:
 
 @dataclass(frozen=True)
 class Survey:
-    """What a file holds beside its samples; manifest is None where both its copies are damaged.
+    """Contents of a file besides its samples; manifest is None if both copies are damaged.
 
     messages  how many of our topics' messages can be read, by topic
-    expected  how many there were: what the outcome counted, or what the last sequence number before the cut tells
+    expected  how many there were, by the outcome's count or by the last sequence number before the cut
     streams   as first described
     """
 
@@ -229,8 +228,8 @@ class Survey:
 
 
 def survey_file(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Survey:
-    """Reads a file through once; take is given every message. Raises RecordingError where it holds no message of ours,
-    or one of a newer format.
+    """Read a file in one pass; take receives every message. Raises RecordingError if the file has no message of a
+    recording, or one of a newer format.
     """
     manifest: Manifest | None = None
     outcome: TrialOutcome | None = None
@@ -266,7 +265,7 @@ def is_ours(entry: Entry) -> bool:
 
 
 def read(entry: Entry) -> Message | None:
-    """What a message says; None for a topic that is not ours."""
+    """Unpack a message; None for a topic that is not of a recording."""
     return unpack(entry.topic, entry.log_time_ns, entry.data) if is_ours(entry) else None
 
 
@@ -284,7 +283,7 @@ def _nothing_is_ours(path: Path, damage: list[Damage]) -> RecordingError:
 
 
 def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:
-    """The values of a block in the columns of the whole track; NaN where the block knows no such label."""
+    """Values of a block in the columns of the whole track; NaN for a label that the block lacks."""
     if values.shape[1] != len(labels):
         raise RecordingError(
             f"{path} has a block of {values.shape[1]} columns where {len(labels)} are described; its labels were lost"

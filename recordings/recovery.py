@@ -1,4 +1,4 @@
-"""What a killed writer or a failing disk left → a whole file, the original untouched."""
+"""Recover what a killed writer or a failing disk left into a whole file; the original stays unchanged."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from recordings.reader import is_ours, survey_file
 
 @dataclass(frozen=True)
 class RecoveryReport:
-    """What a recovery found and kept.
+    """Result of a recovery.
 
     damage    the bytes of the source that could not be read, in file order; empty for a whole file
-    contents  of the output: what is kept, what is missing
+    contents  of the output: what was kept and what is missing
     """
 
     source: Path
@@ -39,7 +39,7 @@ class RecoveryReport:
         return self.contents.complete
 
     def sentences(self) -> tuple[str, ...]:
-        """What was damaged, what exactly is missing and where each stream ends; empty where nothing is missing."""
+        """Damage, missing samples and the end of every stream, as sentences; empty if nothing is missing."""
         gaps = [gap for gap in self.contents.gaps if gap.cause == "file_damage"]
         if self.lossless:
             return ()
@@ -56,16 +56,16 @@ class RecoveryReport:
 
 
 def recovered_path(path: Path) -> Path:
-    """Where a recovery goes unless told otherwise: run-1.mcap → run-1.recovered.mcap."""
+    """Default output of a recovery: run-1.mcap → run-1.recovered.mcap."""
     return path.with_suffix(".recovered.mcap")
 
 
 def recover(path: Path, output: Path | None = None, progress: Callable[[int], None] = lambda _: None) -> RecoveryReport:
-    """Copies every readable message of a recording into a new file with an index and right CRCs.
+    """Copy every readable message of a recording into a new file with an index and correct CRCs.
 
     Messages stay in their chunks, with their times and sequence numbers, and nothing is added: recovering a recovered
     file gives the same bytes again. The output takes its name when it is whole, and never replaces a different file.
-    progress is told the bytes of the source that are done. Raises RecordingError where nothing can be kept, or the
+    progress receives the number of bytes of the source read. Raises RecordingError if nothing can be kept, or the
     output cannot be made.
     """
     output = output or recovered_path(path)

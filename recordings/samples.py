@@ -1,4 +1,4 @@
-"""What a device delivers: a stream described once, and blocks of samples with both clocks.
+"""Streams of a device, described once, and blocks of samples with device time and host time.
 
 Numbers keep the device's own unit here and in the file (`Stream.unit`); SI begins at the Trial.
 """
@@ -19,8 +19,8 @@ class Stream:
     unit      the unit of every value as the device sends it: "V", "N", "lbf", "g", "mm"
     labels    names of the second axis of the values; one for a scalar stream, the marker names for markers
     rate_hz   nominal sample rate of the device
-    source    the device in words, as an error or a table names it: "NI Dev1/ai0 (127.0.0.1:31763)"
-    serial_number  of the instrument, "" where the wire does not tell
+    source    text that names the device in errors and tables: "NI Dev1/ai0 (127.0.0.1:31763)"
+    serial_number  of the instrument, "" if the wire carries none
     """
 
     name: str
@@ -33,11 +33,11 @@ class Stream:
 
 @dataclass(frozen=True)
 class DeviceIdentity:
-    """What a device says of itself when it is opened.
+    """What a device reports of itself at opening.
 
     name          the device as errors name it: "NI Dev1"
-    text          product, serial number or version, in the device's own words; "" where the wire carries none
-    is_simulated  what it says of being simulated; None where it cannot tell
+    text          product, serial number or version as the device gives them; "" if the wire carries none
+    is_simulated  as the device reports; None if the wire cannot carry it
     """
 
     name: str
@@ -79,7 +79,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Loss:
-    """Samples that the device numbered and nobody received.
+    """Samples that the device numbered and the station did not receive.
 
     cause is one word: "skipped" (numbers jump), "late" (the first of a capture), "overrun", "silent", "disconnected",
     "garbled", "queue_overflow".

@@ -24,14 +24,14 @@ from recordings.packing import Message, pack
 from recordings.samples import Item, Samples, Stream
 
 FLUSH_AFTER_S = 0.1
-"""Wall seconds from a chunk's first message to its closing; asked at least every 0.1 s, no message waits over 0.2 s."""
+"""Wall seconds from the first message of a chunk to its closing. Polled every 0.1 s: no message waits over 0.2 s."""
 SYNC_AFTER_S = 0.8
-"""Wall seconds from the first message since the last fsync to the next; asked as often, never more than 1 s."""
+"""Wall seconds from the first message since the last fsync to the next fsync. Polled as often: never over 1 s."""
 
 
 @dataclass(frozen=True)
 class Stored:
-    """What of one stream is safely with the operating system; after a failed write, what is known to be on the disk."""
+    """Samples of a stream handed to the operating system; after a failed write, those known to be on the disk."""
 
     samples: int
     last_sample_number: int
@@ -46,12 +46,11 @@ def create_exclusively(path: Path) -> BinaryIO:
 
 
 class RecordingWriter:
-    """Writes one trial. Belongs to the thread that made it; only fsync is left to another, so that no disk holds it up.
+    """Write one trial, from one thread. Only fsync runs in another thread, so that a slow disk does not block.
 
-    The owner calls write() for every item in the order of arrival, and flush_if_due() at least every 0.1 s also when
-    nothing arrives: the bounds on loss count on it. An item is stored when `stored` says so, not before. The first
-    failed write is final: it raises WriteFailed naming the last samples that a good fsync put on the disk, and so does
-    every call after it.
+    The owner calls write() for every item in the order of arrival, and flush_if_due() at least every 0.1 s, also
+    without items: the bounds on loss depend on it. Only items counted in `stored` are stored. The first failed write is final:
+    it and every later call raise WriteFailed, which names the last samples that a successful fsync put on the disk.
     """
 
     def __init__(
@@ -105,14 +104,14 @@ class RecordingWriter:
 
     @property
     def stored(self) -> Mapping[str, Stored]:
-        """By stream, what is with the operating system: a kill of this process cannot take it back.
+        """Samples by stream that survive a kill of this process: the operating system has them.
 
-        Once a write or an fsync has failed, what the last good fsync put on the disk: the cache may be gone.
+        After a failed write or fsync: those that the last successful fsync put on the disk; the cache may be lost.
         """
         return dict(self._stored)
 
     def describe(self, stream: Stream) -> None:
-        """Announces a stream before its first block, and its new labels before the first block that has them."""
+        """Write a stream's description before its first block, and new labels before the first block that has them."""
         if stream.name not in topics.SAMPLE_TOPICS:
             raise RecordingError(
                 f"{stream.source} sends {stream.name!r}, expected one of {', '.join(topics.SAMPLE_TOPICS)}"
@@ -237,7 +236,7 @@ class RecordingWriter:
             raise _ContentLost(errno.EIO, f"another program cut it from {self._size} to {size} bytes")
 
     def _ensure_at_its_path(self) -> None:
-        """Raises WriteFailed where the name does not lead to what was written."""
+        """Raises WriteFailed if the path no longer names the file that was written."""
         if not self._path.exists():
             raise WriteFailed(
                 f"{self._path} was moved away while it was written; all of it is whole in the file where it is now"
@@ -265,7 +264,7 @@ class RecordingWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """The latch: the package goes on after a failed write as if nothing had happened, so nobody calls it again."""
+        """Latch: after a failed write mcap would continue as if nothing had happened, so it is not called again."""
         if self._failure:
             raise self._failure
         try:
@@ -291,4 +290,4 @@ class RecordingWriter:
 
 
 class _ContentLost(OSError):
-    """What was written, and synced, is not in the file any more."""
+    """Data that were written and synced are no longer in the file."""
