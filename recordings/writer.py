@@ -49,8 +49,8 @@ class RecordingWriter:
     """Write one trial, from one thread. Only fsync runs in another thread, so that a slow disk does not block.
 
     The owner calls write() for every item in the order of arrival, and flush_if_due() at least every 0.1 s, also
-    without items: the bounds on loss depend on it. Only items counted in `stored` are stored. The first failed write is final:
-    it and every later call raise WriteFailed, which names the last samples that a successful fsync put on the disk.
+    without items: the bounds on loss depend on it. Only items counted in `stored` are stored. The first failed write is
+    final: it and every later call raise WriteFailed, which names the last samples that a good fsync put on the disk.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ KERNELS: tuple[Any, ...] = (
     triangularise,
     solve_frames,
 )
-"""What an assessment calls, in the order in which it does; its test finds one that is missing here."""
+"""Kernels that an assessment calls, in order of use; a test finds a missing one."""
 
 WITH_PARENT = "--with-parent"
 NICENESS = 2

@@ -52,9 +52,9 @@ _Cache: Any = FunctionCache  # without types
 
 
 class _Kept(_Cache):  # type: ignore[misc]
-    """The compiler's own cache only knows whether the file of the function itself has changed.
+    """Cache of compiled kernels. numba's own cache checks only the file of the function itself, and no other processes.
 
-    Nor does it know of other processes: here the first one compiles, and those that need the kernel meanwhile wait.
+    Here the first process compiles, and others that need the kernel wait.
     """
 
     def __init__(self, function: Any) -> None:
@@ -99,7 +99,7 @@ class _Kept(_Cache):  # type: ignore[misc]
 
 
 def _parts(function: Any, seen: set[object]) -> Iterator[object]:
-    """What decides on the machine code: the function's own, the constants it names, the compiled functions it calls."""
+    """What the machine code depends on: the function, the constants it names, the compiled functions it calls."""
     seen.add(function)
     codes = [function.__code__]
     for code in codes:

@@ -56,7 +56,7 @@ def rows_times_rows(M: Array, inverse: Array, R: Array, weighted: Array, product
 
 @compiled
 def factor(matrix: Array, order: Order) -> bool:
-    """L U in place with partial pivoting, row k exchanged with order[k] at step k; False where it is singular."""
+    """L U in place with partial pivoting, row k exchanged with order[k] at step k; False if it is singular."""
     count = len(matrix)
     for k in range(count):
         best = k

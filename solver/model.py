@@ -128,7 +128,7 @@ class ScapulothoracicMotion:
 
     @property
     def turning(self) -> tuple[int, ...]:
-        """The three whose speeds are the components of an angular velocity in the parent frame."""
+        """The three coordinates whose speeds are components of an angular velocity in the parent frame."""
         return self.coordinates[:3]
 
 
@@ -274,7 +274,7 @@ class CoordinateCoupler:
 
 @dataclass(frozen=True)
 class CoordinateLock:
-    """A coordinate that stays where it is; the value [rad or m] at which its author locked it."""
+    """A locked coordinate and its value [rad or m]."""
 
     name: str
     coordinate: int
@@ -297,7 +297,7 @@ class CoordinateActuator:
 
 @dataclass(frozen=True)
 class CoordinateForce:
-    """What a coordinate is pushed with by itself, as by a spring: force(q) + resistance(q) · u [N or N m]."""
+    """Passive force on a coordinate, as of a spring: force(q) + resistance(q) · u [N or N m]."""
 
     name: str
     coordinate: int
@@ -320,7 +320,7 @@ class Marker:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """Everything the solver knows of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
+    """The musculoskeletal model of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
     """
 

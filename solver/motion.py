@@ -36,7 +36,7 @@ class Motion:
 
 @dataclass(frozen=True, repr=False)
 class Kinematics:
-    """What the solver needs of a motion in each frame.
+    """Time, coordinates, speeds and accelerations of a motion.
 
     time          (frames,) [s];  interval [s] between neighbours
     positions     q (frames, coordinates) [rad or m]
@@ -70,8 +70,8 @@ class Kinematics:
 def read_motion(path: Path, model: Model) -> Motion:
     """Read the model's coordinates from an OpenSim .mot or .sto, or from a .csv in radians and metres.
 
-    Angles are turned into radians where the header says inDegrees=yes. Columns of no coordinate are ignored. Raises
-    MotionError naming the file and what is missing or malformed.
+    Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. Raises
+    MotionError, which names the file and the missing or malformed part.
     """
     names = model.coordinate_names
     columns, table, in_degrees = read_table(path)

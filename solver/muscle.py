@@ -1,4 +1,4 @@
-"""What a muscle with a rigid tendon can pull: active force per activation, and passive force.
+"""Force of a muscle with a rigid tendon: active force per activation, and passive force.
 
 The fibre as in OpenSim's MuscleFixedWidthPennationModel; its forces by the curves of Millard (2013) or Thelen (2003).
 """

@@ -42,7 +42,7 @@ ALIKE = 1e-12  # of factors that count as equal: then inertia is scaled exactly
 
 @dataclass(frozen=True)
 class Scaling:
-    """How a model is to be stretched.
+    """Scale factors of a model, and the rules for its masses.
 
     factors         (3,) by the name of a body, along its own axes; a body without factors keeps its size
     mass            of the whole model afterwards [kg]; None leaves what follows from the factors. Of a model of thorax

@@ -1,4 +1,4 @@
-"""What may be wrong with a scaled model: unequal factors move path points linearly and surfaces by means."""
+"""Findings on a scaled model: unequal factors move path points linearly and surfaces by mean factors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ScalingCode(StrEnum):
 
 @dataclass(frozen=True)
 class ScalingFinding:
-    """A muscle that does not fit the scaled body, with the figure that says so.
+    """A muscle that does not fit the scaled body, with the figure that shows it.
 
     figure  POINT_INSIDE_SURFACE: depth as part of the surface's size; FIBRE_LENGTH: normalised fibre length in the
             default posture; PATH_LENGTH: the path's length ratio over the median of all

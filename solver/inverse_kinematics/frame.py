@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 SOLVED, NOT_CONVERGED, GAP_OPEN, NO_MARKERS = 0, 1, 2, 3
 TOLERANCE = 1e-9  # rad or m; of what a step leaves: it shrinks again as it has shrunk from the one before
-STALE_ABOVE = 0.03  # of a step's shrinking; above it the curvature is computed anew
+STALE_ABOVE = 0.03  # of a step's shrinking; above it the curvature is recomputed
 GAP_TOLERANCE = 1e-10  # m or rad
 NEWTON_BELOW = 0.03  # rad or m; from farther away Newton diverges
 LONGEST_STEP = 0.5  # rad or m
@@ -53,7 +53,7 @@ class Bounds(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What is the same in every frame. pull (coordinates,) w_k of the coordinates' own targets [m²/rad²]."""
+    """Constants of all frames. pull (coordinates,) w_k of the coordinates' own targets [m²/rad²]."""
 
     skeleton: Skeleton
     markers: TrackedMarkers
@@ -149,8 +149,8 @@ def _linearise(problem: Problem, seen: Array, value: Array, q: Array, work: IkWo
 
 @compiled
 def _keep_curvature(problem: Problem, q: Array, work: IkWorkspace) -> None:
-    """What the Hessian of the Lagrangian has beyond Gauss–Newton's. It changes little from step to step, and from frame
-    to frame, so it is used until steps no longer shrink well.
+    """Second-order part of the Hessian of the Lagrangian, beyond Gauss–Newton. It changes little between steps and
+    frames, so it is kept until steps no longer shrink well.
     """
     work.curvature[:] = work.system.hessian
     differentiate_screws(problem.skeleton, q, work.pose)

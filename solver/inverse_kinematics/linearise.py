@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class TrackedMarkers(NamedTuple):
-    """Of each marker its body, its location (3,) [m] in it, and its weight."""
+    """Body, location (3,) [m] in it, and weight of every marker."""
 
     body: Indices
     location: Array
@@ -256,7 +256,7 @@ def _carried(turned: Array, force: Vector, w: Vector, v: Vector) -> Vector:
 
 @compiled
 def add_to_parents(skeleton: Skeleton, system: LeastSquares) -> None:
-    """What belongs to a body is added to the body that carries it, from the outermost inwards."""
+    """Add the quantity of a body to that of its parent, from the outermost bodies inwards."""
     for j in range(len(skeleton.joints) - 1, -1, -1):
         child, parent = skeleton.joints[j]["child"], skeleton.joints[j]["parent"]
         system.mass[parent] += system.mass[child]

@@ -41,7 +41,7 @@ OUTCOMES = (PostureOutcome.SOLVED, PostureOutcome.NOT_CONVERGED, PostureOutcome.
 
 @dataclass(frozen=True, eq=False)
 class TrackingTasks:
-    """What a posture is to follow.
+    """Markers and coordinates that a posture tracks, with weights.
 
     markers             of the model, in the order of the observed ones
     weights             (markers,) w_m ≥ 0; only their ratios matter
@@ -57,7 +57,7 @@ class TrackingTasks:
 
 @dataclass(frozen=True, eq=False)
 class InverseKinematics:
-    """Postures that follow markers; NaN in a frame whose outcome is NO_MARKERS.
+    """Postures that track markers; NaN in a frame with the outcome NO_MARKERS.
 
     coordinates   q (frames, coordinates) [rad or m]
     residuals     (frames, markers) [m] distance of each marker from its observation, NaN where it is hidden

@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 LEAST_CURVATURE = 1e-9  # m²/rad²: a marker with a tenth of the weight, 0.1 mm from the axis
 HELD_ABOVE = 1e-4  # square of a coordinate's part in a direction without curvature
 MIN_FRAMES = 5
-"""Of which the noise of a marker is estimated."""
+"""Frames from which the noise of a marker is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class PostureUncertainty:
-    """Of every frame, from independent marker noise.
+    """Uncertainty of the postures from independent marker noise.
 
     covariance           (frames, coordinates, coordinates) [rad or m]², NaN where a frame has no posture
     standard_deviation   (frames, coordinates) [rad or m]; infinite where no marker holds the coordinate

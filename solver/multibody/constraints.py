@@ -1,4 +1,4 @@
-"""What holds a model together besides its joints: G u̇ + b = 0, and the gaps that should be nought.
+"""Constraints of a model besides its joints: G u̇ + b = 0, and their gaps, which should be zero.
 
 Rows follow the order of Model.constraints: three for a point that is held on another, in the axes of the nearest body
 that carries both, and one for a coordinate that is locked or follows another. Equations: Simbody's Constraint::Ball,

@@ -132,7 +132,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What loads add: acceleration (frames, loads, coordinates), reaction (frames, loads, 6) as in ResponseMaps."""
+    """Effect of loads: acceleration (frames, loads, coordinates), reaction (frames, loads, 6) as in ResponseMaps."""
 
     acceleration: Array
     reaction: Array
@@ -190,7 +190,7 @@ def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array
 
 
 def _weighed(model: Model, state: Postures, child: int, point: Array) -> tuple[Array, Array, Array, Array]:
-    """M (frames, u, u) and bias (frames, u); of the reaction that carries `child` and what hangs on it, about point
+    """M (frames, u, u) and bias (frames, u); of the reaction that carries `child` and the bodies beyond it, about point
     (frames, 3), the part per acceleration (frames, 6, u) and its bias (frames, 6).
     """
     from solver.multibody.masses import (
@@ -247,7 +247,7 @@ def _each_inverse(matrix: Array) -> Array:
 
 
 def _carried(model: Model, body: int) -> Indices:
-    """(bodies,) 1 for the body and all that hang on it, else 0."""
+    """(bodies,) 1 for the body and all bodies beyond it, else 0."""
     carried = np.zeros(len(model.bodies), dtype=np.int64)
     carried[body] = 1
     for joint in model.joints:

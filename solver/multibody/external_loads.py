@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ExternalForce:
-    """What acts on a body in each frame.
+    """External force and torque on a body in every frame.
 
     body    index of the body it acts on
     axes    index of the body in whose axes force and torque are given

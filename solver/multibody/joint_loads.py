@@ -1,7 +1,7 @@
-"""What loads on bodies come to at the joints that carry them; compiled.
+"""Generalised forces of loads on bodies; compiled.
 
 A load's wrench on a body acts on every joint between that body and the ground, so wrenches are summed from the
-outermost bodies inwards, and a coordinate's force is the power of its screw with all that is beyond it.
+outermost bodies inwards, and a coordinate's force is the power of its screw with the sum of the wrenches beyond it.
 """
 
 from __future__ import annotations

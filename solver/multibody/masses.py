@@ -1,4 +1,4 @@
-"""What moving masses take: mass matrix, bias force, and the reaction between two parts of the body; compiled.
+"""Mass matrix, bias force, and the reaction between two parts of the body; compiled.
 
     M = Σ Jwᵀ I Jw + m Jcᵀ Jc      c = Σ Jwᵀ (I α + w × I w) + Jcᵀ m (a − g)
 

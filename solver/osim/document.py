@@ -1,4 +1,4 @@
-"""An OpenSim model file as elements that know their line, so that whatever is refused is refused by name and place."""
+"""An OpenSim model file as elements with their line, so that a refusal names element and line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
 
 @dataclass(frozen=True)
 class Element:
-    """An XML element that knows its file and line, so that a refusal can say where to look."""
+    """An XML element with its file and line, for refusals."""
 
     file: Path
     line: int
@@ -55,12 +55,12 @@ class Element:
         return found
 
     def members(self, tag: str) -> list[Element]:
-        """What a list property holds; an absent one holds nothing."""
+        """Content of a list property; empty if absent."""
         found = self.find(tag)
         return found.children if found is not None else []
 
     def objects(self, tag: str) -> list[Element]:
-        """What one of OpenSim's sets holds; an absent one holds nothing."""
+        """Content of one of OpenSim's sets; empty if absent."""
         found = self.find(tag)
         return found.members("objects") if found is not None else []
 

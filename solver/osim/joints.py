@@ -156,7 +156,7 @@ def _axis_function(axis: Element, driver: str) -> Function:
 
 
 def _kind(name: str, axes: list[Element]) -> Kind:
-    """What a coordinate measures; as in OpenSim, the last axis that moves by plus or minus the coordinate tells."""
+    """Kind of a coordinate; as in OpenSim, the last axis that moves by plus or minus the coordinate decides."""
     kind: Kind = "coupled"
     for index, axis in enumerate(axes):
         line = axis.find("LinearFunction") if axis.word("coordinates", "") == name else None

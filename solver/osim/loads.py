@@ -26,7 +26,7 @@ def read_external_loads(path: Path, model: Model, time: Array) -> tuple[External
     """The forces of an ExternalLoads file at times (frames,) [s], those that are switched off left out.
 
     Between its rows the data file is interpolated as by OpenSim: by natural cubic splines, by straight lines where it
-    has fewer than four. ModelError, with the line, for what the file asks of the model in vain; MotionError for data
+    has fewer than four. ModelError, with the line, for a body or function that the model lacks; MotionError for data
     that are missing or do not cover the times.
     """
     loads = _loads(path)

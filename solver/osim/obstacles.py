@@ -1,4 +1,4 @@
-"""What keeps a model from being read: gathered, so that a refusal names everything that is to be changed."""
+"""Collect the unsupported parts of a model, so that a refusal names everything to change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Obstacles:
         self._found: dict[str, None] = {}
 
     def among(self, read: Callable[[Element], T], elements: Iterable[Element]) -> list[T]:
-        """What can be read of the elements; why others cannot is kept."""
+        """Read the supported elements; the reasons for refusing the others are kept."""
         results = []
         for element in elements:
             try:

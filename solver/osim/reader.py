@@ -46,7 +46,7 @@ _FORCES = (*_MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
 
 
 def _model(element: Element) -> Model:
-    """Names first, because everything else hangs on them. What is refused is refused all at once."""
+    """Names first, because everything else refers to them. All unsupported parts are refused together."""
     names, body_elements, obstacles = Names(), element.objects("BodySet"), Obstacles(element)
     obstacles.among(_refuse, element.objects("ControllerSet") + element.objects("ComponentSet"))
     obstacles.among(_refuse, element.members("components"))

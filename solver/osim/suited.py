@@ -27,7 +27,7 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
     A cuff is a body with its mass, the cord's end its origin: welded where it is rigid, else free to shift along its
     holder's x, y, z (coordinates waist_cuff_x, …, zero at rest, held by the bushing). Where cuffs slip along the cord,
     their migration lengthens the PathSpring, which leaves the cord's line and its tension; along the bone it moves
-    their rest. Raises SuitError for what OpenSim's forces are not, or where the names are taken.
+    their rest. Raises SuitError for a law that OpenSim's forces do not have, or for names in use.
     """
     _ensure_can_be_written(root, model, suit)
     osim = root.find("Model")

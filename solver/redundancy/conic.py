@@ -1,4 +1,4 @@
-"""Many small convex problems that share their matrices, and what became of each.
+"""Many small convex problems that share their matrices, and the outcome of every problem.
 
     minimise  Σ w x²   subject to   E x = e,   lower ≤ x ≤ upper,   C x + c ∈ cone
 

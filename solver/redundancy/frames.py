@@ -1,7 +1,7 @@
 """Frame after frame of many scenarios, each from its neighbour's solution; compiled.
 
 Newton's method from the multipliers of the frame before nearly always arrives. Where it does not, an interior point
-converges and Newton's method finishes, so that a solution never shows where it came from.
+converges and Newton's method finishes, so that a solution does not depend on the starting point.
 """
 
 from __future__ import annotations

@@ -249,9 +249,9 @@ def evaluate_motion(
     joint: str = JOINT,
     path_mode: PathMode = "opensim",
 ) -> Mechanics:
-    """Evaluate a motion; paths may be given where another model of the same geometry has laid them already.
+    """Evaluate a motion; `paths` are those of another model with the same geometry, if already computed.
 
-    Raises MotionError where the model can be evaluated in no posture. In a single one its maps are not finite.
+    Raises MotionError if the model cannot be evaluated in any posture. In a single one its maps are not finite.
     """
     state = postures(model, kinematics.positions, kinematics.speeds)
     paths = paths or evaluate_paths(model, state, mode=path_mode)
@@ -330,7 +330,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
 
 
 def effort_weights(model: Model, options: RedundancyOptions) -> Array:
-    """w (controls,), actuators after muscles. ModelError for a weight of nobody, or below zero."""
+    """w (controls,), actuators after muscles. ModelError for a weight without a muscle or actuator, or below zero."""
     driven = [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
     reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
     names = [*model.muscle_names, *driven]

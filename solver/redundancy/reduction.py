@@ -1,9 +1,9 @@
-"""The redundancy problem with what is unbounded eliminated: bounded activations a and few multipliers v are left.
+"""Eliminate the unbounded unknowns of the redundancy problem: bounded activations a and a few multipliers v remain.
 
     minimise  Σ w x²   subject to   A x = b,   a within bounds,   C x + c in the cone,   x = (a, r, f)
 
-A x = b is meant in the space that A reaches: where constraints bind accelerations, A has fewer independent rows than
-rows, and what no x can reach is left out. f are the actuators without weight, r those with. Householder reflections,
+A x = b is restricted to the range of A: with constraints on accelerations, A has dependent rows, and what no x can
+reach is left out. f are the actuators without weight, r those with. Householder reflections,
 first along the columns of f, then along the longest column that remains, make of A an upper triangle
 
     Qᵀ A = ( U  F )    f = U⁻¹ (Qᵀ b − F (a, r)) whatever a and r are: f drops out with its rows

@@ -1,9 +1,9 @@
-"""Frames that follow one another: each one's problem, in which activations start from what they were the frame before.
+"""Solve the redundancy problem frame after frame; activation bounds start from the activations of the previous frame.
 
     minimise  Σ w x²   subject to   A x = b,   lower ≤ a ≤ upper,   C x + c in the cone {(s, v): s ≥ |v|}
 
-x = (activations a of the muscles, controls of the actuators). A x = b is meant in the space that A reaches; what no x
-can reach is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a (Thelen 2003).
+x = (activations a of the muscles, controls of the actuators). A x = b is restricted to the range of A; what no x can
+reach is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a (Thelen 2003).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ PROCESSORS = os.cpu_count() or 1
 
 
 IN_THE_GLENOID = " and keep the joint reaction inside the glenoid"
-"""What an infeasible frame misses besides, where the glenoid is asked for."""
+"""Further defects of an infeasible frame, with the glenoid constraint."""
 
 
 class FrameOutcome(Enum):
-    """What became of a frame; everything but SOLVED is counted and shown."""
+    """Outcome of a frame; everything but SOLVED is counted and shown."""
 
     SOLVED = "solved"
     BEYOND_ACTIVATION_RATE = (
@@ -241,7 +241,7 @@ def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Arra
 
 
 def _reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
-    """What activations can become in one interval at full or no excitation; the whole range after an unsolved frame."""
+    """Bounds of activations after one interval at full or no excitation; the whole range after an unsolved frame."""
     lower, upper = _widest_bounds(sequence, len(controls))
     muscles = len(sequence.rise)
     a = controls[:, :muscles].clip(0, 1)
@@ -256,7 +256,7 @@ _KNOWN = {FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE}
 
 
 def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:
-    """Solve a frame; where the activation rate alone makes it infeasible, solve without that limit and say so."""
+    """Solve a frame; if only the activation rate makes it infeasible, solve without that limit and record it."""
     solution = solve_conic(problem)
     controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes])
     stuck = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)

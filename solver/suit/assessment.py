@@ -1,6 +1,6 @@
-"""What a suit saves: the cost of a motion's muscle activations, with rigid cuffs and with the fitted ones.
+"""Muscle effort saved by a suit in a motion, with rigid cuffs and with the fitted ones.
 
-Cost is the sum of w a² over muscles and frames, over that with the suit worn and its cord slack.
+Cost is the sum of w a² over muscles and frames, relative to that of the suit with a slack cord.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with its 95 % interval, None where it has none; the value is None where no such number exists."""
+    """A number with its 95 % interval; None for a missing interval or number."""
 
     value: float | None
     ci95: tuple[float, float] | None = None
@@ -97,7 +97,7 @@ class UncertaintySummary:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Assessment:
-    """What the suit saves in one motion; costs are over that of the suit worn with a slack cord, which is 1.
+    """Effort saved by the suit in one motion; costs are relative to the suit with a slack cord, which is 1.
 
     muscles         names, in the order of every such axis;  time (frames,) [s] of the activations
     rest_lengths    (rest lengths,) tried [m];  reference_rest_length [m]
@@ -163,12 +163,12 @@ def assess(
     loads: Sequence[ExternalForce] = (),
     progress: Progress = lambda *_: None,
 ) -> Assessment:
-    """Wear the suit in every condition: rigid, and shifted, yielding and both with each arm cuff and the waist's own.
+    """Evaluate the suit in every condition: rigid; shifted, yielding and both, with every arm cuff and the waist cuff.
 
     Muscles are solved in every N-th frame, those of the drawn cuffs in every draw_every-th; progress(what, done, total)
-    counts them. Loads from outside are sampled at all frames and bear on every scenario, the slack cord's too. Raises
-    SuitError without an arm cuff, with two at the waist or where worn.wear refuses the suit or its cord never pulls,
-    MotionError where it refuses the motion.
+    counts them. External loads are sampled at all frames and act in every scenario, also with the slack cord. Raises
+    SuitError without an arm cuff, with two waist cuffs, for a suit that does not fit or whose cord never pulls;
+    MotionError for a motion that leaves the range of a joint.
     """
     arms, waist = _arms_and_waist(cuffs)
     worn = prepare_suited_motion(model, kinematics, suit, every, options, loads)
@@ -310,7 +310,7 @@ def _uncertainty(
     largest = {}
     for name in names:
         decimated = [getattr(drawn.readouts[_place(scenario)], name)[0] for scenario in scenarios]
-        # NaN where one of them is, which max() would tell or hide by their order
+        # NaN if one of them is NaN; the result of max() would depend on their order
         largest[name] = float(
             np.max(np.abs(np.subtract(decimated, [getattr(readout, name)[0] for readout in readouts])))
         )

@@ -1,8 +1,8 @@
-"""What a worn suit does to the bodies: the cord's pull and the cuffs that yield to it, frame by frame.
+"""Forces of a suit on the bodies: cord tension and cuff displacement, frame by frame.
 
-Per frame the cuffs find their quasi-static equilibrium, cord tension against cuff stiffness; the damping of a cuff acts
-on the body besides. A migrated cuff rests elsewhere: nearer to the shoulder along the line of pull, so that the line
-stays and the cord is slacker by that much, or along the bone.
+In every frame cord tension and cuff stiffness are in quasi-static equilibrium; the damping force of a cuff is added. A
+migrated cuff has another rest place: closer to the shoulder along the line of pull, which leaves the line and slackens
+the cord by the migration, or along the bone.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class CordLine:
 
 @dataclass(frozen=True, eq=False)
 class SuitForces:
-    """What the suit does to the bodies, in ground; the leading axis follows the rest lengths.
+    """Forces of the suit on the bodies, in ground; the leading axis is the rest length.
 
     tension       (rest lengths, all frames) of the cord [N]
     displacement  (rest lengths, frames, 2, 3) of the waist and arm cuff from where they rest [m]
@@ -80,9 +80,9 @@ def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> 
 
 
 def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
-    """The cord when the cuffs, None a rigid one, have moved for good; the one place that knows in which direction.
+    """The cord after migration of the cuffs, None a rigid one; only this function uses the migration direction.
 
-    Raises SuitError for a cuff that would have slipped over the shoulder point.
+    Raises SuitError for a migration beyond the shoulder point.
     """
     migration = np.array([cuff.migration if cuff else 0.0 for cuff in cuffs])
     if suit.migration_direction == "cord":
@@ -143,7 +143,7 @@ def suit_forces(
 
 
 def _velocity(suit: Suit, line: CordLine, displacement: Array, chosen: slice) -> Array:
-    """Of the cuffs against their bodies, in ground; its differences are taken between all frames."""
+    """Velocity of the cuffs relative to their bodies, in ground, from differences between all frames."""
     in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), displacement)
     return rotate(line.anchors_to_ground[chosen], _rate(in_body, line.interval, suit.rate)[:, chosen])
 

@@ -1,6 +1,6 @@
-"""The suit that saves most with one pair of cuffs: its rest length and, where asked, stiffness and attachment points.
+"""Optimise a suit for one pair of cuffs: rest length and, optionally, stiffness and attachment points.
 
-Two optima: with the cuffs as fitted, and the robust one, where the mean cost of cuffs drawn from their fit is least.
+Two optima: for the cuffs as fitted, and the robust one, with the least mean cost of cuffs drawn from their covariance.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ TRIES_PER_FREEDOM = 80
 class SuitCandidate:
     """A suit whose reference rest length is the one to wear, and its normalised cost.
 
-    cost      with the fitted cuffs, muscles solved in all frames that were asked for
+    cost      with the fitted cuffs, muscles solved in all selected frames
     drawn     (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
-    at_limit  what the search would have moved further, had it been allowed to
+    at_limit  parameters at the limit of the search
     """
 
     suit: Suit
@@ -75,8 +75,8 @@ def optimise_suit(
 ) -> OptimisedSuit:
     """Search by Nelder and Mead's simplex on every draw_every-th frame, from the suit's reference rest length.
 
-    Raises as worn.wear does, and where the suit's cord never pulls; a suit on the way that cannot be worn or solved
-    counts as infinitely costly.
+    Raises as prepare_suited_motion, and if the cord never pulls. A candidate that cannot be worn or solved has infinite
+    cost.
     """
     decimated = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
     decimated.ensure_pulls()
@@ -119,7 +119,7 @@ def _costs(worn: SuitedMotion, suit: Suit, condition: Condition, pairs: Sequence
 
 
 class _Search:
-    """Turns the freedoms into one vector of steps from the suit that is worn, and counts what was tried."""
+    """Map the free parameters to one vector of steps from the given suit, and count the evaluations."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What is read off a cost curve: the numbers of the assessment's tables."""
+"""Results of a cost curve: the numbers of the assessment's tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver.suit.scenarios import Condition, ScenarioEffort, SuitedMotion, SuitS
 
 Array = NDArray[np.float64]
 Solved = tuple[SuitScenario, ScenarioEffort]
-"""A wearing whose last rest length is the reference, the others are tried, and its effort."""
+"""A scenario and its effort; the last rest length is the reference, the others are those tried."""
 
 IDLE = 1e-9
 """Mean activation up to which a muscle does nothing: of nothing, nothing can be saved."""

@@ -69,7 +69,7 @@ class SuitScenario:
 
 @dataclass(frozen=True, eq=False)
 class ScenarioEffort:
-    """What a wearing costs, for each of its rest lengths; costs are over that of the suit with a slack cord.
+    """Effort of a scenario by rest length; costs are relative to the suit with a slack cord.
 
     muscles, reserves  (rest lengths,) Σ w x² over all finite frames; NaN where one is infeasible
     cord_force         (rest lengths,) largest tension of the cord [N], over all frames of the motion
@@ -156,10 +156,10 @@ def prepare_suited_motion(
     options: RedundancyOptions | None = None,
     loads: Sequence[ExternalForce] = (),
 ) -> SuitedMotion:
-    """Put the suit on the model and go through the motion, under loads from outside, sampled at all of its frames.
+    """Evaluate the motion with the suit on the model, under external loads sampled at all frames of the motion.
 
-    Raises SuitError where the suit does not fit the model, MotionError where the motion leaves the range of a joint.
-    Whether the cord ever pulls is for ensure_pulls to say.
+    Raises SuitError if the suit does not fit the model, MotionError if the motion leaves the range of a joint.
+    A cord that never pulls is found by ensure_pulls.
     """
     options = options or RedundancyOptions()
     ensure_fits(suit, model)
@@ -235,7 +235,7 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
 
 
 def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
-    """What a unit of each of six moments and forces does on the bodies of waist, arm and shoulder, (frames, 18, …)."""
+    """Response maps to unit moments and forces on the bodies of waist, arm and shoulder, (frames, 18, …)."""
     bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
     units = np.zeros((len(mechanics.kinematics.time), len(bodies), 6, len(model.bodies), 6))
     for place, body in enumerate(bodies):

@@ -1,6 +1,6 @@
-"""A passive suit worn by a model: a cord from the waist over the shoulder to the arm, on two cuffs that yield.
+"""A passive suit on a model: a cord from the waist over the shoulder to the arm, on two compliant cuffs.
 
-The waist cuff is anchored to the thorax: the model has no pelvis. What the suit does to the bodies is in cord.py.
+The waist cuff is anchored to the thorax: the model has no pelvis. The forces on the bodies are in cord.py.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ BUNDLED_SUIT = Path(__file__).with_name("suit.toml")
 
 
 class SuitError(SolverError):
-    """A suit that cannot be worn; its text is the sentence to show."""
+    """A suit that the model cannot wear; the text is the sentence for the user."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class SuitMass:
 
 @dataclass(frozen=True, eq=False)
 class Suit:
-    """A cord, its cuffs' masses, and what to ask of them.
+    """A cord, the masses of its cuffs, and the rest lengths and groups of muscles to evaluate.
 
     stiffness [N/m] and damping [N s/m] of the cord
     rest_lengths         (rest lengths,) to try [m];  reference_rest_length [m] at which cuffs are compared

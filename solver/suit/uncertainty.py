@@ -1,7 +1,7 @@
-"""How sure the assessment is: cuffs are drawn from the covariance of their fit and worn again.
+"""Uncertainty of the assessment: evaluate it again with cuffs drawn from the covariance of their fit.
 
-Muscles are solved in fewer frames and at fewer rest lengths than in the study itself, so each drawn number is taken
-against the same number of the fitted cuffs on the same frames and lengths; what that thinning changes is reported.
+Draws use fewer frames and rest lengths than the assessment. A drawn result is therefore compared with the fitted cuffs
+on the same frames and lengths; the effect of this decimation is reported.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class DrawnScenarios:
 
 
 def draw_cuff(cuff: CuffParameters, count: int, generator: np.random.Generator) -> list[CuffParameters]:
-    """The fitted cuff, then so many drawn from its covariance; where no spring came out, drawn again."""
+    """The fitted cuff, then `count` draws from its covariance; draws without positive stiffness are repeated."""
     errors = np.sqrt(np.diag(cuff.covariance))
     scale = np.where(errors > 0, errors, 1.0)
     sizes, directions = np.linalg.eigh(cuff.covariance / np.outer(scale, scale))
@@ -62,7 +62,7 @@ def solve_draws(
     spans: Mapping[Place, tuple[float, float]],
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> DrawnScenarios:
-    """Wear `count` draws of all cuffs, each curve at a few rest lengths over its span [m], around its optimum.
+    """Evaluate `count` draws of all cuffs, with every curve at a few rest lengths over its span [m] around its optimum.
 
     Spans are of the rest length and what the cuffs have slipped together, so that they follow drawn migrations.
     progress(done, total) counts pairs of a waist and an arm cuff.

@@ -1,6 +1,6 @@
 """The point of an ellipsoid or an ellipse closest to a given one (Eberly, in Graphics Gems IV, p. 113).
 
-Newton stops where OpenSim 4.6 stops, short of round-off, because a wrapping plane hangs on the iterate.
+Newton stops where OpenSim 4.6 stops, short of round-off, because a wrapping plane depends on the iterate.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A path over a cylinder, as OpenSim 4.6 lays it (WrapCylinder): two tangents and the spiral between them.
+"""A path over a cylinder, as in OpenSim 4.6 (WrapCylinder): two tangents and the spiral between them.
 
 The axis is z of the surface's frame. OpenSim slides the tangent points along the axis until the tangents meet the
 spiral smoothly, by a rule that need not converge: the rule is kept, so that the lengths are the same.

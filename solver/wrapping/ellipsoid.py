@@ -1,4 +1,4 @@
-"""A path over an ellipsoid, as OpenSim 4.6 lays it (WrapEllipsoid): in one plane through both ends.
+"""A path over an ellipsoid, as in OpenSim 4.6 (WrapEllipsoid): in one plane through both ends.
 
 The plane is found from a point c of the surface that the path ought to pass; the tangent points lie in that plane and
 the path between them is the plane's cut through the ellipsoid. Everything happens in lengths scaled so that the
@@ -43,7 +43,7 @@ MOST_CHORDS = 499
 
 
 def fan_room() -> Array:
-    """What _fan_direction needs: where its blades start, where they end, and the multipliers of the ends."""
+    """Arguments of _fan_direction: starts and ends of its blades, and the multipliers of the ends."""
     return np.empty((7, BLADES - 2))
 
 

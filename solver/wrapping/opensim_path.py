@@ -75,7 +75,7 @@ def points_and_wraps(tables: PathTables, path: int) -> tuple[Records, Records]:
 
 @compiled
 def place_in_ground(bodies: Records, nodes: Records, k: int) -> Vector:
-    """Where a node was in ground when it was first asked for in this posture."""
+    """Location of a node in ground at its first use in this posture."""
     node = nodes[k]
     if not node["is_placed"]:
         write(node["ground"], to_ground(bodies, node["body"], read(node["location"])))
@@ -121,9 +121,9 @@ def place_path_points(points: Records, wraps: Records, changes: Records, nodes: 
 def _try_surface(
     wrap: Record, node: int, is_alone: bool, bodies: Records, work: WrapWorkspace, count: int
 ) -> tuple[int, int]:
-    """Take the path off one surface and lay it over it anew, where it must or where the detour is the shortest.
+    """Wrap the path over one surface again, if the wrap is mandatory or the detour is the shortest.
 
-    Returns how many nodes the path has then, and what the surface answered last.
+    Returns the number of nodes of the path, and the last result of the surface.
     """
     nodes, sequence = work.nodes, work.sequence
     count = _remove_tangent_points(node, sequence, count)

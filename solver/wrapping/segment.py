@@ -10,7 +10,7 @@ from math import nan, sqrt
 from solver.compiled import compiled
 from solver.vectors import Vector, along, cross, dot, norm, subtract, unit
 
-# What a surface answers. A mandatory wrap ends the search; of several possible ones the shortest detour is taken.
+# Results of a surface. A mandatory wrap ends the search; of several possible ones the shortest detour is taken.
 INSIDE = -1
 FREE = 0
 POSSIBLE = 1

@@ -1,4 +1,4 @@
-"""A path over a sphere, as OpenSim 4.6 lays it (WrapSphere): two tangents and the great circle between them."""
+"""A path over a sphere, as in OpenSim 4.6 (WrapSphere): two tangents and the great circle between them."""
 
 from __future__ import annotations
 

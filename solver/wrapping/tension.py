@@ -1,4 +1,4 @@
-"""How fast a laid path lengthens and how it pulls, as OpenSim 4.6 has it (GeometryPath); compiled, for all paths.
+"""Lengthening speed and forces of a muscle path, as in OpenSim 4.6 (GeometryPath); compiled, for all paths.
 
 The tangent points count as fixed in their bodies: for exact tangents their sliding changes the length in second order
 only. OpenSim's tangents are not exact, so the forces are not quite the derivative of the length.
