@@ -82,11 +82,12 @@ window.station = (() => {
       document.activeElement.blur(); // from here on the keys act again
     }
   }, true);
-  document.addEventListener("keydown", (event) => {
+  // On the window, so that it comes after the framework has taken the key; at once, so that the next key is the note's.
+  window.addEventListener("keydown", (event) => {
     const note = document.querySelector(".note input:not([disabled])");
-    // At once, so that what is typed after the mark is its note and no key; later, so that the key acts and leaves no m.
     if (event.key === "m" && !event.ctrlKey && !event.altKey && !event.metaKey && note && !isTyping()) {
-      setTimeout(() => note.focus());
+      event.preventDefault(); // no m in the note
+      note.focus();
     }
   });
   document.addEventListener("DOMContentLoaded", build);

@@ -23,6 +23,8 @@ WINDOW_S = 1.0
 """The force of so many last seconds tells whether it rests."""
 STEADY_SLOPE_N_PER_S = 1.5
 STEADY_SD_N = 0.6
+REST_BLOCKS = 5
+"""Of the window: a body sways at a few hertz, and what is quicker is the noise of an amplifier."""
 STEADY_SD_SHARE = 0.015
 """A hanging weight sways with the body; this much of the force may come and go."""
 LEVEL_N, LEVEL_SHARE = 3.0, 0.08
@@ -105,7 +107,8 @@ class RecentForce:
             return Rest.WAITING
         time, force = np.array(self._points).T
         slope, level = np.polyfit(time - time.mean(), force, 1)
-        spread = float(np.std(force - slope * (time - time.mean()) - level))
+        blocks = np.array_split(force - slope * (time - time.mean()) - level, REST_BLOCKS)
+        spread = float(np.std([block.mean() for block in blocks]))
         if spread > max(STEADY_SD_N, STEADY_SD_SHARE * abs(level)):
             return Rest.MOVING
         return Rest.STEADY if abs(slope) < STEADY_SLOPE_N_PER_S else Rest.SETTLING

@@ -122,15 +122,15 @@ def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, t
 
 
 def correct_in_the_list(page: Page) -> None:
-    """The last decision is undone and taken again; the static trial is assigned to the dynamic one, and back."""
+    """The last decision is undone and taken again; the dynamic trial is assigned to the static one, and back."""
     seen(page, "Every trial of the plan is accepted")
     page.keyboard.press("u")
     seen(page, "hand, dynamic, repeat 1:")
     page.keyboard.press("k")
     seen(page, "Every trial of the plan is accepted")
     for test, stands in (
-        ("dynamic", "next: hand: static, repeat 1"),
-        ("static", "Every trial of the plan is accepted"),
+        ("static", "next: hand: dynamic, repeat 1"),
+        ("dynamic", "Every trial of the plan is accepted"),
     ):
         page.keyboard.press("t")
         row = page.get_by_role("dialog")

@@ -59,6 +59,16 @@ def test_the_hold_counts_down_only_while_the_force_rests_at_its_level() -> None:
     assert min(cue.left_s for cue in first_level if cue.left_s is not None) < 1.0
 
 
+@pytest.mark.parametrize("noise_n", [0.3, 0.6, 1.0])
+def test_the_noise_of_an_amplifier_holds_up_no_hold(noise_n: float) -> None:
+    """The noise of a USB-6008 with a load cell of 50 kg is about 0.6 N."""
+    guide = StaticGuide(MASSES, 7.0)
+    steps = steps_of([0.0, WEIGHT_N, WEIGHT_N], 6.0)
+    cues = told(guide, 16.0, lambda t: steps(t) + float(RNG.normal(0, noise_n)))
+    held = next(number for number, cue in enumerate(cues) if cue.step == 2)
+    assert 0.1 * held < 6.0 + 7.0 + 1.0, "seven seconds from the hand-over, and not begun again"
+
+
 def test_a_hand_that_is_quicker_than_the_guide_is_followed() -> None:
     guide = StaticGuide(MASSES, 30.0)
     cues = told(guide, 20.0, steps_of([0.0, WEIGHT_N, 2 * WEIGHT_N, 2 * WEIGHT_N], 5.0))
