@@ -86,7 +86,7 @@ def _decision(desk: Desk, recorded: Recorded, judged: Judgement, marks: Sequence
                 "worn, migration of this donning stays unknown."
             ).classes("text-lg doubtful").mark("cost")
         reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else "; ".join(judged.reasons))
-        reason.props("dense").classes("w-full").mark("why")
+        reason.classes("w-full").mark("why")
 
     def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
         for number, name in enumerate(marks, 1):
