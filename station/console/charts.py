@@ -13,12 +13,14 @@ LINE_WIDTH = 3
 
 
 def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
-    """A value axis that follows its curve."""
-    letters = {"fontSize": 18, "color": colour, "hideOverlap": True}
+    """A value axis that follows its curve, at the edge of the picture, with ticks that stay apart in a low one."""
+    letters = {"fontSize": 18, "color": colour}
     return {
         "type": "value",
         "scale": True,
         "name": name,
+        "splitNumber": 3,
+        "axisLine": {"onZero": False},
         "axisLabel": letters,
         "nameTextStyle": letters,
         "splitLine": {"lineStyle": {"color": "#80889060"}},
@@ -28,7 +30,7 @@ def axis(name: str = "", colour: str = INK, **more: Any) -> dict[str, Any]:
 
 def axis_below(name: str, **more: Any) -> dict[str, Any]:
     """The axis along the bottom: its numbers clear of the lowest one beside it, its name under them."""
-    letters = {"fontSize": 18, "color": INK, "hideOverlap": True}
+    letters = {"fontSize": 18, "color": INK}
     return axis(name, nameLocation="middle", nameGap=36, axisLabel={**letters, "margin": 14}, **more)
 
 

@@ -58,7 +58,7 @@ def _row(desk: Desk, actions: Actions, dialog: ui.dialog, journal: Journal, reco
             desk.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
 
         button = ui.button("Assign to this trial", on_click=lambda: _do(actions, dialog, assign))
-        button.props("outline").classes("small").mark(f"assign-{recorded.file}")
+        button.props("outline no-wrap").classes("small").mark(f"assign-{recorded.file}")
 
 
 async def _do(actions: Actions, dialog: ui.dialog, act: Any) -> None:

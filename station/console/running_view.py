@@ -246,7 +246,7 @@ def _over_time() -> dict[str, Any]:
     return {
         "animation": False,
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
-        "xAxis": axis_below(TIME_AXIS),
+        "xAxis": axis_below(TIME_AXIS, splitNumber=5),
         "yAxis": [
             axis(FORCE_AXIS, FORCE),
             axis(DISPLACEMENT_AXIS, DISPLACEMENT, splitLine={"show": False}),
