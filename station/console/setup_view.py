@@ -121,7 +121,7 @@ def _session(desk: Desk, actions: Actions, session: ListedSession) -> None:
     with button.classes("w-full session").mark("resume"):
         button.tooltip(str(folder))
         with ui.grid(columns="1fr auto").classes("w-full gap-x-4 gap-y-0 text-left items-center"):
-            ui.label(name).classes("font-bold break-all")
+            ui.label(name).classes("font-bold break-words min-w-0")
             ui.label(f"{progress} trials").classes("text-right")
             ui.label(f"{when}{f' · {setup.operator}' if setup.operator else ''}").classes("quiet text-lg")
             ui.linear_progress(session.done / max(1, session.trials), show_value=False).classes("w-28").props(
