@@ -13,8 +13,9 @@ from typing import Any
 from drivers.device import Received
 from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.inbox import Inbox
+from drivers.qualisys_parameters import CameraSystem, Parameters, decode_parameters
 from drivers.qualisys_settings import QtmSettings
-from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, decode_parameters, readable
+from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, readable
 from recordings.samples import DeviceIdentity, Event, Item, Stream
 
 PROTOCOL_VERSION = "1.25"
@@ -42,6 +43,7 @@ class QtmConnection:
         self.streams: tuple[Stream, ...] = ()
         self.inbox = Inbox(LONGEST_QUEUE)
         self._resumed: tuple[Stream, ...] = past.streams if past else ()
+        self._cameras: CameraSystem | None = past._cameras if past else None
         self._settings = settings
         self._name = settings.name
         self.identity = DeviceIdentity(settings.name, "", None)
@@ -209,7 +211,7 @@ class QtmConnection:
         note = self._settings.note
         if state == "capture_started" and note.age_s is not None:
             with suppress(TimeoutError, self._refusal):  # QTM has no frame to compare
-                _, rate_hz = await self._ask_parameters()
+                rate_hz = (await self._ask_parameters()).rate_hz
                 frame = decode_frame((await self._connection.get_current_frame(["3dres"])).data)
                 if note.fits((frame.number - 1) / rate_hz):
                     return
@@ -219,7 +221,9 @@ class QtmConnection:
         )
 
     async def _describe(self) -> None:
-        labels, rate_hz = await self._ask_parameters()
+        parameters = await self._ask_parameters()
+        labels, rate_hz = parameters.labels, parameters.rate_hz
+        self._check_cameras(parameters.cameras)
         must = self._resumed[0].labels if self._resumed else self._settings.labels
         missing = [label for label in must if label not in labels]
         if missing and self._resumed:
@@ -233,6 +237,14 @@ class QtmConnection:
         self._blocks = MarkerBlocks(kept, rate_hz, self._name)
         self._blocks.labels = labels
         self.streams = self._resumed or (Stream("/markers", "mm", kept, rate_hz, self._name),)
+
+    def _check_cameras(self, cameras: CameraSystem) -> None:
+        """Frames of other cameras are in another frame of reference, however well their capture fits in time."""
+        self._cameras = expected = self._cameras or cameras
+        if expected.contradicts(cameras):
+            self._has_captured = self._is_capturing = False  # what runs there is not ours to end
+            told = f"{cameras}, expected {expected}; check that mocap.host names the right QTM"
+            self._say("capture_replaced", f"{self._name} is back with another camera system: {told}")
 
     async def _watch(self) -> None:
         """Poll a silent QTM; without an answer the connection is lost."""
@@ -250,13 +262,10 @@ class QtmConnection:
                     "check that QTM is not stuck"
                 )
                 self._guard.close()
-            except (
-                self._refusal,
-                DeviceError,
-            ):  # any answer shows that QTM runs; a closed connection is reported by _on_disconnect
+            except (self._refusal, DeviceError):  # any answer shows that QTM runs; _on_disconnect reports its end
                 continue
 
-    async def _ask_parameters(self) -> tuple[tuple[str, ...], float]:
+    async def _ask_parameters(self) -> Parameters:
         try:
             async with self._turn:
                 return decode_parameters(await self._connection.get_parameters(["general", "3d"]))
@@ -325,7 +334,7 @@ class QtmConnection:
 
     async def _relabel(self) -> None:
         try:
-            labels, _ = await self._ask_parameters()
+            labels = (await self._ask_parameters()).labels
         except Exception as error:
             self.inbox.end(f"{self._name} changed its settings and did not tell its labels again ({error})")
             self._guard.close()

@@ -6,8 +6,6 @@ import asyncio
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import inf
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -70,22 +68,6 @@ def readable(body: bytes) -> bytes:
     markers = MARKERS.pack(len(frame.points) // 16, frame.drop_rate, frame.out_of_sync_rate)
     size = COMPONENT.size + len(markers) + len(frame.points)
     return head + COMPONENT.pack(size, LABELLED_3D_WITH_RESIDUALS) + markers + frame.points
-
-
-def decode_parameters(xml: bytes) -> tuple[tuple[str, ...], float]:
-    """Labels in the order of the frames, and the frame rate [Hz]. Raises ValueError where the XML lacks them."""
-    try:
-        root = ElementTree.fromstring(xml)  # noqa: S314  (expat bounds what entities grow to)
-    except ElementTree.ParseError as error:
-        raise ValueError(f"settings that are not XML ({error})") from error
-    labels = tuple(node.text or "" for node in root.findall("The_3D/Label/Name"))
-    rate = root.findtext("General/Frequency")
-    if not labels or rate is None:
-        raise ValueError("settings without a capture frequency" if labels else "settings without labels")
-    rate_hz = float(rate)
-    if not 0 < rate_hz < inf:
-        raise ValueError(f"settings with a capture frequency of {rate!r}")
-    return labels, rate_hz
 
 
 class PacketGuard(asyncio.Protocol):

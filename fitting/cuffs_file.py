@@ -51,7 +51,9 @@ def write_cuffs(path: Path | str, cuffs: Mapping[str, CuffFit]) -> None:
     path = Path(path)
     text = cuffs_json(SessionFit({name: {fit.donning: fit} for name, fit in cuffs.items()}, (), {}))
     drafted = path.with_name(f".{path.name}.draft")
-    drafted.write_text(text, encoding="utf-8")
+    drafted.unlink(missing_ok=True)  # what a link of its name leads to stays as it is
+    with drafted.open("x", encoding="utf-8") as file:
+        file.write(text)
     drafted.replace(path)
 
 

@@ -21,6 +21,7 @@ from recordings.older_manifest import cuff_mass
 from recordings.reader import read_manifest
 from station.checksums import sha256_of, standing_of, write_checksums
 from station.errors import StationError
+from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
 from station.progress import Progress, silent
 from station.whole_file import write_whole
@@ -28,6 +29,12 @@ from station.whole_file import write_whole
 
 class SessionError(StationError):
     """The folder cannot be fitted or assessed; one sentence."""
+
+
+class DamagedSession(SessionError):
+    """No recording can be used, and a damaged one is among them."""
+
+    exit_code = LOSSY
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -118,6 +125,11 @@ def _fit(
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
         reasons = reasons or "there are only bounce trials; record a cuff, too"
+        damaged = [trial.file for trial in rejected if trial.damage]
+        if damaged:
+            raise DamagedSession(
+                f"{', '.join(damaged)} is damaged, and no recording in {folder} can be used: {reasons}"
+            )
         raise SessionError(f"no recording in {folder} can be used: {reasons}")
     checks = read_checks(folder)
     fitting = fit_session(with_gain_drift(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))

@@ -295,7 +295,7 @@ class _Server:
 
     def _on_getparameters(self, client: Client, wanted: str) -> None:
         labels = [label for label, _ in self._trouble.labels(self._told_until)]
-        xml = parameters_xml(wanted.lower().split(), VERSIONS[-1], self._mocap.rate_hz, labels)
+        xml = parameters_xml(wanted.lower().split(), VERSIONS[-1], self._mocap, labels)
         if xml is None:
             raise _RefusedError("Parse error")
         client.send_text(XML, xml)

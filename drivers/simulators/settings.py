@@ -144,6 +144,8 @@ class MocapSettings(_Section):
     phase_s: NotNegative = 0.0
     has_preview: bool = False
     password: str = ""
+    camera_serials: tuple[int, ...] = (12056, 12059, 12039)
+    calibrated: str = "2026-01-01 12:00:00"
 
 
 class AmplifierSettings(_Section):

@@ -45,7 +45,7 @@ def fit(
         print_cuffs(fitted, Console(markup=False))  # "[mm]" is a unit
     if not fitted.curves:
         say("not one trial could be used; why stands beside each above, or in cuffs.json")
-        raise typer.Exit(FAILED)
+        raise typer.Exit(LOSSY if fitted.damage else FAILED)
     changed = [file for file, checked in fitted.recordings.items() if checked.standing.is_break]
     for file in changed:
         say(f"{file} has changed since it was recorded: its SHA-256 is not the one in SHA256SUMS")

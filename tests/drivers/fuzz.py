@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from drivers.device import Device
 from drivers.errors import DeviceError
 from drivers.qualisys import Qualisys
-from drivers.qualisys_wire import decode_frame, decode_parameters, readable
+from drivers.qualisys_parameters import decode_parameters
+from drivers.qualisys_wire import decode_frame, readable
 from drivers.serial_load_cell import LONGEST_LINE, SerialLoadCell
 from drivers.simulators.faults import FAULTS, fault_from_dict, read_fault_plan
 from recordings.samples import Item, Loss, Samples
@@ -109,9 +110,9 @@ def _a_frame_is_whole_or_refused(body: bytes) -> None:
 
 def _settings_are_usable_or_refused(xml: bytes) -> None:
     with contextlib.suppress(ValueError):
-        labels, rate_hz = decode_parameters(xml)
-        assert labels
-        assert 0 < rate_hz < float("inf")
+        parameters = decode_parameters(xml)
+        assert parameters.labels
+        assert 0 < parameters.rate_hz < float("inf")
 
 
 def _qtm_is_read_to_its_end(stream: bytes) -> None:

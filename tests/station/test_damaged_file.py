@@ -88,6 +88,22 @@ def test_one_flipped_bit_at_byte_3000_is_damage_and_no_wiring_fault(
     _assert_only_damage_is_told(station("fit", session), session, file)
 
 
+def test_a_session_whose_only_recording_is_damaged_beyond_use_ends_with_3_too(
+    station, recorded: Path, tmp_path: Path
+) -> None:
+    session = tmp_path / "session"
+    session.mkdir()
+    starts = chunk_starts(recorded / STATIC)
+    data = bytearray((recorded / STATIC).read_bytes())
+    for start in starts[1:]:
+        data[start + 200] ^= 0x10
+    (session / STATIC).write_bytes(data)
+    ran = station("fit", session)
+    assert f"station: {STATIC} is damaged, and no recording in" in ran.err
+    assert not [advice for advice in ADVICE if advice in ran.err], ran.err
+    assert ran.code == 3, ran.err
+
+
 @pytest.mark.parametrize("part", [0.02, 0.1, 0.3, 0.5, 0.7, 0.9])
 def test_a_bit_flipped_anywhere_among_the_samples_is_damage(
     station, recorded: Path, tmp_path: Path, part: float
