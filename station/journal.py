@@ -25,6 +25,8 @@ from station.file_lock import locked
 from station.protocol import TrialSpec
 
 JOURNAL_FILE = "session.jsonl"
+FORMAT = 1
+"""Of a line. It rises where a key changes its meaning, not where one is added."""
 LOCK_WAIT_S = 10.0
 """A line takes a millisecond, or what the disk takes for an fsync."""
 
@@ -196,6 +198,8 @@ class _Lines:
     def take(self, entry: dict[str, Any]) -> None:
         """Raises ValueError, TypeError or KeyError for what is no entry of a journal."""
         kind, at = entry.pop("kind"), str(entry.pop("at"))
+        if entry.pop("format", FORMAT) != FORMAT:  # lines of an older station have none, and mean the same
+            raise ValueError("a line of a later format")
         if not is_file_name(entry.get("file", "-"), may_be_empty=True):  # what it names stays in the folder
             raise ValueError(entry["file"])
         match kind:
@@ -256,7 +260,7 @@ def _as_assigned(trial: Recorded, given: Assignment) -> Recorded:
 
 
 def _append(folder: Path, kind: str, **said: Any) -> None:
-    append_line(folder / JOURNAL_FILE, kind, **said)
+    append_line(folder / JOURNAL_FILE, kind, format=FORMAT, **said)
 
 
 def append_line(path: Path, kind: str, **said: Any) -> None:

@@ -9,8 +9,12 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from fitting.results.cuffs_schema import CuffsDocument
+from station.assessment.assessment_file import AssessmentDocument
 
-SCHEMAS: dict[str, TypeAdapter[object]] = {"cuffs.schema.json": TypeAdapter(CuffsDocument)}
+SCHEMAS: dict[str, TypeAdapter[object]] = {
+    "cuffs.schema.json": TypeAdapter(CuffsDocument),
+    "assessment.schema.json": TypeAdapter(AssessmentDocument),
+}
 """Published file → the type that writes and reads the document."""
 
 

@@ -14,6 +14,7 @@ from fitting.wearable_cuff import WearableCuff
 from recordings.manifest import DataOrigin
 from solver.redundancy.motion import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
+from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
     ensure_folder,
@@ -117,6 +118,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     """assessment.json and, for the figures, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
     plain: dict[str, Any] = {
+        "format": FORMAT,
         "origin": assessed.origin,
         "cuffs": plain_cuffs(assessed.cuffs),
         **plain_assessment(assessed.assessment),
@@ -129,6 +131,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     plain["inputs"] = assessed.inputs
     plain["inputs_checked"] = {"cuffs": assessed.cuffs_standing}
     plain["versions"] = solving_versions()
+    AssessmentDocument.model_validate(plain)
     write_whole(folder / ASSESSMENT_FILE, json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
     write_checksums(folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE)

@@ -1,4 +1,4 @@
-"""Reads assessment.json: complete, and every figure of the type that the report draws, or refused in a sentence."""
+"""The schema of assessment.json, and its reader: complete and of the types that the report draws, or refused."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from documents.validation import describe_error
 from station.errors import StationError
 
 RIGID = "rigid"
+FORMAT = 1
 
 
 class AssessmentFileError(StationError):
@@ -106,11 +107,17 @@ class _Beside(_Suited):
     motion: str
 
 
-class _Assessment(_Suited):
+class AssessmentDocument(_Suited):
+    """assessment.json: what the suit with these cuffs does for the muscles. SI, with the unit in the key.
+
+    A file without "format" is of an older station; it is read as format 1, whose keys mean the same.
+    """
+
+    format: Literal[1] = 1
     inputs: _Inputs
     findings: list[str]
     emg: list[_Emg]
-    cuffs: dict[str, dict[str, _Number | str | None]] = Field(default_factory=dict)
+    cuffs: dict[str, dict[str, _Number | str | list[str] | None]] = Field(default_factory=dict)
     beside: _Beside | None = None
 
 
@@ -145,7 +152,7 @@ def read_assessment(path: Path) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise _refusal(path, "", plain, "expected an object")
     try:
-        read = _Assessment.model_validate(plain)
+        read = AssessmentDocument.model_validate(plain)
     except ValidationError as error:
         raise _malformed(path, describe_error(error)) from error
     for part, where in ((plain, ""), (plain.get("beside"), "beside.")):

@@ -33,6 +33,7 @@ SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
 TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, "the mocap capture ended")
 
 
+LATER = '{"kind": "donned", "at": "", "format": 2, "cuff": "hand"}'
 HOSTILE = (
     "[" * 100_000,
     '{"a":' * 100_000,
@@ -123,7 +124,16 @@ def test_a_line_torn_by_a_power_cut_is_passed_over_and_never_glued_to_the_next(t
 
 
 @pytest.mark.parametrize(
-    "line", ["{", "[]", '{"kind": "setup", "at": ""}', '{"kind": "dream", "at": ""}', "null", *HOSTILE]
+    "line",
+    [
+        "{",
+        "[]",
+        '{"kind": "donned", "at": "", "format": 2, "cuff": "hand"}',
+        '{"kind": "setup", "at": ""}',
+        '{"kind": "dream", "at": ""}',
+        "null",
+        *HOSTILE,
+    ],
 )
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     (tmp_path / JOURNAL_FILE).write_text(line + "\n")
@@ -145,6 +155,7 @@ def test_two_processes_that_write_at_once_keep_every_line_of_both(tmp_path: Path
     writers = [subprocess.Popen([sys.executable, "-c", many, str(tmp_path), who]) for who in ("console", "terminal")]  # noqa: S603
     assert [writer.wait(60) for writer in writers] == [0, 0]
     entries = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
+    assert {entry["format"] for entry in entries} == {1}
     for who in ("console", "terminal"):
         assert [entry["number"] for entry in entries if entry["name"] == who * 500] == list(range(60))
 

@@ -18,6 +18,7 @@ from fitting.laws.model_class import ModelComparison
 from fitting.spatial.tensor import Tensor, Tensors
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
+from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.emg import EmgError, read_emg
 from station.report.page import write_report
@@ -112,6 +113,16 @@ def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, A
         assert (found, len(digest)) == (name, 64)
     assert plain["inputs"]["motion"] == "bundled raise of the arm"
     assert "cuffstation" in plain["versions"]
+
+
+def test_the_file_has_a_format_and_one_of_a_later_format_is_refused(plain: dict[str, Any], tmp_path: Path) -> None:
+    assert plain["format"] == 1
+    path = tmp_path / "assessment.json"
+    path.write_text(json.dumps({name: entry for name, entry in plain.items() if name != "format"}), encoding="utf-8")
+    assert read_assessment(path)["cuffs"] == plain["cuffs"], "of an older station"
+    path.write_text(json.dumps({**plain, "format": 2}), encoding="utf-8")
+    with pytest.raises(AssessmentFileError, match="format is 2, expected 1"):
+        read_assessment(path)
 
 
 def test_activations_are_a_table_of_every_condition(assessed: AssessedSuit, folder: Path) -> None:
