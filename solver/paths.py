@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,21 @@ Array = NDArray[np.float64]
 PathMode = Literal["opensim", "geodesic"]
 
 
+class PathOutcome(StrEnum):
+    """How the iterations that lay a path in a posture ended.
+
+    NOT_CONVERGED  one of them reached its limit of rounds. OpenSim's rules, which "opensim" follows, do so at times and
+                   take the last point; its length is OpenSim's all the same
+    """
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not_converged"
+
+
+OUTCOMES = np.array([PathOutcome.CONVERGED, PathOutcome.NOT_CONVERGED], dtype=object)
+"""In the order of the codes of wrapping/path_tables.py."""
+
+
 @dataclass(frozen=True, eq=False)
 class PathState:
     """Paths in a batch of postures.
@@ -27,12 +43,14 @@ class PathState:
                           [m], then force [1], in ground
     mobility_per_tension  (frames, paths, coordinates) generalised force for a tension of 1 N that is in no wrench: what
                           the path does to the coordinates that move its points in their bodies [m]
+    outcomes              (frames, paths) of PathOutcome
     """
 
     lengths: Array
     speeds: Array
     wrench_per_tension: Array
     mobility_per_tension: Array
+    outcomes: NDArray[np.object_]
 
 
 def evaluate_paths(
@@ -55,19 +73,20 @@ def evaluate_paths(
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
     frames, bodies = postures.origin_in_ground.shape[:2]
-    state = PathState(
+    results = PathResults(
         lengths=np.empty((frames, len(chosen))),
         speeds=np.empty((frames, len(chosen))),
-        wrench_per_tension=np.zeros((frames, len(chosen), bodies, 6)),
-        mobility_per_tension=np.zeros((frames, len(chosen), len(model.coordinates))),
+        wrenches=np.zeros((frames, len(chosen), bodies, 6)),
+        mobilities=np.zeros((frames, len(chosen), len(model.coordinates))),
+        codes=np.zeros((frames, len(chosen)), np.int8),
     )
-    results = PathResults(*vars(state).values())
     tables, poses, rates = pack_paths(model, chosen), pack_bodies(postures), np.array(postures.speeds, order="C")
     changes = pack_moving_points(chosen, postures, stops_at_ends=mode == "geodesic")
     if mode == "geodesic":
         evaluate_geodesic_paths(tables, poses, changes, rates, allocate_geodesic(tables), results)
     else:
         evaluate_wrapped_paths(tables, poses, changes, rates, allocate_wrap(tables), results)
+    state = PathState(*results[:4], outcomes=OUTCOMES[results.codes])
     for values in vars(state).values():
         values.flags.writeable = False
     return state

@@ -35,7 +35,7 @@ the model's resonance, and so bias the damping."""
 
 
 @dataclass(frozen=True)
-class OutputError:
+class OutputErrorFit:
     """k [N/m] and c [N s/m] of a record, the lag taken as known; both None unless the outcome is CONVERGED.
 
     The outcome is NO_SOLUTION where no k, c > 0 describe the record.
@@ -51,10 +51,10 @@ class OutputError:
         return None if self.stiffness is None or self.damping is None else (self.stiffness, self.damping)
 
 
-NO_SOLUTION = OutputError(FitOutcome.NO_SOLUTION)
+NO_SOLUTION = OutputErrorFit(FitOutcome.NO_SOLUTION)
 
 
-def output_error(record: Record, stiffness: float, damping: float) -> OutputError:
+def output_error(record: Record, stiffness: float, damping: float) -> OutputErrorFit:
     """Gauss-Newton from a start near k [N/m] and c [N s/m]."""
     if stiffness <= 0:
         return NO_SOLUTION  # a law that is no spring diverges
@@ -80,7 +80,7 @@ def output_error(record: Record, stiffness: float, damping: float) -> OutputErro
         if abs(change[0]) < 1e-5 * k and abs(change[1]) < 1e-5 * c:
             break
     else:
-        return OutputError(FitOutcome.NOT_CONVERGED)
+        return OutputErrorFit(FitOutcome.NOT_CONVERGED)
     try:
         covariance = _covariance(design, np.where(kept, residual, 0.0))
     except np.linalg.LinAlgError:
@@ -88,7 +88,7 @@ def output_error(record: Record, stiffness: float, damping: float) -> OutputErro
     k_error, c_error = (math.sqrt(max(0.0, float(covariance[i, i]))) for i in range(2))
     if k_error > k:
         return NO_SOLUTION
-    return OutputError(FitOutcome.CONVERGED, normal_estimate(k, k_error), normal_estimate(c, c_error))
+    return OutputErrorFit(FitOutcome.CONVERGED, normal_estimate(k, k_error), normal_estimate(c, c_error))
 
 
 def _without_noise(force: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from solver.geodesics.planes import contact_in_plane
 from solver.geodesics.shortest_path import GUESS, shorten_path
 from solver.geodesics.workspace import GeodesicWorkspace
 from solver.vectors import Vector, distance, dot, read, subtract
-from solver.wrapping.path_tables import ELLIPSOID, Indices, Record, Records
+from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Indices, Record, Records
 
 MOST_ROUNDS = 16
 IMPOSSIBLE = -1
@@ -41,6 +41,8 @@ def find_contacts(
                 break
         if count == before or len(wraps) == 1:
             break
+    else:
+        work.code[0] = NOT_CONVERGED
     return count, _length(start, end, count, work)
 
 

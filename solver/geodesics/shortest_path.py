@@ -31,7 +31,7 @@ from solver.vectors import (
     subtract,
     unit,
 )
-from solver.wrapping.path_tables import ELLIPSOID, Indices, Record, Records
+from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Indices, Record, Records
 
 GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
 MOST_STEPS = 30
@@ -63,6 +63,7 @@ def shorten_path(start: Vector, end: Vector, count: int, work: GeodesicWorkspace
         share = 1.0 if longest <= LONGEST_STEP else LONGEST_STEP / longest
         for k in range(count):
             _move(contacts[order[k]], share, steps[4 * k : 4 * k + 4], accuracy, work.series)
+    work.code[0] = NOT_CONVERGED
     return False
 
 

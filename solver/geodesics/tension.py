@@ -12,7 +12,7 @@ from solver.geodesics.workspace import GeodesicWorkspace
 from solver.model import NO_COORDINATE
 from solver.vectors import Array, read, scale, subtract, turn_back, unit, write
 from solver.wrapping.opensim_path import place_in_ground, place_path_points, points_and_wraps, to_ground
-from solver.wrapping.path_tables import NO_SURFACE, Indices, PathResults, PathTables, Record, Records
+from solver.wrapping.path_tables import CONVERGED, NO_SURFACE, Indices, PathResults, PathTables, Record, Records
 from solver.wrapping.tension import apply_tension, path_speed
 
 
@@ -25,7 +25,9 @@ def evaluate_geodesic_paths(
         bodies, u = poses[frame], rates[frame]
         for path in range(results.lengths.shape[1]):
             points, wraps = points_and_wraps(tables, path)
+            work.code[0] = CONVERGED
             count, results.lengths[frame, path] = _lay_path(points, wraps, bodies, changes[frame], work)
+            results.codes[frame, path] = work.code[0]
             results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
             _pull(
                 bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]

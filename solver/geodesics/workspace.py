@@ -10,13 +10,13 @@ from solver.geodesics.contact import CONTACT
 from solver.geodesics.planes import PLANES
 from solver.geodesics.series import ORDER, ROWS
 from solver.vectors import Array
-from solver.wrapping.path_tables import NODE, Indices, PathTables, Records
+from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Records
 
 
 class GeodesicWorkspace(NamedTuple):
     """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its own points; its contacts
     (CONTACT), one for each of its surfaces, and their order along a piece; the equations of taut.py; the series of
-    series.py; the lengths in planes.py.
+    series.py; the lengths in planes.py; code (1,), the path's outcome.
     """
 
     nodes: Records
@@ -27,6 +27,7 @@ class GeodesicWorkspace(NamedTuple):
     matrix: Array
     series: Array
     lengths: Array
+    code: Codes
 
 
 def allocate_geodesic(tables: PathTables) -> GeodesicWorkspace:
@@ -42,4 +43,5 @@ def allocate_geodesic(tables: PathTables) -> GeodesicWorkspace:
         np.zeros((4 * wraps, 4 * wraps + 1)),
         np.zeros((ROWS, ORDER + 1)),
         np.zeros(PLANES),
+        np.zeros(1, np.int8),
     )

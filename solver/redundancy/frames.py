@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import copy
-from solver.redundancy.interior_point import VIOLATION_LIMIT, interior_point
+from solver.redundancy.interior_point import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, interior_point
 from solver.redundancy.newton import NEWTON_GOAL, conditions, newton
 from solver.redundancy.workspace import FrameWorkspace
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
-SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE = 0, 1, 2, 3
-"""What became of a problem. BEYOND_RATE: solved without the bounds that the frame before sets, infeasible in them."""
+BEYOND_RATE = 3
+"""Outcome beside those of the interior point: infeasible within the bounds of the frame before, solved without them."""
 
 EFFORT_SHARE = 1e-6  # of effort against violation, where a problem is infeasible
 
@@ -140,7 +140,7 @@ def _solve(
         if left <= (VIOLATION_LIMIT if is_near else NEWTON_GOAL):
             return SOLVED
         if not is_near:
-            if not interior_point(q, M, R, t, equalities, lower, upper, work, v):
+            if interior_point(q, M, R, t, equalities, lower, upper, work, v) == INFEASIBLE:
                 return INFEASIBLE
             copy(v, work.found)
     copy(work.found, v)

@@ -37,14 +37,16 @@ VIOLATION_LIMIT = 1e-8
 MOST_STEPS = 50
 FIRST_GAP = 0.1  # of each pair that is complementary
 SHARE_OF_STEP = 0.995  # of the way to the boundary
+SOLVED, INFEASIBLE, NOT_CONVERGED = 0, 1, 2
+"""Outcome: violation and gap are small, a certificate proves that there is no solution, or neither."""
 LARGEST_EFFORT = 1e7  # ½ v·R v beyond which no solution is looked for
 
 
 @compiled
 def interior_point(
     q: Array, M: Array, R: Array, t: Array, equalities: int, lower: Array, upper: Array, work: FrameWorkspace, v: Array
-) -> bool:
-    """Set v to multipliers near the solution's; False where a certificate proves that there is no solution."""
+) -> int:
+    """Set v to multipliers near the solution's; returns the outcome."""
     n, m, p = len(q), len(t), equalities
     a, z, slack, inverse, da, dz, aim = work.a, work.z, work.slack, work.inverse, work.da, work.dz, work.aim
     pull, rest, dv, error, matrix, order = work.pull, work.rest, work.dv, work.error, work.matrix, work.order
@@ -58,9 +60,9 @@ def interior_point(
         violation = _row_errors(M, R, t, a, v, s, p, error)
         gap = _gap(slack, z, s, v, p)
         if violation <= GOAL and gap <= GOAL:
-            break
+            return SOLVED
         if violation > VIOLATION_LIMIT and _is_certificate(R, t, lower, upper, v, pull):
-            return False
+            return INFEASIBLE
         rows_times_rows(M, inverse, R, rest, matrix)
         if p < m:
             W = scaling(s, read_ray(v))
@@ -83,7 +85,7 @@ def interior_point(
         _advance(z[1], length, dz[1])
         _advance(v, length, dv)
         s = advance(s, length, ds)
-    return True
+    return NOT_CONVERGED
 
 
 @compiled

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, Literal
 
 import numpy as np
@@ -33,6 +34,13 @@ PRECISION = 0.01  # of a step
 TRIES_PER_FREEDOM = 80
 
 
+class SearchOutcome(StrEnum):
+    """How a search for a suit ended: at its precision, or at its limit of tries."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not_converged"
+
+
 @dataclass(frozen=True, eq=False)
 class SuitCandidate:
     """A suit whose reference rest length is the one to wear, and its normalised cost.
@@ -40,12 +48,14 @@ class SuitCandidate:
     cost      with the fitted cuffs, muscles solved in all selected frames
     drawn     (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
     at_limit  parameters at the limit of the search
+    outcome   of the search that found it
     """
 
     suit: Suit
     cost: float
     drawn: Array
     at_limit: tuple[str, ...]
+    outcome: SearchOutcome = SearchOutcome.CONVERGED
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +101,9 @@ def optimise_suit(
             cost=float(_costs(whole, candidate, condition, pairs[:1])[0]),
             drawn=_costs(search.worn, candidate, condition, pairs[1:]),
             at_limit=at_limit,
+            outcome=outcome,
         )
-        for candidate, at_limit in ((suit, ()), fitted, robust)
+        for candidate, at_limit, outcome in ((suit, (), SearchOutcome.CONVERGED), fitted, robust)
     )
     return OptimisedSuit(start, best, safe, search.tried)
 
@@ -137,8 +148,8 @@ class _Search:
             self.bounds += [(-most, most)] * count
         self.tried = 0
 
-    def best(self, pairs: Sequence[Pair]) -> tuple[Suit, tuple[str, ...]]:
-        """The suit with the least mean cost over these pairs of cuffs, and what of it is at the end of its bounds."""
+    def best(self, pairs: Sequence[Pair]) -> tuple[Suit, tuple[str, ...], SearchOutcome]:
+        """The suit of least mean cost over these pairs of cuffs, what of it is at its bounds, and the outcome."""
         from scipy.optimize import minimize  # slow to import, and needed only here
 
         def mean_cost(steps: Array) -> float:
@@ -153,7 +164,8 @@ class _Search:
             "maxfev": TRIES_PER_FREEDOM * size,
         }
         found = minimize(mean_cost, np.zeros(size), method="Nelder-Mead", bounds=self.bounds, options=options)
-        return self._suit(found.x), self._at_limit(found.x)
+        outcome = SearchOutcome.CONVERGED if found.success else SearchOutcome.NOT_CONVERGED
+        return self._suit(found.x), self._at_limit(found.x), outcome
 
     def _mean_cost(self, steps: Array, pairs: Sequence[Pair]) -> float:
         self.progress("trying suits", self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))

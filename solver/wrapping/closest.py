@@ -9,6 +9,7 @@ from math import sqrt
 
 from solver.compiled import compiled
 from solver.vectors import Array, Vector, read, write
+from solver.wrapping.path_tables import NOT_CONVERGED, Codes
 from solver.wrapping.segment import ROUND_OFF
 
 STOP = 1e-9
@@ -17,40 +18,41 @@ ANY_AXIS = -1
 
 
 @compiled
-def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int) -> Vector:
+def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int, code: Codes) -> Vector:
     """The point of the ellipsoid with semi-axes a closest to `point`; all of order 1.
 
     flat_axis  stay in the plane where this coordinate keeps its value (0 in practice); ANY_AXIS: nowhere in particular
+    code       (1,) set to NOT_CONVERGED where Newton's method does not end
     """
     axis = _flat_axis(a, point) if flat_axis == ANY_AXIS else flat_axis
     if axis == 0:
-        y, z = closest_on_ellipse(a[1], a[2], point[1], point[2])
+        y, z = closest_on_ellipse(a[1], a[2], point[1], point[2], code)
         return point[0], y, z
     if axis == 1:
-        z, x = closest_on_ellipse(a[2], a[0], point[2], point[0])
+        z, x = closest_on_ellipse(a[2], a[0], point[2], point[0], code)
         return x, point[1], z
     if axis == 2:
-        x, y = closest_on_ellipse(a[0], a[1], point[0], point[1])
+        x, y = closest_on_ellipse(a[0], a[1], point[0], point[1], code)
         return x, y, point[2]
-    return _closest_in_space(a, point)
+    return _closest_in_space(a, point, code)
 
 
 @compiled
-def closest_to_each(a: Vector, points: Array, t: Array, feet: Array) -> None:
+def closest_to_each(a: Vector, points: Array, t: Array, feet: Array, code: Codes) -> None:
     """The same for each of points (3, n), bit for bit, several times as fast. Fills feet (3, n), with t (n,)."""
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
-    _find_multipliers(a, points, t)
+    _find_multipliers(a, points, t, code)
     for i in range(t.size):
         feet[0, i] = aa * points[0, i] / (t[i] + aa)
         feet[1, i] = bb * points[1, i] / (t[i] + bb)
         feet[2, i] = cc * points[2, i] / (t[i] + cc)
     for i in range(t.size):
         if min(abs(points[0, i]), abs(points[1, i]), abs(points[2, i])) <= ROUND_OFF:
-            write(feet[:, i], closest_on_ellipsoid(a, read(points[:, i]), ANY_AXIS))
+            write(feet[:, i], closest_on_ellipsoid(a, read(points[:, i]), ANY_AXIS, code))
 
 
 @compiled
-def closest_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, float]:
+def closest_on_ellipse(a: float, b: float, u: float, v: float, code: Codes) -> tuple[float, float]:
     """The point of the ellipse with semi-axes a, b closest to (u, v)."""
     near_minor, near_major = abs(u) <= ROUND_OFF, abs(v) <= ROUND_OFF
     if near_minor and near_major:
@@ -72,6 +74,8 @@ def closest_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, f
         if abs(f) < STOP:
             break
         t -= f / (2.0 * (P * Q * (P + Q) - aauu * Q - bbvv * P))
+    else:
+        code[0] = NOT_CONVERGED
     return aa * u / P, bb * v / Q
 
 
@@ -96,7 +100,7 @@ def _flat_axis(a: Vector, point: Vector) -> int:
 
 
 @compiled
-def _closest_in_space(a: Vector, point: Vector) -> Vector:
+def _closest_in_space(a: Vector, point: Vector, code: Codes) -> Vector:
     u, v, w = point
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
     t = _first_multiplier(a, u, v, w)
@@ -105,11 +109,13 @@ def _closest_in_space(a: Vector, point: Vector) -> Vector:
         if abs(f) < STOP:
             break
         t -= f / slope
+    else:
+        code[0] = NOT_CONVERGED
     return aa * u / (t + aa), bb * v / (t + bb), cc * w / (t + cc)
 
 
 @compiled
-def _find_multipliers(a: Vector, points: Array, t: Array) -> None:
+def _find_multipliers(a: Vector, points: Array, t: Array, code: Codes) -> None:
     """For each of points (3, n), away from the coordinate planes, the t (n,) with which a² x / (t + a²) is closest.
     All take their Newton steps together, so that the compiler can put several into one instruction.
     """
@@ -126,6 +132,8 @@ def _find_multipliers(a: Vector, points: Array, t: Array) -> None:
             t[i] -= 0.0 if is_close else f / slope
         if unfinished == 0:
             break
+    else:
+        code[0] = NOT_CONVERGED
 
 
 @compiled

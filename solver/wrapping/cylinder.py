@@ -22,6 +22,7 @@ from solver.vectors import (
     subtract,
     unit,
 )
+from solver.wrapping.path_tables import NOT_CONVERGED, Codes
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
 from solver.wrapping.sphere import nearest_pair
 
@@ -38,12 +39,13 @@ Tangents = tuple[Vector, Vector, bool, bool]
 
 @compiled
 def wrap_cylinder(
-    start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int, is_alone: bool
+    start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int, is_alone: bool, code: Codes
 ) -> Contact:
     """Lay the segment from start to end over a cylinder [m].
 
     axis, allowed  the path must stay where coordinate `axis` has the sign `allowed`; 0 allows all sides
     is_alone       the path has no other surface: OpenSim then does without the sliding
+    code           (1,) set to NOT_CONVERGED where the sliding does not end
     """
     if _radial_square(start) < radius * radius or _radial_square(end) < radius * radius:
         return INSIDE, ORIGIN, ORIGIN, 0.0
@@ -54,7 +56,7 @@ def wrap_cylinder(
     r1, r2 = _slide_into_plane(start, end, r1, r2, _apex(start, end, radius, is_far))
     if abs(r1[2]) > length / 2.0 and abs(r2[2]) > length / 2.0:
         return FREE, ORIGIN, ORIGIN, 0.0
-    r1, r2, on_surface = _spiral(start, end, r1, r2, radius, is_long, is_alone)
+    r1, r2, on_surface = _spiral(start, end, r1, r2, radius, is_long, is_alone, code)
     return answer, r1, r2, on_surface
 
 
@@ -146,7 +148,7 @@ def _slide_into_plane(start: Vector, end: Vector, r1: Vector, r2: Vector, apex: 
 
 @compiled
 def _spiral(
-    start: Vector, end: Vector, r1: Vector, r2: Vector, radius: float, is_long: bool, is_alone: bool
+    start: Vector, end: Vector, r1: Vector, r2: Vector, radius: float, is_long: bool, is_alone: bool, code: Codes
 ) -> tuple[Vector, Vector, float]:
     """The tangent points slid until the tangents run into the spiral, and the spiral's length."""
     angle = atan2(r1[0] * r2[1] - r1[1] * r2[0], r1[0] * r2[0] + r1[1] * r2[1])
@@ -167,6 +169,9 @@ def _spiral(
         if not (has_moved_1 or has_moved_2):
             break
         rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
+    else:
+        if not is_alone:
+            code[0] = NOT_CONVERGED
     return r1, r2, length
 
 

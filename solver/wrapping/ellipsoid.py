@@ -29,7 +29,7 @@ from solver.vectors import (
     unit,
 )
 from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
-from solver.wrapping.path_tables import AXIAL, MIDPOINT
+from solver.wrapping.path_tables import AXIAL, MIDPOINT, Codes
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
 from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 
@@ -49,13 +49,14 @@ def fan_room() -> Array:
 
 @compiled
 def wrap_ellipsoid(
-    start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int, fan: Array
+    start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int, fan: Array, code: Codes
 ) -> Contact:
     """Lay the segment from start to end over an ellipsoid with these semi-axes [m] along the axes of its frame.
 
     method         HYBRID, MIDPOINT or AXIAL: how c is chosen
     axis, allowed  c must lie where coordinate `axis` has the sign `allowed`; 0 allows all sides
     fan            a fan_room()
+    code           (1,) set to NOT_CONVERGED where an iteration reaches its limit of rounds
     """
     factor = 3.0 / (radii[0] + radii[1] + radii[2])
     p1, p2, a = scale(factor, start), scale(factor, end), scale(factor, radii)
@@ -67,23 +68,23 @@ def wrap_ellipsoid(
         return FREE, ORIGIN, ORIGIN, 0.0
 
     r1, r2 = along(p2, l1, backwards), along(p2, l2, backwards)
-    c, fan_weight, crosses_between = _passing_point(r1, r2, unit(backwards), a, method, fan)
+    c, fan_weight, crosses_between = _passing_point(r1, r2, unit(backwards), a, method, fan, code)
     if method != AXIAL or crosses_between:
         r1, r2 = c, c
     if allowed != 0 and side(c[axis]) != allowed:
-        c, r1 = _on_the_allowed_side(c, a, axis, fan_weight)
+        c, r1 = _on_the_allowed_side(c, a, axis, fan_weight, code)
         r2 = r1
     normal = unit(cross(backwards, subtract(p1, c)))
     offset = -dot(normal, c)
-    r1 = tangent_point(r1, p1, a, normal, offset)
-    r2 = tangent_point(r2, p2, a, normal, offset)
+    r1 = tangent_point(r1, p1, a, normal, offset, code)
+    r2 = tangent_point(r2, p2, a, normal, offset, code)
     length = _length_in_plane(r1, r2, p1, p2, a, normal, offset, factor, allowed != 0)
     return MANDATORY, scale(1.0 / factor, r1), scale(1.0 / factor, r2), length / factor
 
 
 @compiled
 def _passing_point(
-    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, work: Array
+    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, work: Array, code: Codes
 ) -> tuple[Vector, float, bool]:
     """c for the segment that pierces the ellipsoid at r1 and r2; the weight of the fan in it; whether the segment
     crosses between r1 and r2 the plane normal to the axis that it is most parallel to.
@@ -95,8 +96,8 @@ def _passing_point(
             best = i
     crossing = -r1[best] / inner[best]
     if method == MIDPOINT:
-        return closest_on_ellipsoid(a, along(r1, 0.5, inner), ANY_AXIS), 0.0, True
-    axial = closest_on_ellipsoid(a, along(r1, crossing, inner), best)
+        return closest_on_ellipsoid(a, along(r1, 0.5, inner), ANY_AXIS, code), 0.0, True
+    axial = closest_on_ellipsoid(a, along(r1, crossing, inner), best, code)
     if method == AXIAL:
         return axial, 0.0, 0.0 < crossing < 1.0
 
@@ -106,22 +107,22 @@ def _passing_point(
         alignment = ALL_FAN + max(fade, 0.0) * (alignment - ALL_FAN)
     if alignment >= ALL_AXIAL:
         return axial, 0.0, True
-    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a, work)), ANY_AXIS)
+    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a, work, code)), ANY_AXIS, code)
     if alignment <= ALL_FAN:
         return fan, 1.0, True
     weight = (alignment - ALL_FAN) / (ALL_AXIAL - ALL_FAN)
     blend = add(scale(weight, axial), scale(1.0 - weight, fan))
-    return closest_on_ellipsoid(a, blend, ANY_AXIS), 1.0 - weight, True
+    return closest_on_ellipsoid(a, blend, ANY_AXIS, code), 1.0 - weight, True
 
 
 @compiled
-def _fan_direction(r1: Vector, inner: Vector, a: Vector, work: Array) -> Vector:
+def _fan_direction(r1: Vector, inner: Vector, a: Vector, work: Array, code: Codes) -> Vector:
     """Mean direction from points of the segment inside the ellipsoid to their closest points on it."""
     handles, blades = work[:3], work[3:6]
     for axis in range(3):
         for i in range(BLADES - 2):
             handles[axis, i] = r1[axis] + (i + 1) / BLADES * inner[axis]
-    closest_to_each(a, handles, work[6], blades)
+    closest_to_each(a, handles, work[6], blades, code)
     for i in range(BLADES - 2):  # a loop without a sum: the compiler takes several steps at once
         x, y, z = blades[0, i] - handles[0, i], blades[1, i] - handles[1, i], blades[2, i] - handles[2, i]
         length = sqrt(x * x + y * y + z * z)
@@ -134,7 +135,7 @@ def _fan_direction(r1: Vector, inner: Vector, a: Vector, work: Array) -> Vector:
 
 
 @compiled
-def _on_the_allowed_side(c: Vector, a: Vector, axis: int, fan_weight: float) -> tuple[Vector, Vector]:
+def _on_the_allowed_side(c: Vector, a: Vector, axis: int, fan_weight: float, code: Codes) -> tuple[Vector, Vector]:
     """c mirrored to the other side, and where the search for tangents starts; a fan's c is drawn towards the middle."""
     mirrored = (
         -c[0] if axis == 0 else c[0],
@@ -144,7 +145,7 @@ def _on_the_allowed_side(c: Vector, a: Vector, axis: int, fan_weight: float) -> 
     if not fan_weight > 0.0:
         return mirrored, mirrored
     drawn = add(scale(1.0 - fan_weight, mirrored), scale(fan_weight, scale(0.5, add(c, mirrored))))
-    return closest_on_ellipsoid(a, drawn, ANY_AXIS), mirrored
+    return closest_on_ellipsoid(a, drawn, ANY_AXIS, code), mirrored
 
 
 @compiled

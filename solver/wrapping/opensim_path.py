@@ -13,7 +13,6 @@ from solver.compiled import compiled
 from solver.model import NO_COORDINATE
 from solver.vectors import (
     ORIGIN,
-    Array,
     Vector,
     add,
     distance,
@@ -25,7 +24,17 @@ from solver.vectors import (
 )
 from solver.wrapping.cylinder import wrap_cylinder
 from solver.wrapping.ellipsoid import wrap_ellipsoid
-from solver.wrapping.path_tables import ELLIPSOID, FIXED, NO_SURFACE, SPHERE, Indices, PathTables, Record, Records
+from solver.wrapping.path_tables import (
+    ELLIPSOID,
+    FIXED,
+    NO_SURFACE,
+    NOT_CONVERGED,
+    SPHERE,
+    Indices,
+    PathTables,
+    Record,
+    Records,
+)
 from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
 from solver.wrapping.sphere import wrap_sphere
 from solver.wrapping.workspace import WrapWorkspace
@@ -63,6 +72,9 @@ def wrap_path(
         if sweep == 0 and len(wraps) > 1 and first_answer == FREE and second_answer == INSIDE:
             is_swapped = True
             count = _remove_tangent_points(len(points), sequence, count)
+    else:
+        if len(wraps) > 1:
+            work.code[0] = NOT_CONVERGED
     return count, length
 
 
@@ -133,7 +145,7 @@ def _try_surface(
         start, end = sequence[k], sequence[k + 1]
         if _is_over_surface(nodes, start, end):
             continue
-        answer, s1, s2, length = _lay_segment(wrap, is_alone, bodies, nodes[start], nodes[end], work.fan)
+        answer, s1, s2, length = _lay_segment(wrap, is_alone, bodies, nodes[start], nodes[end], work)
         last_answer = answer
         if answer == MANDATORY:
             behind, r1, r2, on_surface = k, s1, s2, length
@@ -167,16 +179,18 @@ def _range_on_path(wrap: Record, nodes: Records, sequence: Indices, count: int) 
 
 
 @compiled
-def _lay_segment(wrap: Record, is_alone: bool, bodies: Records, start: Record, end: Record, fan: Array) -> Contact:
+def _lay_segment(
+    wrap: Record, is_alone: bool, bodies: Records, start: Record, end: Record, work: WrapWorkspace
+) -> Contact:
     """Lay the segment between two nodes over a surface; the tangent points are in the surface's body."""
     p1, p2 = _to_surface(wrap, bodies, start), _to_surface(wrap, bodies, end)
     size, axis, allowed = read(wrap["dimensions"]), wrap["axis"], wrap["allowed"]
     if wrap["kind"] == ELLIPSOID:
-        answer, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, fan)
+        answer, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, work.fan, work.code)
     elif wrap["kind"] == SPHERE:
         answer, r1, r2, length = wrap_sphere(p1, p2, size[0], axis, allowed)
     else:
-        answer, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, is_alone)
+        answer, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, is_alone, work.code)
     rotation, translation = wrap["rotation"], read(wrap["translation"])
     return answer, add(turn(rotation, r1), translation), add(turn(rotation, r2), translation), length
 

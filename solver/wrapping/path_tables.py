@@ -25,11 +25,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Record = np.void
 Records = NDArray[np.void]
+Codes = NDArray[np.int8]
 
 KINDS = ("ellipsoid", "sphere", "cylinder")
 ELLIPSOID, SPHERE, CYLINDER = 0, 1, 2
 METHODS = ("hybrid", "midpoint", "axial")
 HYBRID, MIDPOINT, AXIAL = 0, 1, 2
+CONVERGED, NOT_CONVERGED = 0, 1
+"""Outcome of a path in a posture: whether an iteration reached its limit of rounds."""
 NO_SURFACE = -1
 FIXED = -1
 
@@ -104,13 +107,14 @@ class PathTables(NamedTuple):
 
 class PathResults(NamedTuple):
     """What lay_all fills: lengths and speeds (frames, paths), and what must be zero before, wrenches (frames, paths,
-    bodies, 6) and mobilities (frames, paths, coordinates); as paths.PathState.
+    bodies, 6) and mobilities (frames, paths, coordinates); as paths.PathState. codes (frames, paths) are outcomes.
     """
 
     lengths: Array
     speeds: Array
     wrenches: Array
     mobilities: Array
+    codes: Codes
 
 
 @lru_cache(maxsize=32)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from solver.compiled import compiled
 from solver.vectors import Vector, along, divide, dot, subtract, unit
+from solver.wrapping.path_tables import NOT_CONVERGED, Codes
 
 ON_THE_SURFACE = 1e-4
 SMALL_ENOUGH = 1e-8
@@ -31,8 +32,11 @@ def level(point: Vector, a: Vector) -> float:
 
 
 @compiled
-def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: float) -> Vector:
-    """The point of the ellipsoid in the plane normal·x + offset = 0 whose tangent passes p, from `guess` on."""
+def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: float, code: Codes) -> Vector:
+    """The point of the ellipsoid in the plane normal·x + offset = 0 whose tangent passes p, from `guess` on.
+
+    code (1,) is set to NOT_CONVERGED where its residuals stay large.
+    """
     if abs(level(p, a)) < ON_THE_SURFACE:
         return p
     aa = (a[0] * a[0], a[1] * a[1], a[2] * a[2])
@@ -66,6 +70,8 @@ def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: f
             before, now = now, _square(_residuals(r, d, p, a, aa, normal, offset))
         r, d = _moved(r, d, step, -stretch)
         e = _residuals(r, d, p, a, aa, normal, offset)
+    if _square(e) > SMALL_ENOUGH:
+        code[0] = NOT_CONVERGED
     return r
 
 

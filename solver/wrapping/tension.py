@@ -21,7 +21,7 @@ from solver.vectors import (
     turn,
 )
 from solver.wrapping.opensim_path import place_in_ground, points_and_wraps, to_ground, wrap_path
-from solver.wrapping.path_tables import Indices, PathResults, PathTables, Records
+from solver.wrapping.path_tables import CONVERGED, Indices, PathResults, PathTables, Records
 from solver.wrapping.workspace import WrapWorkspace
 
 
@@ -36,7 +36,9 @@ def evaluate_wrapped_paths(
         bodies, u = poses[frame], rates[frame]
         for path in range(results.lengths.shape[1]):
             points, wraps = points_and_wraps(tables, path)
+            work.code[0] = CONVERGED
             count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes[frame], work)
+            results.codes[frame, path] = work.code[0]
             results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
             _pull(
                 bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]

@@ -8,17 +8,18 @@ import numpy as np
 
 from solver.vectors import Array
 from solver.wrapping.ellipsoid import fan_room
-from solver.wrapping.path_tables import NODE, Indices, PathTables, Records
+from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Records
 
 
 class WrapWorkspace(NamedTuple):
-    """nodes of a path (NODE) and their sequence along it; the fan of ellipsoid.py."""
+    """nodes of a path (NODE) and their sequence along it; the fan of ellipsoid.py; code (1,), the path's outcome."""
 
     nodes: Records
     sequence: Indices
     fan: Array
+    code: Codes
 
 
 def allocate_wrap(tables: PathTables) -> WrapWorkspace:
     longest = int((np.diff(tables.first_point) + 2 * np.diff(tables.first_wrap)).max(initial=0))
-    return WrapWorkspace(np.zeros(longest, NODE), np.zeros(longest, np.int64), fan_room())
+    return WrapWorkspace(np.zeros(longest, NODE), np.zeros(longest, np.int64), fan_room(), np.zeros(1, np.int8))

@@ -97,6 +97,7 @@ def _plain(tried: SuitCandidate) -> dict[str, Any]:
     """Cost with the fitted cuffs on all frames; the draws' are on fewer, so they have a value of their own."""
     numbers: dict[str, Any] = {**_cord(tried.suit), "normalised_cost": known(tried.cost)}
     numbers["at_limit"] = list(tried.at_limit)
+    numbers["outcome"] = tried.outcome
     if tried.drawn.size:
         low, high = np.quantile(tried.drawn, [0.025, 0.975])
         numbers["normalised_cost_of_draws"] = {"value": float(tried.drawn.mean()), "ci95": [float(low), float(high)]}

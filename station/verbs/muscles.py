@@ -134,6 +134,7 @@ def optimise(
     from rich.console import Console
 
     from fitting.cuffs_file import read_cuffs
+    from solver.suit.optimise import SearchOutcome
     from solver.suit.suit import BUNDLED_SUIT
     from station.assessment.assessment_inputs import AssessmentInputs, chosen_cuffs, cuff_remarks
     from station.assessment.compilation import compilation_shown
@@ -151,6 +152,8 @@ def optimise(
         say(sentence)
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
         say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")
+    if SearchOutcome.NOT_CONVERGED in (optimised.fitted.outcome, optimised.robust.outcome):
+        say("the search did not converge within its limit of tries; free fewer of the suit's parameters")
 
 
 def sweep(

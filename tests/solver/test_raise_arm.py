@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.motion import decimate, differentiate
+from solver.motion import MotionError, decimate, differentiate
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
@@ -50,3 +50,9 @@ def test_no_frame_is_held_up_by_reserve_actuators(kinematics):
     assert len(shoulder) == 9
     assert result.unsolved == 0
     assert np.abs(result.reserves[:, shoulder]).max() < 0.02  # N m; the arm's weight makes some 10 N m
+
+
+def test_an_assembly_that_is_starved_of_steps_gives_no_motion(monkeypatch):
+    monkeypatch.setattr("solver.raise_arm.MOST_STEPS", 1)
+    with pytest.raises(MotionError, match="should close the joints"):
+        simulate_arm_raise(MODEL)

@@ -10,7 +10,7 @@ from solver.cuff import CuffParameters
 from solver.motion import decimate, differentiate
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.assessment import assess
-from solver.suit.optimise import optimise_suit
+from solver.suit.optimise import SearchOutcome, optimise_suit
 from solver.suit.suit import read_suit
 
 MODEL = bundled_model()
@@ -70,3 +70,10 @@ def test_the_robust_optimum_is_the_better_one_on_average():
     assert len(both.robust.drawn) == 12
     assert both.robust.drawn.mean() <= both.fitted.drawn.mean() + 1e-5
     assert both.robust.suit.reference_rest_length != both.fitted.suit.reference_rest_length
+
+
+def test_a_search_that_is_starved_of_tries_says_so(rest_length_only, monkeypatch):
+    assert rest_length_only.fitted.outcome is SearchOutcome.CONVERGED
+    monkeypatch.setattr("solver.suit.optimise.TRIES_PER_FREEDOM", 2)
+    starved = found()
+    assert (starved.start.outcome, starved.fitted.outcome) == (SearchOutcome.CONVERGED, SearchOutcome.NOT_CONVERGED)

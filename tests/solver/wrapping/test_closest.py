@@ -19,22 +19,22 @@ RANDOM = np.random.default_rng(8)
 @compiled_for_python
 def _feet(a: Vector, points: Array) -> Array:
     """Closest points (n, 3) to points (n, 3), one by one."""
-    feet = np.empty_like(points)
+    feet, code = np.empty_like(points), np.zeros(1, np.int8)
     for i in range(len(points)):
-        write(feet[i], closest_on_ellipsoid(a, read(points[i]), ANY_AXIS))
+        write(feet[i], closest_on_ellipsoid(a, read(points[i]), ANY_AXIS, code))
     return feet
 
 
 @compiled_for_python
 def _feet_together(a: Vector, points: Array) -> Array:
     feet = np.empty_like(points)
-    closest_to_each(a, points, np.empty(points.shape[1]), feet)
+    closest_to_each(a, points, np.empty(points.shape[1]), feet, np.zeros(1, np.int8))
     return feet
 
 
 @compiled_for_python
 def _foot_on_ellipse(a: float, b: float, u: float, v: float) -> tuple[float, float]:
-    return closest_on_ellipse(a, b, u, v)
+    return closest_on_ellipse(a, b, u, v, np.zeros(1, np.int8))
 
 
 @pytest.mark.parametrize("spread", [0.4, 3.0])
