@@ -22,13 +22,13 @@ class MarkReceipt:
 
     async def mark(self) -> None:
         """Marks this moment and takes a note on it at once."""
-        await self._desk.mark()
+        await self._desk.runner.mark()
         self._note.value = ""
         self._note.run_method("focus")
 
     async def _keep(self) -> None:
         number, name = len(self._live.marks), str(self._note.value or "")
-        await self._run(lambda: self._desk.note(number, name))
+        await self._run(lambda: self._desk.runner.note(number, name))
         self._note.value = ""
         self._note.run_method("blur")
 

@@ -13,15 +13,15 @@ from station.session.desk import Desk
 def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
     spec = plan.spec
     assert spec is not None  # noqa: S101  (the page shows the summary then)
-    ui.label(order_of(plan, desk.config.protocol.pause_s)).classes("cue").mark("order")
+    ui.label(order_of(plan, desk.session.config.protocol.pause_s)).classes("cue").mark("order")
     of_cuff = "bounce calibration" if spec.cuff is None else f"{spec.cuff}: {spec.test}, repeat {spec.repeat}"
     ui.label(f"next: {of_cuff}").classes("text-3xl").mark("next")
     if plan.has_pause:
         _rest(desk)
     show_plan(plan)
-    actions.add("Arm", "a", desk.arm, kind="main")
-    actions.add("Leave", "l", desk.leave, mark="leave", is_apart=True)
-    actions.add("End early", "e", desk.end_early, is_apart=True)
+    actions.add("Arm", "a", desk.runner.arm, kind="main")
+    actions.add("Leave", "l", desk.session.leave, mark="leave", is_apart=True)
+    actions.add("End early", "e", desk.runner.end_early, is_apart=True)
 
 
 def show_plan(plan: Agenda) -> None:
@@ -51,7 +51,7 @@ def _rest(desk: Desk) -> None:
     left = ui.label().classes("figure").mark("rest")
 
     def count() -> None:
-        seconds = desk.rest_left_s
+        seconds = desk.reviewer.rest_left_s
         left.text = f"{seconds:.0f} s" if seconds > 0 else "rested"
 
     ui.timer(0.5, count)

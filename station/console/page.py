@@ -15,8 +15,9 @@ from station.console.audio_alerts import AudioAlerts
 from station.console.recordings_view import add_recordings
 from station.journal import JournalError
 from station.session.agenda import Agenda
-from station.session.desk import Desk, DeskRefusal
+from station.session.desk import Desk
 from station.session.live import Live
+from station.session.open_session import CommandRefused
 
 REFRESH_S = 0.08
 """A little more often than the ten times a second that are promised: a busy machine is late now and then."""
@@ -81,15 +82,15 @@ class _Page:
         if not self._shown:
             ui.label("connecting to the station").classes("text-xl")
             return
-        with ui.column().classes("screen" + (" running" if desk.live is not None else "")):
-            if desk.message:
-                ui.label(desk.message).classes("text-lg quiet").mark("message")
-            plan = desk.agenda
-            if desk.folder is None or plan is None:
+        with ui.column().classes("screen" + (" running" if desk.runner.live is not None else "")):
+            if desk.session.message:
+                ui.label(desk.session.message).classes("text-lg quiet").mark("message")
+            plan = desk.session.agenda
+            if desk.session.folder is None or plan is None:
                 setup_view.show(desk, actions)
-            elif desk.live is not None:
-                self._tick_view = self._running(desk.live, actions)
-            elif desk.is_ending:
+            elif desk.runner.live is not None:
+                self._tick_view = self._running(desk.runner.live, actions)
+            elif desk.session.is_ending:
                 summary_view.show(desk, plan, actions)
             elif plan.undecided is not None:
                 verdict_view.show(desk, plan.undecided, actions)
@@ -97,7 +98,7 @@ class _Page:
                 next_view.show(desk, plan, actions)
             else:
                 summary_view.show(desk, plan, actions)
-            if desk.folder is not None and desk.live is None:
+            if desk.session.folder is not None and desk.runner.live is None:
                 add_recordings(desk, actions)
 
     def _running(self, live: Live, actions: Actions) -> Callable[[], None]:
@@ -116,7 +117,7 @@ class _Page:
             done = act()
             if done is not None:
                 await done
-        except (DeskRefusal, JournalError, SimulationError) as refused:
+        except (CommandRefused, JournalError, SimulationError) as refused:
             self._refuse(str(refused))
         else:
             self._refuse("")
@@ -136,11 +137,13 @@ class _Page:
             await self.run(act)
 
     def _tick(self) -> None:
-        desk, plan = self._desk, self._desk.agenda
-        stands: tuple[Any, ...] = (desk.folder, desk.live) if desk.live is not None else self._stands(plan)
+        desk, plan = self._desk, self._desk.session.agenda
+        stands: tuple[Any, ...] = (
+            (desk.session.folder, desk.runner.live) if desk.runner.live is not None else self._stands(plan)
+        )
         if stands != self._shown:
             self._shown = stands
-            if desk.live is None:
+            if desk.runner.live is None:
                 ui.run_javascript("window.station?.leave()")
             self._body.refresh()
         self._show_header()
@@ -148,15 +151,22 @@ class _Page:
 
     def _stands(self, plan: Agenda | None) -> tuple[Any, ...]:
         """What a page shows between two trials."""
-        desk, journal = self._desk, self._desk.journal
-        now = (desk.folder, desk.judgement, desk.message, desk.progress, desk.summary, desk.is_ending)
+        desk, journal = self._desk, self._desk.session.journal
+        now = (
+            desk.session.folder,
+            desk.session.judgement,
+            desk.session.message,
+            desk.reviewer.progress,
+            desk.session.summary,
+            desk.session.is_ending,
+        )
         return (*now, plan, tuple(journal.verdicts.items()), journal.recorded)
 
     def _show_header(self) -> None:
-        live, state = self._desk.live, self._desk.live.latest["state"] if self._desk.live else ""
+        live, state = self._desk.runner.live, self._desk.runner.live.latest["state"] if self._desk.runner.live else ""
         is_recording = state in ("recording", "closing")
         self._title.text, self._subtitle.text = titles_of(self._desk)
-        self._simulated.set_visibility(self._desk.is_simulated)
+        self._simulated.set_visibility(self._desk.session.is_simulated)
         self._rec.set_visibility(live is not None)
         self._dot.set_visibility(is_recording)
         if live is not None:
@@ -175,14 +185,14 @@ def state_word(state: str) -> str:
 
 def titles_of(desk: Desk) -> tuple[str, str]:
     """What the page is about now, and whose session it is."""
-    setup, plan = desk.journal.setup, desk.agenda
-    if desk.folder is None or setup is None or plan is None:
+    setup, plan = desk.session.journal.setup, desk.session.agenda
+    if desk.session.folder is None or setup is None or plan is None:
         return "station", ""
-    rehearsal = "REHEARSAL, nothing is kept · " if desk.is_rehearsal else ""
+    rehearsal = "REHEARSAL, nothing is kept · " if desk.session.is_rehearsal else ""
     whose = f"{rehearsal}subject {setup.subject} · session {setup.number}"
-    if desk.live is None:
+    if desk.runner.live is None:
         return whose, f"{len(plan.done)} of {len(plan.trials)} trials done"
-    spec = desk.live.spec
+    spec = desk.runner.live.spec
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
     return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {whose}"

@@ -15,17 +15,17 @@ TESTS = ("static", "dynamic")
 
 def add_recordings(desk: Desk, actions: Actions) -> None:
     """The buttons that undo the last decision and open the list, where there is anything in it."""
-    journal = desk.journal
+    journal = desk.session.journal
     if journal.verdicts:
         last = list(journal.verdicts)[-1]
-        button = actions.add("Undo", "u", desk.undo)
+        button = actions.add("Undo", "u", desk.reviewer.undo)
         button.tooltip(f"takes back: {last} is {_decision(journal, last)}")
     if journal.recorded:
         actions.add("Recordings", "t", lambda: _open(desk, actions))
 
 
 def _open(desk: Desk, actions: Actions) -> None:
-    journal = desk.journal
+    journal = desk.session.journal
     with ui.dialog(value=True) as dialog, ui.card().classes("w-full max-w-none").style("width: min(1100px, 94vw)"):
         ui.label("Recordings of this session").classes("heading")
         with ui.grid(columns="auto auto auto 1fr").classes("items-center gap-x-6 gap-y-2 w-full text-lg"):
@@ -44,7 +44,7 @@ def _open(desk: Desk, actions: Actions) -> None:
 def _row(desk: Desk, actions: Actions, dialog: ui.dialog, journal: Journal, recorded: Recorded) -> None:
     ui.label(_title(recorded)).tooltip(recorded.file)
     ui.label(_decision(journal, recorded.file)).classes("quiet")
-    undo = ui.button("Undo", on_click=lambda: _do(actions, dialog, lambda: desk.undo(recorded.file)))
+    undo = ui.button("Undo", on_click=lambda: _do(actions, dialog, lambda: desk.reviewer.undo(recorded.file)))
     undo.props("outline").classes("small").mark(f"undo-{recorded.file}").set_enabled(recorded.file in journal.verdicts)
     with ui.row().classes("items-center gap-2 no-wrap"):
         setup = journal.setup
@@ -55,7 +55,7 @@ def _row(desk: Desk, actions: Actions, dialog: ui.dialog, journal: Journal, reco
         repeat = ui.select(list(range(1, setup.repeats + 1)), value=recorded.repeat).props("dense")
 
         def assign() -> None:
-            desk.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
+            desk.reviewer.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
 
         button = ui.button("Assign to this trial", on_click=lambda: _do(actions, dialog, assign))
         button.props("outline no-wrap").classes("small").mark(f"assign-{recorded.file}")

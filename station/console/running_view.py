@@ -52,10 +52,10 @@ def show(desk: Desk, live: Live, actions: Actions) -> Callable[[], None]:
     pictures = _Pictures(desk, live)
     receipt = MarkReceipt(desk, live, actions)
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
-    actions.add("Stop", "s", desk.stop, kind="danger")
+    actions.add("Stop", "s", desk.runner.stop, kind="danger")
     actions.add("Mark", "m", receipt.mark, kind="main")
-    actions.add("Tare", "z", desk.tare)
-    quiet = actions.add("I have seen it", "i", desk.silence, kind="danger", mark="alarm-seen")
+    actions.add("Tare", "z", desk.runner.tare)
+    quiet = actions.add("I have seen it", "i", desk.runner.silence, kind="danger", mark="alarm-seen")
     actions.add("End the session", "e", lambda: _confirm_end(desk, actions), mark="end-early", is_apart=True)
 
     def tick() -> None:
@@ -85,9 +85,11 @@ def _confirm_end(desk: Desk, actions: Actions) -> None:
     go_on()
     with actions.form, ui.row().classes("items-center gap-3"):
         ui.label("End this trial now, and the session with what exists?").classes("text-xl doubtful")
-        ui.button("Yes, end it (y)", on_click=lambda: actions.run(desk.end_early)).props("unelevated color=red-10")
+        ui.button("Yes, end it (y)", on_click=lambda: actions.run(desk.runner.end_early)).props(
+            "unelevated color=red-10"
+        )
         ui.button("Go on (n)", on_click=go_on).props("outline")
-    actions.by_key |= {"y": desk.end_early, "n": go_on}
+    actions.by_key |= {"y": desk.runner.end_early, "n": go_on}
 
 
 def cue_of(live: Live) -> str:
@@ -145,7 +147,7 @@ class _Figures:
 
     def __init__(self, desk: Desk, live: Live) -> None:
         self._live = live
-        self._ceiling, self._capacity = desk.ceilings.force_n, desk.ceilings.capacity_n
+        self._ceiling, self._capacity = desk.runner.ceilings.force_n, desk.runner.ceilings.capacity_n
         with ui.element("div").classes("figures"):
             with ui.column().classes("gap-1"):
                 self._force = ui.label().classes("figure").mark("force")
@@ -186,7 +188,7 @@ class _Pictures:
         self._live, self._client = live, ui.context.client
         self._on_their_way = 0
         self._drawn_at: float | None = None
-        cuff = desk.config.cuffs.get(live.spec.cuff or "")
+        cuff = desk.session.config.cuffs.get(live.spec.cuff or "")
         named = {"anchor": cuff.anchor_markers, "cuff": cuff.cuff_markers, "rope": cuff.rope_markers} if cuff else {}
         self._roles = {label: role for role, labels in named.items() for label in labels}
         with ui.element("div").classes("charts"):

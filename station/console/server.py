@@ -132,10 +132,10 @@ def serve(
         stack.callback(desk.close)
         app.add_middleware(AccessMiddleware, token=token)
         app.add_api_route("/beat", _beat)
-        app.add_api_route("/report", lambda: _report(desk.folder))
+        app.add_api_route("/report", lambda: _report(desk.session.folder))
         app.on_startup(lambda: _announce(address, is_opened=is_opened))
-        app.on_startup(desk.warm_up)
-        app.timer(HEARTBEAT_S, desk.look_after)
+        app.on_startup(desk.reviewer.warm_up)
+        app.timer(HEARTBEAT_S, desk.reviewer.look_after)
         ui.run(
             lambda: show_page(desk),
             host=host,

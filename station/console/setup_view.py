@@ -12,8 +12,9 @@ from nicegui.elements.mixins.value_element import ValueElement
 from station.bench.check import Line
 from station.console.actions import Actions
 from station.journal import Setup
-from station.session.desk import Desk, DeskRefusal
+from station.session.desk import Desk
 from station.session.listing import ListedSession, list_sessions
+from station.session.open_session import CommandRefused
 from station.session.plan_check import looks_like_a_name
 
 ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
@@ -36,16 +37,16 @@ def _form(desk: Desk, actions: Actions) -> None:
         "text-xl text-negative"
     )
     warning.bind_visibility_from(subject, "value", backward=looks_like_a_name)
-    chosen = _choice(list(desk.config.cuffs))
+    chosen = _choice(list(desk.session.config.cuffs))
     with ui.grid(columns=2).classes("w-full gap-x-8"):
         operator = ui.input("Operator").mark("operator")
         number = ui.input("Session", value="1").mark("number")
-        repeats = ui.number("Repeats of each test", value=desk.config.protocol.repeats, min=1, precision=0)
+        repeats = ui.number("Repeats of each test", value=desk.session.config.protocol.repeats, min=1, precision=0)
         repeats.mark("repeats")
-        masses = ui.input("Load steps [kg], in order", value=_in_words(desk.config.protocol.step_masses_kg))
+        masses = ui.input("Load steps [kg], in order", value=_in_words(desk.session.config.protocol.step_masses_kg))
         masses.mark("load-steps")
-    bounce = ui.switch("Bounce calibration first", value=desk.config.bounce is not None)
-    bounce.set_enabled(desk.config.bounce is not None)
+    bounce = ui.switch("Bounce calibration first", value=desk.session.config.bounce is not None)
+    bounce.set_enabled(desk.session.config.bounce is not None)
 
     def setup() -> Setup:
         return Setup(
@@ -65,7 +66,7 @@ def _form(desk: Desk, actions: Actions) -> None:
         preview.set_text(f"files like {_example_file(desk, named)}" if subject.value else "")
 
     def begin() -> None:
-        desk.begin(setup())
+        desk.session.begin(setup())
 
     shown: tuple[ValueElement[Any], ...] = (subject, number, chosen)
     for field in shown:
@@ -74,14 +75,14 @@ def _form(desk: Desk, actions: Actions) -> None:
     for box in typed:
         box.on("keydown.enter", lambda: actions.run(begin))
     actions.add("Begin", "b", begin, kind="main")
-    actions.add("Rehearse", "r", lambda: desk.begin(setup(), is_rehearsal=True))
+    actions.add("Rehearse", "r", lambda: desk.session.begin(setup(), is_rehearsal=True))
 
 
 def _example_file(desk: Desk, setup: Setup) -> Path:
     """What the first static trial of its first cuff is called; nothing that is there already is overwritten."""
     cuff = setup.cuffs[0] if setup.cuffs else ""
     names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
-    return desk.folder_of(setup) / f"{desk.config.session.file_name.format(**names)}.mcap"
+    return desk.session.folder_of(setup) / f"{desk.session.config.session.file_name.format(**names)}.mcap"
 
 
 def _choice(cuffs: list[str]) -> ui.select:
@@ -94,16 +95,18 @@ def _in_words(masses: tuple[float, ...]) -> str:
 
 
 def _masses(words: str) -> tuple[float, ...]:
-    """Kilograms between blanks, with a decimal point or comma. Raises DeskRefusal."""
+    """Kilograms between blanks, with a decimal point or comma. Raises CommandRefused."""
     try:
         return tuple(float(word.replace(",", ".")) for word in re.sub(r";|,(?=\s|$)", " ", words).split())
     except ValueError as error:
-        raise DeskRefusal(f"the load steps are {words!r}, expected kilograms between blanks, like 1.53 1.53") from error
+        raise CommandRefused(
+            f"the load steps are {words!r}, expected kilograms between blanks, like 1.53 1.53"
+        ) from error
 
 
 def _sessions(desk: Desk, actions: Actions) -> None:
     ui.label("Resume a session").classes("heading")
-    listed = list_sessions(desk.config.session.folder)
+    listed = list_sessions(desk.session.config.session.folder)
     if not listed:
         ui.label("no session yet").classes("text-xl quiet")
         return
@@ -117,7 +120,9 @@ def _session(desk: Desk, actions: Actions, session: ListedSession) -> None:
     name = f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}"
     when = f"{session.begun.day} {session.begun:%B %Y, %H:%M}" if session.begun else "date unknown"
     progress = f"{session.done} of {session.trials}"
-    button = ui.button(on_click=lambda: actions.run(lambda: desk.resume(folder))).props(f'flat aria-label="{name}"')
+    button = ui.button(on_click=lambda: actions.run(lambda: desk.session.resume(folder))).props(
+        f'flat aria-label="{name}"'
+    )
     with button.classes("w-full session").mark("resume"):
         button.tooltip(str(folder))
         with ui.grid(columns="1fr auto").classes("w-full gap-x-4 gap-y-0 text-left items-center"):
@@ -138,7 +143,7 @@ def _preflight(desk: Desk, actions: Actions) -> None:
         with lines:
             ui.spinner()
         try:
-            found = await desk.preflight()
+            found = await desk.reviewer.preflight()
         finally:
             lines.clear()
             button.enable()

@@ -15,15 +15,15 @@ def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
     if plan.undecided is not None:
         words = f"{plan.undecided.file} waits for keep or redo; it counts until it is redone."
         ui.label(words).classes("text-xl doubtful").mark("undecided")
-    if desk.progress:
+    if desk.reviewer.progress:
         with ui.row().classes("items-center"):
             ui.spinner(size="2rem")
-            ui.label(desk.progress).classes("text-xl")
-    summary = desk.summary
+            ui.label(desk.reviewer.progress).classes("text-xl")
+    summary = desk.session.summary
     if summary is None:
         show_plan(plan)
-        button = actions.add("Fit, assess and report", "f", desk.finish, kind="main", mark="finish")
-        button.set_enabled(not desk.progress)
+        button = actions.add("Fit, assess and report", "f", desk.reviewer.finish, kind="main", mark="finish")
+        button.set_enabled(not desk.reviewer.progress)
     else:
         if summary.rows:
             columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
@@ -33,9 +33,9 @@ def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
         for sentence in summary.findings:
             ui.label(sentence).classes("text-xl").mark("finding")
         ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
-    actions.add("Leave", "l", desk.leave, mark="leave", is_apart=True)
-    if desk.is_ending:
-        actions.add("Back to the plan", "b", desk.resume_plan, mark="back")
+    actions.add("Leave", "l", desk.session.leave, mark="leave", is_apart=True)
+    if desk.session.is_ending:
+        actions.add("Back to the plan", "b", desk.session.resume_plan, mark="back")
 
 
 def headline_of(plan: Agenda) -> str:

@@ -18,9 +18,9 @@ HEADLINES = {"good": "no problems found", "doubtful": "usable, with doubts", "ba
 
 
 def show(desk: Desk, recorded: Recorded, actions: Actions) -> None:
-    actions.add("Leave", "l", desk.leave, mark="leave", is_apart=True)
-    actions.add("End early", "e", desk.end_early, is_apart=True)
-    judged = desk.judgement
+    actions.add("Leave", "l", desk.session.leave, mark="leave", is_apart=True)
+    actions.add("End early", "e", desk.runner.end_early, is_apart=True)
+    judged = desk.session.judgement
     if judged is None or judged.file != recorded.file:
         with ui.row().classes("items-center"):
             ui.spinner(size="3rem")
@@ -73,12 +73,12 @@ def _figures(judged: Judgement) -> None:
 
 
 def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
-    known = desk.journal.marks.get(judged.file, {})
+    known = desk.session.journal.marks.get(judged.file, {})
     return [ui.input(f"mark {number} was", value=known.get(number, "")) for number in range(1, judged.marks + 1)]
 
 
 def _decision(desk: Desk, recorded: Recorded, judged: Judgement, marks: Sequence[ui.input], actions: Actions) -> None:
-    is_costly = redo_loses_migration(recorded, desk.journal)
+    is_costly = redo_loses_migration(recorded, desk.session.journal)
     with actions.form:
         if is_costly:
             ui.label(
@@ -91,8 +91,8 @@ def _decision(desk: Desk, recorded: Recorded, judged: Judgement, marks: Sequence
     def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
         for number, name in enumerate(marks, 1):
             if name.value:
-                desk.name_mark(number, name.value)
-        desk.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
+                desk.reviewer.name_mark(number, name.value)
+        desk.reviewer.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
 
     def keep() -> None:
         decide("accept")

@@ -13,9 +13,10 @@ from typing import Protocol
 from station.bench.simulation import SimulationError
 from station.journal import Choice, JournalError, Recorded
 from station.session.agenda import Agenda, order_of, redo_loses_migration
-from station.session.desk import Desk, DeskRefusal
+from station.session.desk import Desk
 from station.session.judgement import Judgement
 from station.session.live import Live
+from station.session.open_session import CommandRefused
 from station.session.trial_process import TrialProcess
 from station.terminal.commands import MEANINGS, Action, Command, UnknownCommand
 from station.terminal.events import (
@@ -76,18 +77,20 @@ class Conductor:
 
     async def run(self) -> None:
         """Returns when the plan is complete and summed up, or the operator ends. Raises JournalError."""
-        plan, setup = self._plan, self._desk.journal.setup
+        plan, setup = self._plan, self._desk.session.journal.setup
         assert setup is not None  # noqa: S101  (the desk has opened a session)
         counts = len(plan.trials), len(plan.done), len(plan.skipped)
         self._face.tell(
-            SessionOpened(setup.subject, setup.number, str(self._desk.folder), *counts, is_simulated=self._is_simulated)
+            SessionOpened(
+                setup.subject, setup.number, str(self._desk.session.folder), *counts, is_simulated=self._is_simulated
+            )
         )
         while not self._is_ended:
-            await self._desk.look_after()
+            await self._desk.reviewer.look_after()
             plan = self._plan
             if plan.undecided is not None and not self._is_left_to_others(plan.undecided):
                 await self._decide(plan.undecided)
-            elif plan.undecided is None and (plan.spec is None or self._desk.is_ending):
+            elif plan.undecided is None and (plan.spec is None or self._desk.session.is_ending):
                 self.is_complete = await self._sum_up()
                 self._is_ended = self._is_ended or self.is_complete
             elif await self._may_arm(plan):
@@ -96,11 +99,11 @@ class Conductor:
 
     @property
     def has_summary(self) -> bool:
-        return self._desk.summary is not None
+        return self._desk.session.summary is not None
 
     @property
     def _plan(self) -> Agenda:
-        plan = self._desk.agenda
+        plan = self._desk.session.agenda
         assert plan is not None  # noqa: S101  (the desk has opened a session)
         return plan
 
@@ -139,7 +142,7 @@ class Conductor:
 
     async def _may_arm(self, plan: Agenda) -> bool:
         """Whether the next trial is to be armed now; False where the plan has to be looked at anew."""
-        spec, order = plan.spec, order_of(plan, self._desk.config.protocol.pause_s)
+        spec, order = plan.spec, order_of(plan, self._desk.session.config.protocol.pause_s)
         if spec is not None:
             trial = spec.cuff, spec.test, spec.repeat, spec.donning
             self._tell_once(NextTrial(*trial, plan.trials.index(spec) + 1, len(plan.trials), order))
@@ -174,7 +177,7 @@ class Conductor:
                     self._told.clear()
                     self._face.tell(self._second_thoughts.redo_last(command))
                 case Action.SKIP:
-                    spec = desk.skip()
+                    spec = desk.session.skip()
                     self._told.clear()
                     self._face.tell(Skipped(spec.cuff, spec.test, spec.repeat))
                 case Action.UNDO:
@@ -184,13 +187,13 @@ class Conductor:
                     self._is_paused = True
                 case Action.FINISH:
                     self._is_paused = False
-                    desk.is_ending = True
+                    desk.session.is_ending = True
                 case Action.END:
                     self._is_ended = True
                 case _:
                     self._refuse(f"nothing to {command.action} now")
                     return False
-        except (DeskRefusal, JournalError) as refused:
+        except (CommandRefused, JournalError) as refused:
             self._refuse(str(refused))
             return False
         self._ask_anew()
@@ -209,21 +212,21 @@ class Conductor:
     async def _record(self) -> None:
         desk, last = self._desk, None
         try:
-            await desk.arm()
-        except (DeskRefusal, SimulationError, OSError) as error:
+            await desk.runner.arm()
+        except (CommandRefused, SimulationError, OSError) as error:
             self._face.tell(Warned("not_armed", str(error), self._retry_s))
             await self._wait_longer()
             return
-        live, watch = desk.live, TrialWatch(self._face.tell)
-        while live is not None and desk.live is live:
+        live, watch = desk.runner.live, TrialWatch(self._face.tell)
+        while live is not None and desk.runner.live is live:
             command = await self._command(POLL_S)
             if command is not None:
                 last = await self._handle_during(command, live) or last
             watch.look(live)
             self._face.show(live)
         self._face.show(None)
-        if desk.ended is not None:
-            await self._account_for(desk.ended, last)
+        if desk.runner.ended is not None:
+            await self._account_for(desk.runner.ended, last)
 
     async def _handle_during(self, command: Command, live: Live) -> Command | None:
         """A command while a trial runs. Returns it where the trial ends with it and it concerns what comes then."""
@@ -232,30 +235,30 @@ class Conductor:
             match command.action:
                 case Action.REDO | Action.REDON if is_recorded:
                     if not command.reason:
-                        raise DeskRefusal(WHY.format(command.action))
+                        raise CommandRefused(WHY.format(command.action))
                     self._redo = command
-                    await desk.stop()
+                    await desk.runner.stop()
                 case Action.SKIP | Action.UNDO if is_recorded:
-                    raise DeskRefusal("this trial is being recorded: stop it, or redo it and say why")
+                    raise CommandRefused("this trial is being recorded: stop it, or redo it and say why")
                 case Action.PAUSE if is_recorded:
                     self._is_paused = True
                     self._answer("pauses after this trial")
                 case Action.MARK:
-                    await desk.mark()
+                    await desk.runner.mark()
                     self._answer(f"mark {len(live.marks)}")
                 case Action.SILENCE:
-                    desk.silence()
+                    desk.runner.silence()
                 case Action.FINISH if is_recorded:
-                    await desk.end_early()
+                    await desk.runner.end_early()
                 case Action.STOP | Action.END if is_recorded:
                     self._is_ended = self._is_ended or command.action is Action.END
-                    await desk.stop()
+                    await desk.runner.stop()
                 case Action.KEEP | Action.ARM:
-                    raise DeskRefusal(f"nothing to {command.action} while a trial runs")
+                    raise CommandRefused(f"nothing to {command.action} while a trial runs")
                 case _:  # nothing is recorded yet: the trial is cancelled, and then it is done
-                    await desk.stop()
+                    await desk.runner.stop()
                     return command
-        except DeskRefusal as refused:
+        except CommandRefused as refused:
             self._refuse(str(refused))
         return None
 
@@ -289,7 +292,7 @@ class Conductor:
     # -- the verdict ---------------------------------------------------------------------------------------------
 
     async def _decide(self, recorded: Recorded) -> None:
-        judged, redo = self._desk.judgement, self._redo
+        judged, redo = self._desk.session.judgement, self._redo
         if judged is None or judged.file != recorded.file:
             return
         self._face.tell(
@@ -310,7 +313,7 @@ class Conductor:
             self._choose(recorded, "accept", "", "station")
         else:
             reasons = f"better redo it: {'; '.join(judged.reasons)}" if judged.reasons else "keep it, or redo it"
-            loses = redo_loses_migration(recorded, self._desk.journal)
+            loses = redo_loses_migration(recorded, self._desk.session.journal)
             cost = ". Only redon keeps the migration measurable: the cuff may have slipped in it" if loses else ""
             self._face.tell(Waiting("decision", reasons + cost, DECISIONS))
             while not self._is_ended and not await self._is_decided(recorded, judged):
@@ -321,7 +324,7 @@ class Conductor:
         command = await self._command(ELSEWHERE_S)
         waits = self._plan.undecided
         if waits is None or waits.file != recorded.file:
-            elsewhere = self._desk.journal.verdicts.get(recorded.file)
+            elsewhere = self._desk.session.journal.verdicts.get(recorded.file)
             if elsewhere is not None:
                 self._face.tell(Decided(recorded.file, elsewhere.choice, elsewhere.reason, "elsewhere"))
             return True
@@ -353,9 +356,9 @@ class Conductor:
     ) -> bool:
         try:
             if is_donned_anew and recorded.cuff is None:
-                raise DeskRefusal(NO_CUFF)
-            self._desk.decide(choice, reason, is_donned_anew=is_donned_anew)
-        except (DeskRefusal, JournalError) as refused:
+                raise CommandRefused(NO_CUFF)
+            self._desk.reviewer.decide(choice, reason, is_donned_anew=is_donned_anew)
+        except (CommandRefused, JournalError) as refused:
             self._refuse(str(refused))
             return False
         self._face.tell(Decided(recorded.file, choice, reason, by, is_donned_anew))  # type: ignore[arg-type]
@@ -367,24 +370,24 @@ class Conductor:
         """Fit, assessment and report. Returns whether that was done; redo and end are heard meanwhile."""
         desk = self._desk
         self._face.tell(SummingUp("fitting, assessing and writing the report"))
-        work = asyncio.create_task(desk.finish())
+        work = asyncio.create_task(desk.reviewer.finish())
         while not work.done():
             command = await self._command(POLL_S)
             if command is not None and self._handle_between(command):
                 work.cancel()
-                desk.is_ending = desk.is_ending and command.action is Action.FINISH
+                desk.session.is_ending = desk.session.is_ending and command.action is Action.FINISH
                 return False
-        if desk.summary is None:
-            self._face.tell(Warned("not_summed_up", desk.message))
+        if desk.session.summary is None:
+            self._face.tell(Warned("not_summed_up", desk.session.message))
             return True
-        report = str(desk.folder / "report.html") if desk.folder else ""
-        self._face.tell(SummedUp(desk.summary.rows, desk.summary.findings, report))
+        report = str(desk.session.folder / "report.html") if desk.session.folder else ""
+        self._face.tell(SummedUp(desk.session.summary.rows, desk.session.summary.findings, report))
         return True
 
     def _close(self) -> None:
         plan = self._plan
         left = len(plan.trials) - len(plan.done) - len(plan.skipped)
-        resume = f"`station record --config … --session {self._desk.folder}`"
+        resume = f"`station record --config … --session {self._desk.session.folder}`"
         sentence = (
             f"{left} trials are left; go on with {resume}" if left else f"its report is not written; {resume} does"
         )

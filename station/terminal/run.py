@@ -68,7 +68,7 @@ def run_session(
     """Leads through the session and returns the exit code.
 
     setup None resumes the one that is there. speed is the pace of the simulated world; without is_simulated, that of
-    `station simulate`, at the configuration's addresses. Raises DeskRefusal, JournalError, SimulationError.
+    `station simulate`, at the configuration's addresses. Raises CommandRefused, JournalError, SimulationError.
     """
     with ExitStack() as stack:
         bench = None
@@ -80,9 +80,9 @@ def run_session(
         desk = Desk(config, speed or 1.0, bench, followed)
         stack.callback(desk.close)
         if setup is None:
-            desk.resume(folder)
+            desk.session.resume(folder)
         else:
-            desk.begin(setup, folder=folder)
+            desk.session.begin(setup, folder=folder)
         return asyncio.run(_lead(desk, is_headless=is_headless, is_simulated=is_simulated))
 
 
@@ -101,8 +101,8 @@ async def _lead(desk: Desk, *, is_headless: bool, is_simulated: bool) -> int:
     _end_on_signals(lambda: post(Command(Action.END)))
     with ExitStack() as stack:
         face = _face(stack, post, is_headless=is_headless)
-        warming = asyncio.create_task(desk.warm_up())
-        waits_for_start = desk.config.mocap.control == "start"
+        warming = asyncio.create_task(desk.reviewer.warm_up())
+        waits_for_start = desk.session.config.mocap.control == "start"
         conductor = Conductor(desk, face, requests, is_simulated=is_simulated, waits_for_start=waits_for_start)
         await conductor.run()
         warming.cancel()

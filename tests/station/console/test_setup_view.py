@@ -4,7 +4,7 @@ import pytest
 
 from station.bench.check import Line
 from station.console.setup_view import _masses, grade_of
-from station.session.desk import DeskRefusal
+from station.session.open_session import CommandRefused
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
 
 @pytest.mark.parametrize("typed", ["1,53,2", "1.5 kg", "1.5.3"])
 def test_what_could_be_read_in_two_senses_is_refused(typed: str) -> None:
-    with pytest.raises(DeskRefusal, match="expected kilograms between blanks"):
+    with pytest.raises(CommandRefused, match="expected kilograms between blanks"):
         _masses(typed)
 
 

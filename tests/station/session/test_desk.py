@@ -17,10 +17,11 @@ from station.bench.simulation import SimulatedBench, practice_settings
 from station.config import StationConfig, load_config
 from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
 from station.protocol import TrialSpec
-from station.session.desk import Desk, DeskRefusal
+from station.session.desk import Desk
 from station.session.guide import Ceilings, FreeStaticGuide
 from station.session.listing import list_sessions
 from station.session.live import Live
+from station.session.open_session import CommandRefused
 from station.session.plan_check import looks_like_a_name
 from tests.station.console.served import write_config
 from tests.station.session.benched import simulated_bench
@@ -36,7 +37,7 @@ HOLD_S = 30.0
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
     desk = Desk(load_config(write_config(tmp_path)))
-    desk.config = with_folder(desk.config, tmp_path / "sessions")
+    desk.session.config = with_folder(desk.session.config, tmp_path / "sessions")
     yield desk
     desk.close()
 
@@ -66,10 +67,10 @@ def run(work: Awaitable[None]) -> None:
 
 def put_recording(desk: Desk, run: int = 1, test: str = "static") -> str:
     """A file that a recorder left in the session, and its account."""
-    assert desk.folder is not None
+    assert desk.session.folder is not None
     name = f"sub-P01_ses-1_task-{test}_acq-hand_run-{run}.mcap"
-    (desk.folder / name).touch()
-    write_recorded(desk.folder, Recorded(name, "hand", test, 1, "1", True, 0, "the mocap capture ended"))
+    (desk.session.folder / name).touch()
+    write_recorded(desk.session.folder, Recorded(name, "hand", test, 1, "1", True, 0, "the mocap capture ended"))
     return name
 
 
@@ -95,134 +96,144 @@ def test_a_code_is_no_name(word: str) -> None:
     ],
 )
 def test_a_set_up_that_cannot_be_is_refused_and_leaves_no_folder(desk: Desk, setup: Setup, words: str) -> None:
-    with pytest.raises(DeskRefusal) as refused:
-        desk.begin(setup)
+    with pytest.raises(CommandRefused) as refused:
+        desk.session.begin(setup)
     assert words in str(refused.value)
-    assert desk.folder is None and not desk.config.session.folder.exists()
+    assert desk.session.folder is None and not desk.session.config.session.folder.exists()
 
 
 def test_a_session_goes_on_another_hour_as_it_was_planned(desk: Desk) -> None:
-    desk.begin(SETUP)
+    desk.session.begin(SETUP)
     name = put_recording(desk)
-    desk.decide("accept", "")
-    desk.leave()
-    assert desk.folder is None
-    desk.begin(SETUP)
-    plan = desk.agenda
+    desk.reviewer.decide("accept", "")
+    desk.session.leave()
+    assert desk.session.folder is None
+    desk.session.begin(SETUP)
+    plan = desk.session.agenda
     assert plan is not None and len(plan.done) == 1
     assert plan.spec is not None and plan.spec.test == "dynamic"
-    assert [(listed.setup, listed.done, listed.trials) for listed in list_sessions(desk.config.session.folder)] == [
-        (SETUP, 1, 2)
-    ]
-    assert name in desk.journal.verdicts
+    assert [
+        (listed.setup, listed.done, listed.trials) for listed in list_sessions(desk.session.config.session.folder)
+    ] == [(SETUP, 1, 2)]
+    assert name in desk.session.journal.verdicts
 
 
 @pytest.mark.parametrize("line", ["[" * 100_000, '{"kind": "setup", "at": "", "subject": 5}', "\0", '{"at": 1e999}'])
 def test_a_poisoned_journal_hides_no_other_session(desk: Desk, line: str) -> None:
-    desk.begin(SETUP)
-    desk.leave()
-    poisoned = desk.config.session.folder / "sub-P02_ses-1"
+    desk.session.begin(SETUP)
+    desk.session.leave()
+    poisoned = desk.session.config.session.folder / "sub-P02_ses-1"
     poisoned.mkdir()
     (poisoned / "session.jsonl").write_text(line + "\n")
-    assert [each.setup for each in list_sessions(desk.config.session.folder)] == [SETUP]
+    assert [each.setup for each in list_sessions(desk.session.config.session.folder)] == [SETUP]
 
 
 def test_another_plan_under_the_same_number_is_refused(desk: Desk) -> None:
-    desk.begin(SETUP)
-    desk.leave()
-    with pytest.raises(DeskRefusal, match=r"was planned with 1 repeats of hand and steps of 2 \+ 2 \+ 2 kg; resume"):
-        desk.begin(replace(SETUP, repeats=3))
-    with pytest.raises(DeskRefusal, match=r"resume it as it is or give this one another session number"):
-        desk.begin(replace(SETUP, step_masses_kg=(5.0,)))
-    desk.begin(replace(SETUP, step_masses_kg=(2.0, 2.0, 2.0)))
-    desk.begin(replace(SETUP, repeats=3, number="2"))
-    assert desk.folder is not None and desk.folder.name == "sub-P01_ses-2"
+    desk.session.begin(SETUP)
+    desk.session.leave()
+    with pytest.raises(CommandRefused, match=r"was planned with 1 repeats of hand and steps of 2 \+ 2 \+ 2 kg; resume"):
+        desk.session.begin(replace(SETUP, repeats=3))
+    with pytest.raises(CommandRefused, match=r"resume it as it is or give this one another session number"):
+        desk.session.begin(replace(SETUP, step_masses_kg=(5.0,)))
+    desk.session.begin(replace(SETUP, step_masses_kg=(2.0, 2.0, 2.0)))
+    desk.session.begin(replace(SETUP, repeats=3, number="2"))
+    assert desk.session.folder is not None and desk.session.folder.name == "sub-P01_ses-2"
 
 
 def test_a_rehearsal_leaves_nothing(desk: Desk) -> None:
-    desk.begin(SETUP, is_rehearsal=True)
-    folder = desk.folder
+    desk.session.begin(SETUP, is_rehearsal=True)
+    folder = desk.session.folder
     assert folder is not None and (folder / "session.jsonl").is_file()
-    desk.leave()
-    assert not folder.exists() and not desk.config.session.folder.exists()
+    desk.session.leave()
+    assert not folder.exists() and not desk.session.config.session.folder.exists()
 
 
 def test_to_redo_a_trial_needs_a_reason(desk: Desk) -> None:
-    desk.begin(SETUP)
+    desk.session.begin(SETUP)
     put_recording(desk)
     with pytest.raises(JournalError, match="no reason is given"):
-        desk.decide("redo", " ")
-    assert desk.agenda is not None and desk.agenda.undecided is not None
-    desk.decide("redo", "the wearer coughed")
-    assert desk.agenda is not None and desk.agenda.undecided is None and desk.agenda.done == frozenset()
+        desk.reviewer.decide("redo", " ")
+    assert desk.session.agenda is not None and desk.session.agenda.undecided is not None
+    desk.reviewer.decide("redo", "the wearer coughed")
+    assert (
+        desk.session.agenda is not None
+        and desk.session.agenda.undecided is None
+        and desk.session.agenda.done == frozenset()
+    )
 
 
 def test_a_cuff_donned_anew_is_another_donning(desk: Desk) -> None:
-    desk.begin(SETUP)
+    desk.session.begin(SETUP)
     put_recording(desk)
-    desk.decide("redo", "it slipped", is_donned_anew=True)
-    plan = desk.agenda
+    desk.reviewer.decide("redo", "it slipped", is_donned_anew=True)
+    plan = desk.session.agenda
     assert plan is not None and plan.spec is not None
     assert plan.spec.donning == "2" and plan.is_new_cuff
 
 
 def test_a_session_in_a_folder_of_any_name_is_resumed(desk: Desk, tmp_path: Path) -> None:
-    desk.begin(SETUP, folder=tmp_path / "monday")
-    desk.leave()
-    desk.resume(tmp_path / "monday")
-    assert desk.journal.setup == SETUP
-    with pytest.raises(DeskRefusal, match="holds no session that could go on"):
-        desk.resume(tmp_path / "tuesday")
+    desk.session.begin(SETUP, folder=tmp_path / "monday")
+    desk.session.leave()
+    desk.session.resume(tmp_path / "monday")
+    assert desk.session.journal.setup == SETUP
+    with pytest.raises(CommandRefused, match="holds no session that could go on"):
+        desk.session.resume(tmp_path / "tuesday")
 
 
 def test_a_skipped_trial_is_passed_over_by_whoever_goes_on(desk: Desk) -> None:
-    desk.begin(SETUP)
-    assert desk.skip().test == "static"
-    desk.leave()
-    desk.begin(SETUP)
-    plan = desk.agenda
+    desk.session.begin(SETUP)
+    assert desk.session.skip().test == "static"
+    desk.session.leave()
+    desk.session.begin(SETUP)
+    plan = desk.session.agenda
     assert plan is not None and plan.spec is not None
     assert plan.spec.test == "dynamic" and len(plan.skipped) == 1 and not plan.done
-    desk.skip()
-    with pytest.raises(DeskRefusal, match="no trial of the plan is left to skip"):
-        desk.skip()
+    desk.session.skip()
+    with pytest.raises(CommandRefused, match="no trial of the plan is left to skip"):
+        desk.session.skip()
 
 
 def test_what_cannot_be_done_now_is_a_sentence(desk: Desk) -> None:
-    for work, words in ((desk.arm, "no session is open"), (desk.stop, "no trial"), (desk.mark, "no trial")):
-        with pytest.raises(DeskRefusal, match=words):
+    for work, words in (
+        (desk.runner.arm, "no session is open"),
+        (desk.runner.stop, "no trial"),
+        (desk.runner.mark, "no trial"),
+    ):
+        with pytest.raises(CommandRefused, match=words):
             run(work())
-    with pytest.raises(DeskRefusal, match="no recording waits for a decision"):
-        desk.decide("accept", "")
-    desk.begin(SETUP)
+    with pytest.raises(CommandRefused, match="no recording waits for a decision"):
+        desk.reviewer.decide("accept", "")
+    desk.session.begin(SETUP)
     name = put_recording(desk)
-    with pytest.raises(DeskRefusal, match=f"{name} waits for accept or redo; decide that first"):
-        run(desk.arm())
-    desk.decide("accept", "")
+    with pytest.raises(CommandRefused, match=f"{name} waits for accept or redo; decide that first"):
+        run(desk.runner.arm())
+    desk.reviewer.decide("accept", "")
     put_recording(desk, test="dynamic")
-    desk.decide("accept", "")
-    with pytest.raises(DeskRefusal, match="the session is complete"):
-        run(desk.arm())
+    desk.reviewer.decide("accept", "")
+    with pytest.raises(CommandRefused, match="the session is complete"):
+        run(desk.runner.arm())
 
 
 def test_a_session_that_cannot_be_summed_up_says_so(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     async def here(work: Callable[..., object], *arguments: object) -> object:
         return work(*arguments)
 
-    monkeypatch.setattr(desk, "in_worker", here)
-    desk.begin(SETUP)
-    run(desk.finish())
-    assert "holds no recording" in desk.message and desk.progress == "" and desk.summary is None
+    monkeypatch.setattr(desk.reviewer, "in_worker", here)
+    desk.session.begin(SETUP)
+    run(desk.reviewer.finish())
+    assert (
+        "holds no recording" in desk.session.message and desk.reviewer.progress == "" and desk.session.summary is None
+    )
 
 
 def test_a_fault_of_ours_at_the_end_is_a_sentence_too(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     async def fail(*_: object) -> None:
         raise ZeroDivisionError("oh")
 
-    desk.begin(SETUP)
-    monkeypatch.setattr(desk, "in_worker", fail)
-    run(desk.finish())
-    assert "ZeroDivisionError: oh" in desk.message and desk.progress == ""
+    desk.session.begin(SETUP)
+    monkeypatch.setattr(desk.reviewer, "in_worker", fail)
+    run(desk.reviewer.finish())
+    assert "ZeroDivisionError: oh" in desk.session.message and desk.reviewer.progress == ""
 
 
 def test_a_fit_that_is_killed_again_and_again_leaves_the_decision_to_the_operator(
@@ -231,45 +242,49 @@ def test_a_fit_that_is_killed_again_and_again_leaves_the_decision_to_the_operato
     async def die(*_: object) -> None:
         raise BrokenProcessPool
 
-    desk.begin(SETUP)
+    desk.session.begin(SETUP)
     name = put_recording(desk)
-    monkeypatch.setattr(desk, "in_worker", die)
-    run(desk.look_after())
-    assert desk.judgement is not None and desk.judgement.file == name and "killed twice" in desk.judgement.reasons[0]
+    monkeypatch.setattr(desk.reviewer, "in_worker", die)
+    run(desk.reviewer.look_after())
+    assert (
+        desk.session.judgement is not None
+        and desk.session.judgement.file == name
+        and "killed twice" in desk.session.judgement.reasons[0]
+    )
 
 
 def test_a_mark_is_named_in_the_journal(desk: Desk) -> None:
-    desk.begin(SETUP)
+    desk.session.begin(SETUP)
     name = put_recording(desk)
-    desk.name_mark(2, "coughed")
-    assert desk.journal.marks == {name: {2: "coughed"}}
+    desk.reviewer.name_mark(2, "coughed")
+    assert desk.session.journal.marks == {name: {2: "coughed"}}
 
 
 def test_a_broken_journal_is_not_among_the_sessions(desk: Desk) -> None:
-    folder = desk.config.session.folder
+    folder = desk.session.config.session.folder
     write_setup(folder / "sub-P01_ses-1", SETUP)
     (folder / "sub-P02_ses-1").mkdir()
     (folder / "sub-P02_ses-1" / "session.jsonl").write_text("what?\n")
-    assert [listed.setup.subject for listed in list_sessions(desk.config.session.folder)] == ["P01"]
+    assert [listed.setup.subject for listed in list_sessions(desk.session.config.session.folder)] == ["P01"]
 
 
 def test_devices_that_are_not_ready_are_a_sentence_on_the_page(desk: Desk) -> None:
     """Nothing listens at these ports: the trial does not begin, nothing is left, and arming again is possible."""
-    data = desk.config.model_dump(mode="json")
+    data = desk.session.config.model_dump(mode="json")
     data["daq"]["grpc_target"], data["mocap"]["port"] = "127.0.0.1:9", 9
-    desk.config = StationConfig(**data)
+    desk.session.config = StationConfig(**data)
 
     async def whole() -> None:
-        desk.begin(SETUP)
-        await desk.arm()
-        with pytest.raises(DeskRefusal, match="a trial is running"):
-            desk.leave()
-        await until(lambda: desk.live is None)
+        desk.session.begin(SETUP)
+        await desk.runner.arm()
+        with pytest.raises(CommandRefused, match="a trial is running"):
+            desk.session.leave()
+        await until(lambda: desk.runner.live is None)
 
     run(whole())
-    assert "127.0.0.1" in desk.message and desk.message.count("\n") == 0
-    assert desk.agenda is not None and desk.agenda.undecided is None
-    assert desk.folder is not None and not list(desk.folder.glob("*.mcap"))
+    assert "127.0.0.1" in desk.session.message and desk.session.message.count("\n") == 0
+    assert desk.session.agenda is not None and desk.session.agenda.undecided is None
+    assert desk.session.folder is not None and not list(desk.session.folder.glob("*.mcap"))
 
 
 def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
@@ -313,29 +328,29 @@ def test_practice_hands_hang_each_weight_when_the_page_asks_for_it_and_the_trial
         desk = Desk(pointed, SPEED, bench)
 
         async def record() -> None:
-            desk.begin(SETUP)
-            await desk.arm()
-            live = desk.live
+            desk.session.begin(SETUP)
+            await desk.runner.arm()
+            live = desk.runner.live
             assert live is not None
 
             def has_ended() -> bool:
                 if live.latest["state"] == "recording" and live.force:
                     seen.append((live.cue.step, live.force[-1][1]))
-                return desk.live is None
+                return desk.runner.live is None
 
             await until(has_ended)
-            await desk.look_after()
+            await desk.reviewer.look_after()
 
         run(record())
         desk.close()
-    assert desk.message == "the mocap capture ended"
+    assert desk.session.message == "the mocap capture ended"
     assert sorted({step for step, _ in seen}) == list(range(8)), "every step, and then the end"
     hook, weight = seen[0][1], 2 * g
     for step, newtons in seen:
         asked = hook + weight * min(step, max(6 - step, 0))
         assert newtons < asked + 0.4 * weight or step > 3, "no weight hangs before it was asked for"
         assert newtons > asked - 0.4 * weight or step <= 3, "none is taken off before it was asked for"
-    judgement = desk.judgement
+    judgement = desk.session.judgement
     assert judgement is not None and judgement.grade == "good", judgement
 
 
@@ -348,22 +363,22 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_desk_that_goes_on(
     first, second = (Desk(config, SPEED, bench) for _ in range(2))
 
     async def record() -> None:
-        first.begin(SETUP)
-        await first.arm()
-        with pytest.raises(DeskRefusal, match="a trial is running; stop it or wait for its end"):
-            await first.arm()
-        live = first.live
+        first.session.begin(SETUP)
+        await first.runner.arm()
+        with pytest.raises(CommandRefused, match="a trial is running; stop it or wait for its end"):
+            await first.runner.arm()
+        live = first.runner.live
         assert live is not None
         await until(lambda: live.alarm is not None)
         assert live.alarm is not None and live.alarm.startswith("STOP: ")
-        first.silence()
+        first.runner.silence()
         await until(lambda: live.latest["state"] == "recording" and live.latest["recorded_s"] > 4)
-        await first.stop()
-        await until(lambda: first.live is None)
+        await first.runner.stop()
+        await until(lambda: first.runner.live is None)
 
     run(record())
     first.close()
-    assert first.message == "stopped by the operator"
+    assert first.session.message == "stopped by the operator"
     folder = tmp_path / "sub-P01_ses-1"
     (recorded,) = read_journal(folder).recorded
     assert TrialSpec("hand", "static", 1).test == recorded.test and recorded.accepted
@@ -372,12 +387,12 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_desk_that_goes_on(
     assert read_journal(folder).marks[recorded.file][1].startswith("STOP: ")
 
     async def go_on() -> None:
-        second.begin(SETUP)
-        await second.look_after()
+        second.session.begin(SETUP)
+        await second.reviewer.look_after()
 
     run(go_on())
     second.close()
-    plan = second.agenda
+    plan = second.session.agenda
     assert plan is not None and plan.undecided == recorded
-    assert second.judgement is not None and second.judgement.file == recorded.file
-    assert second.judgement.marks == len([event for event in marks if event.kind == "mark"])
+    assert second.session.judgement is not None and second.session.judgement.file == recorded.file
+    assert second.session.judgement.marks == len([event for event in marks if event.kind == "mark"])

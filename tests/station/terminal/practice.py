@@ -75,9 +75,9 @@ def lead(
         desk = Desk(config, None, bench)
         try:
             if setup is None:
-                desk.resume(folder)
+                desk.session.resume(folder)
             else:
-                desk.begin(setup, folder=folder)
+                desk.session.begin(setup, folder=folder)
             conductor = Conductor(
                 desk, face, requests, is_simulated=True, waits_for_start=config.mocap.control == "start"
             )

@@ -52,16 +52,16 @@ async def _go_on_at_the_console(path: Path, folder: Path, bench: object) -> None
     config = load_config(path)
     desk = Desk(config, SPEED, None, clock_port(config))
     try:
-        desk.resume(folder)
+        desk.session.resume(folder)
         async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
-            while desk.judgement is None:  # as the page's heartbeat: the recorder's trial is waited for
-                await desk.look_after()
+            while desk.session.judgement is None:  # as the page's heartbeat: the recorder's trial is waited for
+                await desk.reviewer.look_after()
                 await asyncio.sleep(0.2)
-            desk.decide("accept", "")
+            desk.reviewer.decide("accept", "")
             bench.tell({"trial": {"cuff": "hand", "test": "dynamic"}})  # type: ignore[attr-defined]
-            await desk.arm()
-            while desk.live is not None:
+            await desk.runner.arm()
+            while desk.runner.live is not None:
                 await asyncio.sleep(0.05)
     finally:
         desk.close()
-    assert desk.agenda is not None and desk.agenda.undecided is not None, desk.message
+    assert desk.session.agenda is not None and desk.session.agenda.undecided is not None, desk.session.message
