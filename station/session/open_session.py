@@ -9,6 +9,7 @@ from pathlib import Path
 from recordings.manifest import DataOrigin
 from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.config import StationConfig
+from station.errors import StationError
 from station.journal import JOURNAL_FILE, Journal, Setup, read_journal, write_setup, write_skipped
 from station.protocol import TrialSpec
 from station.session.agenda import Agenda, agenda
@@ -17,7 +18,7 @@ from station.session.plan_check import fault_of, masses_of, plan_in_words
 from station.session.summary import Summary
 
 
-class CommandRefused(Exception):
+class CommandRefused(StationError):
     """The operator's command cannot be carried out now; one sentence."""
 
 
