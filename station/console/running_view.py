@@ -112,7 +112,7 @@ def status_of(live: Live) -> str:
     said = live.latest
     level = said.get("sync_v")
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []
-    sync = f"sync line {level:.2f} V" if level is not None else "sync line: nothing yet"
+    sync = f"sync line {level:z.2f} V" if level is not None else "sync line: nothing yet"
     first = [*seen_alarm, state_of(said), sync, markers_of(said.get("seen", {})), *list(live.words)[-1:]]
     return " · ".join(first) + "\n" + streams_of(said)
 
@@ -166,17 +166,17 @@ class _Figures:
     def tick(self) -> None:
         live, now = self._live, self._live.cue
         force = live.force[-1][1] if live.force else None
-        self._force.text = f"{force:.1f} N" if force is not None else "\u2013 N"
+        self._force.text = f"{force:z.1f} N" if force is not None else "\u2013 N"
         share = 0.0 if force is None else abs(force) / self._ceiling
         self._level.style(f"width: {100 * min(share, 1.0):.0f}%")
         grade = "over" if share > 1 else "high" if share > HIGH_LOAD else ""
         self._bar.classes(add=grade, remove=" ".join({"over", "high"} - {grade}))
-        net = "no tare" if live.tare_n is None or force is None else f"net {force - live.tare_n:.1f} N"
+        net = "no tare" if live.tare_n is None or force is None else f"net {force - live.tare_n:z.1f} N"
         self._net.text = f"{net} · ceiling {self._ceiling:.0f} N · cell {self._capacity:.0f} N"
         self._displacement.text = f"{live.displacement[-1][1]:+.1f} mm" if live.displacement else "\u2013 mm"
         has_left = live.latest["state"] == "recording" and now.left_s is not None
         self._left.text = f"{now.left_s:.0f} s" if has_left else ""
-        self._left_words.text = "still to hold" if has_left else ""
+        self._left_words.text = "" if not has_left else "still to swing" if live.spec.test != "static" else "still to hold"
         self._rest.text = now.rest.value
         self._rest.props(f'color="{COLOURS[now.rest]}"')
 

@@ -25,6 +25,11 @@ from station.interval import bracketed, digits_of, rounded
 from station.journal import Choice, JournalError, Recorded, read_journal
 
 Grade = Literal["good", "doubtful", "bad"]
+REMEDIES = {
+    "static": "load the cuff to every step",
+    "dynamic": "pull the spring about once a second for the whole test",
+}
+"""What is to be done differently where a trial gives nothing."""
 SHOWN_POINTS = 400
 
 
@@ -174,7 +179,7 @@ def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialF
     if trial.state == "unusable":
         reasons.append(trial.reason)
     elif not any(getattr(trial, name) for name in ("stiffness", "damping")):
-        reasons.append(f"neither stiffness nor damping comes of this {trial.test} trial; load the cuff to every step")
+        reasons.append(f"this {trial.test} trial gives neither stiffness nor damping; {REMEDIES[trial.test]}")
     if trial.migration is not None and has_slipped(trial):
         reasons.append(
             f"the cuff slipped by {1e3 * trial.migration.value:.0f} mm in this trial, more than any cuff should "

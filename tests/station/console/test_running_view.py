@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from station.config import ProtocolSection
-from station.console.running_view import curves_over_time, state_of
+from station.console.running_view import curves_over_time, state_of, status_of
 from station.protocol import TrialSpec
 from station.session.guide import guide_for
 from station.session.live import Live
@@ -35,3 +35,9 @@ def test_the_curves_count_from_the_sync_edge() -> None:
     force, displacement = curves_over_time(live)
     assert force[0] == (17.5, 0.0) and force[-1] == (37.5, 0.0), "the last 20 s, the newest 37.5 s after the edge"
     assert displacement == [(36.5, 1.0)]
+
+
+def test_a_line_at_zero_has_no_sign() -> None:
+    live = Live(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
+    live.latest = {**live.latest, "sync_v": -0.001}
+    assert "sync line 0.00 V" in status_of(live)

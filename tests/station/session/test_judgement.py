@@ -122,6 +122,14 @@ def test_a_repeat_that_was_superseded_is_not_compared_with(
     assert judged(replace(mine, file="2.mcap", state="superseded", stiffness=estimate(1.0, 0.1))).advice == "accept"
 
 
+@pytest.mark.parametrize(("test", "remedy"), [("static", "every step"), ("dynamic", "once a second")])
+def test_a_trial_that_gives_nothing_says_what_to_do_in_the_next(
+    judged: Callable[..., Judgement], test: str, remedy: str
+) -> None:
+    told = judged(test=test, stiffness=None, damping=None)
+    assert told.advice == "redo" and any(remedy in reason for reason in told.reasons)
+
+
 def test_an_unusable_trial_says_why(judged: Callable[..., Judgement]) -> None:
     judgement = judged(state="unusable", reason="the rope was slack all the time")
     assert (judgement.advice, judgement.reasons) == ("redo", ("the rope was slack all the time",))
