@@ -176,7 +176,8 @@ class _Figures:
         self._displacement.text = f"{live.displacement[-1][1]:+.1f} mm" if live.displacement else "\u2013 mm"
         has_left = live.latest["state"] == "recording" and now.left_s is not None
         self._left.text = f"{now.left_s:.0f} s" if has_left else ""
-        self._left_words.text = "" if not has_left else "still to swing" if live.spec.test != "static" else "still to hold"
+        action = "hold" if live.spec.test == "static" else "swing"
+        self._left_words.text = f"still to {action}" if has_left else ""
         self._rest.text = now.rest.value
         self._rest.props(f'color="{COLOURS[now.rest]}"')
 
