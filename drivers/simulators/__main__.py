@@ -1,4 +1,4 @@
-"""The simulated bench in a process of its own, spoken to in lines of JSON.
+"""The simulated bench in a separate process, controlled by lines of JSON.
 
 The first line on standard input is the settings (settings.py), with "speed", "seed" and "faults" (a list, faults.py)
 beside them; the answer tells "ports", "labels", "trial" and "truth". speed null lets the world go on as far as attached

@@ -86,7 +86,7 @@ class AcquisitionTask:
         self.stop()
 
     def ensure_alive(self) -> None:
-        """Raises what a task says for ever once its device was taken from under it."""
+        """Raises the error that a task returns for every call after its device was removed."""
         if self._was_aborted:
             raise DaqmxError(*ABORTED)
         for kind, (code, text) in DEADLY.items():
@@ -156,7 +156,7 @@ class AcquisitionTask:
             return available
 
     def wait_until_acquired(self, count: int, timeout_s: float) -> bool:
-        """Whether so many samples per channel were acquired within the timeout (wall; negative waits for ever)."""
+        """Whether this number of samples per channel was acquired within the time-out (wall; negative: no time-out)."""
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
             while (missing := count - self.acquired()) > 0:
@@ -217,5 +217,5 @@ class AcquisitionTask:
 
 
 def default_buffer_size(rate_hz: float) -> int:
-    """The samples per channel that NI-DAQmx buffers unless asked for more."""
+    """Default buffer size of NI-DAQmx in samples per channel."""
     return 1_000 if rate_hz <= 100 else 10_000 if rate_hz <= 10_000 else 100_000

@@ -33,7 +33,7 @@ class Bench:
         self.world = World(settings, speed, seed, fault_plan=fault_plan)
         self.clock = self.world.clock
         self.ports: dict[str, int] = {}
-        self.start_utc_ns = time.time_ns()  # UTC at world time 0, for whoever follows the world's clock
+        self.start_utc_ns = time.time_ns()  # UTC at world time 0, for clients of the world's clock
         self._devices: dict[str, _Simulator] = {}
         self._settings = settings
         self._seed = seed
@@ -56,7 +56,7 @@ class Bench:
         try:
             self._start_devices()
         finally:
-            self._running.callback(self.clock.stop)  # first of all: nobody may wait for a world that ends
+            self._running.callback(self.clock.stop)  # first, so that no thread waits for a world that ends
 
     def _start_devices(self) -> None:
         wanted, settings = self._settings.ports, self._settings
@@ -99,7 +99,7 @@ class Bench:
         return {name: device.sent() for name, device in self._devices.items()}
 
     def pending(self) -> list[str]:
-        """Devices that owe a client an answer, which comes only as the world goes on."""
+        """Devices with a pending answer to a client, which depends on the progress of the world."""
         return [name for name, device in self._devices.items() if device.has_pending_reply]
 
     def _run(self, name: str, device: _Simulator) -> None:

@@ -1,4 +1,4 @@
-"""What the simulated NI server tells of its system and its USB-6008."""
+"""System and device RPCs of the simulated NI server with its USB-6008."""
 
 # ruff: noqa: N802  (the RPCs are called what NI calls them)
 

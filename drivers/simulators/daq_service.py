@@ -41,7 +41,7 @@ def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.S
 
 
 class DaqService(NiDAQmxServicer):
-    """What every RPC needs: the device and the sessions. Those that are not imitated answer UNIMPLEMENTED."""
+    """Device and sessions, for all RPCs. RPCs that are not imitated answer UNIMPLEMENTED."""
 
     def __init__(self, device: Usb6008) -> None:
         self.device = device

@@ -60,7 +60,7 @@ class DaqSessions:
         return self._tasks.get(task.name) is task
 
     def clear(self, name: str) -> None:
-        """Ends the task, also one whose device is gone. Raises DaqmxError where there is none."""
+        """End the task, also if its device is gone. Raises DaqmxError without a task."""
         task = self._tasks.pop(name, None)
         if task is None:
             raise DaqmxError(*NO_SUCH_TASK)

@@ -1,4 +1,4 @@
-"""What goes wrong on the simulated bench, and when: a plan read from TOML, and faults added while it runs.
+"""Faults of the simulated bench and their times: a plan read from TOML, and faults added while it runs.
 
 A plan is a list of tables; times are world seconds:
 
@@ -65,7 +65,7 @@ FAULTS: Mapping[str, Mapping[str, float]] = {
         "wrong_polarity": inf,  # the line is low where it should be high
     },
 }
-"""By device and fault how long it lasts unless said otherwise [world s]; 0: a moment."""
+"""Default duration by device and fault [world s]; 0: an instant."""
 
 INVERSIONS = ("glitch", "double_edge", "wrong_polarity")
 
@@ -138,7 +138,7 @@ class _FaultTable(Section):
 
 
 class Faults:
-    """The plan against the world's time. Thread-safe; answers do not depend on who asked before."""
+    """The faults of the plan in world time. Thread-safe; results do not depend on earlier queries."""
 
     def __init__(self, now: Callable[[], float], plan: Iterable[Fault] = ()) -> None:
         self._now = now
@@ -147,7 +147,7 @@ class Faults:
         self._happenings = tuple(_happening(fault, 0.0) for fault in plan if fault.capture == 0)
 
     def now(self) -> float:
-        """World time [s]; whoever goes through it in steps of this clock meets every injected fault."""
+        """World time [s]; a reader that advances in steps of this clock sees every injected fault."""
         with self._lock:
             return self._now()
 
@@ -165,7 +165,7 @@ class Faults:
             self._happenings = (*self._happenings, *(_happening(fault, start) for fault in due))
 
     def active(self, device: str, kind: str, at: float | None = None) -> Fault | None:
-        """The fault of that kind that goes on at a world time, by default now."""
+        """The fault of this kind that is active at a world time, by default now."""
         moment = self._now() if at is None else at
         for one in self.of(device, kind):
             if one.begin <= moment < one.end:
@@ -178,7 +178,7 @@ class Faults:
         return any(since < one.begin <= now for one in self.of(device, kind))
 
     def of(self, device: str, *kinds: str) -> list[Happening]:
-        """All of these kinds whose place in time is known."""
+        """All faults of these kinds with a known time."""
         return [one for one in self._happenings if one.fault.device == device and one.fault.fault in kinds]
 
 

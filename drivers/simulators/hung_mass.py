@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 class HungMass:
-    """What hung from the cell, and when. Times are world seconds."""
+    """Known masses on the load cell by time [world s]."""
 
     def __init__(self) -> None:
         self._times = [-math.inf]

@@ -1,4 +1,4 @@
-"""What the hands do in a trial: weights put on and taken off step by step, or a spring swung at about 1 Hz.
+"""Loads of a trial by time: weights added and removed step by step, or a spring driven at about 1 Hz.
 
 Time zero is the start of the capture; before it and after its duration only the hook hangs on the rope.
 """
@@ -45,7 +45,7 @@ class LoadScript(Protocol):
         ...
 
     def far_end(self, t: Floats) -> Floats:
-        """What the link's far end does at t (n,) s: the mass on it [kg], or its place along the pull [m]."""
+        """State of the link's far end at t (n,) [s]: the mass on it [kg], or its position along the pull [m]."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What QTM's cameras produce: numbered frames of all markers, and their packets on the wire."""
+"""Numbered frames of all markers, and their packets on QTM's wire."""
 
 from __future__ import annotations
 

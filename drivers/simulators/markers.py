@@ -1,4 +1,4 @@
-"""Where the markers are: a swaying body, the cuff displaced along the rope, the rope towards its pulley.
+"""Marker positions: a swaying body, the cuff displaced along the rope, the rope towards its pulley.
 
 Frames: "anchor" is fixed to the anchoring body; "ground" is the laboratory, z up. Millimetres, as the cameras tell.
 """
@@ -95,7 +95,7 @@ class MarkerCloud:
         return np.concatenate([on_body, on_rope], axis=1)
 
     def _hidden(self, t: Floats) -> NDArray[np.bool_]:
-        """(n, labels): whether the marker is occluded, the same whoever asks and whenever."""
+        """(n, labels): whether the marker is occluded; independent of earlier queries."""
         hidden = np.zeros((len(t), len(self.labels)), dtype=bool)
         blocks = np.floor(t / _OCCLUSION_BLOCK_S).astype(int)
         for block in np.unique(blocks):

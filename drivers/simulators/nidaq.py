@@ -69,7 +69,7 @@ class NiDaqSimulator:
         self._server.start()
 
     def step(self, now: float) -> None:
-        """Nothing to do: a client asks for the samples up to now."""
+        """Nothing to do: clients poll for samples."""
 
     def sent(self) -> dict[int, int | None]:
         """Nothing: a client has the samples once its call returns."""

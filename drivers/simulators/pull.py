@@ -1,4 +1,4 @@
-"""The pull on the cuff that is worn: one trial's load script played on its physics, computed as far as anyone asks."""
+"""The pull on the worn cuff: the load script of a trial applied to the cuff's physics, computed on demand."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drivers.simulators.wander import Wander
 Floats = NDArray[np.float64]
 
 _KEPT_S = 240.0  # at speed 30 a device may lag by 8 s of wall time
-_SETTLING_S = 2.0  # a cuff at rest that nobody watched for longer is computed afresh from here on
+_SETTLING_S = 2.0  # after a longer rest without queries the integration restarts here
 _CHUNK_STEPS = 20_000
 
 

@@ -1,4 +1,4 @@
-"""One connection to the simulated QTM: what its client asked for, and how much it was sent."""
+"""One connection to the simulated QTM: the subscription of its client, and the frames sent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MOST_UNSENT_BYTES = 1_000_000  # a client further behind holds the world back
 
 @dataclass(frozen=True)
 class FrameSubscription:
-    """What a client asked for: every divisor-th frame of one component."""
+    """Subscription of a client: every divisor-th frame of one component."""
 
     component: str
     divisor: int

@@ -44,7 +44,7 @@ class QtmDiscovery:
         """Binds and answers. Raises OSError if the port is taken."""
         try:
             self._bind(LOCAL)
-            if sys.platform != "win32":  # there a socket bound to an address hears its broadcasts as well
+            if sys.platform != "win32":  # there a socket bound to an address also receives broadcasts
                 self._bind(EVERYBODY)
         except OSError:
             self._close()
@@ -74,7 +74,7 @@ class QtmDiscovery:
                 for key, _ in ready.select():
                     if key.fileobj is self._woken:
                         return
-                    with suppress(OSError):  # a port of an earlier answer that nobody listens at
+                    with suppress(OSError):  # the closed port of an earlier answer
                         self._receive(*key.fileobj.recvfrom(LONGEST_REQUEST_BYTES))  # type: ignore[union-attr]
 
     def _receive(self, packet: bytes, sender: tuple[str, int]) -> None:

@@ -1,4 +1,4 @@
-"""What can go wrong between QTM and its clients: which frames are held back, what they carry, what is said besides."""
+"""Faults between QTM and its clients: frames held back, changed frames, additional packets."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class QtmFaults:
         return labels
 
     def packets(self, frames: Frames, component: str, divisor: int) -> bytes:
-        """What goes over the wire of frames between two turns."""
+        """Packets for the frames between two turns."""
         is_sent = (frames.numbers - 1) % divisor == 0
         for one in self._faults.of("qtm", *WITHHOLDING):
             is_sent &= (frames.times < one.begin) | (frames.times >= one.end)

@@ -102,7 +102,7 @@ class _Server:
         self.ending = asyncio.Event()
         self.clients: list[Client] = []
         self.master: Client | None = None
-        self.is_stopping = False  # a client asked for the capture's end, which comes with that of a frame
+        self.is_stopping = False  # a client requested the end of the capture, which comes at the end of a frame
         self._world = world
         self._mocap = world.settings.mocap
         self._is_connected = world.settings.operator.capture == "auto" or self._mocap.has_preview
@@ -381,7 +381,7 @@ class _Server:
         return "Event set"
 
     def _stream(self, arguments: list[str]) -> FrameSubscription | None:
-        """What streamframes asks for; None to stop."""
+        """Subscription of a streamframes command; None to stop."""
         if arguments == ["stop"]:
             return None
         pace = re.fullmatch(r"allframes|frequency:(\d+)|frequencydivisor:(\d+)", arguments[0]) if arguments else None

@@ -30,7 +30,7 @@ KNOWN = ("trial", "don", "hang_kg", "step", "fault", "pause_s", "truth", "ports"
 
 
 class ServedBench(Protocol):
-    """What a request can reach of the bench."""
+    """Parts of the bench that a request can change."""
 
     world: World
     clock: WorldClock

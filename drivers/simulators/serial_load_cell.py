@@ -23,13 +23,13 @@ from drivers.simulators.settings import SerialLineSettings
 logger = logging.getLogger(__name__)
 
 NEWTONS_PER_POUND = 4.4482216152605
-SEND_TIMEOUT_S = 1.0  # wall; a client that takes nothing for so long is left
+SEND_TIMEOUT_S = 1.0  # wall; a client that reads nothing for this time is disconnected
 MOST_CLIENTS = 100  # that are remembered
 RUBBISH = b"\x00\xff\x80?;+0.\r\n"
 
 
 class ForceWorld(Protocol):
-    """What a load cell feels of the World, in world seconds."""
+    """Interface of the World to a load cell, in world seconds."""
 
     faults: Faults
 

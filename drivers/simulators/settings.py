@@ -57,7 +57,7 @@ class SlipLaw(_Section):
 
 
 class Rig(_Section):
-    """What hangs between cuff and load. The rope leaves the cuff towards a pulley, fixed in the laboratory (z up)."""
+    """Hook, rope and spring of the load. The rope leaves the cuff towards a pulley, fixed in the laboratory (z up)."""
 
     hook_n: Positive = 2.0
     rope_stiffness_n_per_m: Positive = 20_000.0
@@ -91,7 +91,7 @@ class DynamicTest(_Section):
 
 
 class ProtocolSettings(_Section):
-    """What one cuff goes through on one donning: repeats × (static, dynamic)."""
+    """Trials of a cuff per donning: repeats × (static, dynamic)."""
 
     repeats: int = Field(default=3, ge=1)
     static: StaticTest = StaticTest()
@@ -215,7 +215,7 @@ class Ports(_Section):
 
 
 class Settings(_Section):
-    """The simulated bench. Cuffs given here are laid over the published ones, key by key."""
+    """The simulated bench. Cuffs given here replace the published ones key by key."""
 
     cuffs: dict[str, CuffTruth] = Field(default_factory=lambda: dict(PUBLISHED_CUFFS))
     cuff_body: CuffBody = CuffBody()

@@ -23,7 +23,7 @@ class Trajectory:
         return self._end
 
     def hold_until(self, step: int) -> None:
-        """It stays as it is; the next row appended belongs to `step`. What was before is still known."""
+        """The state stays constant until `step`, the step of the next row. Earlier rows are kept."""
         held = min(step - self._end, len(self._ring))
         last = self._ring[(self._end - 1) % len(self._ring)].copy()
         self._end = step - held

@@ -56,7 +56,7 @@ REFUSALS = {
 
 
 class ElectricalWorld(Protocol):
-    """What an analog input can see of the World: its voltages, at any moment up to now (world seconds)."""
+    """Interface of the World to an analog input: voltages at any time up to now [world s]."""
 
     faults: Faults
 
@@ -100,7 +100,7 @@ class Input:
 
     @property
     def range_v(self) -> float:
-        """The least of the converter's ranges, ± so many volts, that holds what the task asked for."""
+        """The smallest range of the converter [± V] that covers the range of the task."""
         return next(limit for limit in RANGES_V if limit >= max(abs(self.lowest_v), abs(self.highest_v)))
 
     def spanning(self, lowest_v: float, highest_v: float) -> Input:
@@ -175,7 +175,7 @@ class Usb6008:
         return Input(physical_channel, lowest_v, highest_v, self._wiring.get(channel, np.zeros_like), random)
 
     def reserve(self, task: AcquisitionTask) -> None:
-        """Makes it the running task. Raises where another one runs, also one whose client is dead."""
+        """Run the task. Raises DaqmxError while another runs, also if the client of that one is dead."""
         with self._lock:
             other = self._running
             if other is task:
@@ -198,7 +198,7 @@ class Usb6008:
                 self._running = None
 
     def reset(self) -> None:
-        """Aborts the running task, whoever started it."""
+        """Abort the running task of any client."""
         with self._lock:
             if self._running is not None:
                 self._running.abort()

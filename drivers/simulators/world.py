@@ -34,7 +34,7 @@ TestKind = Literal["static", "dynamic", "bounce"]
 
 @dataclass(frozen=True)
 class SimulatedTrial:
-    """What is set up on the bench; cuff is None for a bounce, whatever is worn meanwhile."""
+    """The trial set up on the bench; cuff is None for a bounce, although a cuff stays donned."""
 
     cuff: str | None
     test: TestKind
@@ -84,7 +84,7 @@ class World:
         self._capture: Capture | None = None
         self._is_capturing = False
         self.faults = Faults(self.now, fault_plan)
-        self._seen = 0.0  # the latest world time any device was told about
+        self._seen = 0.0  # the latest world time of any query
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ class World:
         """World seconds per wall second at the most; None: as fast as it is handled."""
         return self.clock.speed
 
-    # What the devices sense
+    # Signals of the devices
 
     def cell_force(self, t: Floats) -> Floats:
         """(n,) [N] on the load cell at world times t (n,), without noise: from rope, bouncing weight or known mass."""
@@ -222,7 +222,7 @@ class World:
         return self._select(cuff, "static", is_donning=True)
 
     def truth(self) -> dict[str, Any]:
-        """What a fit should find: the parameters by cuff, and how far each has slipped since it was donned [m]."""
+        """True values for a fit: the parameters by cuff, and the slip of each cuff since it was donned [m]."""
         with self._lock:
             self._live(self.now())
             self._pull.advance(self._seen)
@@ -280,7 +280,7 @@ class World:
 
 
 def _plan(settings: Settings) -> Iterator[SimulatedTrial]:
-    """The protocol's trials in order, for ever."""
+    """The trials of the protocol in order, repeated without end."""
     for cuff in itertools.cycle(settings.cuffs):
         for _ in range(settings.protocol.repeats):
             yield SimulatedTrial(cuff, "static")

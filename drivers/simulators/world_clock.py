@@ -19,11 +19,11 @@ from typing import Protocol
 from drivers.errors import DeviceError
 
 LONGEST_STEP_S = 0.5  # world
-TICK_S = 0.008  # wall; between two steps of a world that nobody is attached to
+TICK_S = 0.008  # wall; between two steps of a world without an attached station
 CATCH_UP_S = 0.1  # wall; a step that is later than this is not caught up: the world is slower than its pace
 RATE_WINDOW_S = 5.0  # wall
-DROP_AFTER_S = 10.0  # wall; a client that takes nothing for so long is dropped
-IDLE_TIMEOUT_S = 60.0  # wall; a station that is attached and asks for nothing for so long is detached
+DROP_AFTER_S = 10.0  # wall; a client that reads nothing for this time is dropped
+IDLE_TIMEOUT_S = 60.0  # wall; an attached station without a request for this time is detached
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class Follower(Protocol):
         ...
 
     def drop_slow_client(self) -> None:
-        """Disconnects that client, so that the world can go on, and logs it."""
+        """Disconnect the client, so that the world can advance, and log it."""
         ...
 
 
@@ -145,7 +145,7 @@ class WorldClock:
             return station.advance_to(self._now + seconds)
 
     def stop(self) -> None:
-        """The world ends: whoever waits for it, or advances it later, gets ClockStopped."""
+        """Stop the world: every waiting or later call raises ClockStopped."""
         with self._changed:
             self._failure = self._failure or "the simulated bench has ended"
             self._changed.notify_all()
@@ -202,7 +202,7 @@ class WorldClock:
         return 0.0
 
     def _goal(self) -> float | None:
-        """Where the next step leads, None where nobody lets the world move."""
+        """End of the next step; None while a station holds the world."""
         if self._goals:
             until = min(goal for goal, _ in self._goals.values())
             if until <= self._now:
