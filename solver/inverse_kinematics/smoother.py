@@ -104,7 +104,7 @@ def smooth_motion(
     usual = tasks.weights / tasks.weights[tasks.weights > 0].mean()
     precision = usual / np.asarray(noise, dtype=np.float64) ** 2
     q = _filled(start.coordinates)
-    locks = {each.coordinate: each.value for each in model.constraints if isinstance(each, CoordinateLock)}
+    locks = {lock.coordinate: lock.value for lock in model.constraints if isinstance(lock, CoordinateLock)}
     evidence = _Evidence(problem, allocate_workspace(model, problem), observed, seen * precision, locks)
     intensity = np.full(q.shape[1], FIRST_INTENSITY)
     before = np.full((frames, 3, q.shape[1]), np.inf)
