@@ -2,7 +2,7 @@
 
     import cuffstation as cs
 
-    cuffs = cs.fit_session("demo").cuffs           # stiffness, damping, migration with their uncertainty
+    cuffs = cs.fit_session("simulated/demo").cuffs           # stiffness, damping, migration with their uncertainty
     cs.plot(cs.assess(cuffs)).savefig("effort.png")   # muscle effort over the cord's rest length
 
 The ten functions below, the types of their results and the roots of their exceptions follow semantic versioning;

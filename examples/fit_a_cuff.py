@@ -10,7 +10,7 @@ from pathlib import Path
 
 import cuffstation as cs
 
-SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "demo")
+SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "simulated/demo")
 session = cs.fit_session(SESSION)
 print(session.to_dataframe().to_string(index=False))
 

@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Look at a recording
 #
-# Streams as arrays and tables, what was lost, and the load cell in newtons. `station demo` makes a folder `demo`; give
+# Streams as arrays and tables, what was lost, and the load cell in newtons. `station demo` makes a folder `simulated/demo`; give
 # another session's folder as the first argument, or edit `SESSION` in a notebook.
 
 # %%
@@ -12,7 +12,7 @@ import numpy as np
 
 import cuffstation as cs
 
-SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "demo")
+SESSION = Path(sys.argv[1] if len(sys.argv) > 1 else "simulated/demo")
 recording = cs.read_recording(next(path for path in sorted(SESSION.glob("*.mcap")) if "static" in path.name))
 print(recording)
 
