@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Look at a recording
 #
-# Streams as arrays and tables, what was lost, and the load cell in newtons. `station demo` makes a folder `simulated/demo`; give
+# Streams as arrays and tables, what was lost, and the load cell in newtons. `station demo` makes `simulated/demo`; give
 # another session's folder as the first argument, or edit `SESSION` in a notebook.
 
 # %%

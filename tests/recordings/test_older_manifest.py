@@ -76,10 +76,10 @@ def test_a_manifest_with_typed_settings_takes_nothing_from_the_configuration() -
     ("config", "place"),
     [
         ({"sync": {"lag_s": "soon"}}, r"timing\.lag_s"),
-        ({"sync": {"stop_edge": "end_of_exposure"}}, r"timing, .*exposure_s"),
+        ({"sync": {"stop_edge": "end_of_exposure"}}, rr"timing: .*exposure_s"),
         ({"cuffs": {"hand": {"mass_kg": "light"}}}, r"cuff\.mass_kg"),
     ],
 )
 def test_a_setting_that_is_no_figure_is_named(config: dict[str, Any], place: str) -> None:
-    with pytest.raises(RecordingError, match=rf"cannot be read: at {place}"):
+    with pytest.raises(RecordingError, match=rf"cannot be read: {place}"):
         _opened(_older(config))
