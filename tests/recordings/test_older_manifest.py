@@ -76,7 +76,7 @@ def test_a_manifest_with_typed_settings_takes_nothing_from_the_configuration() -
     ("config", "place"),
     [
         ({"sync": {"lag_s": "soon"}}, r"timing\.lag_s"),
-        ({"sync": {"stop_edge": "end_of_exposure"}}, rr"timing: .*exposure_s"),
+        ({"sync": {"stop_edge": "end_of_exposure"}}, r"timing: .*exposure_s"),
         ({"cuffs": {"hand": {"mass_kg": "light"}}}, r"cuff\.mass_kg"),
     ],
 )
