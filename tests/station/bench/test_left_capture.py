@@ -14,27 +14,29 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("swing_s", [3.0, 60.0], ids=["which has ended meanwhile", "which still runs"])
 def test_the_trial_after_a_killed_recorder_saves_the_capture_that_it_left(tmp_path: Path, swing_s: float) -> None:
+    folder = tmp_path / "simulated"
     with simulated_bench(tmp_path / "bench", swing_s=swing_s) as (bench, config):
-        with Recorder(config, tmp_path, bench.clock_port) as killed:
+        with Recorder(config, folder, bench.clock_port) as killed:
             killed.until(has_recorded(2.0))
             killed.child.kill()
             killed.child.wait()
-        with Recorder(config, tmp_path, bench.clock_port) as recorder:
+        with Recorder(config, folder, bench.clock_port) as recorder:
             recorder.let_go()
             result = recorder.end()["result"]
     assert result["accepted"], result["sentence"]
     assert result["file"] == "cuff-hand_test-dynamic_run-2.mcap"
-    assert open_recording(tmp_path / result["file"]).load("/markers").sample_numbers[0] == 1
-    assert not (tmp_path / ".capture").exists(), "what it began itself it has ended"
+    assert open_recording(folder / result["file"]).load("/markers").sample_numbers[0] == 1
+    assert not (folder / ".capture").exists(), "what it began itself it has ended"
 
 
 def test_a_capture_that_this_session_did_not_begin_is_told_and_left_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "simulated"
     with simulated_bench(tmp_path / "bench", swing_s=200.0) as (bench, config):
-        with Recorder(config, tmp_path / "theirs", bench.clock_port) as theirs:
+        with Recorder(config, folder / "theirs", bench.clock_port) as theirs:
             theirs.until(has_recorded(2.0))
             theirs.child.kill()
             theirs.child.wait()
-        with Recorder(config, tmp_path / "ours", bench.clock_port) as recorder:
+        with Recorder(config, folder / "ours", bench.clock_port) as recorder:
             refused = recorder.end()["refused"]
     assert "is capturing, and nothing shows that this station began it; end that in QTM" in refused
-    assert not list((tmp_path / "ours").glob("*.mcap"))
+    assert not list((folder / "ours").glob("*.mcap"))
