@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from fitting.laws.model_class import ModelComparison
-from fitting.spatial.tensor import Tensor, Tensors
 from solver.suit.suit import BUNDLED_SUIT
 from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
@@ -69,10 +67,10 @@ def plain(assessed: AssessedSuit, folder: Path) -> dict[str, Any]:
 
 
 def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
-    """Every bare number with its place, except counts and what is under "value" and "ci95"."""
+    """Every bare number with its place, except the file's format and what is under "value" and "ci95"."""
     if isinstance(plain, dict):
         for key, each in plain.items():
-            if key not in {"value", "ci95"}:
+            if key not in {"value", "ci95", "format"}:
                 yield from numbers_in(each, f"{where}.{key}")
     elif isinstance(plain, list):
         for each in plain:
@@ -205,20 +203,19 @@ def test_a_cuff_of_a_richer_law_that_is_not_chosen_stands_in_nobodys_way(tmp_pat
 
 
 @pytest.mark.parametrize(("chosen", "is_refused"), [((), False), (("slip",), False), (("slip", "creep"), True)])
-def test_a_fit_straight_from_its_session_is_treated_as_one_from_a_file(
+def test_a_cuff_of_a_richer_law_is_refused_wherever_it_comes_from(
     tmp_path: Path, chosen: tuple[str, ...], is_refused: bool
 ) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
-    cuffs["hand"] = replace(cuffs["hand"], classes=ModelComparison((), chosen))
+    cuffs["hand"] = replace(cuffs["hand"], law=chosen)
     with pytest.raises(InputError, match=r"the cuff hand has the law slip \+ creep") if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
 
 
-def test_a_fit_in_three_dimensions_straight_from_its_session_is_refused(tmp_path: Path) -> None:
+def test_a_cuff_in_three_dimensions_is_refused(tmp_path: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
-    tensor = Tensor(np.eye(3), np.eye(6), 1.96, 3)
-    for tensors, is_refused in ((Tensors(None, None, "one", "one"), False), (Tensors(None, tensor), True)):
-        cuffs["hand"] = replace(cuffs["hand"], tensors=tensors)
+    for law, is_refused in (((), False), (("tensor",), True)):
+        cuffs["hand"] = replace(cuffs["hand"], law=law)
         with pytest.raises(InputError, match="the cuff hand has the law tensor") if is_refused else nullcontext():
             assert len(worn_cuffs(cuffs, ())) == 3
 

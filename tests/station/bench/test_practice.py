@@ -74,7 +74,8 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
     with BenchClock(bench.ports["clock"]) as clock:
         result = TrialRecorder(config_for(bench), clock, [view]).record(tmp_path, TrialSpec(None, "bounce", 1))
     assert result.accepted and not result.lost_samples and result.path is not None
-    assert "the sync line is high" in " ".join(view.said[TrialState.ARMED])
+    if into_the_capture_s < 10.0:  # else the line falls in the first block, before its level has settled
+        assert "the sync line is high" in " ".join(view.said[TrialState.ARMED])
     assert open_recording(result.path).load("/markers").sample_numbers[0] == 1
     assert open_recording(result.path).load("/sync").values[0] < 0.5, "nothing of the earlier capture is in the file"
     assert station("info", result.path).code == 0
