@@ -54,3 +54,5 @@ def test_a_reader_that_has_gone_ends_nothing(is_json: bool) -> None:
         for event in (OPENED, Warned("alarm", "STOP"), VERDICT, Decided("a.mcap", "accept", "", "station")):
             face.tell(event)
         gone.detach()
+        with pytest.raises(BrokenPipeError):  # what the face was written to, and has passed over
+            raw.write(b"x")
