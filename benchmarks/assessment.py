@@ -1,9 +1,9 @@
-"""The whole published study, timed: 10 curves × 31 rest lengths × all frames, and the draws besides.
+"""Time of the whole published study: 10 curves × 31 rest lengths × all frames, and the draws.
 
     python benchmarks/assessment.py [--motion FLX01.mot] [--draws 200]
 
-Prints the study cell by cell beside the published tables, how time grows with the frames, and what a scenario takes
-beside OpenSim with a general optimiser, if a script of that kind lies beside the repository.
+Prints the study cell by cell beside the published tables, the time for different numbers of frames, and the time of a
+scenario compared with OpenSim and a general optimiser, if such a script is beside the repository.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from solver.cuff import CuffParameters
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
 from solver.suit.assessment import Assessment, assess
+from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
+from solver.suit.uncertainty import DrawSettings
 
 SHARED = Path(__file__).parents[2] / "shared"
 PEER = SHARED / "peer" / "opensim_rmr.py"
@@ -36,7 +38,7 @@ CUFFS = {
     "tube": (5510.0, 38.0, 0.009),
     "elbow": (2530.0, 139.0, 0.022),
 }
-RELATIVE_ERRORS = (0.03, 0.1, 0.05)  # supposed, so that there is something to draw from
+RELATIVE_ERRORS = (0.03, 0.1, 0.05)  # assumed, as the publication has no covariance
 # cost at 0.74 m, best rest length [m], cost there, permissible error [cm]
 PUBLISHED = {
     ("rigid", None): (0.787, 0.74, 0.79, 3.9),
@@ -60,7 +62,7 @@ def main() -> None:
     chosen = arguments.parse_args()
     model = bundled_model()
     kinematics = differentiate(read_motion(chosen.motion, model))
-    study(model, decimate(kinematics, 40), draws=0)  # whatever is compiled at the first call
+    study(model, decimate(kinematics, 40), draws=0)  # compiles at the first call
     for every in (4, 2):
         frames = decimate(kinematics, every)
         print(f"{len(frames.time)} frames: {study(model, frames, draws=0)[1]:.1f} s")
@@ -68,7 +70,7 @@ def main() -> None:
     print(f"{len(kinematics.time)} frames: {seconds:.1f} s without draws, {whole.unsolved} unsolved\n")
     print_cells(whole)
     drawn, with_draws = study(model, kinematics, chosen.draws)
-    print(f"\n{chosen.draws} draws: {with_draws - seconds:.1f} s more; {drawn.sureness}")
+    print(f"\n{chosen.draws} draws: {with_draws - seconds:.1f} s more; {drawn.uncertainty}")
     ours = 1e3 * seconds / whole.scenarios / len(kinematics.time)
     print(f"a frame of a scenario: {1e3 * ours:.0f} µs of wall time, everything shared included")
     peers = peer_milliseconds(chosen.motion)
@@ -88,7 +90,7 @@ def study(model: Model, kinematics: Kinematics, draws: int) -> tuple[Assessment,
         covariance = [[variances[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
         cuffs.append(CuffParameters(name, "waist" if name == "waist" else "arm", *values, np.array(covariance)))
     began = time.perf_counter()
-    found = assess(model, kinematics, read_suit(), cuffs, draws=draws)
+    found = assess(LoadedMotion(model, kinematics), read_suit(), cuffs, draws=DrawSettings(count=draws))
     return found, time.perf_counter() - began
 
 
@@ -105,7 +107,7 @@ def print_cells(found: Assessment) -> None:
 
 
 def peer_milliseconds(motion: Path) -> float | None:
-    """What the peer takes for a frame: linear maps by OpenSim, then SLSQP; None where it is not there."""
+    """Time of the peer for a frame: linear maps by OpenSim, then SLSQP; None without the script."""
     if not PEER.is_file():
         return None
     command = [sys.executable, str(PEER), str(PEER_MODEL), str(motion), str(PEER_FRAMES)]

@@ -1,7 +1,7 @@
-"""How closely a bounce calibrates the load cell: `python -m benchmarks.bounce [runs]`.
+"""Accuracy of the calibration of the load cell by a bounce: `python -m benchmarks.bounce [runs]`.
 
 Lag, gain and zero of a weight of 2.5 kg that bounces by ± 80 mm once a second for half a minute, against the truth of
-a chain of masses that knows nothing of the fit (tests/fitting/bouncing.py).
+a chain of masses that is independent of the fit (tests/fitting/bouncing.py).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import sys
 
 import numpy as np
 
-from fitting.bounce import fit_bounce
-from fitting.trial import build_bounce
+from fitting.trial.bounce import fit_bounce
+from fitting.trial.trial import build_bounce
 from tests.fitting.bouncing import Bounce, recorded
 
 CASES = {
@@ -39,7 +39,7 @@ def main(runs: int) -> None:
 
 
 def _lag(truth: Bounce) -> float:
-    """A first-order filter is late by the phase it turns the bounce by."""
+    """Lag of a first-order filter: its phase at the frequency of the bounce."""
     if not truth.filter_hz:
         return truth.lag
     return truth.lag - math.atan(truth.frequency / truth.filter_hz) / (2 * math.pi * truth.frequency)

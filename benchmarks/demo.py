@@ -1,10 +1,10 @@
-"""The stages of `station demo` on an idle machine and beside busy loops, and whether both give the same bytes.
+"""Times of the stages of `station demo`, idle and beside busy loops, and whether both runs give the same bytes.
 
     python -m benchmarks.demo [--loops 16] [--cold]
 
-Each demo runs in a process of its own, in a folder of its own, with the machine as it is and then beside the loops.
-Printed are wall seconds by stage, processor time, exit code, and whether the recordings' samples, the cuffs and the
-figures of the report are the same. --cold compiles the solver in each run, as the first one on a machine does.
+Each demo runs in a separate process and folder, first without and then beside the loops. Prints wall seconds by stage,
+processor time, exit code, and whether the samples of the recordings, the cuffs and the figures of the report are equal.
+--cold compiles the solver in each run, as the first run on a machine does.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STAGE = re.compile(r"^(?P<stage>[a-z, ]+): \d+ of \d+ in (?P<took>.+)$", re.MULT
 
 @dataclass(frozen=True)
 class DemoRun:
-    """What each stage took, wall and processor seconds in all, exit code."""
+    """Wall seconds of every stage, total wall and processor seconds, exit code."""
 
     stages: dict[str, str]
     wall_s: float
@@ -41,7 +41,7 @@ class DemoRun:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the table; 0 where both runs ended with a whole report and the same bytes."""
+    """Print the table; returns 0 if both runs ended with a complete report and the same bytes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--loops", type=int, default=16)
     parser.add_argument("--cold", action="store_true")

@@ -1,10 +1,10 @@
-"""The disk-full matrix of docs/reliability.md: where a disk takes no more, and what is then claimed and missing.
+"""The disk-full matrix of docs/reliability.md: samples reported as stored, and samples lost, on a full disk.
 
     python -m benchmarks.disk_full
 
-A trial of 20 s is written by a caller who goes on after the first failure. Pretended disks fail after so many bytes;
-the limit to a file's size and the small disk are the system's own, and left out where it has none or needs an
-administrator for it (mount -t tmpfs).
+A trial of 20 s is written by a caller that continues after the first failure. Simulated disks fail after a number of
+bytes; the file-size limit and the small disk are those of the system, and are left out if it has none or requires an
+administrator (mount -t tmpfs).
 """
 
 from __future__ import annotations

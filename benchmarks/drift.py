@@ -1,9 +1,9 @@
-"""How far two clocks that run apart leave force from markers: after both edges of the sync line, and after one.
+"""Error of the alignment of force and markers for two drifting clocks, with both edges of the sync line and with one.
 
     python -m benchmarks.drift [TRIALS]
 
-Blocks arrive late by 5 ms on average, at random (exponential). The force of each sample is the moment at which it was
-truly taken, so that the error of its time can be read off; shown is the worst of all samples of all trials.
+Blocks arrive late by 5 ms on average, at random (exponential). The force of each sample is its true time, so that the
+error of its estimated time is known. Prints the worst of all samples of all trials.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.trial import build_trial
+from fitting.trial.trial import build_trial
 from recordings.manifest import CuffSite, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from tests.fitting.experiment import track
@@ -25,14 +25,14 @@ SECONDS_PER_VOLT = 20.0
 
 @dataclass(frozen=True)
 class Residual:
-    """Seconds by which the worst sample's time is wrong, and the standard uncertainty that the certificate states."""
+    """Largest error of a sample's time [s], and the standard uncertainty of the certificate [s]."""
 
     worst: float
     stated: float
 
 
 def residual(ppm: float, seed: int, *, duration: float = 60.0, jitter: float = 5e-3, stops: bool = True) -> Residual:
-    """Of one trial of 1 kHz and 100 Hz whose DAQ runs fast by ppm; stops: whether the stop edge was recorded."""
+    """Residual of a trial of 1 kHz and 100 Hz whose DAQ is fast by ppm; stops: whether the stop edge was recorded."""
     random = np.random.default_rng(seed)
     edge, rate = 2.0 + random.uniform(0, 1e-3), 1000.0
     numbers = np.arange(int((edge + duration + 0.5) * rate))
@@ -52,7 +52,7 @@ def residual(ppm: float, seed: int, *, duration: float = 60.0, jitter: float = 5
 
 
 def _late(of: Track, jitter: float, random: np.random.Generator) -> Track:
-    """Each block of 50 ms comes later by a time of its own, and none before the one that was sent before it."""
+    """Arrival times: every block of 50 ms has a random delay, and blocks stay in order."""
     block = np.arange(len(of.sample_numbers)) // max(1, int(of.stream.rate_hz / 20))
     delay = random.exponential(jitter, block[-1] + 1)[block]
     arrival = of.host_time_ns + np.round(1e9 * delay).astype(np.int64)

@@ -1,11 +1,11 @@
-"""The fault matrix of docs/reliability.md: every fault while all devices stream, at the wall's own pace.
+"""The fault matrix of docs/reliability.md: every fault while all devices stream, in real time.
 
     python -m benchmarks.faults
 
-Prints a row for each: after how many milliseconds it was first told, as what, what was counted as lost of which stream
-at 1 kHz, 100 Hz and 10 Hz, and how many samples nobody accounts for, on the device and on the two others. Then what
-each fault of the sync line does to a trial, what a fault does to one who opens the device, and when one that does not
-end is given up.
+Prints a row for every fault: time until it is reported [ms], the event, the losses counted on the streams of 1 kHz,
+100 Hz and 10 Hz, and the samples that are neither received nor counted, on the device and on the two others. Then the
+effect of every fault of the sync line on a trial, the error when a faulty device is opened, and the time until a fault
+that does not end is given up.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ AT_OPENING = (
 )
 FOR_GOOD = (("ni", "freeze"), ("qtm", "silent"), ("serial", "unplug"))
 GIVEN_UP_BY_S = 60.0
-SETTLED_S = 0.1  # until the servers know of it
+SETTLED_S = 0.1  # until the fault is active in the servers
 
 
 def main() -> None:

@@ -1,10 +1,10 @@
-"""The kill matrix of docs/reliability.md: real daemons, killed (SIGKILL) at random instants of a live recording.
+"""The kill matrix of docs/reliability.md: recorder processes, killed (SIGKILL) at random times of a recording.
 
     python -m benchmarks.kills [ROUNDS]
 
-Ten daemons at once record one simulated capture at the wall's own pace, each from its own DAQ; each is killed at an
-instant of its own, uniform over the 10 s after the edge. What is lost is the device's time at the kill minus that of
-the last readable sample. Every file is then checked for holes and recovered twice.
+Ten recorders at once record a simulated capture in real time, each from its own DAQ, and are killed at random times,
+uniform over the 10 s after the edge. The loss is the device time at the kill minus that of the last readable sample.
+Every file is then checked for gaps and recovered twice.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The load table of docs/reliability.md: what recording costs, what it sustains, how soon it is ready.
+"""The load table of docs/reliability.md: processor time and memory of recording, largest rates, start-up time.
 
     python -m benchmarks.load [SECONDS]
 
 The daemon (`station record`) and the simulated devices are two processes of this machine. The daemon's share of a core
-is that of the seconds between its fifth and its last; its memory is the resident set early and late in the trial.
+is measured from its fifth to its last second; its memory is the resident set early and late in the trial.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main(seconds: float) -> None:
 
 
 def _print_start_up() -> None:
-    """The best of five: what the machine does meanwhile is not ours."""
+    """The best of five, to exclude the load of other programs."""
     help_s, processor_s = min(_seconds([sys.executable, "-c", STATION, "--help"]) for _ in range(5))
     print(f"station --help: {help_s:.2f} s, of which {processor_s:.2f} s on the processor")
     with tempfile.TemporaryDirectory() as folder, SimulatedBench({"operator": {"capture": "remote"}}, 1.0, 1) as bench:
@@ -70,7 +70,7 @@ def _print_start_up() -> None:
 
 
 def _seconds(command: list[str]) -> tuple[float, float]:
-    """On the wall and on the processor; Windows does not tell the latter, and it is 0 there."""
+    """Wall and processor seconds; the latter is 0 on Windows, which does not report it."""
     began_s, before = time.monotonic(), os.times()
     subprocess.run(command, check=True, capture_output=True)  # noqa: S603
     after = os.times()
@@ -98,7 +98,7 @@ def _row(load: Load) -> str:
     with tempfile.TemporaryDirectory() as folder, SimulatedBench(settings, load.speed, 1) as bench:
         session = Path(folder) / SIMULATED_FOLDER / "session"
         options = ["--duration", f"{load.seconds}"]
-        if load.speed != 1:  # on the bench's clock, as a real one never is
+        if load.speed != 1:  # on the clock of the bench, unlike a real bench
             options += ["--speed", f"{load.speed}"]
         daemon = psutil.Process(_record(bench, session, options, load.daq_hz).pid)
         wall_s, share, early, late = _watched(daemon)
@@ -138,7 +138,7 @@ def _record(
 
 
 def _watched(daemon: psutil.Process) -> tuple[float, float, float, float]:
-    """Wall seconds until it ended, its share of a core, and its memory early and late [MB]."""
+    """Wall seconds until the daemon ended, its share of a core, and its memory early and late [MB]."""
     looks: list[tuple[float, float, float]] = []
     began_s = time.monotonic()
     while daemon.is_running() and daemon.status() != psutil.STATUS_ZOMBIE:
@@ -151,7 +151,7 @@ def _watched(daemon: psutil.Process) -> tuple[float, float, float, float]:
 
 
 def _cost_of_syncing() -> str:
-    """Ten seconds of a usual trial, written at the wall's pace onto the disk of the temporary files."""
+    """Ten seconds of a typical trial, written in real time to the disk of the temporary files."""
     took_s: list[float] = []
 
     def sync(file: int) -> None:
@@ -172,7 +172,7 @@ def _cost_of_syncing() -> str:
 
 
 def _growth_of_the_index() -> str:
-    """An hour of a usual trial with as many chunks as at the wall's pace, by a clock that need not wait for it."""
+    """An hour of a typical trial with the chunks of real time, by a simulated clock."""
     wall_s, chunk_s = 0.0, 0.1
     with tempfile.TemporaryDirectory() as folder:
         writer = RecordingWriter(Path(folder) / "a.mcap", MANIFEST, STREAMS, clock=lambda: wall_s, sync=lambda _: None)

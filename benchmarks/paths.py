@@ -1,9 +1,9 @@
-"""How the two path modes differ, and how long each takes: docs/paths.md's figures.
+"""Differences between the two path modes and their times: the figures of docs/paths.md.
 
     python benchmarks/paths.py
 
-Over every motion of the public data set where it lies beside the repository, else over the bundled arm raise; frames
-filtered as for `station rmr`. Times are of the processor, on one core, with everything compiled.
+Over every motion of the public data set if it is beside the repository, else over the bundled arm raise; frames
+filtered as for `station rmr`. Times are processor times on one core, after compilation.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def subject() -> tuple[Model, Array, str]:
-    """Model, coordinates (frames, coordinates) and what they are."""
+    """Model, coordinates (frames, coordinates) and their description."""
     if not MODEL.exists():
         model = bundled_model()
         return model, differentiate(simulate_arm_raise(model)).positions, "bundled raise of the arm"
@@ -70,10 +70,10 @@ def moment_arms(model: Model, state: Postures, paths: PathState) -> Array:
 
 
 def jumps(model: Model, coordinates: Array, mode: PathMode) -> float:
-    """The most that a length changes [m] beyond what its speeds say, in twenty steps between every fourth frame."""
+    """Largest change of a length [m] beyond the integral of its speed, in twenty steps between every fourth frame."""
     worst = 0.0
     for begin, end in pairwise(coordinates[::4]):
-        if np.abs(end - begin).max() > 0.2:  # where one motion ends and another begins
+        if np.abs(end - begin).max() > 0.2:  # between two motions
             continue
         sweep = begin + np.linspace(0.0, 1.0, 21)[:, None] * (end - begin)
         rates = speeds_from_rates(model, sweep, np.tile((end - begin) / 20, (21, 1)))
@@ -84,7 +84,7 @@ def jumps(model: Model, coordinates: Array, mode: PathMode) -> float:
 
 
 def times(model: Model, state: Postures) -> dict[PathMode, float]:
-    """The shortest of some runs each [s], in turns."""
+    """The shortest of several alternating runs of each mode [s]."""
     shortest: dict[PathMode, float] = {"opensim": np.inf, "geodesic": np.inf}
     for mode in tuple(shortest) * REPEATS:
         start = process_time()

@@ -1,11 +1,11 @@
-"""The cut-file matrix of docs/reliability.md: recordings cut and damaged in every way, and what is recovered of them.
+"""The cut-file matrix of docs/reliability.md: cut and damaged recordings, and what is recovered from them.
 
     python -m benchmarks.recovery [SHARE]
 
 Takes an hour or two, the shorter rows first; a SHARE of 0.1 tries every tenth. Each recovery must keep exactly the
-messages of the chunks that are whole, open by its index in the mcap package with every CRC right, be the same when done
-twice, and leave the original as it was; a file in which nothing is whole must be refused in one line. The first that
-does not ends the run.
+messages of the complete chunks, open by its index in the mcap package with correct CRCs, be the same when repeated, and
+leave the original unchanged. A file without a complete chunk must be refused in one line. The first failure ends the
+run.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What showing a trial in Rerun costs the recorder: processor time of the threads that do it, into a file and a viewer.
+"""Cost of showing a trial in Rerun: processor time of its threads in the recorder, for a file and for a viewer.
 
     python -m benchmarks.rerun [SECONDS]
 
-Read from the kernel thread by thread (schedstat, in ns), in % of a core of the wall time from the trial's fifth second
-on, beside all other threads of `station record`. No difference of two totals is taken, so that a busy machine spoils
-little. The viewer is Rerun's own server without its window, so that no display is needed. Linux only.
+Times are read from the kernel by thread (schedstat, in ns), in % of a core from the fifth second of the trial, beside
+all other threads of `station record`. Times by thread are less sensitive to other load than the difference of two runs.
+The viewer is Rerun's server without a window, so that no display is needed. Linux only.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from station.bench.simulation import SimulatedBench
 
 SETTLED_S = 5.0
 BOUND = 3.0
-"""% of a core, what the issue allows."""
+"""Largest share accepted [% of a core]."""
 OURS = "rerun log"
 RERUNS = ("tokio-rt-worker", "jemalloc_bg_thd", "ChunkBatcher", "RecordingStream", "file_writer", "message_proxy")
-"""How the names of Rerun's own threads begin."""
+"""Prefixes of the names of Rerun's threads."""
 RECORD = """
 import sys
 from pathlib import Path

@@ -1,12 +1,12 @@
-"""How fast the muscle solver is, in ratios measured side by side in one run; the whole frame's ratio in the last line.
+"""Speed of the muscle solver, as ratios to other programs measured in one run; the last line has that of a whole frame.
 
     python benchmarks/rmr.py [--frames N] [--scenarios N] [--first-use]
 
-Motion and model are FLX01 of the public data set where it lies beside the repository, else the bundled arm raise. The
-peer, OpenSim's maps and SLSQP, is `shared/peer/opensim_rmr.py` beside the repository, run in this process's Python.
+Motion and model are FLX01 of the public data set if it is beside the repository, else the bundled arm raise. The peer,
+OpenSim's maps and SLSQP, is `shared/peer/opensim_rmr.py` beside the repository, run in this Python process.
 
-All times are processor time, the least of some repeats, unless a line says otherwise: what else runs on the machine
-changes it little. NumPy's own threads are off. Ends with 1 where our solver and Clarabel disagree.
+All times are processor times, the least of several repeats, unless a line says otherwise, because other load changes
+them little. NumPy's threads are off. Exit code 1: our solver and Clarabel disagree.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ sys.path.insert(0, str(ROOT))
 from solver.bundled import bundled_model  # noqa: E402
 from solver.model import Model  # noqa: E402
 from solver.motion import Kinematics, decimate, differentiate, read_motion  # noqa: E402
-from solver.multibody.dynamics import equations_of_motion, response_maps  # noqa: E402
+from solver.multibody.dynamics import equations_of_motion  # noqa: E402
 from solver.multibody.postures import postures  # noqa: E402
 from solver.muscle import muscle_forces  # noqa: E402
 from solver.paths import evaluate_paths  # noqa: E402
@@ -56,6 +56,7 @@ from solver.redundancy.motion import (  # noqa: E402
     solve_motion,
     solve_redundancy,
 )
+from solver.redundancy.response_maps import response_maps  # noqa: E402
 
 Array = NDArray[np.float64]
 Clock = Callable[[], float]
@@ -69,7 +70,7 @@ def main() -> int:
     parser.add_argument("--memory", action="store_true", help="only the memory that the largest study takes")
     arguments = parser.parse_args()
     model, kinematics, name = subject()
-    solve_motion(model, decimate(kinematics, 20))  # compiled from here on
+    solve_motion(model, decimate(kinematics, 20))  # compiles at the first call
     problem = build_redundancy(model, evaluate_motion(model, kinematics), RedundancyOptions())
     if arguments.memory:
         memory(problem, arguments.scenarios)
@@ -105,7 +106,7 @@ def subject() -> tuple[Model, Kinematics, str]:
 
 
 def least(run: Callable[[], object], repeats: int = REPEATS, clock: Clock = process_time) -> float:
-    """The shortest of some runs [s]: what disturbs only lengthens."""
+    """The shortest of several runs [s], because other load only lengthens a run."""
     times = []
     for _ in range(repeats):
         start = clock()
@@ -115,7 +116,7 @@ def least(run: Callable[[], object], repeats: int = REPEATS, clock: Clock = proc
 
 
 def side_by_side(model: Model, kinematics: Kinematics, frames: int) -> tuple[float | None, float]:
-    """Seconds a frame of the peer, None where it is not there, and of ours, in turns; the least of each frame's."""
+    """Seconds per frame of the peer (None without it) and of our solver, alternating; the least of every frame."""
     peer = the_peer()
     sample = np.linspace(0, len(kinematics.time) - 1, frames).astype(int)
     seconds, ours = np.full((REPEATS, frames, 2), np.nan), np.empty(REPEATS)
@@ -132,7 +133,7 @@ def side_by_side(model: Model, kinematics: Kinematics, frames: int) -> tuple[flo
 
 
 def the_peer() -> Callable[[int], tuple[float, float]] | None:
-    """What takes the seconds of OpenSim's maps and of SLSQP in one frame of FLX01, or None where it is not there."""
+    """A function that times OpenSim's maps and SLSQP in one frame of FLX01 [s]; None without the peer."""
     if not (PEER.exists() and OSIM.exists()):
         print(f"no peer: {PEER.name} should lie in shared/peer beside the repository and does not")
         return None
@@ -160,7 +161,7 @@ def the_peer() -> Callable[[int], tuple[float, float]] | None:
 
 
 def stations(model: Model, kinematics: Kinematics) -> None:
-    """What each room takes of a whole frame."""
+    """Time of every stage of a whole frame."""
     mechanics, options = evaluate_motion(model, kinematics), RedundancyOptions()
     problem = build_redundancy(model, mechanics, options)
     steps: dict[str, Callable[[], object]] = {
@@ -194,9 +195,9 @@ def imports() -> None:
 def first_use() -> None:
     """One frame in a fresh process: with nothing compiled, and with what that left on disk."""
     command = (
-        "from solver.bundled import bundled_model; from solver.raise_arm import raise_arm;"
-        "from solver.motion import differentiate, thin; from solver.redundancy.motion import solve_motion;"
-        "model = bundled_model(); solve_motion(model, thin(differentiate(raise_arm(model)), 1000))"
+        "from solver.bundled import bundled_model; from solver.raise_arm import simulate_arm_raise;"
+        "from solver.motion import decimate, differentiate; from solver.redundancy.motion import solve_motion;"
+        "model = bundled_model(); solve_motion(model, decimate(differentiate(simulate_arm_raise(model)), 1000))"
     )
     with tempfile.TemporaryDirectory() as folder:
         first, later = (seconds_of(command, {"NUMBA_CACHE_DIR": folder}) for _ in range(2))
@@ -204,7 +205,7 @@ def first_use() -> None:
 
 
 def seconds_of(command: str, environment: dict[str, str]) -> float:
-    """Of a fresh process, which tells them itself."""
+    """Seconds of a new process, as it reports them."""
     told = f"{command}\nimport time\nprint(time.process_time())"
     run = subprocess.run(  # noqa: S603
         [sys.executable, "-c", told], cwd=ROOT, env={**os.environ, **environment}, check=True, stdout=subprocess.PIPE
@@ -213,7 +214,7 @@ def seconds_of(command: str, environment: dict[str, str]) -> float:
 
 
 def scenarios_of(problem: RedundancyProblem, count: int) -> LoadResponse:
-    """Loads that grow and fade over the motion, each of another size and direction."""
+    """Loads that increase and decrease over the motion, with different sizes and directions."""
     generator = np.random.default_rng(1)
     shape = np.sin(np.linspace(0, np.pi, len(problem.time)))[:, None]
     acceleration = generator.uniform(-2, 2, (count, 1, len(problem.tracked))) * shape
@@ -228,7 +229,7 @@ def further_scenario(problem: RedundancyProblem) -> bool:
     one = LoadResponse(loads.acceleration[:1], loads.reaction[:1])
     more, single = (least(lambda a=a: solve_redundancy(problem, a, workers=1)) for a in (loads, one))
     ours = (more - single) / (19 * frames)
-    alone = replace(problem, interval=1e3)  # no bounds from frame to frame: the very same problems for both
+    alone = replace(problem, interval=1e3)  # no bounds from frame to frame, so that both solve the same problems
     start = process_time()
     known = solve_redundancy(replace(alone, solver="clarabel"), one)
     clarabel = (process_time() - start) / frames
@@ -307,7 +308,7 @@ def memory(problem: RedundancyProblem, scenarios: int) -> None:
 
 
 def run_again(*options: str) -> None:
-    """In a process of its own, which nothing before has made larger."""
+    """In a new process, whose memory is not affected by earlier stages."""
     sys.stdout.flush()
     subprocess.run([sys.executable, __file__, *options], check=True)  # noqa: S603
 

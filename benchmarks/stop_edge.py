@@ -2,9 +2,9 @@
 
     python -m benchmarks.stop_edge [TRIALS]
 
-Declared: sync.stop_edge states where the line falls. Not known: it does not, and the interval holds every position in
+Declared: sync.stop_edge states where the line falls. Not known: it does not, and the interval covers every position in
 the last frame. Trials last 20 to 70 s, at 1 kHz and 85 to 200 frames a second
-(tests/fitting/timing/stopped_capture.py).
+(tests/fitting/trial/stopped_capture.py).
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.timing.clock_fit import fit_clock
-from fitting.timing.stop_edge import stop_window
+from fitting.trial.clock_fit import fit_clock, stop_window
 from recordings.manifest import Timing
-from tests.fitting.timing.stopped_capture import EXPOSURE, STOPS, Stop, stopped_capture
+from tests.fitting.trial.stopped_capture import EXPOSURE, STOPS, Stop, stopped_capture
 
 DRIFTS_PPM = ((0, 0), (50, 0), (0, 50), (300, 0), (0, 300))
 """Of the DAQ's clock and of the camera's."""
@@ -43,7 +42,7 @@ class Cell:
 
 
 def coverage(stop: Stop, daq_ppm: float, camera_ppm: float, trials: int, *, is_declared: bool) -> Cell:
-    """Of so many simulated trials."""
+    """Coverage over a number of simulated trials."""
     random = np.random.default_rng([STOPS.index(stop), int(daq_ppm), int(camera_ppm)])
     timing = Timing(stop_edge=stop, exposure_s=EXPOSURE) if is_declared else Timing()
     covered, identified, widths, errors = [], [], [], []

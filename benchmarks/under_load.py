@@ -1,13 +1,13 @@
-"""Run a command on a busy machine, and print what it got of it.
+"""Run a command on a busy machine, and print its times and its share of the cores.
 
     python -m benchmarks.under_load [--loops 16] [--compare] -- .venv/bin/pytest
 
-Busy loops of the command's own priority run beside it, each in a process. They end with the command. Each of them also
-ends by itself when this program is gone, or after --at-most seconds, so that none is ever left behind. --compare runs
-the command without them first. The exit code is that of the command under load.
+Busy loops with the priority of the command run beside it, one process for each. They end with the command, and also by
+themselves when this program ends, or after --at-most seconds. --compare first runs the command without them. The exit
+code is that of the command under load.
 
-Processor time is that of the command and of all descendants that it waited for; Windows does not tell it, and it is 0
-there. Nothing tells the command that the machine is busy: tests scale their time-outs with the load average themselves.
+Processor time is that of the command and of all descendants that it waited for; it is 0 on Windows, which does not
+report it. The command is not informed of the load: tests scale their time-outs with the load average.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ AT_MOST_S = 3 * 3600.0
 
 @dataclass(frozen=True)
 class Run:
-    """What a command took: seconds of wall and of processor, the load average at its end, the loops that ran then."""
+    """Wall and processor seconds of a command, the load average at its end, and the number of loops then."""
 
     wall_s: float
     processor_s: float
@@ -45,7 +45,7 @@ class Run:
 
     @property
     def share_of_cores(self) -> float:
-        """Part of all cores that the command had, 1 if it kept them all busy."""
+        """Share of all cores, 1 if the command kept them all busy."""
         return self.processor_s / self.wall_s / (os.cpu_count() or 1)
 
 
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str]) -> int:
 
 @contextmanager
 def busy_loops(count: int, at_most_s: float) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Processes that do nothing as fast as they can, ended by their ids."""
+    """Processes with busy loops, ended by their ids."""
     command = [sys.executable, "-c", LOOP, str(os.getpid()), str(at_most_s)]
     loops: list[subprocess.Popen[bytes]] = []
     try:
@@ -76,7 +76,7 @@ def busy_loops(count: int, at_most_s: float) -> Iterator[list[subprocess.Popen[b
 
 
 def measure(command: Sequence[str], loops: Sequence[subprocess.Popen[bytes]] = ()) -> Run:
-    """Run the command beside the loops. Their processor time does not count: nobody has waited for them yet."""
+    """Run the command beside the loops. Their processor time is not included: no process has waited for them yet."""
     began_s, before = time.monotonic(), os.times()
     exit_code = subprocess.run(command, check=False).returncode  # noqa: S603 (what the user asks for)
     wall_s, after = time.monotonic() - began_s, os.times()

@@ -1,13 +1,12 @@
-"""The vendors' own example programs, unchanged, at the simulated devices: which of them run.
+"""Run the vendors' example programs, unchanged, with the simulated devices.
 
     python -m benchmarks.vendor_examples FOLDER [FOLDER …]
 
-FOLDER is yours: the folder `examples` of NI's nidaqmx-python or of Qualisys's Python SDK, of the version you use. Every
-program in it that imports nidaqmx or qtm_rt runs in a process and an empty folder of its own, with its calls led to a
-simulated bench of its own (vendor_program.py). Passed has a program that ends without an error, or that goes on for
-ever and has printed something: 1 and Enter are typed after 3 s, and it is ended after 20 s. What failed
-shows its last line.
-Most that fail ask for what a USB-6008 does not have, or for what the simulators say that they do not imitate.
+FOLDER is the folder `examples` of NI's nidaqmx-python or of Qualisys's Python SDK, in the version that you use. Every
+program in it that imports nidaqmx or qtm_rt runs in a separate process and empty folder, with its calls redirected to a
+simulated bench (vendor_program.py). A program passes if it ends without an error, or if it runs without end and has
+printed something: 1 and Enter are typed after 3 s, and it is ended after 20 s. The last line of a failed program is
+shown. Most of these use what a USB-6008 does not have, or what the simulators do not imitate.
 """
 
 from __future__ import annotations
@@ -30,14 +29,14 @@ from drivers.simulators.settings import settings_from_dict
 
 ENTER_AFTER_S = 3.0
 ENDED_AFTER_S = 20.0
-DISCOVERY_PORT = 22226  # qtm_rt asks at no other
+DISCOVERY_PORT = 22226  # the only port that qtm_rt uses
 IMPORTS = {name: re.compile(rf"^\s*(import|from) {name}", re.MULTILINE) for name in ("nidaqmx", "qtm_rt")}
 ERROR = re.compile(r"[\w.]*(Error|Exception|Exit|error)\b.*: ")
 
 
 @dataclass(frozen=True)
 class Ran:
-    """How a program ended. last_line: of what it printed, or of its error."""
+    """End of a program. last_line is that of its output or of its error."""
 
     has_passed: bool
     last_line: str
@@ -68,7 +67,7 @@ def programs(folder: Path) -> Iterator[tuple[Path, str]]:
 
 
 def run(program: Path, package: str, enter_after_s: float = ENTER_AFTER_S, ended_after_s: float = ENDED_AFTER_S) -> Ran:
-    """One program at a bench of its own: a person starts a capture, or the program does where it takes control."""
+    """Run one program with a simulated bench: the operator starts a capture, unless the program takes control."""
     text = program.read_text(encoding="utf-8-sig", errors="replace")
     ports = {"ni": None, "discovery": DISCOVERY_PORT} if package == "qtm_rt" else {"qtm": None}
     has_person = "TakeControl" not in text and "take_control" not in text
@@ -108,7 +107,7 @@ def _run_at(port: int, program: Path, package: str, folder: str, enter_after_s: 
 
 
 def _end_of(child: subprocess.Popen[bytes], enter_after_s: float, ended_after_s: float) -> int | None:
-    """Its exit code; None where it was ended. Types 1 and Enter once meanwhile."""
+    """Exit code of the program; None if it was ended. Types 1 and Enter once."""
     with ExitStack() as ending:
         if child.stdin is not None:
             ending.callback(_close, child.stdin)
@@ -126,7 +125,7 @@ def _end_of(child: subprocess.Popen[bytes], enter_after_s: float, ended_after_s:
 
 
 def _close(pipe: IO[bytes]) -> None:
-    with suppress(OSError):  # what was typed has nobody to read it
+    with suppress(OSError):  # the program has ended without reading its input
         pipe.close()
 
 

@@ -1,9 +1,9 @@
-"""Runs one program unchanged, with its calls to a vendor's package led to a simulated device.
+"""Run one program unchanged, with its calls to a vendor's package redirected to a simulated device.
 
     python -m benchmarks.vendor_program nidaqmx|qtm_rt PORT PROGRAM
 
-Of nidaqmx every task and the local system are those of the device server at PORT, as the package offers it by
-GrpcSessionOptions. Of qtm_rt every connection goes to PORT.
+With nidaqmx, every task and the local system are those of the device server at PORT, by GrpcSessionOptions. With
+qtm_rt, every connection goes to PORT.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 
 def main() -> None:
     package, port, program = sys.argv[1], int(sys.argv[2]), sys.argv[3]
-    {"nidaqmx": _lead_nidaqmx, "qtm_rt": _lead_qtm_rt}[package](port)
+    {"nidaqmx": _redirect_nidaqmx, "qtm_rt": _redirect_qtm_rt}[package](port)
     sys.argv = [program]
     sys.path.insert(0, str(Path(program).parent))
     runpy.run_path(program, run_name="__main__")
 
 
-def _lead_nidaqmx(port: int) -> None:
+def _redirect_nidaqmx(port: int) -> None:
     import grpc
     import nidaqmx
     import nidaqmx.system
@@ -42,7 +42,7 @@ def _lead_nidaqmx(port: int) -> None:
     nidaqmx.system.System.local = staticmethod(local)  # type: ignore[method-assign,assignment]
 
 
-def _lead_qtm_rt(port: int) -> None:
+def _redirect_qtm_rt(port: int) -> None:
     import qtm_rt
 
     connect = qtm_rt.connect

@@ -1,4 +1,4 @@
-"""Whether the dependencies can be installed from wheels alone, on each platform: python -m benchmarks.wheels
+"""Check that the dependencies can be installed from wheels only, on every platform: python -m benchmarks.wheels
 
 Each platform's set is resolved by uv, on this machine, with the markers of that platform; nothing is installed. Exit
 code 1: a supported platform lacks a wheel. Without a package index the platforms are skipped with a message, and the
@@ -21,7 +21,7 @@ SUPPORTED = {
     "Linux, arm64": "aarch64-manylinux_2_28",
 }
 UNSUPPORTED = {"Windows, arm64": "aarch64-pc-windows-msvc", "macOS, x86-64": "x86_64-apple-darwin"}
-"""Some package has no wheel for them; they are tried, so that it is seen when that changes."""
+"""Platforms for which a package has no wheel; tried in order to notice a change."""
 LEAST_PYTHON = "3.11"
 UNREACHABLE = ("failed to fetch", "error sending request", "network was disabled", "dns error", "timed out", "no cache")
 
@@ -57,7 +57,7 @@ def resolve(target: str, project: Path = ROOT / "pyproject.toml") -> Resolution:
 
 
 def refused(words: str) -> Resolution:
-    """What uv's refusal means."""
+    """Resolution of a refusal by uv."""
     why = " ".join(words.split()) or "uv ended without a word"
     return Resolution(0, any(sign in why.lower() for sign in UNREACHABLE), why)
 
@@ -76,7 +76,7 @@ def main() -> int:
 
 
 def _environment() -> dict[str, str]:
-    """pip's choice of an index and of certificates is uv's, too."""
+    """Environment with pip's index and certificates for uv."""
     given = {"UV_DEFAULT_INDEX": _pip_setting("index-url"), "SSL_CERT_FILE": _pip_setting("cert")}
     return {**{name: value for name, value in given.items() if value}, **os.environ}
 

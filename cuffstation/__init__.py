@@ -14,11 +14,11 @@ from __future__ import annotations
 from importlib.metadata import version
 
 from drivers.errors import DeviceError
-from fitting.cuffs_file import read_cuffs, write_cuffs
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.cuffs_file import read_cuffs, write_cuffs
+from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.errors import FitError
-from fitting.result import CuffFit, SessionFit
 from fitting.uncertainty import Estimate
-from fitting.wearable_cuff import WearableCuff
 from recordings.errors import RecordingError
 from recordings.reader import Recording, Track
 from solver.errors import SolverError

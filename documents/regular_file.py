@@ -1,4 +1,7 @@
-"""Regular files alone are read and appended to: no pipe that hangs, no device without an end, no link elsewhere."""
+"""Read and append to regular files only: a pipe would block, a device has no end, a link may lead elsewhere.
+
+Errors are OSError; errno is their code.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 LARGEST_TABLE, LARGEST_MODEL, LARGEST_SUIT = 128 * 2**20, 64 * 2**20, 32 * 2**10
-"""Bytes of a motion or other table, of an OpenSim document, of a suit in TOML, whose dotted keys cost their square."""
+"""Largest sizes [bytes]: a motion or other table, an OpenSim document, a suit in TOML."""
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # opening a pipe would wait for its writer
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
@@ -21,28 +24,28 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """All of a regular file. OSError for anything else, and for more than most_bytes."""
+    """Content of a regular file. OSError for anything else, and for more than most_bytes."""
     with open_regular(path) as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
         raise OSError(
-            errno.EFBIG, f"more than {most_bytes / 1e6:.3g} MB, the most that is read of such a file", str(path)
+            errno.EFBIG, f"larger than {most_bytes / 1e6:.3g} MB, the largest file of this kind that is read", str(path)
         )
     return content
 
 
 def append_to_regular(path: Path) -> BinaryIO:
-    """A file of its own, made where there is none, open for reading and appending.
+    """Open a file for reading and appending; create it if it does not exist.
 
-    OSError for a symbolic link and for a file with a second name: what is written would change a file elsewhere.
+    OSError for a symbolic link and for a file with a second hard link: writing would change a file elsewhere.
     """
     if path.is_symlink():
-        raise OSError(errno.ELOOP, "a symbolic link, expected a file of its own; remove the link", str(path))
+        raise OSError(errno.ELOOP, "a symbolic link, expected a regular file; remove the link", str(path))
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | _NO_WAIT | _NO_LINK
     descriptor = _checked(os.open(path, flags, 0o666), path)
     if os.fstat(descriptor).st_nlink > 1:
         os.close(descriptor)
-        raise OSError(errno.EMLINK, "a file with a second name elsewhere, expected one of its own; copy it", str(path))
+        raise OSError(errno.EMLINK, "a file with a second hard link, expected one without; copy it", str(path))
     return os.fdopen(descriptor, "a+b")
 
 

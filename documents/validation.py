@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, StrictInt, Validation
 from documents.plain_data import shortened
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-"""A finite number of a document: neither a text nor a Boolean."""
+"""A finite number; texts and Booleans are refused."""
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Whole = StrictInt
@@ -23,9 +23,9 @@ class Section(BaseModel):
 
 
 def describe_error(error: ValidationError, *, context: str = "") -> str:
-    """The first fault of a document: its key below `context`, what was found, what was expected; then how many more."""
+    """One sentence for the first error: key below `context`, value found, value expected; then the number of others."""
     first, *more = error.errors()
-    key = ".".join([context] * bool(context) + [str(part) for part in first["loc"]])
+    key = faulty_key(error, context=context)
     if first["type"] == "extra_forbidden":
         sentence = f"unknown key {key}"
     elif first["type"] == "value_error":
@@ -36,6 +36,11 @@ def describe_error(error: ValidationError, *, context: str = "") -> str:
         expected = _expected(first["type"], first["msg"], first.get("ctx", {}))
         sentence = f"{key} is {shortened(first['input'])}, {expected}" if key else expected
     return " ".join(sentence.split()) + (f" (and {len(more)} more)" if more else "")
+
+
+def faulty_key(error: ValidationError, *, context: str = "") -> str:
+    """The key of the first fault below `context`, with dots: `cuffs.hand.site`."""
+    return ".".join([context] * bool(context) + [str(part) for part in error.errors()[0]["loc"]])
 
 
 _EXPECTED = {
@@ -51,7 +56,7 @@ _EXPECTED = {
     "less_than": "a number below {lt:g}",
     "less_than_equal": "a number of at most {le:g}",
 }
-"""Kinds of pydantic's errors, in the words of a TOML file."""
+"""Type of pydantic's error → expectation in terms of TOML."""
 
 
 def _expected(kind: str, message: str, bounds: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The devices the station knows, loaded when asked, so that no wire costs anything until it is used."""
+"""The drivers by name, each imported when it is first used."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from importlib import import_module
 from typing import Any
 
 from drivers.device import CaptureControl, Device, HostClock
-from drivers.errors import DeviceMisconfigured
+from drivers.errors import DeviceCode, DeviceMisconfigured
 from drivers.reconnecting import Reconnecting, ReconnectingCapture, Seconds
 
 CATALOGUE = {
     "nidaq": "drivers.nidaq:NiDaq",
     "qualisys": "drivers.qualisys:Qualisys",
+    "lsl": "drivers.lsl:LslEmg",
     "serial_load_cell": "drivers.serial_load_cell:SerialLoadCell",
 }
 
 
 def make_device(source: str, *, host_clock: HostClock, seconds: Seconds = time.monotonic, **options: Any) -> Device:
-    """The device called source, not yet opened, to be brought back when it is lost; the options are those of its class.
+    """A device, not yet opened, that reconnects when it is lost; the options are those of its class.
 
-    seconds is the clock by which a lost device is tried again.
-
-    Raises DeviceMisconfigured where the catalogue has no such source.
+    seconds is the clock of the reconnection. Raises DeviceMisconfigured for a source without a driver.
     """
     if source not in CATALOGUE:
-        raise DeviceMisconfigured(f'no driver is called "{source}"; the catalogue has {", ".join(sorted(CATALOGUE))}')
+        sentence = f'no driver is named "{source}"; choose one of {", ".join(sorted(CATALOGUE))}'
+        raise DeviceMisconfigured(sentence, DeviceCode.UNKNOWN_DRIVER)
     module, name = CATALOGUE[source].split(":")
     device = getattr(import_module(module), name)(host_clock=host_clock, **options)
     kind = ReconnectingCapture if isinstance(device, CaptureControl) else Reconnecting

@@ -1,4 +1,4 @@
-"""Queue of received items between the thread of a connection and the thread that reads the device."""
+"""Queue between the thread of a connection and the thread that reads the device."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drivers.errors import DeviceLost
+from drivers.errors import DeviceCode, DeviceLost
 from recordings.samples import Event, Item, Loss, Samples
 
 
 class Inbox:
     """At most longest_queue samples and events; consecutive blocks beyond that become one Loss.
 
-    A sentence ends the queue.
+    end() closes the queue with the error that take() raises once it is empty.
     """
 
     def __init__(self, longest_queue: int) -> None:
@@ -23,7 +23,7 @@ class Inbox:
         self._items: deque[Item] = deque()
         self._held = 0
         self._last_time_ns = 0  # of the last sample that was admitted
-        self._end: str | None = None
+        self._end: tuple[str, DeviceCode] | None = None
 
     def put(self, items: Sequence[Item]) -> None:
         with self._changed:
@@ -31,10 +31,10 @@ class Inbox:
                 self._put(item)
             self._changed.notify_all()
 
-    def end(self, sentence: str) -> None:
+    def end(self, sentence: str, code: DeviceCode) -> None:
         """Close the queue with the reason; the first reason is kept."""
         with self._changed:
-            self._end = self._end or sentence
+            self._end = self._end or (sentence, code)
             self._changed.notify_all()
 
     def take(self, timeout_s: float) -> list[Item]:
@@ -42,7 +42,7 @@ class Inbox:
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._end, timeout_s)
             if not self._items and self._end:
-                raise DeviceLost(self._end)
+                raise DeviceLost(*self._end)
             items = list(self._items)
             self._items.clear()
             self._held = 0

@@ -1,37 +1,31 @@
 """Volts from an NI USB-6008 through nidaqmx: the load cell's amplifier and the 5 V sync line, in one task.
 
-The driver package is used as it is, against the local NI-DAQmx or an NI gRPC Device Server.
+nidaqmx is used unchanged, with the local NI-DAQmx or an NI gRPC Device Server.
 """
 
 from __future__ import annotations
 
 import contextlib
-import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.device import HostClock
-from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceError, DeviceLost
+from drivers.nidaq_errors import OVERRUN, TIMED_OUT, code_of, loss_of, refusal_of
 from drivers.nidaq_session import DaqSession
 from recordings.samples import DeviceIdentity, Item, Loss, Samples, Stream
-
-# nidaqmx.error_codes.DAQmxErrors
-TIMED_OUT = -200284
-OVERRUN = {-200279, -200222, -200361, -200004}  # PC buffer or on-board FIFO overwritten: a restart cures it
-NO_SUCH_DEVICE = {-200220, -201003, -200045}
-IN_USE = {-200022, -50103}
-NO_SUCH_CHANNEL = {-200170}
-NO_TRANSFER = {-50405}  # of the USB-600x, after minutes or hours; only unplugging it helps
 
 CONNECT_TIMEOUT_S = 3.0
 READS_PER_S = 20.0  # wall; NI advises about ten, each read is two round trips
 LONGEST_WAIT_S = 1.0  # for samples, within one read
-RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would hold the caller for ever
+RPC_DEADLINE_S = LONGEST_WAIT_S + 1.0  # nidaqmx sets none: a frozen server would block the caller for ever
 POSITION_LOOKS = 20  # one every 1 / READS_PER_S
 BUFFER_S = 600.0  # device seconds that the PC buffer holds: 10 MB
 LARGEST_READ_S = 10.0
@@ -41,8 +35,25 @@ U = TypeVar("U")
 Volts = NDArray[np.float64]  # (channels, n)
 
 
+@dataclass(frozen=True)
+class AnalogInput:
+    """A differential input: the stream and the label under which it is recorded, its name on the device ("ai0"), and
+    its range, ±range_v.
+    """
+
+    stream: str
+    label: str
+    channel: str
+    range_v: float = 10.0
+
+    def __str__(self) -> str:
+        return f"{self.channel} (±{self.range_v:g} V)"
+
+
 class NiDaq:
-    """Stream /force and /sync in volts; without force_channel (load cell on another wire) only /sync.
+    """Streams in volts of analogue inputs, which one task converts at one rate.
+
+    Inputs of one stream follow each other and become its columns.
 
     Sample numbers count from 0 at the start of the task; device time is number ÷ sample rate of the device. With start
     "pfi0" the task begins at the rising edge on PFI0, with "sync_edge" immediately. After an overrun the task is
@@ -55,20 +66,16 @@ class NiDaq:
         self,
         *,
         device: str,
-        sync_channel: str,
+        inputs: Sequence[AnalogInput],
         sample_rate_hz: float,
         host_clock: HostClock,
-        force_channel: str | None = None,
         grpc_target: str | None = None,
-        force_range_v: float = 10.0,
-        sync_range_v: float = 10.0,
         start: Literal["sync_edge", "pfi0"] = "sync_edge",
         timeout_scale: float = 1.0,
     ) -> None:
         self._device = device
         self._grpc_target = grpc_target
-        force = [("/force", force_channel, force_range_v)] if force_channel else []
-        self._inputs = [*force, ("/sync", sync_channel, sync_range_v)]
+        self._inputs = tuple(inputs)
         self._rate_hz = float(sample_rate_hz)
         self._start = start
         self._timeout_scale = timeout_scale
@@ -126,9 +133,9 @@ class NiDaq:
         self._connect_and(self._continue_or_begin)
 
     def read(self, timeout_s: float) -> Sequence[Item]:
-        task, reader = self._task, self._reader  # close() may come from the daemon's watchdog meanwhile
+        task, reader = self._task, self._reader  # the watchdog may call close() meanwhile
         if task is None:
-            raise DeviceLost(f"{self.name} is closed; open it before reading")
+            raise DeviceLost(f"{self.name} is closed; open it before reading", DeviceCode.CLOSED)
         deadline_s = time.monotonic() + min(timeout_s, LONGEST_WAIT_S)
         time.sleep(max(0.0, min(self._next_read_s, deadline_s) - time.monotonic()))
         self._next_read_s = time.monotonic() + 1 / READS_PER_S
@@ -139,7 +146,7 @@ class NiDaq:
                 time.sleep(max(0.0, min(1 / READS_PER_S, deadline_s - time.monotonic())))
             return self._samples(volts)
         except self._vendor_errors as error:
-            if _code(error) in OVERRUN:
+            if code_of(error) in OVERRUN:
                 return self._restart(task)
             raise self._lost(error) from error
 
@@ -157,9 +164,9 @@ class NiDaq:
 
     @property
     def _opened(self) -> DaqSession:
-        session = self._session  # close() may come from the daemon's watchdog meanwhile
+        session = self._session  # the watchdog may call close() meanwhile
         if session is None:
-            raise DeviceLost(f"{self.name} is closed; open it first")
+            raise DeviceLost(f"{self.name} is closed; open it first", DeviceCode.CLOSED)
         return session
 
     def _connect_and(self, start: Callable[[DaqSession], None]) -> None:
@@ -183,11 +190,11 @@ class NiDaq:
         task.start()
         self._count_missed(self._host_clock())
         self._start_number = self._next_number
-        self._tells_available = self._ask(lambda: int(task.in_stream.avail_samp_per_chan), -1) >= 0
+        self._reports_available = self._ask(lambda: int(task.in_stream.avail_samp_per_chan), -1) >= 0
         self._is_started = True
 
     def _continue_or_begin(self, session: DaqSession) -> None:
-        task = session.attach() if self._is_started and self._tells_available else None
+        task = session.attach() if self._is_started and self._reports_available else None
         position = self._position_of(task) if task is not None else None
         if position is None or self._start_number + position < self._next_number:
             return self._begin(session)
@@ -211,12 +218,12 @@ class NiDaq:
     def _configure(self, task: Any) -> None:
         from nidaqmx.constants import AcquisitionType, Edge, TerminalConfiguration
 
-        for _, channel, range_v in self._inputs:
+        for one in self._inputs:
             task.ai_channels.add_ai_voltage_chan(
-                f"{self._device}/{channel}",
+                f"{self._device}/{one.channel}",
                 terminal_config=TerminalConfiguration.DIFF,
-                min_val=-range_v,
-                max_val=range_v,
+                min_val=-one.range_v,
+                max_val=one.range_v,
             )
         task.timing.cfg_samp_clk_timing(
             self._rate_hz,
@@ -242,13 +249,16 @@ class NiDaq:
             Stream(
                 name=stream,
                 unit="V",
-                labels=(stream.removeprefix("/"),),
+                labels=tuple(one.label for one in inputs),
                 rate_hz=self._true_rate_hz,
-                source=" ".join(["NI", *product.split(), f"{self._device}/{channel} at {self._where}"]),
+                source=" ".join(["NI", *product.split(), f"{self._device}/{_channels(inputs)} at {self._where}"]),
                 serial_number=serial_number,
             )
-            for stream, channel, _ in self._inputs
+            for stream, inputs in self._by_stream()
         )
+
+    def _by_stream(self) -> list[tuple[str, list[AnalogInput]]]:
+        return [(name, list(inputs)) for name, inputs in groupby(self._inputs, key=lambda one: one.stream)]
 
     def _read_volts(self, task: Any, reader: Any, timeout_s: float) -> Volts:
         """All available samples, possibly none.
@@ -257,7 +267,7 @@ class NiDaq:
         that does not report the number of available samples is asked to wait for the next block.
         """
         channels = len(self._inputs)
-        if self._tells_available:
+        if self._reports_available:
             available = int(task.in_stream.avail_samp_per_chan)
             if not available:
                 return self._buffer[:0].reshape(channels, 0)
@@ -268,7 +278,7 @@ class NiDaq:
         try:
             reader.read_many_sample(volts, count, timeout=timeout_s)
         except self._vendor_errors as error:
-            if _code(error) != TIMED_OUT:
+            if code_of(error) != TIMED_OUT:
                 raise
             volts = volts[:, : getattr(error, "samps_per_chan_read", 0)]
         return volts
@@ -279,9 +289,10 @@ class NiDaq:
         device_time_ns = np.rint(numbers * (1e9 / self._true_rate_hz)).astype(np.int64)
         self._next_number += volts.shape[1]
         self._zero_ns = min(self._zero_ns, host_time_ns - int(device_time_ns[-1]))
+        ends = np.cumsum([len(stream.labels) for stream in self._streams])
         return [
-            Samples(stream.name, numbers, device_time_ns, host_time_ns, row[:, np.newaxis].copy())
-            for stream, row in zip(self._streams, volts, strict=True)
+            Samples(stream.name, numbers, device_time_ns, host_time_ns, rows.T.copy())
+            for stream, rows in zip(self._streams, np.split(volts, ends[:-1]), strict=True)
         ]
 
     def _restart(self, task: Any) -> list[Item]:
@@ -289,7 +300,7 @@ class NiDaq:
         try:
             task.stop()
             if self._start == "pfi0":
-                task.triggers.start_trigger.disable_start_trig()  # its edge has been
+                task.triggers.start_trigger.disable_start_trig()  # its edge is past
             task.start()
         except self._vendor_errors as error:
             raise self._lost(error) from error
@@ -306,11 +317,11 @@ class NiDaq:
 
     @property
     def _has_begun(self) -> bool:
-        """Whether samples have come: the trigger, if there is one, has been."""
+        """Whether samples have been received, so that the trigger, if there is one, is past."""
         return self._next_number > 0
 
     def _due(self, host_time_ns: int) -> int:
-        """How many samples the device has taken since sample 0, by the host's clock; never more than it has."""
+        """Number of samples the device has taken since sample 0, by the host's clock; never more than it has."""
         return int((host_time_ns - self._zero_ns) * 1e-9 * self._true_rate_hz)
 
     def _count_missed(self, host_time_ns: int) -> int:
@@ -328,63 +339,19 @@ class NiDaq:
 
     def _refusal(self, error: Exception) -> DeviceError:
         """The error of device, driver or server at opening, as one sentence."""
-        from nidaqmx.errors import DaqNotFoundError
-
-        code = _code(error)
-        who = f"{self.name} at {self._where}"
-        inputs = " and ".join(f"{channel} (±{range_v:g} V)" for _, channel, range_v in self._inputs)
-        if isinstance(error, DaqNotFoundError):
-            return DeviceUnavailable(
-                f"{self.name} needs the NI-DAQmx driver, and this computer has none; "
-                "install it, or name an NI gRPC device server in daq.grpc_target"
-            )
-        for codes, what, advice in _UNAVAILABLE:
-            if code in codes:
-                return DeviceUnavailable(f"{who} {what} (NI error {code}); {advice}")
-        if code in NO_SUCH_CHANNEL:
-            return DeviceMisconfigured(
-                f"{who} was asked for the differential inputs {inputs} and lacks one of them (NI error {code}); "
-                "correct daq.force_channel or daq.sync_channel"
-            )
-        if code < 0:
-            return DeviceMisconfigured(
-                f"{who} was asked for {inputs} at {self._rate_hz:g} Hz each with start {self._start}, and refused: "
-                f"{_words(error)} (NI error {code}); correct the [daq] section"
-            )
-        return DeviceUnavailable(f"{who} does not answer as a DAQ: {_words(error)}; restart its server")
+        asked = f"{' and '.join(map(str, self._inputs))} at {self._rate_hz:g} Hz each with start {self._start}"
+        return refusal_of(error, self.name, self._where, asked)
 
     def _lost(self, error: Exception) -> DeviceLost:
-        code = f" (NI error {_code(error)})" if _code(error) else ""
-        advice = "unplug it and plug it in again" if _code(error) in NO_TRANSFER else "check its cable and its server"
-        return DeviceLost(f"{self.name} at {self._where} was streaming and stopped: {_words(error)}{code}; {advice}")
+        return loss_of(error, f"{self.name} at {self._where}")
 
     @property
     def _where(self) -> str:
         return self._grpc_target or "the local NI-DAQmx"
 
 
-_UNAVAILABLE = (
-    (NO_SUCH_DEVICE, "is not there", "plug it in, or correct daq.device"),
-    (
-        IN_USE,
-        "is in use by another program",
-        "close that program; where none runs, a task of a dead one is left: restart NI's device server",
-    ),
-    (NO_TRANSFER, "transfers nothing", "unplug it and plug it in again"),
-)
-
-
-def _code(error: BaseException | None) -> int:
-    """NI's error code; 0 for errors of the transport."""
-    return int(getattr(error, "error_code", 0))
-
-
-def _words(error: Exception) -> str:
-    """Error text of NI or gRPC on one line, without code and task name."""
-    text = re.split(r"\n\s*(?:Task Name|Status Code):", str(error))[0].removeprefix("StatusCode.")
-    if text.startswith("DEADLINE_EXCEEDED"):
-        return f"no answer within {RPC_DEADLINE_S:g} s"
-    return " ".join(text.split()).rstrip(".")[:300] or type(error).__name__
+def _channels(inputs: Sequence[AnalogInput]) -> str:
+    return ", ".join(one.channel for one in inputs)
 
 
 def _reader_of(task: Any) -> Any:

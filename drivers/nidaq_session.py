@@ -1,8 +1,8 @@
-"""Where NI-DAQmx runs a task: on this computer, or as a session of an NI gRPC Device Server.
+"""Sessions of NI-DAQmx: a task on this computer, or in a named session of an NI gRPC Device Server.
 
 Such a server keeps a session, and its task keeps the device, until the task is cleared or the device is reset; the
 death of a client ends nothing (ni/grpc-device, source/server/session_repository.cpp). Our session therefore has a name,
-which is noted on this computer until its task is cleared, so that the next program can attach to what a dead one left.
+which is noted on this computer until its task is cleared, so that the next program can attach to a task left behind.
 """
 
 from __future__ import annotations
@@ -16,25 +16,26 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from drivers.errors import DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceUnavailable
 
 FOLDER = ".cuffstation"
-"""In the user's home: the note of each device's session. A folder for temporary files may be emptied by a restart of
-this computer, and the server runs on."""
+"""In the user's home: the note of each device's session. A restart of this computer may empty a folder for temporary
+files while the server continues to run."""
 
 LONGEST_ROUND_TRIP = 0.1
-"""Of one call, as a part of the time-out for connecting (0.3 s of 3 s): opening takes forty calls in a row, and a trial
-waits 15 s for its devices."""
-ROUND_TRIPS = 3  # the fastest counts: a busy machine may hold up one
+"""Of one call, as a fraction of the time-out for connecting (0.3 s of 3 s): opening takes forty calls in a row, and a
+trial waits 15 s for its devices."""
+ROUND_TRIPS = 3  # the fastest counts: a busy machine may delay one
 
 NOTED_NAME = re.compile(r"cuffstation_[0-9a-f]{32}")
+LONGEST_NOTE = 64  # characters; reading a device file would not end
 
 
 class SessionClaim:
     """The right of one program on this computer to our session for a device.
 
-    The operating system frees the lock of a program that dies: who holds it may clear the task of the noted name. What
-    other computers and other programs have in the server has other names and is never touched.
+    The operating system releases the lock of a program that dies. The holder of the lock may clear the task of the
+    noted name; sessions of other computers and programs have other names and are never touched.
     """
 
     def __init__(self, server: str, device: str) -> None:
@@ -46,49 +47,54 @@ class SessionClaim:
         self.name = ""
 
     def acquire(self) -> None:
-        """Raises DeviceUnavailable where another program on this computer has it."""
+        """Raises DeviceUnavailable if another program on this computer holds it."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
             self.name = self._noted_name() or f"cuffstation_{uuid.uuid4().hex}"
         except Timeout as error:
             raise DeviceUnavailable(
-                f"{self._owner} is in use by another recording on this computer; wait for its end, or end it"
+                f"{self._owner} is in use by another recording on this computer; wait until it has ended, or end it",
+                DeviceCode.IN_USE,
             ) from error
         except (OSError, NotImplementedError) as error:
             raise DeviceUnavailable(
-                f"{self._owner}: no lock can be had in {self._folder} ({error}); make this folder writable"
+                f"{self._owner}: no file can be locked in {self._folder} ({error}); make this folder writable",
+                DeviceCode.NOT_LOCKED,
             ) from error
 
     def note(self) -> None:
-        """To be called before a session of this name is made."""
-        with contextlib.suppress(OSError):  # on a full disk the recording is told so, in its own words
-            self._note.unlink(missing_ok=True)  # what a link of its name leads to is not ours
+        """Call before a session of this name is created."""
+        with contextlib.suppress(OSError):  # a full disk is reported by the recording itself
+            self._note.unlink(missing_ok=True)  # never write through a link of this name
             with self._note.open("x", encoding="ascii") as note:
                 note.write(self.name)
 
     def erase(self) -> None:
-        """To be called when the session is closed."""
+        """Call when the session is closed."""
         with contextlib.suppress(OSError):
             self._note.unlink(missing_ok=True)
 
     def release(self) -> None:
-        """Leaves no file behind but the note of a session that was not closed."""
+        """Release the lock. The note of a session that was not closed stays."""
         if self._lock.is_locked:
             with contextlib.suppress(OSError):  # Windows deletes no file that is open
                 Path(self._lock.lock_file).unlink(missing_ok=True)
             self._lock.release()
 
     def _noted_name(self) -> str:
+        if not self._note.is_file():  # opening a pipe would wait for its writer
+            return ""
         try:
-            name = self._note.read_text(encoding="ascii")
+            with self._note.open(encoding="ascii") as note:
+                name = note.read(LONGEST_NOTE)
         except (FileNotFoundError, ValueError):
             return ""
         return name if NOTED_NAME.fullmatch(name) else ""
 
 
 class DaqSession:
-    """Makes tasks on one device; target None is the local NI-DAQmx, which ends the tasks of a dead program itself.
+    """Creates tasks on one device; target None is the local NI-DAQmx, which ends the tasks of a dead program itself.
 
     Every call to a server ends within deadline_s wall seconds. Methods raise the errors of nidaqmx and grpc, and
     DeviceUnavailable.
@@ -103,12 +109,12 @@ class DaqSession:
         self._local_task: Any = None
 
     def claim(self) -> None:
-        """Raises DeviceUnavailable where another program on this computer uses the device through the server."""
+        """Raises DeviceUnavailable if another program on this computer uses the device through the server."""
         if self._claim is not None:
             self._claim.acquire()
 
     def connect(self) -> None:
-        """Raises DeviceUnavailable where no server answers or, the first time, where the network is too slow."""
+        """Raises DeviceUnavailable if no server answers or, the first time, if the network is too slow."""
         if self._target is None:
             return
         import grpc
@@ -119,25 +125,27 @@ class DaqSession:
         except grpc.FutureTimeoutError as error:
             raise DeviceUnavailable(
                 f"NI {self._device} expected an NI gRPC device server at {self._target}, and none answered within "
-                f"{self._connect_timeout_s:g} s; start it, or correct daq.grpc_target"
+                f"{self._connect_timeout_s:g} s; start it, or correct daq.grpc_target",
+                DeviceCode.NO_SERVER,
             ) from error
         fastest_s = 0.0 if self._is_near else min(_round_trip_s(self._channel) for _ in range(ROUND_TRIPS))
         if fastest_s > (longest_s := LONGEST_ROUND_TRIP * self._connect_timeout_s):
             raise DeviceUnavailable(
                 f"NI {self._device} at {self._target} takes {fastest_s:.1f} s to answer a call, expected at most "
-                f"{longest_s:.1f} s; the network is too slow: connect the two computers by cable, without Wi-Fi or VPN"
+                f"{longest_s:.1f} s; the network is too slow: connect the two computers by cable, without Wi-Fi or VPN",
+                DeviceCode.NETWORK_TOO_SLOW,
             )
         self._is_near = True
 
     @property
     def options(self) -> Any:
-        """What nidaqmx wants for everything but our task; None for the local driver."""
+        """Session options of nidaqmx for all calls except those of our task; None for the local driver."""
         import nidaqmx
 
         return None if self._channel is None else nidaqmx.GrpcSessionOptions(self._channel, "")
 
     def attach(self) -> Any:
-        """The task that we, or a program that died, left in the server; None where there is none."""
+        """The task that this program, or one that died, left in the server; None without one."""
         import grpc
         from nidaqmx import SessionInitializationBehavior
         from nidaqmx.errors import RpcError
@@ -160,17 +168,17 @@ class DaqSession:
         return self._task(SessionInitializationBehavior.INITIALIZE_SERVER_SESSION)
 
     def close(self, task: Any) -> None:
-        """Ends our task."""
+        """End the task of this session."""
         self._local_task = None
         task.close()
         if self._claim is not None:
             self._claim.erase()
 
     def clear(self, task: Any) -> None:
-        """Ends a task that was attached to.
+        """End a task that was attached to.
 
-        Where NI-DAQmx cannot clear it, and it was acquiring, the device is reset: as long as our task acquired, no
-        other program had the device. A device that is in use for any other reason is never reset.
+        If NI-DAQmx cannot clear it and it was acquiring, the device is reset: while our task acquired, no other program
+        could use the device. A device that is in use for any other reason is never reset.
         """
         from nidaqmx.errors import DaqError
         from nidaqmx.system.device import Device
@@ -183,7 +191,7 @@ class DaqSession:
                 Device(self._device, grpc_options=self.options).reset_device()
 
     def disconnect(self) -> None:
-        """Leaves a session in the server as it is; a task of the local driver ends."""
+        """Close the channel. A session in the server stays as it is; a task of the local driver ends."""
         from nidaqmx.errors import Error
 
         task, self._local_task = self._local_task, None
@@ -218,7 +226,7 @@ def _is_acquiring(task: Any) -> bool:
 
 
 def _round_trip_s(channel: Any) -> float:
-    """Wall seconds of one call that asks for nothing; raises grpc.RpcError where it is not answered."""
+    """Wall seconds of one call without effect; raises grpc.RpcError if it is not answered."""
     import grpc
 
     call = channel.unary_unary("/nidaqmx_grpc.NiDAQmx/GetSystemInfoAttributeUInt32")

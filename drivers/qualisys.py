@@ -7,7 +7,7 @@ from typing import Literal
 
 from drivers.capture_note import CaptureNote
 from drivers.device import HostClock, Received
-from drivers.errors import DeviceLost
+from drivers.errors import DeviceCode, DeviceLost
 from drivers.qualisys_connection import QtmConnection
 from drivers.qualisys_settings import QtmSettings
 from recordings.samples import DeviceIdentity, Item, Stream
@@ -16,10 +16,10 @@ from recordings.samples import DeviceIdentity, Item, Stream
 class Qualisys:
     """Streams /markers in mm; sample numbers are QTM's frame numbers, device time is its time stamp.
 
-    wanted_labels must be in QTM and come first; all others follow. control "start" takes control of QTM, so that a
-    capture can be started and stopped from here; QTM saves it in its project when the device closes. One that a killed
-    station left there, by its note, is ended and saved at opening; any other is left alone, and opening refused. Where
-    QTM numbers its frames anew (a capture after a preview), an event "numbering_restarted" says so.
+    wanted_labels must be in QTM and come first; all others follow. control "start" takes control of QTM, so that this
+    driver can start and stop a capture; QTM saves it in its project when the device closes. A capture that a killed
+    station left running, according to its note, is stopped and saved at opening; during any other capture, opening is
+    refused. The event "numbering_restarted" reports that QTM restarted its frame numbers (a capture after a preview).
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Qualisys:
         self._opened("stop a capture").stop_capture()
 
     def _opened(self, what: str) -> QtmConnection:
-        connection = self._connection  # close() may come from the daemon's watchdog meanwhile
+        connection = self._connection  # the watchdog may call close() meanwhile
         if connection is None:
-            raise DeviceLost(f"{self.name} was asked to {what} and is closed; open it first")
+            raise DeviceLost(f"{self.name} was asked to {what} and is closed; open it first", DeviceCode.CLOSED)
         return connection

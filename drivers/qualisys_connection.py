@@ -11,14 +11,24 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.device import Received
-from drivers.errors import DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceError, DeviceLost, DeviceMisconfigured, DeviceUnavailable
 from drivers.inbox import Inbox
+from drivers.qualisys_errors import (
+    BUSY,
+    PROTOCOL_VERSION,
+    busy,
+    missing_markers,
+    no_answer,
+    no_server,
+    refused_command,
+    refused_step,
+    text_of,
+)
 from drivers.qualisys_parameters import CameraSystem, Parameters, decode_parameters
 from drivers.qualisys_settings import QtmSettings
-from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, readable
+from drivers.qualisys_wire import NO_MORE_DATA, MarkerBlocks, PacketGuard, decode_frame, markers_alone
 from recordings.samples import DeviceIdentity, Event, Item, Stream
 
-PROTOCOL_VERSION = "1.25"
 CONNECT_TIMEOUT_S = 2.5
 COMMAND_TIMEOUT_S = 2.0
 CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
@@ -51,12 +61,12 @@ class QtmConnection:
         self._loop = asyncio.new_event_loop()
         self._client = QTMProtocol(loop=self._loop, on_event=self._on_event, on_disconnect=self._on_disconnect)
         self._connection = QRTConnection(self._client, timeout=settings.timeout_s(COMMAND_TIMEOUT_S))
-        self._guard = PacketGuard(self._client, self._admit, self._on_unreadable, self._on_nonsense)
+        self._guard = PacketGuard(self._client, self._admit, self._on_unreadable, self._on_lost_boundaries)
         self._thread = threading.Thread(target=self._run, name=settings.name, daemon=True)
         self._is_capturing: bool = past is not None and past._is_capturing
         self._has_captured: bool = past is not None and past._has_captured
         self._is_asking_state = False
-        self._state: asyncio.Future[str] | None = None  # who waits for it, while the connection opens
+        self._state: asyncio.Future[str] | None = None  # of the query for it, while the connection opens
         self._is_lost = False
 
     def begin(self) -> None:
@@ -68,7 +78,7 @@ class QtmConnection:
             self._thread.join()
             raise
 
-    def end(self, is_lost: bool = False) -> None:
+    def end(self, *, is_lost: bool = False) -> None:
         """Stop and save our capture, release control and disconnect; if is_lost, only close the connection."""
         self._is_lost = is_lost
         with suppress(RuntimeError):  # the loop is closed if the connection has ended already
@@ -109,18 +119,16 @@ class QtmConnection:
             timeout_s = 2 * self._settings.timeout_s(COMMAND_TIMEOUT_S)
             asyncio.run_coroutine_threadsafe(command(), self._loop).result(timeout_s)
         except self._refusal as error:
-            advice = "check QTM's measurement" if self._settings.has_control else 'set mocap.control = "start"'
-            raise DeviceMisconfigured(
-                f'{self._name} was asked to {what} and answered "{_text_of(error)}"; {advice}'
-            ) from error
+            raise refused_command(self._name, what, error, has_control=self._settings.has_control) from error
         except (TimeoutError, RuntimeError) as error:  # RuntimeError: the loop has ended
-            raise DeviceLost(f"{self._name} was asked to {what} and did not answer; check that QTM runs") from error
+            sentence = f"{self._name} was asked to {what} and did not answer; check that QTM runs"
+            raise DeviceLost(sentence, DeviceCode.SILENT) from error
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
-            runner.run(self._talk())
+            runner.run(self._serve())
 
-    async def _talk(self) -> None:
+    async def _serve(self) -> None:
         self._ending = asyncio.Event()
         self._cameras_are_connected = asyncio.Event()
         self._relabelling: asyncio.Task[None] | None = None
@@ -160,19 +168,11 @@ class QtmConnection:
                 self._is_asking_state = True
                 self._client.send_command("getstate", callback=False)
         except TimeoutError as error:
-            raise DeviceUnavailable(
-                f"{self._name} was asked for its {step} and did not answer in time; check that this is QTM's "
-                "real-time port (mocap.port, by default 22223)"
-            ) from error
+            raise no_answer(self._name, step) from error
         except OSError as error:
-            raise DeviceUnavailable(
-                f"{self._name}: no QTM answers there ({error.strerror or error}); start QTM, or correct mocap.host "
-                "and mocap.port"
-            ) from error
+            raise no_server(self._name, error) from error
         except self._refusal as error:
-            raise DeviceMisconfigured(
-                f'{self._name} was asked for its {step} and answered "{_text_of(error)}"; {_ADVICE[step]}'
-            ) from error
+            raise refused_step(self._name, step, error) from error
 
     async def _connect(self) -> None:
         """Connect without qtm_rt.connect(), which ignores its time-out, returns None and leaves the socket open."""
@@ -182,7 +182,7 @@ class QtmConnection:
     async def _ask_identity(self) -> DeviceIdentity:
         """QTM's answer to QTMVersion; a simulated QTM identifies itself in it."""
         try:
-            answer = _text_of(await self._connection.qtm_version())
+            answer = text_of(await self._connection.qtm_version())
         except self._refusal:
             return DeviceIdentity(self._name, "", None)
         return DeviceIdentity(self._name, answer, "simulat" in answer.lower())
@@ -192,7 +192,7 @@ class QtmConnection:
         if self._resumed:
             return
         state = await self._ask_state()
-        if state in _BUSY:
+        if state in BUSY:
             await self._ensure_ours(state)
             self._is_capturing = True
         if self._settings.note.age_s is not None:
@@ -215,25 +215,19 @@ class QtmConnection:
                 frame = decode_frame((await self._connection.get_current_frame(["3dres"])).data)
                 if note.fits((frame.number - 1) / rate_hz):
                     return
-        raise DeviceUnavailable(
-            f"{self._name} {_BUSY[state]}, and nothing shows that this station began it; end that in QTM and save it, "
-            "then try again"
-        )
+        raise busy(self._name, state)
 
     async def _describe(self) -> None:
         parameters = await self._ask_parameters()
         labels, rate_hz = parameters.labels, parameters.rate_hz
         self._check_cameras(parameters.cameras)
-        must = self._resumed[0].labels if self._resumed else self._settings.labels
-        missing = [label for label in must if label not in labels]
+        required = self._resumed[0].labels if self._resumed else self._settings.labels
+        missing = [label for label in required if label not in labels]
         if missing and self._resumed:
-            self._say_labels_are_lost(missing)
+            self._report_lost_labels(missing)
         elif missing:
-            raise DeviceMisconfigured(
-                f"{self._name} has no marker {', '.join(missing)}; it has {', '.join(labels)}; correct the labels in "
-                "QTM or the cuff's markers in the configuration"
-            )
-        kept = must if self._resumed else (*must, *(label for label in labels if label not in must))
+            raise missing_markers(self._name, missing, labels)
+        kept = required if self._resumed else (*required, *(label for label in labels if label not in required))
         self._blocks = MarkerBlocks(kept, rate_hz, self._name)
         self._blocks.labels = labels
         self.streams = self._resumed or (Stream("/markers", "mm", kept, rate_hz, self._name),)
@@ -243,14 +237,14 @@ class QtmConnection:
         self._cameras = expected = self._cameras or cameras
         if expected.contradicts(cameras):
             self._has_captured = self._is_capturing = False  # what runs there is not ours to end
-            told = f"{cameras}, expected {expected}; check that mocap.host names the right QTM"
-            self._say("capture_replaced", f"{self._name} is back with another camera system: {told}")
+            found = f"{cameras}, expected {expected}; check that mocap.host is the address of the right QTM"
+            self._report("capture_replaced", f"{self._name} reconnected with another camera system: {found}")
 
     async def _watch(self) -> None:
         """Poll a silent QTM; without an answer the connection is lost."""
         while self._connection.has_transport():
             await asyncio.sleep(QUIET_S / 2)
-            if self._loop.time() - self._guard.heard_s < QUIET_S:
+            if self._loop.time() - self._guard.last_data_s < QUIET_S:
                 continue
             try:
                 await self._ask_parameters()
@@ -258,8 +252,8 @@ class QtmConnection:
                 self._deliver()
                 self.inbox.end(
                     f"{self._name} is connected and silent: no frame, and no answer within "
-                    f"{self._settings.timeout_s(COMMAND_TIMEOUT_S):g} s; "
-                    "check that QTM is not stuck"
+                    f"{self._settings.timeout_s(COMMAND_TIMEOUT_S):g} s; check that QTM has not frozen",
+                    DeviceCode.SILENT,
                 )
                 self._guard.close()
             except (self._refusal, DeviceError):  # any answer shows that QTM runs; _on_disconnect reports its end
@@ -270,7 +264,8 @@ class QtmConnection:
             async with self._turn:
                 return decode_parameters(await self._connection.get_parameters(["general", "3d"]))
         except ValueError as error:
-            raise DeviceMisconfigured(f"{self._name} sent {error}; apply an AIM model to the markers in QTM") from error
+            sentence = f"{self._name} sent {error}; apply an AIM model to the markers in QTM"
+            raise DeviceMisconfigured(sentence, DeviceCode.UNUSABLE_SETTINGS) from error
 
     async def _leave(self) -> None:
         """Save our capture and release control."""
@@ -308,16 +303,16 @@ class QtmConnection:
         kind = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", event.name.removeprefix("Event")).lower()
         self._deliver()
         if self._state is not None and kind not in _PASSING:
-            told, self._state = self._state, None
-            if not told.done():
-                told.set_result(kind)
+            answer, self._state = self._state, None
+            if not answer.done():
+                answer.set_result(kind)
             return
         if self._is_asking_state and kind != "camera_settings_changed":
             self._is_asking_state = False
             if kind == "capture_started":
                 return  # it still runs; its start was reported before
             kind = "capture_stopped"
-        self._say(kind, f"{self._name} reports: {kind.replace('_', ' ')}")
+        self._report(kind, f"{self._name} reports: {kind.replace('_', ' ')}")
         if kind == "connected":
             self._cameras_are_connected.set()
         elif kind in ("capture_started", "capture_stopped"):
@@ -329,71 +324,56 @@ class QtmConnection:
         elif kind == "camera_settings_changed" and self.streams:
             self._blocks.forget_labels()
             if self._relabelling is not None:
-                self._relabelling.cancel()  # its answer would be of yesterday
+                self._relabelling.cancel()  # its answer would be out of date
             self._relabelling = self._loop.create_task(self._relabel())
 
     async def _relabel(self) -> None:
         try:
             labels = (await self._ask_parameters()).labels
         except Exception as error:
-            self.inbox.end(f"{self._name} changed its settings and did not tell its labels again ({error})")
+            sentence = f"{self._name} changed its settings and did not send its labels again ({error})"
+            self.inbox.end(sentence, DeviceCode.UNREADABLE)
             self._guard.close()
             return
         if missing := [label for label in self.streams[0].labels if label not in labels]:
-            self._say_labels_are_lost(missing)
+            self._report_lost_labels(missing)
         self._blocks.labels = labels
         self._deliver()
 
-    def _say_labels_are_lost(self, missing: Sequence[str]) -> None:
-        self._say("labels_lost", f"{self._name} has no marker {', '.join(missing)} any more; recorded as missing")
+    def _report_lost_labels(self, missing: Sequence[str]) -> None:
+        self._report("labels_lost", f"{self._name} no longer has the marker {', '.join(missing)}; recorded as missing")
 
     def _admit(self, kind: int, body: bytes) -> bytes:
         """The part of a packet that qtm_rt can decode. Raises ValueError or struct.error if there is none."""
         from qtm_rt.packet import QRTEvent, QRTPacketType, RTEvent
 
         if QRTPacketType(kind) is QRTPacketType.PacketData:
-            return readable(body)
+            return markers_alone(body)
         if kind == QRTPacketType.PacketEvent.value:
             QRTEvent(ord(RTEvent.unpack(body)[0]))
         elif kind == NO_MORE_DATA and self._is_capturing:
-            self._say("no_more_data", f"{self._name} says that no frames come for now")
+            self._report("no_more_data", f"{self._name} reports that it sends no frames at present")
         return body
 
     def _on_unreadable(self, what: str) -> None:
-        self._say("unreadable_packet", f"{self._name} sent {what}")
+        self._report("unreadable_packet", f"{self._name} sent {what}")
 
-    def _on_nonsense(self, what: str) -> None:
+    def _on_lost_boundaries(self, what: str) -> None:
         """Packet boundaries are lost: discard the last frame and end the connection."""
         if self.streams:
             self._blocks.forget_last()
         self._deliver()
-        self.inbox.end(f"{self._name} sent {what}; the connection cannot be read any further")
+        sentence = f"{self._name} sent {what}; the connection cannot be read any further; check mocap.port"
+        self.inbox.end(sentence, DeviceCode.UNREADABLE)
 
-    def _say(self, kind: str, text: str) -> None:
+    def _report(self, kind: str, text: str) -> None:
         self.inbox.put([Event(kind, text, self._settings.host_clock(), self._name)])
 
     def _on_disconnect(self, error: Exception | None) -> None:
         self._deliver()
         why = f" ({error})" if error else ""
-        self.inbox.end(f"{self._name} closed the connection{why}; check that QTM runs and its cable is plugged in")
+        sentence = f"{self._name} closed the connection{why}; check that QTM runs and its cable is plugged in"
+        self.inbox.end(sentence, DeviceCode.DISCONNECTED)
 
 
-_BUSY = {
-    "capture_started": "is capturing",
-    "waiting_for_trigger": "waits for the trigger of a capture",
-    "calibration_started": "is being calibrated",
-}
-_PASSING = ("camera_settings_changed", "capture_saved", "trigger")  # events that are no state
-_ADVICE = {
-    "QTM version": "check QTM",
-    "protocol version": f"it may have ten clients already, or not speak version {PROTOCOL_VERSION}",
-    "control": "correct mocap.password, release control elsewhere, or save and close QTM's measurement",
-    "settings": "open a measurement in QTM",
-    "frames": "open a measurement in QTM",
-}
-
-
-def _text_of(answer: Any) -> str:
-    """Text of an answer or a refusal of QTM."""
-    value = getattr(answer, "value", answer)
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+_PASSING = ("camera_settings_changed", "capture_saved", "trigger")  # events that do not report a state

@@ -1,4 +1,4 @@
-"""QTM's settings: labels, frame rate, and the cameras by which one QTM is told from another."""
+"""QTM's settings: labels, frame rate, and the cameras that identify it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 @dataclass(frozen=True)
 class CameraSystem:
-    """What tells one QTM from another during a capture: the serials of its cameras, and when they were calibrated.
+    """Identity of a camera system: the serial numbers of its cameras, and the time of their calibration.
 
     Neither changes while a capture runs, but a camera may fail.
     """
@@ -18,7 +18,7 @@ class CameraSystem:
     calibrated: str
 
     def __str__(self) -> str:
-        cameras = f"cameras {', '.join(sorted(self.serials))}" if self.serials else "cameras without serials"
+        cameras = f"cameras {', '.join(sorted(self.serials))}" if self.serials else "cameras without serial numbers"
         return f"{cameras}, calibrated {self.calibrated or 'at an unknown time'}"
 
     def contradicts(self, other: CameraSystem) -> bool:

@@ -58,7 +58,7 @@ def decode_frame(body: bytes) -> MarkerFrame:
     raise ValueError(f"frame {number} without labelled markers and residuals")
 
 
-def readable(body: bytes) -> bytes:
+def markers_alone(body: bytes) -> bytes:
     """The data packet with its markers alone: qtm_rt cannot decode all components of newer protocols.
 
     Raises ValueError as decode_frame().
@@ -73,11 +73,11 @@ def readable(body: bytes) -> bytes:
 class PacketGuard(asyncio.Protocol):
     """Filter between the socket and qtm_rt's receiver: it passes on whole packets that the receiver can decode.
 
-    The receiver alone loops for ever on a length of zero, buffers without end on a huge one, and chokes on an
-    unknown type, component or event. Here admit(type, body) gives the body as the receiver can read it; a packet for
-    which it raises ValueError or struct.error is reported and passed over; of several in a row only the first is
-    reported. A length that cannot be true ends the connection after nonsense() was told, as nothing after it can be
-    found. heard_s is when the last bytes came, by the loop's clock.
+    qtm_rt's receiver loops for ever on a length of zero, buffers without limit on a huge one, and fails on an unknown
+    type, component or event. admit(type, body) returns the part of the body that the receiver can decode. A packet for
+    which it raises ValueError or struct.error is skipped and reported, of several in a row the first only. A length
+    outside the limits ends the connection after lost_boundaries(reason), because no later packet can be located.
+    last_data_s is the time of the last bytes, by the loop's clock.
     """
 
     def __init__(
@@ -85,13 +85,13 @@ class PacketGuard(asyncio.Protocol):
         receiver: asyncio.Protocol,
         admit: Callable[[int, bytes], bytes],
         report: Callable[[str], None],
-        nonsense: Callable[[str], None],
+        lost_boundaries: Callable[[str], None],
     ) -> None:
-        self.heard_s = 0.0
+        self.last_data_s = 0.0
         self._receiver = receiver
         self._admit = admit
         self._report = report
-        self._nonsense = nonsense
+        self._lost_boundaries = lost_boundaries
         self._unread = bytearray()
         self._was_readable = True
         self._transport: asyncio.BaseTransport | None = None
@@ -110,19 +110,20 @@ class PacketGuard(asyncio.Protocol):
         self._receiver.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        self.heard_s = asyncio.get_running_loop().time()
+        self.last_data_s = asyncio.get_running_loop().time()
         self._unread += data
         place = 0
         while len(self._unread) - place >= HEADER.size:
             size, kind = HEADER.unpack_from(self._unread, place)
             if not HEADER.size <= size <= LARGEST_PACKET_BYTES:
                 self._unread.clear()
-                self._nonsense(f"a packet that claims {size} bytes, expected {HEADER.size} to {LARGEST_PACKET_BYTES}")
+                limits = f"{HEADER.size} to {LARGEST_PACKET_BYTES}"
+                self._lost_boundaries(f"a packet with a length of {size} bytes, expected {limits}")
                 self.close()
                 return
             if len(self._unread) - place < size:
                 break
-            self._hand_over(bytes(self._unread[place : place + size]), kind)
+            self._pass_on(bytes(self._unread[place : place + size]), kind)
             place += size
         del self._unread[:place]
         self._received += len(data)
@@ -136,7 +137,7 @@ class PacketGuard(asyncio.Protocol):
         if isinstance(self._transport, asyncio.WriteTransport):
             self._transport.abort()
 
-    def _hand_over(self, packet: bytes, kind: int) -> None:
+    def _pass_on(self, packet: bytes, kind: int) -> None:
         try:
             body = self._admit(kind, packet[HEADER.size :])
         except (ValueError, struct.error) as error:
@@ -162,7 +163,7 @@ class MarkerBlocks:
         self._waiting: list[MarkerFrame] = []
         self._arrived_ns = 0
         self._last: MarkerFrame | None = None
-        self._follows_a_capture = False
+        self._is_after_capture = False
         self._fits = True
         self._worst_rates = (0, 0)
 
@@ -187,7 +188,7 @@ class MarkerBlocks:
 
     def capture_ended(self) -> None:
         """The next frames belong to another capture or a preview with frame numbers of its own."""
-        self._follows_a_capture = True
+        self._is_after_capture = True
 
     def take(self) -> list[Item]:
         """All frames held back. A jump of the numbers is a Loss; a restart of the numbers is an Event."""
@@ -217,32 +218,28 @@ class MarkerBlocks:
         if self._worst_rates == (drop_rate, out_of_sync_rate):
             return []
         text = (
-            f"{self._source} says at frame {frame.number} that {frame.drop_rate / 10:g} % of its cameras' images are "
-            f"dropped and {frame.out_of_sync_rate / 10:g} % out of step"
+            f"{self._source} reports at frame {frame.number} that {frame.drop_rate / 10:g} % of its cameras' images "
+            f"were dropped and {frame.out_of_sync_rate / 10:g} % were out of synchronisation"
         )
         return [Event("images_dropped", text, self._arrived_ns, self._source)]
 
     def _misfit(self, frame: MarkerFrame, expected: int) -> list[Item]:
-        """Event for a frame with another number of markers, once per series; its frame number will be missing."""
+        """Event for a frame with another number of markers, once per series; it is counted as missing."""
         did_fit, self._fits = self._fits, False
         found = len(frame.points) // 16
-        text = (
-            f"{self._source} sent frame {frame.number} with {found} markers, expected the {expected} it has labels for"
-        )
+        text = f"{self._source} sent frame {frame.number} with {found} markers, expected {expected}, one for each label"
         return [Event("unreadable_packet", text, self._arrived_ns, self._source)] if did_fit else []
 
     def _notice(self, frame: MarkerFrame) -> Item | None:
         """Loss or event that precedes this frame."""
-        last, follows_a_capture = self._last, self._follows_a_capture
-        self._follows_a_capture = False
+        last, is_after_capture = self._last, self._is_after_capture
+        self._is_after_capture = False
         if last is None or frame.number == last.number + 1:
             return None
-        passed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
+        elapsed = (frame.timestamp_us - last.timestamp_us) / self._frame_us
         jumped = frame.number - last.number
-        if (
-            follows_a_capture or jumped <= 0 or passed < jumped / 2
-        ):  # frames that nobody had the time to take were never there
-            text = f"{self._source} numbers its frames anew, from {frame.number} after {last.number}"
+        if is_after_capture or jumped <= 0 or elapsed < jumped / 2:  # too little time passed for so many frames
+            text = f"{self._source} restarted its frame numbers: {frame.number} follows {last.number}"
             return Event("numbering_restarted", text, self._arrived_ns, self._source)
         return Loss(
             stream="/markers",

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.device import CaptureControl, Device, HostClock, Received, Resumable, StreamingDevice
-from drivers.errors import DeviceError, DeviceLost
+from drivers.errors import DeviceCode, DeviceError, DeviceLost
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
-PATIENCE_S = 10.0  # of the clock that is given; after it the device is lost for good
+TIMEOUT_S = 10.0  # by the given clock; after it the device is lost for good
 FIRST_PAUSE_S = 0.1
 LONGEST_PAUSE_S = 0.5
-CAPTURE_AGREES_S = 2.0  # device and host may disagree by so much on how long an outage was: delays of the network
-PROBE_S = 0.05  # a device that was resumed and is lost within it has not come back
+CAPTURE_AGREES_S = 2.0  # largest difference between the outage by the device's clock and by the host's: network delays
+PROBE_S = 0.05  # a device that is lost again within this time was not reconnected
 
 Seconds = Callable[[], float]
 
@@ -29,26 +29,26 @@ class Reconnecting:
 
     The event "connection_lost" carries the sentence of the device. "connection_restored" follows on reconnection, then
     the Loss "disconnected" before the next block of a stream. If the sample numbers restart, the event
-    "numbering_restarted" replaces the Loss. After patience_s by the clock `seconds`, read() raises DeviceLost.
+    "numbering_restarted" replaces the Loss. After timeout_s by the clock `seconds`, read() raises DeviceLost.
     """
 
     def __init__(
         self,
         device: ResumableDevice,
         host_clock: HostClock,
-        patience_s: float = PATIENCE_S,
+        timeout_s: float = TIMEOUT_S,
         seconds: Seconds = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.device = device
         self._host_clock = host_clock
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._seconds = seconds
         self._sleep = sleep
         self._is_open = False
         self._outage: _Outage | None = None
         self._last: dict[str, _Place] = {}
-        self._interrupted: set[str] = set()  # streams of which nothing came since the outage
+        self._interrupted: set[str] = set()  # streams without a sample since the outage
 
     @property
     def name(self) -> str:
@@ -75,7 +75,7 @@ class Reconnecting:
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         if self._outage is not None:
-            return self._come_back(self._outage, timeout_s)
+            return self._reconnect(self._outage, timeout_s)
         try:
             return list(self._accounted(self.device.read(timeout_s)))
         except DeviceLost as error:
@@ -83,15 +83,15 @@ class Reconnecting:
                 raise
             self._outage = _Outage(str(error), self._seconds(), self._seconds() + FIRST_PAUSE_S)
             self._interrupted = set(self._last)
-            return [self._event("connection_lost", f"{error}; it is tried again for {self._patience_s:g} s")]
+            return [self._event("connection_lost", f"{error}; reconnecting for up to {self._timeout_s:g} s")]
 
     def close(self) -> None:
         self._is_open = False
         self._outage = None
         self.device.close()
 
-    def _come_back(self, outage: _Outage, timeout_s: float) -> list[Item]:
-        """One attempt, once its time has come."""
+    def _reconnect(self, outage: _Outage, timeout_s: float) -> list[Item]:
+        """One attempt, when it is due."""
         pause_s = outage.next_attempt_s - self._seconds()
         if pause_s > 0:
             self._sleep(min(pause_s, timeout_s))
@@ -101,21 +101,22 @@ class Reconnecting:
             self.device.resume()
             items = self.device.read(PROBE_S)
         except DeviceError as error:
-            self._wait_longer(outage, error)
+            self._postpone(outage, error)
             return []
         self._outage = None
-        message = f"{self.name} is back after {self._seconds() - outage.since_s:.1f} s"
+        message = f"{self.name} reconnected after {self._seconds() - outage.since_s:.1f} s"
         return [self._event("connection_restored", message), *self._accounted(items)]
 
-    def _wait_longer(self, outage: _Outage, error: DeviceError) -> None:
+    def _postpone(self, outage: _Outage, error: DeviceError) -> None:
         now = self._seconds()
-        if now - outage.since_s >= self._patience_s:
-            raise DeviceLost(f"{outage.sentence}; it did not come back within {self._patience_s:g} s") from error
+        if now - outage.since_s >= self._timeout_s:
+            sentence = f"{outage.sentence}; it could not be reconnected within {self._timeout_s:g} s"
+            raise DeviceLost(sentence, DeviceCode.NOT_RECONNECTED) from error
         outage.next_attempt_s = now + outage.pause_s
         outage.pause_s = min(2 * outage.pause_s, LONGEST_PAUSE_S)
 
     def _accounted(self, items: Sequence[Item]) -> Iterator[Item]:
-        """The items, and before the first of an interrupted stream what is missing."""
+        """The items, and before the first of an interrupted stream the Loss or event of its gap."""
         for item in items:
             if isinstance(item, Samples | Loss):
                 if item.stream in self._interrupted:
@@ -127,7 +128,7 @@ class Reconnecting:
     def _gap(self, last: _Place, item: Samples | Loss) -> list[Item]:
         first = item.first_missing if isinstance(item, Loss) else int(item.sample_numbers[0])
         if first <= last.number:
-            text = f"{self.name} numbers {item.stream} anew, from {first} after {last.number}"
+            text = f"{self.name} restarted the sample numbers of {item.stream}: {first} follows {last.number}"
             return [Event("numbering_restarted", text, item.host_time_ns, self.name)]
         missing, count = last.number + 1, first - last.number - 1
         if not count:
@@ -154,9 +155,9 @@ class ReconnectingCapture(Reconnecting):
         if first > last.number and (isinstance(item, Loss) or abs(device_s - host_s) < CAPTURE_AGREES_S):
             return super()._gap(last, item)
         text = (
-            f"{self.name} is back with another capture: frame {first} at {_start_ns(item) * 1e-9:.1f} s came "
+            f"{self.name} reconnected during another capture: frame {first} at {_start_ns(item) * 1e-9:.1f} s came "
             f"{host_s:.1f} s after frame {last.number} at {last.device_time_ns * 1e-9:.1f} s; check that mocap.host "
-            "names the right QTM"
+            "is the address of the right QTM"
         )
         return [Event("capture_replaced", text, item.host_time_ns, self.name)]
 
@@ -173,7 +174,7 @@ class ResumableCapture(ResumableDevice, CaptureControl, Protocol):
 
 @dataclass
 class _Outage:
-    """Seconds of the clock that was given; sentence is what the device was lost with."""
+    """Seconds by the given clock; sentence is that of the DeviceLost."""
 
     sentence: str
     since_s: float

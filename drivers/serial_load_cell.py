@@ -17,15 +17,15 @@ from typing import Any, Literal
 import numpy as np
 
 from drivers.device import HostClock, Received
-from drivers.errors import DeviceLost, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Samples, Stream
 
 LineFormat = Literal["usb220", "usb520"]
 
 LINES_PER_S = 10.0
-LONGEST_LINE = 256  # bytes; more without an end is no indicator
-WAKE_S = 0.02  # how long one wait for bytes takes
-QUIET_S = 0.5  # five lines; on the wall and by the host's clock, which stands where a simulated world is held
+LONGEST_LINE = 256  # bytes; an indicator sends no longer line
+WAKE_S = 0.02  # duration of one wait for bytes
+QUIET_S = 0.5  # five lines; of wall time and by the host's clock, which stops with a simulated world
 
 USB220_LINE = re.compile(rb"([+-]\d+\.\d+)\s+lbs\r?\n")  # 18 bytes, the value in the first 13
 USB520_LINE = re.compile(rb"\s*([+-]?\d+\.\d+)\s*g\s*\r?\n")
@@ -53,10 +53,10 @@ class SerialLoadCell:
     """Stream /force in the unit of the line: "lbf" (USB220 writes lbs) or "g", both of force.
 
     The wire carries no sample number, no time and no identity; the identity is that of the USB adapter, if any.
-    Lines are numbered from 0 as they come, and device time is the host's at arrival. A garbled line takes a number and
-    is reported as a Loss("garbled"); the rest of the line that was under way when the port was opened is not counted.
-    Where no line comes for QUIET_S an event "silent" says so, once. Resumed after a loss, the numbers jump by ten for
-    each second of the host's clock. port is anything pyserial takes: COM3, /dev/ttyUSB0, socket://host:port.
+    Lines are numbered from 0 in the order of arrival, and device time is the host's at arrival. A garbled line takes a
+    number and is reported as a Loss("garbled"); an incomplete first line after opening the port is not counted. If no
+    line arrives for QUIET_S, the event "silent" reports it once. After a reconnection the numbers jump by ten for each
+    second of the host's clock. port is anything pyserial accepts: COM3, /dev/ttyUSB0, socket://host:port.
     """
 
     def __init__(self, *, port: str, baud_rate: int, line_format: LineFormat, host_clock: HostClock) -> None:
@@ -105,13 +105,14 @@ class SerialLoadCell:
     def read(self, timeout_s: float) -> Sequence[Item]:
         port = self._port
         if port is None:
-            raise DeviceLost(f"{self.name} is closed; open it before reading")
+            raise DeviceLost(f"{self.name} is closed; open it before reading", DeviceCode.CLOSED)
         deadline_s = time.monotonic() + timeout_s
         while True:
             try:
                 came = port.read(max(1, port.in_waiting))
             except self._vendor_errors as error:
-                raise DeviceLost(f"{self.name} was streaming and is gone: {_words(error)}; check its cable") from error
+                sentence = f"{self.name} stopped streaming: {_one_line(error)}; check its cable"
+                raise DeviceLost(sentence, DeviceCode.DISCONNECTED) from error
             self._pending += came
             self._received += len(came)
             if items := self._items(self._whole_lines()) or self._silence():
@@ -122,18 +123,18 @@ class SerialLoadCell:
     def close(self) -> None:
         port, self._port = self._port, None
         if port is not None:
-            with contextlib.suppress(*self._vendor_errors):  # what is gone cannot be released
+            with contextlib.suppress(*self._vendor_errors):  # a lost port cannot be closed
                 port.close()
 
     def _open_port(self) -> None:
         import serial
 
         self.close()
-        # Besides its own error pyserial lets these through; TypeError when the port is closed during a read.
+        # pyserial also raises these; TypeError when the port is closed during a read.
         self._vendor_errors = (serial.SerialException, OSError, ValueError, TypeError)
         try:
             self._port = serial.serial_for_url(
-                # exclusive: two readers would each get half of the lines
+                # exclusive: two readers would share the lines between them
                 self._port_name,
                 baudrate=self._baud_rate,
                 timeout=WAKE_S,
@@ -141,8 +142,9 @@ class SerialLoadCell:
             )
         except self._vendor_errors as error:
             raise DeviceUnavailable(
-                f"{self.name} cannot be opened at {self._baud_rate} baud: {_words(error)}; "
-                "plug the indicator in, or correct load_cell.port"
+                f"{self.name} cannot be opened at {self._baud_rate} baud: {_one_line(error)}; "
+                "plug the indicator in, or correct load_cell.port",
+                DeviceCode.NOT_FOUND,
             ) from error
         self._tcp_port = _tcp_port(self._port)
         self._received = 0
@@ -151,7 +153,7 @@ class SerialLoadCell:
         self._note_line()
 
     def _whole_lines(self) -> list[bytes]:
-        """Takes the finished lines out of what has come."""
+        """Remove the complete lines from the received bytes."""
         *lines, self._pending = self._pending.split(b"\n")
         if len(self._pending) > LONGEST_LINE:
             lines, self._pending = [*lines, self._pending], b""
@@ -170,13 +172,11 @@ class SerialLoadCell:
         if self._is_quiet or quiet_s < QUIET_S:
             return []
         self._is_quiet = True
-        text = (
-            f"{self.name} has sent no line for {quiet_s:.1f} s, expected {LINES_PER_S:g} a second; check that it is on"
-        )
+        text = f"{self.name} has sent no line for {quiet_s:.1f} s, expected {LINES_PER_S:g} a second; check its supply"
         return [Event("silent", text, self._host_clock(), self.name)]
 
     def _items(self, lines: list[bytes]) -> list[Item]:
-        """Good lines in a row as a block, garbled ones in a row as a loss, in the order they came."""
+        """Consecutive good lines as a block, consecutive garbled ones as a Loss, in the order of arrival."""
         host_time_ns = self._host_clock()
         items: list[Item] = []
         for is_garbled, run in groupby(map(self._decode, lines), key=lambda value: value is None):
@@ -203,7 +203,7 @@ def _identity_of_port(name: str, port: str) -> DeviceIdentity:
         return DeviceIdentity(name, "", None)
     number = f"serial number {found.serial_number}" if found.serial_number else ""
     parts = (found.manufacturer or "", found.product or "", number)
-    return DeviceIdentity(name, " ".join(part for part in parts if part), False)
+    return DeviceIdentity(name, " ".join(part for part in parts if part), is_simulated=False)
 
 
 def _tcp_port(port: Any) -> int:
@@ -214,8 +214,8 @@ def _tcp_port(port: Any) -> int:
     try:
         return int(connection.getsockname()[1])
     finally:
-        connection.detach()  # it is pyserial's to close
+        connection.detach()  # pyserial closes it
 
 
-def _words(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__

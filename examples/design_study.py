@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A design study: how stiff does an arm cuff have to be?
 #
-# Cuffs of three stiffnesses are worn in the bundled suit through the bundled raise of the arm. The first argument may
-# be a cuffs.json; without it the published figures of the study's hand cuff stand in.
+# Assess arm cuffs of three stiffnesses on the bundled suit, in the bundled arm raise. The first argument may be a
+# cuffs.json; the default is the hand cuff of the published study.
 
 # %%
 import json

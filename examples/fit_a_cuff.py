@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Fit a cuff, and change one assumption
 #
-# Stiffness, damping and migration of every cuff of a session, with their uncertainty and where it comes from; then the
-# same donning without its last trial.
+# Stiffness, damping and migration of every cuff of a session, with their uncertainty and its causes; then the same
+# donning without its last trial.
 
 # %%
 import sys
@@ -15,7 +15,7 @@ session = cs.fit_session(SESSION)
 print(session.to_dataframe().to_string(index=False))
 
 # %% [markdown]
-# Each standard error is split by cause: noise, the lag between force and markers, the gain of the load cell, …
+# Contributions to a standard error: noise, the lag between force and markers, the gain of the load cell, …
 
 # %%
 cuff = session.cuffs["hand"]
@@ -24,7 +24,7 @@ for cause, part in cuff.stiffness.parts.items():
 print(cuff.verdict)
 
 # %% [markdown]
-# What if the last trial had not been recorded?
+# The same fit without the last trial.
 
 # %%
 files = [SESSION / trial.file for trial in cuff.trials if trial.state == "used"]
@@ -34,7 +34,7 @@ shift = fewer.stiffness.value - cuff.stiffness.value
 print(f"without {files[-1].name} the stiffness changes by {shift:+.1f} N/m")
 
 # %% [markdown]
-# Cuffs are kept in a file that `station assess` reads, too.
+# Write the cuffs to a file, which `station assess` also reads.
 
 # %%
 cs.write_cuffs("cuffs.json", session.cuffs)

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Look at a recording
 #
-# Streams as arrays and tables, what was lost, and the load cell in newtons. `station demo` makes `simulated/demo`; give
-# another session's folder as the first argument, or edit `SESSION` in a notebook.
+# Streams as arrays and tables, lost samples, and the load cell in newtons. `station demo` records `simulated/demo`.
+# Give another session folder as the first argument, or edit `SESSION` in a notebook.
 
 # %%
 import sys
@@ -26,7 +26,7 @@ missing = np.diff(force["sample_number"]) - 1
 print(f"{len(force)} samples, {int(missing.sum())} missing; complete: {recording.complete}")
 
 # %% [markdown]
-# A recording keeps the unit of its device. The calibration that turns volts into newtons is beside the samples.
+# A recording contains raw values in the unit of the device, and the calibration to newtons.
 
 # %%
 cell = recording.manifest.load_cell

@@ -1,18 +1,22 @@
-"""All trials of a session → the fit of every cuff, donning by donning; donnings are never pooled."""
+"""Fit every cuff of a session, donning by donning; donnings are never pooled."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
-from fitting.curves import TrialCurves
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.diagnosis.identification import MIN_LOADS
 from fitting.donning import fit_donning
-from fitting.laws.diagnosis import diagnose
-from fitting.laws.history import history_of
-from fitting.laws.model_class import compare_classes
-from fitting.quality import damage_sentence
-from fitting.result import CuffFit, SessionFit, with_diagnosis
-from fitting.trial import RejectedTrial, Trial
+from fitting.dynamic.damping import fit_damping
+from fitting.errors import UnusableTrial
+from fitting.pull.pull import Pull, make_pulls
+from fitting.results.codes import RejectionCode
+from fitting.results.rendering import Note
+from fitting.static.migration import fit_migration
+from fitting.trial.bounce import BounceTrial, calibrate
+from fitting.trial.force_quality import damage_figures
+from fitting.trial.reader import TrialReading
+from fitting.trial.trial import RejectedTrial, Trial
 
 
 def fit_session(
@@ -20,50 +24,55 @@ def fit_session(
     rejected: Sequence[RejectedTrial] = (),
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> SessionFit:
-    """Fits every cuff of a session; `rejected` are recordings that were none, and are listed with their reason.
+    """Fit every cuff of a session.
 
-    A trial that cannot be used is listed with its reason under its cuff, and the others are fitted. progress(done,
-    total) counts donnings.
+    An unusable trial is listed with the reason under its cuff, and the other trials are fitted. rejected are recordings
+    that cannot be read as trials; they are listed with their reasons. progress(done, total) counts donnings.
     """
-    together: dict[tuple[str, str], list[Trial]] = {}
+    trials_of: dict[tuple[str, str], list[Trial]] = {}
     for trial in sorted(trials, key=lambda trial: (trial.start_utc_ns, trial.file)):
-        together.setdefault((trial.cuff.name, trial.donning), []).append(trial)
+        trials_of.setdefault((trial.cuff.name, trial.donning), []).append(trial)
     donnings: dict[str, dict[str, CuffFit]] = {}
-    curves: dict[str, TrialCurves] = {}
-    for done, ((cuff, donning), of_donning) in enumerate(together.items()):
-        progress(done, len(together))
-        lost = [
-            each
-            for each in rejected
-            if each.capture and each.capture.cuff and (each.capture.cuff.name, each.capture.donning) == (cuff, donning)
+    for done, ((cuff, donning), donning_trials) in enumerate(trials_of.items()):
+        progress(done, len(trials_of))
+        donning_rejected = [
+            trial
+            for trial in rejected
+            if trial.capture
+            and trial.capture.cuff
+            and (trial.capture.cuff.name, trial.capture.donning) == (cuff, donning)
         ]
-        fit, drawn = fit_donning(of_donning, lost)
-        sound = [curves for curves in drawn.values() if not curves.trial.damage]
-        damage = {trial.file: trial.damage for trial in of_donning if trial.damage}
-        donnings.setdefault(cuff, {})[donning] = _diagnosed(_with_damage(fit, damage), sound)
-        curves |= drawn
-    progress(len(together), len(together))
+        donnings.setdefault(cuff, {})[donning] = fit_donning(donning_trials, donning_rejected)
+    progress(len(trials_of), len(trials_of))
     calibration = next((trial.calibration for trial in trials if trial.calibration), None)
-    return SessionFit(donnings, tuple(rejected), curves, calibration)
+    return SessionFit(donnings, tuple(rejected), calibration)
 
 
-def _with_damage(fit: CuffFit, damage: Mapping[str, tuple[str, ...]]) -> CuffFit:
-    """The fit with nothing said of damaged files but their damage."""
-    trials = tuple(
-        replace(trial, notes=(damage_sentence(found),), reason=trial.reason and damage_sentence(found), damage=found)
-        if (found := damage.get(trial.file))
-        else trial
-        for trial in fit.trials
-    )
-    return replace(fit, trials=trials)
+def find_rejection(reading: TrialReading) -> Note | None:
+    """Why a trial cannot be used, judged from this trial alone; None if it can be used.
+
+    It is called while the cuff is still on, so that the trial can be repeated. A static trial has to start and end
+    unloaded, because migration is the difference between the first and the last plateau of a donning. The fit of a
+    donning reports more.
+    """
+    if isinstance(reading, RejectedTrial):
+        return reading.reason
+    if isinstance(reading, BounceTrial):
+        _, refused = calibrate([reading])
+        return refused.get(reading.file)
+    pulls, refused = make_pulls([reading])
+    reason = refused.get(reading.file) if refused else _reject_pull(pulls[0])
+    return Note(RejectionCode.DAMAGED, damage_figures(reading.damage)) if reason and reading.damage else reason
 
 
-def _diagnosed(fit: CuffFit, curves: Sequence[TrialCurves]) -> CuffFit:
-    """The fit with its comparison of laws and its diagnosis, of trials whose files are sound."""
-    if not curves:
-        return fit
-    in_order = sorted(curves, key=lambda each: (each.trial.start_utc_ns, each.trial.file))
-    classes = compare_classes([history_of(each) for each in in_order])
-    creeps = fit.held.get("creep", {"is_seen": True})["is_seen"]
-    diagnosis = diagnose(in_order, fit.stiffness, fit.complex_stiffness, classes, creeps=creeps)
-    return with_diagnosis(fit, diagnosis)
+def _reject_pull(pull: Pull) -> Note | None:
+    if pull.trial.test == "static" and len(pull.plateaus) < MIN_LOADS:
+        return Note(RejectionCode.FEW_LOADS)
+    if pull.trial.test == "static" and fit_migration([pull.plateaus]) is None:
+        return Note(RejectionCode.NOT_UNLOADED)
+    if pull.trial.test == "dynamic":
+        try:
+            fit_damping(pull)
+        except UnusableTrial as error:
+            return error.reason
+    return None

@@ -1,4 +1,4 @@
-"""A uniform B-spline as sparse matrices: position, velocity, acceleration, jerk of an unknown motion."""
+"""A uniform B-spline as sparse matrices: position, velocity, acceleration and jerk of an unknown motion."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Spline:
         return self._intervals + DEGREE
 
     def design(self, time: NDArray[np.float64]) -> tuple[csr_array, ...]:
-        """Matrices (len(time), size) that take coefficients to position and its first three derivatives.
+        """Matrices (len(time), size) that map coefficients to position and its first three derivatives.
 
-        Times outside the spline count as its ends.
+        Times outside the spline are clipped to its ends.
         """
         place = (np.clip(time, self.start, self.end) - self.start) / self.step
         interval = np.minimum(place.astype(np.intp), self._intervals - 1)
@@ -49,7 +49,7 @@ class Spline:
 
 @cache
 def _pieces() -> tuple[NDArray[np.float64], ...]:
-    """(5, 5) per derivative: coefficients of u⁰ … u⁴ of the five splines that share the interval 0 ≤ u ≤ 1."""
+    """(5, 5) per derivative: coefficients of u⁰ … u⁴ of the five B-splines that are non-zero on 0 ≤ u ≤ 1."""
     bump = BSpline.basis_element(np.arange(DEGREE + 2), extrapolate=False)
     whole = PPoly.from_spline((bump.t, bump.c, DEGREE))
     found = []
@@ -62,19 +62,19 @@ def _pieces() -> tuple[NDArray[np.float64], ...]:
     return tuple(found)
 
 
-def combined(factors: Sequence[float], designs: Sequence[csr_array]) -> csr_array:
-    """The sum of designs for the same times, each times its factor: they have their entries at the same places."""
+def linear_combination(factors: Sequence[float], designs: Sequence[csr_array]) -> csr_array:
+    """The sum of factor × design; the designs are for the same times and have the same sparsity pattern."""
     first = designs[0]
     entries = np.asarray(factors) @ np.stack([design.data for design in designs])
     return csr_array((entries, first.indices, first.indptr), shape=(first.shape[0], first.shape[1]))
 
 
-def grounded(matrix: csr_array) -> csr_array:
-    """The matrix plus a billionth of its largest diagonal: a coefficient that no sample touches stays at 0."""
+def regularised(matrix: csr_array) -> csr_array:
+    """The matrix plus 1e-9 of its largest diagonal entry: a coefficient without samples in its support stays at 0."""
     diagonal = matrix.diagonal()
-    standing = matrix.copy()
-    standing.setdiag(diagonal + 1e-9 * diagonal.max())
-    return standing
+    added = matrix.copy()
+    added.setdiag(diagonal + 1e-9 * diagonal.max())
+    return added
 
 
 def solve_banded(matrix: csr_array, right: NDArray[np.float64]) -> NDArray[np.float64]:

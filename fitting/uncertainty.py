@@ -1,4 +1,4 @@
-"""Estimates with intervals and their parts, and how the repeats of one donning are put together."""
+"""Estimates with intervals and their parts, and the combination of the repeats of one donning."""
 
 from __future__ import annotations
 
@@ -10,9 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fitting.results.outcome import FitOutcome
+
 NORMAL_95 = 1.959963984540054
-OPEN = 0.5
-"""Part of its value that a standard error may reach before a quantity is called not identified."""
+LARGEST_RELATIVE_ERROR = 0.5
+"""Standard error over value above which a quantity is not identified."""
+ROUNDS, TOLERANCE = 60, 1e-12
+"""Of the bisection for the variance between repeats; its interval relative to the largest possible variance."""
+CHI_SQUARE_LEVEL = 0.999
+"""Probability of χ² up to which a line or a curve is accepted."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +26,9 @@ class Estimate:
     """A number, its standard error and its 95 % interval, in the unit of the number.
 
     The interval may be wider than 1.96 standard errors: few repeats make a standard error itself uncertain.
-    parts  standard error by cause ("noise", "lag", "gain", "drift", "codes", "between_repeats"); their squares add up
-    bound  Cramér-Rao bound of the standard error for the noise found and what the trials share, None if not known
+    parts    standard error by cause ("noise", "lag", "gain", "drift", "codes", "between_repeats"); their squares add up
+    bound    Cramér-Rao bound of the standard error, with the errors common to all trials; None if unknown
+    outcome  of the iteration that combines repeats
     """
 
     value: float
@@ -29,14 +36,15 @@ class Estimate:
     ci95: tuple[float, float]
     parts: Mapping[str, float] = field(default_factory=dict)
     bound: float | None = None
+    outcome: FitOutcome = FitOutcome.CONVERGED
 
     @property
-    def is_open(self) -> bool:
-        """Whether what is not known of it is a large part of it: it is given all the same, and called not identified.
+    def is_too_wide(self) -> bool:
+        """Whether the standard error exceeds half of the value. The figure is still given, as not identified.
 
-        Were it left out, those would stay that noise made large.
+        If such figures were left out, only those that noise made large would remain.
         """
-        return self.standard_error > OPEN * abs(self.value)
+        return self.standard_error > LARGEST_RELATIVE_ERROR * abs(self.value)
 
     def scaled(self, factor: float) -> Estimate:
         """The estimate of factor × the number."""
@@ -47,10 +55,11 @@ class Estimate:
             (low, high),
             {cause: abs(factor) * part for cause, part in self.parts.items()},
             None if self.bound is None else abs(factor) * self.bound,
+            self.outcome,
         )
 
     def widened(self, causes: Mapping[str, float]) -> Estimate:
-        """With independent normal errors by cause that the estimate did not hold; what it held is its "noise"."""
+        """The estimate with additional independent normal errors by cause; its own error becomes the part "noise"."""
         more = math.hypot(*causes.values())
         low, high = (
             math.copysign(math.hypot(end - self.value, NORMAL_95 * more), end - self.value) for end in self.ci95
@@ -65,14 +74,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Repeat:
-    """What one trial says about a quantity.
+    """A quantity as estimated from one trial.
 
     value       the trial's own estimate
-    noise       its standard error from noise that is known and new in every trial
-    chi_square  of its residuals against that noise, with `dof` degrees of freedom (0: nothing left to test)
-    common      standard error from causes that all trials of the donning share (lag, gain, ADC codes)
-    causes      the parts of common by cause; empty if nobody tells them apart
-    bound       Cramér-Rao bound of the noise, None if it is the noise itself
+    noise       its standard error from noise that is known and independent in every trial
+    chi_square  of its residuals against that noise, with `dof` degrees of freedom (0: no test)
+    common      standard error from causes common to all trials of the donning (lag, gain, ADC codes)
+    causes      the parts of common by cause; empty if they are not known separately
+    bound       Cramér-Rao bound of the noise, None if it equals the noise
     """
 
     value: float
@@ -85,7 +94,7 @@ class Repeat:
 
     @property
     def estimate(self) -> Estimate:
-        """The trial on its own."""
+        """The estimate from this trial alone."""
         return combine([self])
 
 
@@ -95,7 +104,7 @@ def normal_estimate(value: float, error: float) -> Estimate:
 
 
 def student_estimate(value: float, error: float, dof: int) -> Estimate:
-    """An estimate whose error was found from a scatter with so many degrees of freedom."""
+    """An estimate whose standard error was computed from scatter with `dof` degrees of freedom."""
     half_width = _student(dof) * error
     return Estimate(value, error, (value - half_width, value + half_width))
 
@@ -104,17 +113,18 @@ def combine(repeats: Sequence[Repeat]) -> Estimate:
     """The mean of the repeats, with within-trial and between-trial spread in its interval.
 
     Random effects: weights 1/(u² + s²) with the between-trial variance s² of Paule and Mandel, and the interval of
-    Hartung and Knapp, t(n − 1) standard errors from the weighted spread. It is never narrower than the known noise
-    asks for (1.96), nor than the scatter within the trials (Student, their degrees of freedom). So it covers 95 % or
-    more whether repeats differ by noise alone or by many times as much; the price is t = 12.7 for two repeats and 4.3
-    for three. What the trials share is not averaged away and is added in quadrature.
+    Hartung and Knapp, t(n − 1) standard errors from the weighted spread. It is never narrower than 1.96 standard errors
+    of the known noise, nor than the Student interval of the scatter within the trials. So it covers at least 95 %,
+    whether repeats differ by noise alone or by much more; the price is t = 12.7 for two repeats and 4.3 for three.
+    Errors common to the trials do not average out and are added in quadrature.
     """
     values = np.array([repeat.value for repeat in repeats])
     noise = np.array([repeat.noise for repeat in repeats])
     dof = sum(repeat.dof for repeat in repeats)
     inflation = math.sqrt(sum(repeat.chi_square for repeat in repeats) / dof) if dof else 1.0
     scatter = noise * max(1.0, inflation)
-    weights = 1 / (scatter**2 + between_variance(values, scatter))
+    variance, outcome = between_variance(values, scatter)
+    weights = 1 / (scatter**2 + variance)
     mean = float(np.average(values, weights=weights))
     known = _of_mean(weights, scatter)
     half_widths, errors = [NORMAL_95 * known], [known]
@@ -134,29 +144,35 @@ def combine(repeats: Sequence[Repeat]) -> Estimate:
         (mean - half_width, mean + half_width),
         {"noise": known, "between_repeats": math.sqrt(max(0.0, error**2 - known**2)), **_causes(repeats, weights)},
         math.hypot(bound, common),
+        outcome,
     )
 
 
-def between_variance(values: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
-    """s² of Paule and Mandel: with weights 1/(u² + s²) the repeats' chi-square is its degrees of freedom."""
+def between_variance(values: NDArray[np.float64], noise: NDArray[np.float64]) -> tuple[float, FitOutcome]:
+    """s² of Paule and Mandel by bisection, and the outcome.
+
+    It is the s² at which the chi-square of the repeats with weights 1/(u² + s²) equals its degrees of freedom.
+    """
     dof = len(values) - 1
 
     def excess(variance: float) -> float:
         weights = 1 / (noise**2 + variance)
-        mean = (weights * values).sum() / weights.sum()  # np.average, without its checks: this is called 60 times
+        mean = (weights * values).sum() / weights.sum()  # np.average is slower, and this runs ROUNDS times
         return float(weights @ (values - mean) ** 2) - dof
 
     if dof < 1 or excess(0.0) <= 0:
-        return 0.0
-    low, high = 0.0, float(np.ptp(values)) ** 2
-    for _ in range(60):
+        return 0.0, FitOutcome.CONVERGED
+    largest = float(np.ptp(values)) ** 2
+    low, high = 0.0, largest
+    for _ in range(ROUNDS):
         middle = (low + high) / 2
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    return (low + high) / 2
+    outcome = FitOutcome.CONVERGED if high - low <= TOLERANCE * largest else FitOutcome.NOT_CONVERGED
+    return (low + high) / 2, outcome
 
 
 def as_inverse(estimate: Estimate) -> Estimate:
-    """The estimate of 1 / the number: the interval's ends are inverted, errors are to first order."""
+    """The estimate of 1 / the number. The ends of the interval are inverted; errors are to first order."""
     low, high = estimate.ci95
     inverse = 1 / estimate.value
     turned = estimate.scaled(inverse**2)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NoReturn
 
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode, RecordingError
 
 UNPACKED, UNPACKED_PER_BYTE = 64 * 2**20, 50
 """Bytes that the chunks of a file may unpack to: a constant, plus this for every byte of the file."""
@@ -19,6 +19,8 @@ SEARCHED_AGAIN = 4
 
 class Excess(RecordingError):
     """The file exceeds the limits for its size."""
+
+    general_code = RecordingCode.TOO_LARGE
 
 
 class Allowance:

@@ -26,7 +26,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from documents.regular_file import open_regular
 from recordings.allowance import Allowance, Excess
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode, RecordingError
 from recordings.topics import PROFILE, SCHEMA_OF_TOPIC
 
 LARGEST_CHUNK = 64 * 2**20
@@ -87,9 +87,11 @@ def read_entries(path: Path) -> Iterator[Entry | Damage]:
                     case Damage():
                         yield found
     except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise RecordingError(f"{path} cannot be read: {error.strerror or error}", RecordingCode.UNREADABLE) from error
     except Excess as error:
-        raise RecordingError(f"{path} {error}; no recorder wrote it, and it is not read") from error
+        raise RecordingError(
+            f"{path} {error}; no recorder wrote it, and it is not read", RecordingCode.TOO_LARGE
+        ) from error
 
 
 class _BrokenError(Exception):

@@ -46,7 +46,7 @@ class BackgroundSync:
             self.begin()
         if not self._idle.wait(LONGEST_FINISH_S):
             self.failure = TimeoutError(errno.ETIMEDOUT, "the disk does not answer")
-            self._idle.set()  # nobody waits for it any more
+            self._idle.set()  # no caller waits for it any more
 
     def _run(self) -> None:
         try:
@@ -60,7 +60,7 @@ class BackgroundSync:
 def sync_folder(folder: Path) -> None:
     """Has the disk take the folder's list of files: the name of a new file is not in the file itself.
 
-    Windows opens no folder, and journals their lists by itself; a disk that fails is told by the file's own fsync.
+    Windows cannot open a folder, and journals its entries itself; fsync of the file reports a failing disk.
     """
     with suppress(OSError):
         opened = os.open(folder, os.O_RDONLY)

@@ -16,14 +16,19 @@ from pydantic import TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, parse_json
 from documents.validation import describe_error
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode, RecordingError
 from recordings.older_manifest import with_typed_fields
 from recordings.samples import DeviceIdentity
 
 LONGEST_NAME = 200
 """Characters of a file's name."""
 
-TestKind = Literal["static", "dynamic", "bounce"]
+TestKind = Literal["static", "dynamic", "bounce", "pose", "motion"]
+PullKind = Literal["static", "dynamic"]
+"""The tests of a cuff."""
+TrialCondition = Literal["unsuited", "slack", "tight", "mvc"]
+"""Of a pose or motion trial: without the suit, in the suit with its cord slack or tight, or a maximal voluntary
+contraction for the normalisation of EMG."""
 StopEdge = Literal["end_of_frame", "end_of_exposure", "anywhere"]
 
 
@@ -36,7 +41,7 @@ class DataOrigin(StrEnum):
 
     @classmethod
     def of_devices(cls, devices: Iterable[DeviceIdentity]) -> DataOrigin:
-        """By what the devices of a trial said of themselves: simulated if any of them is."""
+        """Origin as reported by the devices of a trial: simulated if any of them is."""
         claims = {device.is_simulated for device in devices}
         if True in claims:
             return cls.SIMULATED
@@ -91,12 +96,55 @@ class BounceRig:
 
 
 @dataclass(frozen=True)
+class BodyMarkers:
+    """The markers of a pose or motion trial, by label.
+
+    body   on the wearer's body;  suit  on the suit and its cuffs, where the suit is worn
+    arm    the shoulder and the elbow;  trunk  an upper and a lower point of the trunk. The angle between arm and trunk
+           is the elevation of the arm. Empty where they are not declared
+    is_cord_measured  whether the load cell measures the tension of the suit's cord
+    """
+
+    body: tuple[str, ...]
+    suit: tuple[str, ...] = ()
+    arm: tuple[str, ...] = ()
+    trunk: tuple[str, ...] = ()
+    is_cord_measured: bool = False
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All markers that must be there."""
+        return self.body + self.suit
+
+
+TrialSubject = CuffSite | BounceRig | BodyMarkers
+"""What a trial is of; labels are the markers that it needs."""
+
+
+@dataclass(frozen=True)
+class EmgAmplifier:
+    """How /emg becomes volts at the electrodes: volts = value × volts per Stream.unit / gain.
+
+    gains           by channel label; 1 for a channel that is not listed
+    sync_threshold  of /emg_sync in its own unit; None where the amplifier does not record the sync line
+    lag_s           an EMG sample stamped t was taken at t + lag_s by the markers' clock
+    lag_sd_s        its standard uncertainty
+    """
+
+    source: Literal["daq", "lsl"]
+    gains: dict[str, float] = field(default_factory=dict)
+    sync_threshold: float | None = None
+    lag_s: float = 0.0
+    lag_sd_s: float = 0.5e-3
+
+
+@dataclass(frozen=True)
 class LoadCell:
     """How /force becomes newtons: newtons = polarity × value × newtons_per_unit.
 
-    For an amplifier newtons_per_unit is capacity_kg × 9.80665 / full_scale_v, for an indicator that of its unit.
+    For an amplifier newtons_per_unit is capacity_kg × g / full_scale_v, for an indicator that of its unit.
     The rest is its certificate: gain_relative_sd the standard uncertainty of its scale, dates as YYYY-MM-DD; "" or
-    None where nobody said. range_v is that of an amplifier's channel: beyond it, force is saturated. A trial whose zero
+    None if unknown. range_v is that of an amplifier's channel: beyond it, force is saturated. A trial whose zero
     drifts by more than zero_drift_relative_limit of the capacity is refused.
     """
 
@@ -139,24 +187,28 @@ class MeasurementProtocol:
 
     step_masses_kg  weights of a static test in the order in which they are hung on; empty where they are not declared
     hold_s          shortest duration of a held load;  swing_s  shortest duration of a dynamic test; None: not declared
+    pose_s          duration of a pose trial;  cycles  arm raises of a motion trial; None: not declared
     """
 
     step_masses_kg: tuple[float, ...] = ()
     hold_s: float | None = None
     swing_s: float | None = None
+    pose_s: float | None = None
+    cycles: int | None = None
 
 
 @dataclass(frozen=True)
 class Manifest:
     """One trial's passport.
 
-    A static or dynamic test has a cuff, a bounce test has a bounce instead.
+    A static or dynamic test has a cuff, a bounce test has a bounce, a pose or motion trial has a body. A motion trial
+    has a condition, too; a pose may have one. emg is None where no EMG is recorded.
     start_utc_ns is the host's UTC at arming; start is "sync_edge" or "pfi0" (then force sample 0 is the edge). Of an
-    imported trial without a sync line it is "declared" (the clocks of two files were said to read the same at
+    imported trial without a sync line it is "declared" (the clocks of two files were declared to agree at
     origin_s, session time 0) or "one_clock" (both streams are of one file and one clock).
     timing and protocol are, with load_cell and cuff, all that a fit takes from the configuration. effective_config is
     the whole configuration that was in force, as plain data, for audit and replay; versions maps package to version.
-    devices is what each device said of itself; empty in imported recordings and in those of older stations.
+    devices is what every device reported; empty in imported recordings and in those of older stations.
     """
 
     cuff: CuffSite | None
@@ -175,10 +227,18 @@ class Manifest:
     effective_config: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     devices: tuple[DeviceIdentity, ...] = ()
+    body: BodyMarkers | None = None
+    condition: TrialCondition | None = None
+    emg: EmgAmplifier | None = None
+
+    @property
+    def subject(self) -> TrialSubject | None:
+        """What the trial is of, with the markers that it needs; None where the manifest names nothing."""
+        return self.cuff or self.bounce or self.body
 
     @property
     def origin(self) -> DataOrigin:
-        """Measured or simulated, by what the devices said of themselves."""
+        """Measured or simulated, as reported by the devices."""
         return DataOrigin.of_devices(self.devices)
 
     @property
@@ -192,7 +252,7 @@ class TrialOutcome:
     """How a trial ended, and the proof that nothing before it is missing.
 
     state     where the session's state machine ended: "closed" or "failed"
-    sentence  why, for a person
+    sentence  why, for a person;  codes  the same for programs, empty in older recordings
     messages  how many messages each topic holds before this one, by topic; counted by the writer
     samples   how many samples each stream holds, by stream; counted by the writer
     """
@@ -202,6 +262,7 @@ class TrialOutcome:
     sentence: str
     messages: Mapping[str, int] = field(default_factory=dict)
     samples: Mapping[str, int] = field(default_factory=dict)
+    codes: tuple[str, ...] = ()
 
 
 def manifest_to_json(manifest: Manifest) -> str:
@@ -214,14 +275,20 @@ def manifest_from_json(text: str) -> Manifest:
     try:
         manifest = _adapter().validate_python(with_typed_fields(parse_json(text)))
     except PlainDataError as error:
-        raise RecordingError(f"the manifest cannot be read: it {error}") from error
+        raise RecordingError(f"the manifest cannot be read: it {error}", RecordingCode.MANIFEST) from error
     except ValidationError as error:
-        raise RecordingError(f"the manifest cannot be read: {describe_error(error)}") from error
+        raise RecordingError(f"the manifest cannot be read: {describe_error(error)}", RecordingCode.MANIFEST) from error
     if not 0 <= manifest.start_utc_ns < 2**63:
-        raise RecordingError(f"the manifest has a start_utc_ns of {manifest.start_utc_ns}, expected UTC in nanoseconds")
+        raise RecordingError(
+            f"the manifest has a start_utc_ns of {manifest.start_utc_ns}, expected UTC in nanoseconds",
+            RecordingCode.MANIFEST,
+        )
     if manifest.cuff and not is_file_name(manifest.cuff.name):
         found = manifest.cuff.name[:60]
-        raise RecordingError(f"the manifest's cuff is named {found!r}, expected no path: files are named after it")
+        raise RecordingError(
+            f"the manifest's cuff is named {found!r}, expected no path: files are named after it",
+            RecordingCode.MANIFEST,
+        )
     return manifest
 
 

@@ -9,7 +9,7 @@ from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from recordings import topics
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode, RecordingError
 from recordings.manifest import Manifest, TrialOutcome, manifest_from_json, manifest_to_json
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
@@ -41,7 +41,9 @@ def pack(message: Message) -> tuple[str, bytes]:
     try:
         data: bytes = _CLASSES[topics.SCHEMA_OF_TOPIC[topic]](**fields).SerializeToString()
     except ValueError as error:  # a number out of its range, or a text that is none
-        raise RecordingError(f"a message on {topic} cannot be kept as it is: {error}") from error
+        raise RecordingError(
+            f"a message on {topic} cannot be kept as it is: {error}", RecordingCode.MESSAGE_NOT_KEPT
+        ) from error
     return topic, data
 
 
@@ -51,7 +53,9 @@ def unpack(topic: str, host_time_ns: int, data: bytes) -> Message:
     try:
         wire = _CLASSES[schema].FromString(data)
     except DecodeError as error:
-        raise RecordingError(f"a message of {len(data)} bytes on {topic} is not a {schema}: {error}") from error
+        raise RecordingError(
+            f"a message of {len(data)} bytes on {topic} is not a {schema}: {error}", RecordingCode.WRONG_MESSAGE
+        ) from error
     if topic in topics.SAMPLE_TOPICS:
         return _block(topic, host_time_ns, wire)
     fields = {field.name: getattr(wire, field.name) for field in wire.DESCRIPTOR.fields}
@@ -59,7 +63,8 @@ def unpack(topic: str, host_time_ns: int, data: bytes) -> Message:
         case topics.STREAMS:
             if len(wire.labels) > MOST_LABELS:
                 raise RecordingError(
-                    f"a stream is described with {len(wire.labels)} labels, expected at most {MOST_LABELS}"
+                    f"a stream is described with {len(wire.labels)} labels, expected at most {MOST_LABELS}",
+                    RecordingCode.TOO_LARGE,
                 )
             return Stream(**fields | {"labels": tuple(wire.labels)})
         case topics.EVENTS:
@@ -87,11 +92,14 @@ _CLASSES = topics.wire_classes()
 def _fields_of_block(block: Samples) -> dict[str, Any]:
     count, kind = len(block.sample_numbers), values_type(block.stream)
     if block.values.dtype != kind:
-        raise RecordingError(f"a block of {block.stream} holds {block.values.dtype} values, expected {kind}")
+        raise RecordingError(
+            f"a block of {block.stream} holds {block.values.dtype} values, expected {kind}", RecordingCode.WRONG_BLOCK
+        )
     if not (0 < count <= MOST_SAMPLES_IN_A_BLOCK and count == len(block.device_time_ns) == len(block.values)):
         raise RecordingError(
             f"a block of {block.stream} holds {count} sample numbers, {len(block.device_time_ns)} device times and "
-            f"{len(block.values)} values, expected as many of each, at least 1 and at most {MOST_SAMPLES_IN_A_BLOCK}"
+            f"{len(block.values)} values, expected as many of each, at least 1 and at most {MOST_SAMPLES_IN_A_BLOCK}",
+            RecordingCode.WRONG_BLOCK,
         )
     first_number, number_step, numbers = _compact(block.sample_numbers.astype("<u8", copy=False))
     first_time, time_step, times = _compact(block.device_time_ns.astype("<i8", copy=False))
@@ -111,10 +119,13 @@ def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
     count, kind, width = wire.sample_count, values_type(topic), 4 if topic == topics.MARKERS else 1
     # A forged count must neither allocate memory nor move values from one sample to the next.
     if not 0 < count <= MOST_SAMPLES_IN_A_BLOCK or len(wire.values) % (count * width * kind.itemsize):
-        raise RecordingError(f"a block of {topic} announces {count} samples and holds {len(wire.values)} bytes")
+        raise RecordingError(
+            f"a block of {topic} announces {count} samples and holds {len(wire.values)} bytes",
+            RecordingCode.WRONG_BLOCK,
+        )
     columns = len(wire.values) // (count * width * kind.itemsize)
     if not columns and count > MOST_SAMPLES_WITHOUT_VALUES:
-        raise RecordingError(f"a block of {topic} announces {count} samples without a value")
+        raise RecordingError(f"a block of {topic} announces {count} samples without a value", RecordingCode.WRONG_BLOCK)
     values = np.frombuffer(wire.values, dtype=kind.newbyteorder("<"))
     return Samples(
         stream=topic,
@@ -136,7 +147,10 @@ def _compact(numbers: NDArray[Any]) -> tuple[int, int, bytes]:
 def _spread(first: int, step: int, numbers: bytes, kind: str, count: int) -> NDArray[Any]:
     if numbers:
         if len(numbers) != 8 * count:
-            raise RecordingError(f"a block announces {count} samples and has {len(numbers)} bytes of numbers for them")
+            raise RecordingError(
+                f"a block announces {count} samples and has {len(numbers)} bytes of numbers for them",
+                RecordingCode.WRONG_BLOCK,
+            )
         return np.frombuffer(numbers, dtype=kind)
     run = np.arange(count, dtype=np.uint64) * np.uint64(step % 2**64) + np.uint64(first % 2**64)
     run.flags.writeable = False
@@ -147,10 +161,13 @@ def _manifest(wire: Any) -> Manifest:
     if wire.format_version > topics.FORMAT_VERSION:
         raise RecordingError(
             f"the recording has format version {wire.format_version}, expected at most {topics.FORMAT_VERSION}; "
-            "update cuffstation to read it"
+            "update cuffstation to read it",
+            RecordingCode.LATER_FORMAT,
         )
     if len(wire.json) > LARGEST_MANIFEST:
-        raise RecordingError(f"the manifest has {len(wire.json)} characters, expected at most {LARGEST_MANIFEST}")
+        raise RecordingError(
+            f"the manifest has {len(wire.json)} characters, expected at most {LARGEST_MANIFEST}", RecordingCode.MANIFEST
+        )
     return manifest_from_json(wire.json)
 
 
@@ -170,4 +187,5 @@ def _outcome(wire: Any) -> TrialOutcome:
         sentence=wire.sentence,
         messages=dict(zip(wire.topics, wire.messages, strict=False)),
         samples=dict(zip(wire.streams, wire.samples, strict=False)),
+        codes=tuple(wire.codes),
     )

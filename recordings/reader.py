@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from recordings import topics
 from recordings.chunks import Damage, Entry, read_entries
-from recordings.errors import DamagedFile, RecordingError
+from recordings.errors import DamagedFile, RecordingCode, RecordingError
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import MOST_LABELS, Message, no_values, unpack
 from recordings.samples import Event, Item, Samples, Stream
@@ -34,7 +34,7 @@ class Track:
     sample_numbers  (n,) uint64
     device_time_ns  (n,) int64, the device's clock
     host_time_ns    (n,) int64, UTC at arrival of the block that brought the sample
-    values          scalar streams (n, 1) float64; markers (n, markers, 4) float32; in Stream.unit.
+    values          scalar and analog streams (n, labels) float64; markers (n, markers, 4) float32; in Stream.unit.
                     NaN where a marker was missing, or its label was not known yet.
     """
 
@@ -108,7 +108,7 @@ class Recording:
         stream = next((stream for stream in self.streams if stream.name == name), None)
         if stream is None:
             found = ", ".join(stream.name for stream in self.streams)
-            raise RecordingError(f"{self.path} has no stream {name}, only {found or 'none'}")
+            raise RecordingError(f"{self.path} has no stream {name}, only {found or 'none'}", RecordingCode.NO_STREAM)
         collector = TrackCollector(self.path)
         for entry in read_entries(self.path):
             if isinstance(entry, Entry) and entry.topic in (topics.STREAMS, name) and is_ours(entry):
@@ -147,7 +147,9 @@ class TrackCollector:
                 labels = message.labels
                 later |= dict.fromkeys(label for label in labels if label not in stream.labels)
                 if len(later) > MOST_LABELS:
-                    raise RecordingError(f"{self._path} has more than {MOST_LABELS} labels in {stream.name}")
+                    raise RecordingError(
+                        f"{self._path} has more than {MOST_LABELS} labels in {stream.name}", RecordingCode.TOO_LARGE
+                    )
             elif isinstance(message, Samples):
                 blocks.append((labels, message))
         all_labels = (*stream.labels, *later)
@@ -167,7 +169,9 @@ class TrackCollector:
         held = sum(values.nbytes for values in blocks)
         wide = sum(values.nbytes * columns // max(1, values.shape[1]) for values in blocks)
         if wide > WIDENED + WIDENED_PER_BYTE * held:
-            raise RecordingError(f"{self._path} holds {held} bytes of samples, which all its labels make {wide}")
+            raise RecordingError(
+                f"{self._path} holds {held} bytes of samples, which all its labels make {wide}", RecordingCode.TOO_LARGE
+            )
 
 
 def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -> Recording:
@@ -178,7 +182,9 @@ def open_recording(path: Path, take: Callable[[Entry], None] = lambda _: None) -
     survey = survey_file(path, take)
     if survey.manifest is None:
         reasons = "; ".join(survey.missing)
-        raise DamagedFile(f"{path} has lost its manifest, so its samples say nothing: {reasons}")
+        raise DamagedFile(
+            f"{path} has lost its manifest, so its samples say nothing: {reasons}", RecordingCode.MANIFEST_LOST
+        )
     return Recording(path, survey.manifest, survey.streams, survey.outcome, survey.missing, survey.damaged)
 
 
@@ -188,7 +194,7 @@ def read_manifest(path: Path) -> Manifest:
         found = read(entry) if isinstance(entry, Entry) else None
         if isinstance(found, Manifest):
             return found
-    raise RecordingError(f"{path} has no manifest that can be read, expected a recording")
+    raise RecordingError(f"{path} has no manifest that can be read, expected a recording", RecordingCode.MANIFEST_LOST)
 
 
 @dataclass(frozen=True)
@@ -271,22 +277,24 @@ def read(entry: Entry) -> Message | None:
 
 def _nothing_is_ours(path: Path, damage: list[Damage]) -> RecordingError:
     if path.stat().st_size == 0:
-        return RecordingError(f"{path} is empty; nothing was recorded into it")
+        return RecordingError(f"{path} is empty; nothing was recorded into it", RecordingCode.EMPTY)
     if not damage:
         return RecordingError(
-            f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}"
+            f"{path} is an MCAP file of another program, expected a recording with a {topics.MANIFEST}",
+            RecordingCode.OTHER_PROGRAM,
         )
     if damage[0].offset == 0:
-        return RecordingError(f"{path} is not an MCAP file, expected a recording")
+        return RecordingError(f"{path} is not an MCAP file, expected a recording", RecordingCode.NOT_MCAP)
     message = f"{path} was cut or damaged before its first whole chunk ended: {damage[0]}; nothing in it can be read"
-    return RecordingError(message) if damage[0].is_cut else DamagedFile(message)
+    return RecordingError(message, RecordingCode.CUT) if damage[0].is_cut else DamagedFile(message)
 
 
 def _in_columns(values: NDArray[Any], labels: tuple[str, ...], all_labels: tuple[str, ...], path: Path) -> NDArray[Any]:
     """Values of a block in the columns of the whole track; NaN for a label that the block lacks."""
     if values.shape[1] != len(labels):
         raise RecordingError(
-            f"{path} has a block of {values.shape[1]} columns where {len(labels)} are described; its labels were lost"
+            f"{path} has a block of {values.shape[1]} columns where {len(labels)} are described; its labels were lost",
+            RecordingCode.LABELS_LOST,
         )
     if labels == all_labels:
         return values

@@ -16,7 +16,7 @@ from recordings.chunk_index import keep_index_encoded
 from recordings.chunks import Damage, read_entries
 from recordings.contents import Contents, contents_of
 from recordings.durability import sync_folder
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import is_ours, survey_file
 
 
@@ -77,7 +77,9 @@ def recover(path: Path, output: Path | None = None, progress: Callable[[int], No
         _give_name(part, output)
         sync_folder(output.parent)
     except OSError as error:
-        raise RecordingError(f"{output} cannot be written: {error.strerror or error}") from error
+        raise RecordingError(
+            f"{output} cannot be written: {error.strerror or error}", RecordingCode.NOT_WRITABLE
+        ) from error
     finally:
         part.unlink(missing_ok=True)
     return RecoveryReport(path, output, damage, contents_of(output))
@@ -121,4 +123,6 @@ def _give_name(part: Path, output: Path) -> None:
     if not output.exists():
         part.replace(output)
     elif not filecmp.cmp(part, output, shallow=False):
-        raise RecordingError(f"{output} exists and holds something else; name another output")
+        raise RecordingError(
+            f"{output} exists and holds something else; name another output", RecordingCode.OUTPUT_EXISTS
+        )

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 class Stream:
     """One kind of sample a device sends, described once.
 
-    name      the topic it is recorded under: "/force", "/sync" or "/markers"
-    unit      the unit of every value as the device sends it: "V", "N", "lbf", "g", "mm"
-    labels    names of the second axis of the values; one for a scalar stream, the marker names for markers
+    name      the topic it is recorded under: "/force", "/sync", "/markers", "/emg" …
+    unit      the unit of every value as the device sends it: "V", "uV", "N", "lbf", "g", "mm"
+    labels    names of the second axis of the values: one for a scalar stream, the marker names, the channel names
     rate_hz   nominal sample rate of the device
     source    text that names the device in errors and tables: "NI Dev1/ai0 (127.0.0.1:31763)"
     serial_number  of the instrument, "" if the wire carries none
@@ -53,7 +53,7 @@ class Samples:
     sample_numbers  (n,) uint64, counted by the device (NI sample index, QTM frame number); a jump is a loss
     device_time_ns  (n,) int64, the device's own clock; its zero is the device's affair
     host_time_ns    UTC of the station's clock when the block arrived
-    values          scalar streams (n, 1) float64; markers (n, markers, 4) float32: x, y, z, residual.
+    values          scalar and analog streams (n, labels) float64; markers (n, markers, 4) float32: x, y, z, residual.
                     A missing marker is NaN in all four.
     """
 

@@ -21,8 +21,12 @@ MARKERS = "/markers"
 EVENTS = "/events"
 LOSSES = "/losses"
 OUTCOME = "/outcome"
+EMG = "/emg"
+EMG_SYNC = "/emg_sync"
+EMG_CLOCK = "/emg_clock"
+ANALOG = "/analog"
 
-SAMPLE_TOPICS = (FORCE, SYNC, MARKERS)
+SAMPLE_TOPICS = (FORCE, SYNC, MARKERS, EMG, EMG_SYNC, EMG_CLOCK, ANALOG)
 SCHEMA_OF_TOPIC = {
     MANIFEST: "cuffstation.Manifest",
     STREAMS: "cuffstation.Stream",
@@ -32,6 +36,10 @@ SCHEMA_OF_TOPIC = {
     EVENTS: "cuffstation.Event",
     LOSSES: "cuffstation.Loss",
     OUTCOME: "cuffstation.Outcome",
+    EMG: "cuffstation.AnalogBlock",
+    EMG_SYNC: "cuffstation.ScalarBlock",
+    EMG_CLOCK: "cuffstation.AnalogBlock",
+    ANALOG: "cuffstation.AnalogBlock",
 }
 
 _CLOCKED = """
@@ -79,7 +87,9 @@ SCHEMAS = {
         repeated uint64 messages = 5;
         repeated string streams = 6;
         repeated uint64 samples = 7;
+        repeated string codes = 8;
     """,
+    "cuffstation.AnalogBlock": _CLOCKED + "repeated double values = 8;",
 }
 """The fields of every message, written as in a .proto file."""
 

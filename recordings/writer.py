@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from recordings import topics
 from recordings.chunk_index import keep_index_encoded
 from recordings.durability import BackgroundSync, in_a_thread, sync_folder
-from recordings.errors import RecordingError, WriteFailed
+from recordings.errors import RecordingCode, RecordingError, WriteFailed
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.packing import Message, pack
 from recordings.samples import Item, Samples, Stream
@@ -84,9 +84,13 @@ class RecordingWriter:
             self._file = create(path)
             self._identity = os.fstat(self._file.fileno())
         except FileExistsError as error:
-            raise RecordingError(f"{path} exists, and a recording is never overwritten; take another run") from error
+            raise RecordingError(
+                f"{path} exists, and a recording is never overwritten; take another run", RecordingCode.EXISTS
+            ) from error
         except OSError as error:
-            raise RecordingError(f"{path} cannot be made: {error.strerror or error}; check the folder") from error
+            raise RecordingError(
+                f"{path} cannot be made: {error.strerror or error}; check the folder", RecordingCode.NOT_CREATABLE
+            ) from error
         self._disk = BackgroundSync(lambda: self._sync_to_disk(sync), background)
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
         keep_index_encoded(self._mcap)
@@ -114,7 +118,8 @@ class RecordingWriter:
         """Write a stream's description before its first block, and new labels before the first block that has them."""
         if stream.name not in topics.SAMPLE_TOPICS:
             raise RecordingError(
-                f"{stream.source} sends {stream.name!r}, expected one of {', '.join(topics.SAMPLE_TOPICS)}"
+                f"{stream.source} sends {stream.name!r}, expected one of {', '.join(topics.SAMPLE_TOPICS)}",
+                RecordingCode.UNKNOWN_STREAM,
             )
         self._streams[stream.name] = stream
         self._put(stream)
@@ -173,7 +178,9 @@ class RecordingWriter:
             if is_at_its_path:
                 self._path.unlink(missing_ok=True)
         except OSError as error:
-            raise RecordingError(f"{self._path} cannot be deleted: {error.strerror or error}") from error
+            raise RecordingError(
+                f"{self._path} cannot be deleted: {error.strerror or error}", RecordingCode.NOT_DELETABLE
+            ) from error
 
     def _write_samples(self, block: Samples) -> None:
         count = len(block.sample_numbers)
@@ -184,7 +191,8 @@ class RecordingWriter:
             announced = "nothing" if stream is None else f"{len(stream.labels)} columns"
             raise RecordingError(
                 f"a block of {block.stream} holds values of shape {block.values.shape}, announced was {announced}; "
-                "describe the stream first"
+                "describe the stream first",
+                RecordingCode.WRONG_BLOCK,
             )
         self._put(block)
         before = self._written.get(block.stream)
@@ -239,12 +247,14 @@ class RecordingWriter:
         """Raises WriteFailed if the path no longer names the file that was written."""
         if not self._path.exists():
             raise WriteFailed(
-                f"{self._path} was moved away while it was written; all of it is whole in the file where it is now"
+                f"{self._path} was moved away while it was written; all of it is whole in the file where it is now",
+                RecordingCode.MOVED,
             )
         if not self._is_at_its_path:
             raise WriteFailed(
                 f"{self._path} is another file now: the recording was moved away while it was written, and is whole "
-                "where it is now; look for it before you record the trial again"
+                "where it is now; look for it before you record the trial again",
+                RecordingCode.MOVED,
             )
 
     @property
@@ -286,7 +296,7 @@ class RecordingWriter:
         # Closing tries once more what could not be written; whether it can, the trial has already failed.
         with suppress(OSError):
             self._file.close()
-        self._failure = self._failure or WriteFailed(f"{self._path} is closed and takes no more")
+        self._failure = self._failure or WriteFailed(f"{self._path} is closed and takes no more", RecordingCode.CLOSED)
 
 
 class _ContentLost(OSError):

@@ -38,13 +38,13 @@ Table = dict[str, Any]
 
 
 def bundled_model() -> Model:
-    """The thoracoscapular model: 7 bodies, 17 coordinates, 33 muscles, 17 actuators; sources stand in the table."""
+    """The thoracoscapular model: 7 bodies, 17 coordinates, 33 muscles, 17 actuators; the table names the sources."""
     table = tomllib.loads(files("solver").joinpath("thoracoscapular.toml").read_text(encoding="utf-8"))
     return _TableReader(table).model()
 
 
 class _TableReader:
-    """Turns the table's names into indices; the table's order is the model's."""
+    """Resolves names of the table to indices; the order of the table is that of the model."""
 
     def __init__(self, table: Table) -> None:
         self.table = table

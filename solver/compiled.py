@@ -1,4 +1,4 @@
-"""Python functions as machine code: compiled at their first call, and kept on disk from then on."""
+"""Python functions as machine code: compiled at their first call, then cached on disk."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ def compiled(function: Function) -> Function:
 
 
 def compiled_for_python(function: Function) -> Function:
-    """Like compiled, with a door, and kept on disk until anything it is made of changes."""
+    """Like compiled, but callable from Python, and cached on disk until anything it depends on changes."""
     kernel: Any = njit(error_model="numpy", nogil=True)(function)
-    kernel._cache = _Kept(function)
+    kernel._cache = _CodeCache(function)
     return cast(Function, kernel)
 
 
 _Cache: Any = FunctionCache  # without types
 
 
-class _Kept(_Cache):  # type: ignore[misc]
-    """Cache of compiled kernels. numba's own cache checks only the file of the function itself, and no other processes.
+class _CodeCache(_Cache):  # type: ignore[misc]
+    """Cache of compiled kernels. numba's own checks only the file of the function itself, and ignores other processes.
 
-    Here the first process compiles, and others that need the kernel wait.
+    Here one process compiles, and others that need the kernel wait.
     """
 
     def __init__(self, function: Any) -> None:
@@ -67,12 +67,12 @@ class _Kept(_Cache):  # type: ignore[misc]
         return (*super()._index_key(signature, codegen), sha256(parts).hexdigest())
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
-        found = self._kept(signature, target)
+        found = self._cached(signature, target)
         if found is not None:
             return found
         with suppress(Timeout, NotImplementedError):  # without locks on some network drives: then both compile
             self._lock.acquire()
-        found = self._kept(signature, target)  # compiled by another process while this one waited
+        found = self._cached(signature, target)  # compiled by another process while this one waited
         if found is not None:
             self._lock.release(force=True)
             return found
@@ -80,10 +80,10 @@ class _Kept(_Cache):  # type: ignore[misc]
         logger.warning("compiling %s, once on this machine; this takes up to half a minute", self._title())
         return None
 
-    def _kept(self, signature: Any, target: Any) -> Any:
+    def _cached(self, signature: Any, target: Any) -> Any:
         try:
             return super()._load_overload(signature, target)
-        except (AttributeError, ImportError):  # kept for types that have another name now, or another place
+        except (AttributeError, ImportError):  # cached for a type that was renamed or moved
             self.flush()
             return None
 
@@ -109,6 +109,7 @@ def _parts(function: Any, seen: set[object]) -> Iterator[object]:
         for name in code.co_names:
             value = function.__globals__.get(name)
             if not isinstance(value, Dispatcher):
-                yield name, value if isinstance(value, int | float | tuple | np.dtype) else None
+                fields = getattr(value, "_fields", None)  # of a NamedTuple
+                yield name, value if isinstance(value, int | float | tuple | np.dtype) else fields
             elif value.py_func not in seen:
                 yield from _parts(value.py_func, seen)

@@ -1,4 +1,4 @@
-"""Small dense algebra for compiled code. Loops, not NumPy's expressions: those take ten times as long to compile."""
+"""Small dense linear algebra for compiled code. Loops, because NumPy expressions take ten times as long to compile."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SMALLEST_PIVOT = 1e-14
 
 @compiled
 def dot(x: Array, y: Array) -> float:
-    """x·y in four sums that the processor can carry at once."""
+    """x·y in four independent sums, which the processor computes in parallel."""
     one, two, three, four = 0.0, 0.0, 0.0, 0.0
     whole = len(x) - len(x) % 4
     for i in range(0, whole, 4):

@@ -1,15 +1,73 @@
 """The root of what the solver raises.
 
 SolverError
-├── ModelError   a model, or an option for it, that cannot be solved (model.py)
-├── MotionError  a motion that does not fit the model (motion.py)
-└── SuitError    a suit that the model cannot wear (suit/suit.py)
+├── ModelError        a model, or an option for it, that cannot be solved (model.py)
+├── MotionError       a motion that does not fit the model (motion.py)
+├── SuitError         a suit that does not fit the model (suit/suit.py)
+└── JointCentreError  a motion from which no joint centre can be found (personalisation/joint_centres.py)
 """
 
 from __future__ import annotations
 
+from enum import StrEnum
+
+
+class SolverCode(StrEnum):
+    """Stable codes of errors, for programs. The code of a class stands for any reason that has no code of its own."""
+
+    FAILED = "solver_failed"
+
+    MODEL = "model_unusable"
+    UNREADABLE_FILE = "model_unusable.unreadable_file"
+    WRONG_DOCUMENT = "model_unusable.wrong_document"
+    MALFORMED = "model_unusable.malformed_element"
+    UNSUPPORTED = "model_unusable.unsupported_component"
+    UNKNOWN_NAME = "model_unusable.unknown_name"
+    NO_JOINT = "model_unusable.body_without_joint"
+    WRONG_SHAPE = "model_unusable.wrong_shape"
+    WRONG_PATH = "model_unusable.wrong_path"
+    NO_MUSCLES = "model_unusable.no_muscles"
+    SINGULAR = "model_unusable.singular"
+    WRONG_GLENOID = "model_unusable.wrong_glenoid"
+    NEGATIVE_WEIGHT = "model_unusable.negative_weight"
+    NOT_WRITABLE = "model_unusable.not_writable"
+    NO_MARKERS = "model_unusable.no_markers_in_common"
+
+    MOTION = "motion_unusable"
+    UNREADABLE_TABLE = "motion_unusable.unreadable_table"
+    MALFORMED_TABLE = "motion_unusable.malformed_table"
+    MISSING_COLUMN = "motion_unusable.missing_column"
+    NOT_FINITE = "motion_unusable.not_finite"
+    UNEVEN_TIME = "motion_unusable.uneven_time"
+    NO_FRAMES = "motion_unusable.no_frames"
+    WRONG_CUTOFF = "motion_unusable.wrong_cutoff"
+    NOT_COVERED = "motion_unusable.not_covered"
+    NO_ACCELERATIONS = "motion_unusable.no_accelerations"
+    OPEN_JOINT = "motion_unusable.open_joint"
+    OUT_OF_RANGE = "motion_unusable.coordinate_out_of_range"
+
+    SUIT = "suit_unusable"
+    SUIT_FILE = "suit_unusable.unreadable_file"
+    SUIT_KEY = "suit_unusable.wrong_key"
+    SUIT_BODY = "suit_unusable.body_not_in_model"
+    SUIT_MUSCLE = "suit_unusable.muscle_not_in_model"
+    SUIT_NOT_WRITABLE = "suit_unusable.not_writable"
+    NO_ARM_CUFF = "suit_unusable.no_arm_cuff"
+    WRONG_CUFF = "suit_unusable.wrong_cuff"
+    CUFF_BEYOND_SHOULDER = "suit_unusable.cuff_beyond_shoulder"
+    CUFFS_NOT_AT_REST = "suit_unusable.cuffs_not_at_rest"
+    CORD_SLACK = "suit_unusable.cord_slack"
+    POINT_NOT_SEEN = "suit_unusable.point_not_seen"
+    STIFFNESS_NOT_DRAWN = "suit_unusable.stiffness_not_drawn"
+    NO_JOINT_CENTRE = "joint_centre_not_found"
+
 
 class SolverError(ValueError):
-    """One sentence for the analyst; a second may say what to do."""
+    """One sentence for the analyst, a second may say what to do; code is for programs."""
 
     exit_code = 1
+    general_code = SolverCode.FAILED
+
+    def __init__(self, sentence: str, code: SolverCode | None = None) -> None:
+        super().__init__(sentence)
+        self.code = code or self.general_code

@@ -2,7 +2,7 @@
 
 numba optimises a function together with all that it calls, and generates machine code for it, before its callers link
 it, optimise it again and generate machine code for it again. Nine of the solver's 180 functions are called from Python;
-for the other ones that machine code is never run (docs/decisions/0015-inner-functions-are-optimised-once.md).
+for the other ones that machine code is never run (docs/decisions/0015-linking-of-compiled-functions.md).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class _ChooseLibrary(_Pass):  # type: ignore[misc]
 
 @_register_pass(mutates_CFG=False, analysis_only=False)
 class _OfferToCallers(_Pass):  # type: ignore[misc]
-    """Registers the function, by an object of its own without an address, as numba does for one without a wrapper."""
+    """Register the function, by an object without an address, as numba does for one without a wrapper."""
 
     _name = "offer_linked_function"
 

@@ -1,4 +1,6 @@
-"""Move a model's markers to where they were seen: the last step of OpenSim's ScaleTool."""
+"""Markers of a static pose: how still they are, and a model's markers moved to where they were seen (the last step of
+OpenSim's ScaleTool).
+"""
 
 from __future__ import annotations
 
@@ -33,3 +35,13 @@ def place_markers(model: Model, labels: Sequence[str], static: Array, tasks: Tra
         rotation, origin = state.rotation_to_ground[0, marker.body], state.origin_in_ground[0, marker.body]
         moved.append(replace(marker, location=rotation.T @ (place - origin)))
     return replace(model, markers=tuple(moved))
+
+
+def largest_motion(labels: Sequence[str], observed: Array) -> tuple[str, float]:
+    """Label of the marker that moves most along an axis in (frames, labels, 3) [m], and its range [m]."""
+    hidden = ~np.isfinite(observed).any(axis=(0, 2))
+    filled = np.where(np.isfinite(observed), observed, np.nan)
+    filled[:, hidden] = 0.0
+    ranges = (np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)).max(axis=1)
+    index = int(np.argmax(ranges))
+    return labels[index], float(ranges[index])

@@ -1,4 +1,4 @@
-"""The musculoskeletal model as the solver sees it: frozen, in SI units, every reference an index.
+"""The musculoskeletal model of the solver: frozen, in SI units, every reference an index.
 
 Body 0 is the ground. So every body index is a valid row of the (frames, bodies, …) arrays, and a path point on the
 ground needs no special case; the ground's pose is the identity, its mass, velocity and Jacobian are zero.
@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverError
+from solver.errors import SolverCode, SolverError
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
 
@@ -24,7 +24,9 @@ NO_COORDINATE = -1
 
 
 class ModelError(SolverError):
-    """A model that cannot be read or does not fit together; the message is one sentence for the person who wrote it."""
+    """A model that cannot be read or is inconsistent; one sentence for its author."""
+
+    general_code = SolverCode.MODEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a frame sits in a body: rotation (3, 3) turns frame vectors into body vectors, translation (3,) [m]."""
+    """Pose of a frame in a body: rotation (3, 3) turns frame vectors into body vectors, translation (3,) [m]."""
 
     rotation: Array
     translation: Array
@@ -53,10 +55,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A generalised coordinate [rad or m] with its default value and the range (lowest, highest) its author gave.
+    """A generalised coordinate [rad or m] with its default value and range (lowest, highest), as in the model's file.
 
-    Inverse kinematics keeps one that is clamped within its range; nothing else does.
-    A coordinate is coupled that is neither an angle nor a distance, as one that bends and slides a joint at once.
+    Only inverse kinematics keeps a clamped coordinate within its range. The motion is "coupled" if the coordinate is
+    neither an angle nor a distance, for example if it rotates and translates a joint at once.
     """
 
     name: str
@@ -68,11 +70,11 @@ class Coordinate:
 
 @dataclass(frozen=True, eq=False)
 class AxisMotion:
-    """Three rotations, then three translations, each about or along its own axis of the parent frame.
+    """Three rotations, then three translations, about or along axes of the parent frame.
 
-    axes        (6, 3) unit vectors; the rotations follow one another (body-fixed), the translations add up
+    axes        (6, 3) unit vectors; rotations are successive and body-fixed, translations add up
     coordinate  (6,) index of the coordinate that drives the axis, or NO_COORDINATE
-    functions   six, of that coordinate: how far the axis moves [rad or m]; on an axis that nothing drives, at 0
+    functions   six functions of that coordinate: angle or distance [rad or m]; an undriven axis takes the value at 0
     """
 
     axes: Array
@@ -87,17 +89,17 @@ class AxisMotion:
 
     @property
     def coordinates(self) -> tuple[int, ...]:
-        """Those that drive axes, each once, in the order of the axes."""
+        """Indices of the coordinates that drive axes, without repetition, in the order of the axes."""
         return tuple(dict.fromkeys(int(c) for c in self.coordinate if c != NO_COORDINATE))
 
 
 @dataclass(frozen=True)
 class BallMotion:
-    """Any rotation, and any translation too where there are `sliding` coordinates (a free joint).
+    """Any rotation, and any translation if there are `sliding` coordinates (a free joint).
 
     turning  indices of three body-fixed x-y-z angles; their speeds are the components of the angular velocity in the
              parent frame, not the rates of the angles
-    sliding  none, or indices of the child frame's place x, y, z in the parent frame
+    sliding  none, or indices of the position x, y, z of the child frame in the parent frame
     """
 
     turning: tuple[int, int, int]
@@ -113,7 +115,7 @@ class ScapulothoracicMotion:
     """The scapula glides on an ellipsoid of the thorax and wings about an axis of the tangent plane.
 
     coordinates        indices of abduction, elevation, upward rotation, winging
-    radii              (3,) thoracic ellipsoid's semi-axes [m], as OpenSim's property orders them
+    radii              (3,) semi-axes of the thoracic ellipsoid [m], in the order of OpenSim's property
     winging_origin     (2,) point of the winging axis in the tangent plane [m]
     winging_direction  angle of that axis in the plane [rad]
     """
@@ -137,7 +139,7 @@ Motion = AxisMotion | BallMotion | ScapulothoracicMotion
 
 @dataclass(frozen=True)
 class Joint:
-    """Body `child` moves against body `parent`, between a frame placed in each; parents come before their children."""
+    """Joint between a frame in body `parent` and one in body `child`; parents come before their children."""
 
     name: str
     parent: int
@@ -160,9 +162,9 @@ class PathPoint:
 
 @dataclass(frozen=True)
 class MovingPathPoint:
-    """A point of a path that a coordinate q moves in its body: to (f₁(q), f₂(q), f₃(q)) [m] of the frame `placement`.
+    """A path point that a coordinate q moves in its body: to (f₁(q), f₂(q), f₃(q)) [m] in the frame `placement`.
 
-    For its place, q is held within `range`; its velocity and its derivative are those of the unheld q, as in OpenSim.
+    The location is that of q clamped to `range`; velocity and derivative are those of the unclamped q, as in OpenSim.
     """
 
     body: int
@@ -174,7 +176,7 @@ class MovingPathPoint:
 
 @dataclass(frozen=True, eq=False)
 class ConditionalPathPoint:
-    """A point that belongs to its path while a coordinate is within `range`; location (3,) [m] in its body."""
+    """A path point that is active while a coordinate is within `range`; location (3,) [m] in its body."""
 
     body: int
     location: Array
@@ -194,8 +196,8 @@ class WrapSurface:
 
     dimensions  (3,) [m]: ellipsoid: semi-axes; sphere: its radius three times; cylinder: radius, radius, length (its
                 axis is the surface's z)
-    quadrant    "all", or the side a path must stay on: "+x", "-y", …
-    is_active   paths pass through a surface that is not
+    quadrant    "all", or the side on which a path must stay: "+x", "-y", …
+    is_active   whether paths wrap over it
     """
 
     name: str
@@ -214,7 +216,7 @@ class WrapSurface:
 class PathWrap:
     """One surface (index into Model.surfaces) that a path may wrap over, and the method for ellipsoids.
 
-    Only the pieces between the path's points `first` and `last` (indices, both included; None is the end) may wrap.
+    Only the segments between the path's points `first` and `last` (indices, both included; None is the end) may wrap.
     """
 
     surface: int
@@ -225,7 +227,7 @@ class PathWrap:
 
 @dataclass(frozen=True)
 class Path:
-    """A path from its first to its last point, over the surfaces in the order in which they are tried."""
+    """A path from its first to its last point, and its surfaces in the order of the wrapping."""
 
     points: tuple[AnyPathPoint, ...]
     wraps: tuple[PathWrap, ...]
@@ -264,7 +266,7 @@ class PointConstraint:
 
 @dataclass(frozen=True)
 class CoordinateCoupler:
-    """One coordinate that follows another: q_dependent = function(q_independent)."""
+    """Coupled coordinates: q_dependent = function(q_independent)."""
 
     name: str
     dependent: int
@@ -286,7 +288,7 @@ Constraint = PointConstraint | CoordinateCoupler | CoordinateLock
 
 @dataclass(frozen=True)
 class CoordinateActuator:
-    """Pushes one coordinate with optimal_force [N or N m] times its control, which stays within its limits."""
+    """Generalised force on one coordinate: optimal_force [N or N m] times its control, within limits."""
 
     name: str
     coordinate: int
@@ -307,7 +309,7 @@ class CoordinateForce:
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """A named point of a body, location (3,) [m] in it; one that is fixed stays there when a model is scaled."""
+    """A named point of a body, location (3,) [m] in it; a fixed marker is not moved by marker placement."""
 
     name: str
     body: int
@@ -322,6 +324,7 @@ class Marker:
 class Model:
     """The musculoskeletal model of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
+    left_out names the forces and controllers of its file that were ignored on request.
     """
 
     name: str
@@ -335,6 +338,7 @@ class Model:
     actuators: tuple[CoordinateActuator, ...]
     markers: tuple[Marker, ...]
     coordinate_forces: tuple[CoordinateForce, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _freeze(self, gravity=(3,))
@@ -382,13 +386,14 @@ def _index(items: Sequence[_Named], name: str, kind: str, model: str) -> int:
         if item.name == name:
             return index
     known = ", ".join(item.name for item in items)
-    raise ModelError(f"the model {model} has no {kind} {name}; it has {known}")
+    raise ModelError(f"the model {model} has no {kind} {name}; it has {known}", SolverCode.UNKNOWN_NAME)
 
 
 def _freeze(noun: object, **shapes: tuple[int, ...]) -> None:
     for field, shape in shapes.items():
         values = np.array(getattr(noun, field), dtype=np.float64)
         if values.shape != shape:
-            raise ModelError(f"{type(noun).__name__}.{field} has shape {values.shape}, expected {shape}")
+            sentence = f"{type(noun).__name__}.{field} has shape {values.shape}, expected {shape}"
+            raise ModelError(sentence, SolverCode.WRONG_SHAPE)
         values.flags.writeable = False
         object.__setattr__(noun, field, values)

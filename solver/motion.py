@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_TABLE, read_regular
-from solver.errors import SolverError
+from solver.errors import SolverCode, SolverError
 from solver.model import Model
 
 Array = NDArray[np.float64]
 
 
 class MotionError(SolverError):
-    """A motion that cannot be used; its text is the sentence to show."""
+    """A motion that cannot be used; one sentence."""
+
+    general_code = SolverCode.MOTION
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Kinematics:
 
     @property
     def filter(self) -> str:
-        """In words, as results state it."""
+        """As results state it."""
         if self.cutoff is None:
             return "none"
         return f"Butterworth low-pass at {self.cutoff:g} Hz, order 4, forwards and backwards"
@@ -76,12 +78,14 @@ def read_motion(path: Path, model: Model) -> Motion:
     names = model.coordinate_names
     columns, table, in_degrees = read_table(path)
     if "time" not in columns:
-        raise MotionError(f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it")
+        sentence = f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it"
+        raise MotionError(sentence, SolverCode.MISSING_COLUMN)
     missing = [name for name in names if name not in columns]
     if missing:
         raise MotionError(
             f"{path.name} should have a column for each of the model's {len(names)} coordinates and lacks "
-            f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model"
+            f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model",
+            SolverCode.MISSING_COLUMN,
         )
     time = table[:, columns.index("time")]
     _ensure_even_time(path, time)
@@ -108,8 +112,9 @@ def differentiate(
     kept &= motion.time <= (np.inf if end is None else end + tolerance)
     if not kept.any():
         raise MotionError(
-            f"the motion lasts from {motion.time[0]:g} to {motion.time[-1]:g} s and nothing of it lies between "
-            f"{start} and {end} s; choose other limits"
+            f"the motion lasts from {motion.time[0]:g} to {motion.time[-1]:g} s and has no frame between {start} and "
+            f"{end} s; choose other limits",
+            SolverCode.NO_FRAMES,
         )
     return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
 
@@ -132,12 +137,13 @@ def write_table(
     """Write time [s] and values (frames, names) with a column per name, and notes above them, a line each.
 
     A .csv has its notes behind a #, anything else OpenSim's header. In the latter a value that is not finite is a
-    MotionError, because OpenSim's Storage stops reading at it in silence.
+    MotionError, because OpenSim's Storage stops reading there without a message.
     """
     is_csv = path.suffix == ".csv"
     if not is_csv and not np.isfinite(values).all():
         raise MotionError(
-            f"{path.name} should hold finite numbers, where OpenSim stops reading at any other; leave it out"
+            f"{path.name} should hold finite numbers, or OpenSim stops reading there; leave these frames out",
+            SolverCode.NOT_FINITE,
         )
     separator = "," if is_csv else "\t"
     lines = [f"{'# ' * is_csv}{name}={note}" for name, note in (notes or {}).items()]
@@ -157,31 +163,37 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
     try:
         lines = read_regular(path, LARGEST_TABLE).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise MotionError(f"{path} should be a motion file and cannot be read ({error}); check the path") from error
+        sentence = f"{path} should be a motion file and cannot be read ({error}); check the path"
+        raise MotionError(sentence, SolverCode.UNREADABLE_TABLE) from error
     in_degrees, first = False, 0
     if path.suffix != ".csv":
         ends = [i for i, line in enumerate(lines) if line.strip() == "endheader"]
         if not ends:
-            raise MotionError(f"{path.name} should have a line 'endheader' above its table and has none; check it")
+            sentence = f"{path.name} should have a line 'endheader' above its table and has none; check it"
+            raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
         first = ends[0] + 1
         header = {line.replace(" ", "").lower() for line in lines[:first]}
         in_degrees = "indegrees=yes" in header
     rows = [line.replace(",", " ").split() for line in lines[first:] if line.strip() and line[0] != "#"]
     if len(rows) < 3:
-        raise MotionError(f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows")
+        sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
     for number, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise MotionError(
                 f"{path.name} should have {len(rows[0])} columns in every row and has {len(row)} in frame {number}; "
-                "the file may be cut"
+                "the file may be cut",
+                SolverCode.MALFORMED_TABLE,
             )
     try:
         table = np.array(rows[1:], dtype=np.float64)
     except ValueError as error:
-        raise MotionError(f"{path.name} should hold numbers below its names ({error}); check the file") from error
+        sentence = f"{path.name} should hold numbers below its names ({error}); check the file"
+        raise MotionError(sentence, SolverCode.MALFORMED_TABLE) from error
     if not np.isfinite(table).all():
         frame = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
-        raise MotionError(f"{path.name} should hold finite numbers and frame {frame} does not; fill or cut the gap")
+        sentence = f"{path.name} should hold finite numbers and frame {frame} does not; fill or cut the gap"
+        raise MotionError(sentence, SolverCode.NOT_FINITE)
     return rows[0], table, in_degrees
 
 
@@ -191,7 +203,8 @@ def _ensure_even_time(path: Path, time: Array) -> None:
     step = float(np.median(steps))
     if step <= 0 or (np.abs(steps - step).max() > 0.01 * step and not _is_rounded_grid(time)):
         raise MotionError(
-            f"{path.name} should be evenly sampled and has steps from {steps.min():g} to {steps.max():g} s; resample it"
+            f"{path.name} should be evenly sampled and has steps of {steps.min():g} to {steps.max():g} s; resample it",
+            SolverCode.UNEVEN_TIME,
         )
 
 
@@ -203,14 +216,16 @@ def _is_rounded_grid(time: Array) -> bool:
 
 
 def _smooth(coordinates: Array, cutoff: float, rate: float) -> Array:
-    from scipy import signal  # half a second to import, which who only solves should not wait for
+    from scipy import signal  # half a second to import, which solving alone does not need
 
     padding = 12
     if len(coordinates) <= padding:
-        raise MotionError(f"the filter needs more than {padding} frames and the motion has {len(coordinates)}")
+        sentence = f"the filter needs more than {padding} frames and the motion has {len(coordinates)}; turn it off"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
     if not 0 < cutoff < rate / 2:
         raise MotionError(
-            f"the cutoff should lie between 0 and {rate / 2:g} Hz, half the motion's rate, and is {cutoff:g} Hz"
+            f"the cutoff should lie between 0 and {rate / 2:g} Hz, half the motion's rate, and is {cutoff:g} Hz",
+            SolverCode.WRONG_CUTOFF,
         )
     b, a = signal.butter(4, cutoff / (rate / 2))
     smooth: Array = signal.filtfilt(b, a, coordinates, axis=0, padtype="odd", padlen=padding)

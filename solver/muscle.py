@@ -7,15 +7,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.functions.fibre import Curves
 from solver.model import Model, Muscle
+from solver.paths import PathOutcome, PathState
 
 Array = NDArray[np.float64]
+
+
+class MuscleOutcome(StrEnum):
+    """Outcome of the iterations for the path and the force of a muscle in a posture.
+
+    PATH_NOT_CONVERGED   as PathOutcome.NOT_CONVERGED
+    CURVE_NOT_CONVERGED  Newton's method on a curve of the fibre reached its limit of steps; its last point is used
+    """
+
+    CONVERGED = "converged"
+    PATH_NOT_CONVERGED = "path_not_converged"
+    CURVE_NOT_CONVERGED = "curve_not_converged"
+
+
+_OUTCOME_OF_CODE = np.array([MuscleOutcome.CONVERGED, MuscleOutcome.CURVE_NOT_CONVERGED], dtype=object)
+"""In the order of the codes of functions/bezier.py."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +42,7 @@ class MuscleForces:
     """Forces along each muscle's tendon, all (frames, muscles): tension = active · activation + passive [N].
 
     The factors they are made of, without dimension: active = F_max · length_factor · velocity_factor · cos(pennation),
-    passive = F_max · passive_factor · cos(pennation).
+    passive = F_max · passive_factor · cos(pennation). outcomes are of MuscleOutcome, of the curves alone.
     """
 
     active: Array
@@ -32,15 +51,17 @@ class MuscleForces:
     velocity_factor: Array
     passive_factor: Array
     cos_pennation: Array
+    outcomes: NDArray[np.object_]
 
 
 def muscle_forces(model: Model, lengths: Array, lengthening_speeds: Array) -> MuscleForces:
     """Forces at path lengths [m] and lengthening speeds [m/s], both (frames, muscles)."""
-    groups = _alike(model)
+    groups = _groups_by_curves(model)
     if len(groups) == 1:
         return _forces(groups[0], lengths, lengthening_speeds)
     names = MuscleForces.__dataclass_fields__
-    values = {name: np.empty_like(lengths) for name in names}
+    values: dict[str, Any] = {name: np.empty_like(lengths) for name in names}
+    values["outcomes"] = np.empty(lengths.shape, dtype=object)
     for group in groups:
         forces = _forces(group, lengths[:, group.indices], lengthening_speeds[:, group.indices])
         for name in names:
@@ -48,9 +69,16 @@ def muscle_forces(model: Model, lengths: Array, lengthening_speeds: Array) -> Mu
     return MuscleForces(**values)
 
 
+def join_outcomes(paths: PathState, forces: MuscleForces) -> NDArray[np.object_]:
+    """(frames, muscles) of MuscleOutcome, of the muscles' paths and of their forces."""
+    joined: NDArray[np.object_] = forces.outcomes.copy()
+    joined[paths.outcomes == PathOutcome.NOT_CONVERGED] = MuscleOutcome.PATH_NOT_CONVERGED
+    return joined
+
+
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Muscles that have the same curves: indices (muscles,), and of each what the forces take (6, muscles)."""
+    """Muscles with the same curves: indices (muscles,) and parameters (6, muscles)."""
 
     curves: Curves
     indices: NDArray[np.int64]
@@ -58,14 +86,14 @@ class _Group:
 
 
 @lru_cache(maxsize=32)
-def _alike(model: Model) -> tuple[_Group, ...]:
-    """Of a model, which is frozen: they are found once."""
-    alike: dict[Curves, list[int]] = {}
+def _groups_by_curves(model: Model) -> tuple[_Group, ...]:
+    """Computed once for a model, which is frozen."""
+    by_curves: dict[Curves, list[int]] = {}
     for index, muscle in enumerate(model.muscles):
-        alike.setdefault(muscle.curves, []).append(index)
+        by_curves.setdefault(muscle.curves, []).append(index)
     return tuple(
         _Group(curves, np.array(indices), _parameters([model.muscles[index] for index in indices]))
-        for curves, indices in alike.items()
+        for curves, indices in by_curves.items()
     )
 
 
@@ -84,10 +112,11 @@ def _forces(group: _Group, lengths: Array, lengthening_speeds: Array) -> MuscleF
     is_slack = lengths - fiber * cos_pennation < slack - 1e-14
     is_shortest = fiber <= shortest
     is_held = is_shortest & (fiber_speed <= 0.0)
-    velocity_factor = np.where(is_slack | is_held, 1.0, curves.force_velocity(fiber_speed / (fastest * optimal)))
+    codes = np.zeros(fiber.shape, np.int8)
+    velocity_factor = np.where(is_slack | is_held, 1.0, curves.force_velocity(fiber_speed / (fastest * optimal), codes))
     is_idle = is_shortest & curves.is_idle_when_shortest
-    length_factor = np.where(is_idle, 0.0, curves.active_force_length(fiber / optimal))
-    passive_factor = curves.passive_force_length(fiber / optimal)
+    length_factor = np.where(is_idle, 0.0, curves.active_force_length(fiber / optimal, codes))
+    passive_factor = curves.passive_force_length(fiber / optimal, codes)
     return MuscleForces(
         active=strength * length_factor * velocity_factor * cos_pennation,
         passive=strength * passive_factor * cos_pennation,
@@ -95,11 +124,12 @@ def _forces(group: _Group, lengths: Array, lengthening_speeds: Array) -> MuscleF
         velocity_factor=velocity_factor,
         passive_factor=passive_factor,
         cos_pennation=cos_pennation,
+        outcomes=_OUTCOME_OF_CODE[codes],
     )
 
 
 def _parameters(muscles: Sequence[Muscle]) -> Array:
-    """(6, muscles) what the forces take of each muscle."""
+    """(6, muscles) parameters of the fibre, in the order in which _forces unpacks them."""
     rows = [
         (
             muscle.optimal_fiber_length,

@@ -1,4 +1,4 @@
-"""Paths of muscles and tendons in many postures: how long, how fast, and what they pull on."""
+"""Paths of muscles and tendons in many postures: lengths, lengthening speeds, and forces per tension."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ PathMode = Literal["opensim", "geodesic"]
 
 
 class PathOutcome(StrEnum):
-    """How the iterations that lay a path in a posture ended.
+    """Outcome of the iterations for a path in a posture.
 
-    NOT_CONVERGED  one of them reached its limit of rounds. OpenSim's rules, which "opensim" follows, do so at times and
-                   take the last point; its length is OpenSim's all the same
+    NOT_CONVERGED  one of them reached its limit of rounds and its last point is used. In mode "opensim" the length is
+                   still that of OpenSim, whose rules have the same limits
     """
 
     CONVERGED = "converged"
@@ -56,15 +56,14 @@ class PathState:
 def evaluate_paths(
     model: Model, postures: Postures, paths: Sequence[Path] | None = None, mode: PathMode = "opensim"
 ) -> PathState:
-    """Lay the paths, those of the model's muscles unless others are given.
+    """Evaluate the paths of the model's muscles, or other paths over the model's bodies, coordinates and surfaces.
 
-    The other paths refer to the model's bodies, coordinates and surfaces. `opensim` lays them as OpenSim 4.6's
-    GeometryPath does: it jumps by up to 1 mm where the number of its iterations changes, and its forces are not exactly
-    the derivative of its lengths (by up to 0.02 m). `geodesic` lays them along straight lines and geodesics with exact
-    tangents, and its forces are that derivative; docs/paths.md says when to take which.
-    Raises ModelError where a path refers to what the model has not.
+    `opensim` follows OpenSim 4.6's GeometryPath: lengths jump by up to 1 mm where the number of its iterations changes,
+    and moment arms differ from the derivative of the length by up to 0.02 m. `geodesic` uses straight lines and
+    geodesics with exact tangents; its moment arms are that derivative. docs/paths.md says when to use which.
+    Raises ModelError where a path refers to a body, coordinate or surface that the model does not have.
     """
-    # The compiler behind this takes a third of a second to import, which no one should wait for who only reads a model.
+    # The compiler behind this takes a third of a second to import, which reading a model does not need.
     from solver.geodesics.tension import evaluate_geodesic_paths
     from solver.geodesics.workspace import allocate_geodesic
     from solver.wrapping.moving_points import pack_moving_points

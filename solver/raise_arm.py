@@ -1,8 +1,8 @@
-"""The bundled motion: an arm raised in front of the body and lowered again, made here from a few figures.
+"""The bundled motion: an arm raised in front of the body and lowered again, computed from a few figures.
 
-No one was measured. The shoulder's elevation follows minimum-jerk curves. Scapula and clavicle are guided by a rhythm
-of our own, straight lines over the elevation; then these six coordinates change by the least sum of squares that closes
-the acromioclavicular joint. Thorax and forearm stay as the model has them.
+No person was measured. The shoulder elevation follows minimum-jerk curves. Scapula and clavicle follow a rhythm that is
+linear in the elevation; then these six coordinates change by the least sum of squares that closes the acromioclavicular
+joint. Thorax and forearm stay at the default posture.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import Model
 from solver.motion import Motion, MotionError
 from solver.multibody.constraints import constraint_gaps
@@ -73,7 +74,8 @@ def _close_joint(model: Model, coordinates: Array, free: list[int]) -> None:
         coordinates[:, free] -= np.einsum("fij,fj->fi", np.linalg.pinv(slope), gap)
     raise MotionError(
         f"the arm raise should close the joints of the model {model.name} within {CLOSED:g} m and leaves "
-        f"{np.abs(gap).max():g} m; give a motion of your own for this model"
+        f"{np.abs(gap).max():g} m; give a motion of your own for this model",
+        SolverCode.OPEN_JOINT,
     )
 
 

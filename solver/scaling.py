@@ -1,7 +1,7 @@
-"""A model of another size: every body stretched along its own axes, as OpenSim's ScaleTool does it (OpenSim 4.6).
+"""Scale a model: every body along its own axes, as OpenSim's ScaleTool does it (OpenSim 4.6).
 
-Factors belong to bodies; what is fixed to a body is stretched with it, component by component. Muscles keep their
-maximum isometric force and pennation; fibres and tendons grow with the length of the path in the default posture.
+Factors belong to bodies; what is fixed to a body is scaled with it, component by component. Muscles keep their maximum
+isometric force and pennation; fibres and tendons grow with the length of the path in the default posture.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Scaling:
     mass            of the whole model afterwards [kg]; None leaves what follows from the factors. Of a model of thorax
                     and one arm it is no subject's mass
     keeps_masses    masses keep their ratios; otherwise each body's grows with its volume
-    scales_joined_points  points that a constraint joins are stretched with their bodies. OpenSim leaves them, which
+    scales_joined_points  points that a constraint joins are scaled with their bodies. OpenSim leaves them, which
                     moves the shoulder girdle when the model is assembled; False is its way
     """
 
@@ -59,20 +59,30 @@ class Scaling:
 
 
 def scale_model(model: Model, scaling: Scaling) -> Model:
-    """The stretched model. Raises ModelError for factors that are not above zero, or of a body it does not have."""
+    """The scaled model. Raises ModelError for factors that are not above zero, or of a body it does not have."""
     factors = _factors(model, scaling)
-    stretched = replace(
-        model,
+    scaled_model = replace(
+        scale_skeleton(model, scaling),
         bodies=_masses_to([_body(b, s, scaling) for b, s in zip(model.bodies, factors, strict=True)], scaling.mass),
-        joints=tuple(_joint(joint, factors) for joint in model.joints),
         surfaces=tuple(_surface(surface, factors[surface.body]) for surface in model.surfaces),
-        markers=tuple(replace(marker, location=marker.location * factors[marker.body]) for marker in model.markers),
-        constraints=tuple(_constraint(constraint, factors, scaling) for constraint in model.constraints),
         muscles=tuple(_with_path(muscle, factors) for muscle in model.muscles),
     )
-    before, after = _default_lengths(model), _default_lengths(stretched)
-    muscles = [_grown(muscle, ratio) for muscle, ratio in zip(stretched.muscles, after / before, strict=True)]
-    return replace(stretched, muscles=tuple(muscles))
+    before, after = _default_lengths(model), _default_lengths(scaled_model)
+    muscles = [_grown(muscle, ratio) for muscle, ratio in zip(scaled_model.muscles, after / before, strict=True)]
+    return replace(scaled_model, muscles=tuple(muscles))
+
+
+def scale_skeleton(model: Model, scaling: Scaling) -> Model:
+    """The model with joints, markers and constraints scaled, which is all that inverse kinematics reads; the rest is as
+    it was. Raises ModelError as scale_model does.
+    """
+    factors = _factors(model, scaling)
+    return replace(
+        model,
+        joints=tuple(_joint(joint, factors) for joint in model.joints),
+        markers=tuple(replace(marker, location=marker.location * factors[marker.body]) for marker in model.markers),
+        constraints=tuple(_constraint(constraint, factors, scaling) for constraint in model.constraints),
+    )
 
 
 def _factors(model: Model, scaling: Scaling) -> Factors:

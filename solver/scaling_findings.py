@@ -1,4 +1,6 @@
-"""Findings on a scaled model: unequal factors move path points linearly and surfaces by mean factors."""
+"""Findings on a scaled model: unequal factors move path points linearly and surfaces by mean factors, and a girdle in a
+wrong posture stretches muscles. Marker residuals show neither.
+"""
 
 from __future__ import annotations
 
@@ -9,24 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.solve import assemble
-from solver.model import Model, Muscle, PathPoint, WrapSurface
+from solver.model import Model, PathPoint, WrapSurface
 from solver.multibody.postures import Postures, postures
+from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
 
 Array = NDArray[np.float64]
 
 FIBRE_RANGE = (0.5, 1.45)
-"""Of the normalised fibre length, where the generic muscle is within it; beyond it passive force decides."""
+"""Of the normalised fibre length; beyond it passive force decides, below it there is no active force."""
+ROUND_OFF = 1e-6
 LENGTH_RANGE = (0.9, 1.15)
 """Of a path's length ratio over the median of all."""
+LARGEST_JUMP = 0.010  # m, of a path's length from one frame to the next, beyond the mean of its neighbours
+LARGEST_PASSIVE_FORCE = 0.5
+"""Over the maximum isometric force."""
 
 
 class ScalingCode(StrEnum):
-    """What a finding is of."""
+    """What is wrong."""
 
     POINT_INSIDE_SURFACE = "point_inside_surface"
     FIBRE_LENGTH = "fibre_length"
     PATH_LENGTH = "path_length"
+    FIBRE_LENGTH_IN_MOTION = "fibre_length_in_motion"
+    PASSIVE_FORCE = "passive_force"
+    PATH_JUMP = "path_jump"
 
 
 @dataclass(frozen=True)
@@ -34,7 +44,9 @@ class ScalingFinding:
     """A muscle that does not fit the scaled body, with the figure that shows it.
 
     figure  POINT_INSIDE_SURFACE: depth as part of the surface's size; FIBRE_LENGTH: normalised fibre length in the
-            default posture; PATH_LENGTH: the path's length ratio over the median of all
+            default posture; PATH_LENGTH: the path's length ratio over the median of all; FIBRE_LENGTH_IN_MOTION: the
+            normalised fibre length farthest outside FIBRE_RANGE; PASSIVE_FORCE: over the maximum isometric force;
+            PATH_JUMP [m]
     """
 
     code: ScalingCode
@@ -44,23 +56,77 @@ class ScalingFinding:
 
 
 def check_scaling(generic: Model, scaled: Model) -> tuple[ScalingFinding, ...]:
-    """Findings on a model that was scaled from a generic one; both with the same muscles and surfaces."""
+    """Findings in the default posture on a model that was scaled from a generic one; both with the same muscles."""
     before, after = _in_default_posture(generic), _in_default_posture(scaled)
-    lengths = [evaluate_paths(model, state).lengths[0] for model, state in ((generic, before), (scaled, after))]
-    ratios = lengths[1] / lengths[0]
+    lengths = [evaluate_paths(model, state).lengths for model, state in ((generic, before), (scaled, after))]
+    ratios = lengths[1][0] / lengths[0][0]
     ratios = ratios / np.median(ratios)
+    old_fibres, fibres = (
+        _normalised_fibres(model, length)[0] for model, length in zip((generic, scaled), lengths, strict=True)
+    )
     found = []
     for index, muscle in enumerate(scaled.muscles):
         if not LENGTH_RANGE[0] <= ratios[index] <= LENGTH_RANGE[1]:
             found.append(ScalingFinding(ScalingCode.PATH_LENGTH, muscle.name, float(ratios[index])))
-        old, fibre = (
-            _normalised_fibre(model.muscles[index], length[index])
-            for model, length in zip((generic, scaled), lengths, strict=True)
-        )
-        if _is_usual(old) and not _is_usual(fibre):
-            found.append(ScalingFinding(ScalingCode.FIBRE_LENGTH, muscle.name, fibre))
+        if _is_usual(old_fibres[index]) and not _is_usual(fibres[index]):
+            found.append(ScalingFinding(ScalingCode.FIBRE_LENGTH, muscle.name, float(fibres[index])))
         found += _inside(generic, scaled, index, before, after)
     return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class MuscleRanges:
+    """What the muscles of a model go through in a motion, each (muscles,).
+
+    shortest, longest  normalised fibre length;  passive  greatest passive force [N]
+    jump               of the path's length between neighbouring frames, beyond the mean of the steps about it [m]
+    """
+
+    muscles: tuple[str, ...]
+    max_isometric_forces: Array
+    shortest: Array
+    longest: Array
+    passive: Array
+    jump: Array
+
+    @property
+    def findings(self) -> tuple[ScalingFinding, ...]:
+        """Muscles outside FIBRE_RANGE, pulled passively, or whose path jumps."""
+        found = []
+        for index, name in enumerate(self.muscles):
+            outside = [fibre for fibre in (self.longest[index], self.shortest[index]) if not _is_usual(fibre)]
+            if outside:
+                found.append(ScalingFinding(ScalingCode.FIBRE_LENGTH_IN_MOTION, name, float(outside[0])))
+            ratio = self.passive[index] / self.max_isometric_forces[index]
+            if ratio > LARGEST_PASSIVE_FORCE:
+                found.append(ScalingFinding(ScalingCode.PASSIVE_FORCE, name, float(ratio)))
+            if self.jump[index] > LARGEST_JUMP:
+                found.append(ScalingFinding(ScalingCode.PATH_JUMP, name, float(self.jump[index])))
+        return tuple(found)
+
+
+def muscle_ranges(model: Model, coordinates: Array) -> MuscleRanges:
+    """In postures (frames, coordinates) that follow one another in time, as they were recorded."""
+    state = postures(model, coordinates, np.zeros_like(coordinates))
+    lengths = evaluate_paths(model, state).lengths
+    fibres = _normalised_fibres(model, lengths)
+    return MuscleRanges(
+        model.muscle_names,
+        np.array([muscle.max_isometric_force for muscle in model.muscles]),
+        fibres.min(axis=0),
+        fibres.max(axis=0),
+        muscle_forces(model, lengths, np.zeros_like(lengths)).passive.max(axis=0),
+        _jumps(lengths),
+    )
+
+
+def _jumps(lengths: Array) -> Array:
+    steps = np.diff(lengths, axis=0)
+    if len(steps) < 3:
+        return np.zeros(lengths.shape[1])
+    padded = np.concatenate([steps[1:2], steps, steps[-2:-1]])
+    jumps: Array = np.abs(steps - 0.5 * (padded[:-2] + padded[2:])).max(axis=0)
+    return jumps
 
 
 def _in_default_posture(model: Model) -> Postures:
@@ -68,14 +134,21 @@ def _in_default_posture(model: Model) -> Postures:
     return postures(model, posture, np.zeros_like(posture))
 
 
-def _normalised_fibre(muscle: Muscle, length: float) -> float:
-    """Fibre length over the optimal one, at a length [m] of the path; the tendon is rigid."""
-    height = muscle.optimal_fiber_length * np.sin(muscle.pennation_at_optimal)
-    return float(np.hypot(length - muscle.tendon_slack_length, height) / muscle.optimal_fiber_length)
+def _normalised_fibres(model: Model, lengths: Array) -> Array:
+    """Fibre length over the optimal one (frames, muscles), at lengths of the paths [m]; the tendons are rigid."""
+    optimal, slack, pennation = np.array(
+        [
+            (muscle.optimal_fiber_length, muscle.tendon_slack_length, muscle.pennation_at_optimal)
+            for muscle in model.muscles
+        ]
+    ).T
+    along = np.maximum(lengths - slack, 0.0)
+    fibres: Array = np.hypot(along, optimal * np.sin(pennation)) / optimal
+    return fibres
 
 
 def _is_usual(fibre: float) -> bool:
-    return FIBRE_RANGE[0] <= fibre <= FIBRE_RANGE[1]
+    return bool(FIBRE_RANGE[0] - ROUND_OFF <= fibre <= FIBRE_RANGE[1] + ROUND_OFF)
 
 
 def _inside(generic: Model, scaled: Model, index: int, before: Postures, after: Postures) -> list[ScalingFinding]:

@@ -1,4 +1,4 @@
-"""Vectors of three for compiled code: tuples, which live in registers where arrays would be allocated."""
+"""Vectors of three for compiled code, as tuples: they stay in registers, while arrays would be allocated."""
 
 from __future__ import annotations
 

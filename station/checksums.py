@@ -1,4 +1,4 @@
-"""SHA256SUMS: the hash of every recording and result of a session's folder as it was when the station wrote it.
+"""SHA256SUMS: the hash of every recording and result in a session folder at the time the station wrote it.
 
 The format is that of sha256sum, so that `sha256sum -c SHA256SUMS` checks a folder without the station.
 """
@@ -11,8 +11,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from documents.regular_file import read_regular
-from fitting.seal import Standing
+from fitting.results.seal import Standing
 from station.file_lock import locked
+from station.messages.file_codes import ChainCode
+from station.messages.message import Message
 from station.whole_file import write_whole
 
 CHECKSUMS_FILE = "SHA256SUMS"
@@ -28,7 +30,7 @@ def sha256_of(path: Path) -> str:
 
 
 def read_checksums(folder: Path) -> dict[str, str]:
-    """File name → SHA-256; empty where nothing was recorded. Lines that are none are passed over."""
+    """File name → SHA-256; empty if there is no SHA256SUMS. Malformed lines are ignored."""
     try:
         text = read_regular(folder / CHECKSUMS_FILE, LARGEST).decode("utf-8", "replace")
     except OSError:
@@ -37,7 +39,7 @@ def read_checksums(folder: Path) -> dict[str, str]:
 
 
 def write_checksums(*paths: Path) -> None:
-    """Records the files as they are now, each in the SHA256SUMS of its own folder."""
+    """Record the current hash of every file in the SHA256SUMS of its folder."""
     for folder in {path.parent for path in paths}:
         with locked(folder / f".{CHECKSUMS_FILE}.lock", LOCK_WAIT_S):
             sums = read_checksums(folder) | {path.name: sha256_of(path) for path in paths if path.parent == folder}
@@ -45,7 +47,7 @@ def write_checksums(*paths: Path) -> None:
 
 
 def standing_of(path: Path, sha256: str | None = None) -> Standing:
-    """How a file stands to what was recorded of it; sha256 spares reading it again."""
+    """Compare a file with its recorded hash; sha256, if it is known, saves reading the file again."""
     recorded = read_checksums(path.parent).get(path.name)
     if not path.is_file():
         return Standing.MISSING
@@ -54,10 +56,10 @@ def standing_of(path: Path, sha256: str | None = None) -> Standing:
     return Standing.AS_RECORDED if (sha256 or sha256_of(path)) == recorded else Standing.CHANGED
 
 
-def changed_files(paths: Iterable[Path]) -> list[str]:
-    """A sentence for each file that is not what it was when it was recorded."""
+def changed_files(paths: Iterable[Path]) -> list[Message[ChainCode]]:
+    """A message for every file whose hash differs from the recorded one."""
     return [
-        f"{path.name} has changed since it was recorded: its SHA-256 is not the one in {CHECKSUMS_FILE}"
+        Message(ChainCode.CHANGED, {"file": path.name, "sums": CHECKSUMS_FILE})
         for path in paths
         if standing_of(path) is Standing.CHANGED
     ]

@@ -1,8 +1,7 @@
-"""The verbs, in the order of the data. Each is a short function in station/verbs, by where on the way it works.
+"""The verbs in the order of the data, short functions in station/verbs.
 
-Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, a trial's end or a frame are missing, or a file has
-changed since it was recorded; 130 Ctrl-C.
-stdout carries results, stderr messages, both in UTF-8.
+Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but samples, the end of a trial or a frame are missing, or a file
+has changed since it was recorded; 130 Ctrl-C. Results go to stdout, messages to stderr, both in UTF-8.
 """
 
 from __future__ import annotations
@@ -24,38 +23,39 @@ from solver.errors import SolverError
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.extras import with_extras
-from station.verbs import bench, cuffs, files, kinematics, muscles, whole
-from station.verbs.options import say
+from station.verbs import bench, cuffs, files, kinematics, muscles, study, whole
+from station.verbs.options import print_message
 
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
 """One root of exceptions for each folder, with its exit code."""
 
-WAY = {
+STAGES = {
     "Try it": (whole.demo,),
     "At the bench": (bench.simulate, bench.check, bench.record, whole.serve),
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
-    "The body in motion": (kinematics.scale, kinematics.ik),
-    "The suit on the muscles": (muscles.rmr, muscles.assess, muscles.optimise, muscles.sweep),
+    "Body and motion": (kinematics.scale, kinematics.ik),
+    "Suit and muscles": (muscles.rmr, muscles.emg, muscles.assess, muscles.optimise, muscles.sweep),
+    "Many sessions": (study.plan, study.catalogue, study.study),
     "Report": (whole.report, whole.verify),
 }
-"""Where on the way, from left to right → its verbs."""
-VERBS = {verb.__name__.rstrip("_"): verb for verbs in WAY.values() for verb in verbs}
+"""Stage of the data → its verbs, in order."""
+VERBS = {verb.__name__.rstrip("_"): verb for verbs in STAGES.values() for verb in verbs}
 
-ODD_NAMES = "backslashreplace" if sys.platform == "win32" else "surrogateescape"
-"""A name that is no text keeps its bytes; on Windows it has none but halves of UTF-16 pairs, which are spelt out."""
+NAME_ERRORS = "backslashreplace" if sys.platform == "win32" else "surrogateescape"
+"""A name that is not UTF-8 keeps its bytes; on Windows, unpaired UTF-16 surrogates are escaped."""
 
 app = typer.Typer(
-    help=f"From the cuff on the bench to the muscles under the suit, left to right: {', '.join(list(VERBS)[1:])}. "
-    "`demo` walks the whole way on simulated devices.",
+    help=f"Measure cuffs on a bench and compute their effect on the muscles: {', '.join(list(VERBS)[1:])}. "
+    "`demo` runs all stages on simulated devices.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
-def _show_version(is_asked: bool) -> None:
-    if is_asked:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         print(f"cuffstation {version('cuffstation')}")
         raise typer.Exit
 
@@ -68,39 +68,44 @@ def _station(
 ) -> None: ...
 
 
-for place, verbs in WAY.items():
+for stage, verbs in STAGES.items():
     for verb in verbs:
-        word = verb.__name__.rstrip("_")
-        app.command(word, rich_help_panel=place)(with_extras(verb, word))
+        name = verb.__name__.rstrip("_")
+        app.command(name, rich_help_panel=stage)(with_extras(verb, name))
 
 
 def main() -> NoReturn:
     """Run the verb. An exception below one of ROOTS is a sentence for the user; any other is a bug and is shown."""
-    # The last digits of a product hang on how many threads share it; the same input shall give the same bytes anywhere.
+    # The last digits of a matrix product depend on the number of threads; the same input must give the same bytes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _ready_streams()
     try:
-        app()
+        app(prog_name="station")  # also if it is started by `python -m`
     except SystemExit as ended:
         if ended.code == INTERRUPTED:
-            say("station: ended by Ctrl-C; what was finished is kept")
+            print_message("station: ended by Ctrl-C; finished results are kept")
         raise
     except Exception as error:
         if not isinstance(error, (*ROOTS, OSError)):
             raise
-        say(f"station: {_one_line(error)}")
+        print_message(f"station: {_one_line(error)}{_code(error)}")
         sys.exit(error.exit_code if isinstance(error, ROOTS) else FAILED)
     sys.exit(DONE)
 
 
 def _ready_streams() -> None:
-    """Both speak UTF-8, a name that is not UTF-8 keeps its bytes, and one that is closed swallows what it is told."""
+    """Use UTF-8 on both streams; a name that is not UTF-8 keeps its bytes, and a closed stream discards its output."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115  (until we end)
         stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(encoding="utf-8", errors=ODD_NAMES)
+            stream.reconfigure(encoding="utf-8", errors=NAME_ERRORS)
+
+
+def _code(error: Exception) -> str:
+    code = getattr(error, "code", "") if isinstance(error, ROOTS) else ""
+    return f" [{code}]" if code else ""
 
 
 def _one_line(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""The station's clocks: station time, which a simulated bench or a replay may move, and the wall's for watchdogs."""
+"""Clocks: station time, which a simulated bench or a replay may control, and wall time for watchdogs."""
 
 from __future__ import annotations
 
@@ -8,49 +8,49 @@ from typing import Protocol, runtime_checkable
 
 
 class Clock(Protocol):
-    """Station seconds are those of the bench: the wall's on a real one, the world's on a simulated one.
+    """Station time is the time of the bench: wall time on a real bench, simulated time on a simulated one.
 
-    timeout_scale multiplies the wall-clock time-outs of drivers: above 1 where a busy machine simulates the devices.
+    timeout_scale multiplies the wall-clock time-outs of drivers; above 1 if a busy machine simulates the devices.
     """
 
     timeout_scale: float
 
     def utc_ns(self) -> int:
-        """UTC of the station [ns]: what recordings carry as arrival time."""
+        """UTC in station time [ns], the time of arrival in recordings."""
         ...
 
     def wall_utc_ns(self) -> int:
-        """UTC on the wall [ns]: which trial came first, also across processes whose station time runs fast."""
+        """UTC in wall time [ns], for the order of trials, also if station time runs faster than wall time."""
         ...
 
     def station_s(self) -> float:
-        """Station seconds since some fixed moment: durations and time-outs of the configuration and the protocol."""
+        """Station time [s] from an arbitrary origin, for durations and time-outs of configuration and protocol."""
         ...
 
     def wall_s(self) -> float:
-        """Wall seconds since some fixed moment: watchdogs and flushing."""
+        """Wall time [s] from an arbitrary origin, for watchdogs and flushing."""
         ...
 
 
 @runtime_checkable
 class SteppedClock(Clock, Protocol):
-    """A clock that stands still until the station has handled everything, and moves in steps."""
+    """A clock that advances in steps, after the station has handled all items."""
 
     def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:
-        """Moves on by one step, once the bench knows the connections from these local ports.
+        """Advance by one step, once the bench knows the connections from these local ports.
 
-        Returns how many bytes the bench has sent on each connection, by its local port; None where it closed one.
-        Raises DeviceLost where the bench is gone.
+        Returns the number of bytes that the bench has sent, by local port; None for a closed connection. Raises
+        DeviceLost if the bench has ended.
         """
         ...
 
     def pending_devices(self) -> int:
-        """How many devices owe a reply that comes only as time goes on. Raises DeviceLost as step()."""
+        """Number of devices whose reply needs more station time. Raises DeviceLost as step() does."""
         ...
 
 
 class RealClock:
-    """UTC read once, carried on by the monotonic clock: a step of the system's clock cannot tear a recording."""
+    """UTC read once and continued by the monotonic clock; a step of the system clock does not affect a recording."""
 
     timeout_scale = 1.0
 
@@ -72,7 +72,7 @@ class RealClock:
 
 
 class ManualClock:
-    """A clock that stands until it is told to advance, for tests and replays; step() advances it by step_s."""
+    """A clock that advances on request, for tests and replays; step() advances it by step_s."""
 
     timeout_scale = 1.0
 
@@ -84,7 +84,7 @@ class ManualClock:
     def advance(self, seconds: float) -> None:
         self._station_s += seconds
 
-    def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:  # noqa: ARG002  (nobody has sent anything)
+    def step(self, ports: Sequence[int] = ()) -> Mapping[int, int | None]:  # noqa: ARG002  (no bytes were sent)
         self.advance(self._step_s)
         return {}
 

@@ -1,4 +1,4 @@
-"""station.toml → StationConfig: frozen, every default on this page, unknown keys refused."""
+"""Configuration of the station (station.toml) with all defaults; unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -15,18 +15,25 @@ from scipy.constants import g
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import describe_error
 from recordings.manifest import (
+    BodyMarkers,
     BounceRig,
     CuffSite,
     LoadCell,
     MeasurementProtocol,
     StopEdge,
     Timing,
+    TrialCondition,
+    TrialSubject,
     is_file_name,
 )
+from station.body_config import AnalogSection, BodySection, EmgSection
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.marker_presets import preset_labels
-from station.windows_names import why_no_windows_name
+from station.messages.message import Message
+from station.messages.setup_codes import ConfigCode
+from station.protocol import BODY_TESTS, TrialSpec
+from station.windows_names import windows_name_fault
 
 DEVICE_LIMIT_HZ = 10_000.0  # the USB-6008 has one converter for all its channels
 INDICATOR_UNITS_N = {"usb220": 4.4482216152605, "usb520": g * 1e-3}  # pounds-force and grams-force
@@ -38,7 +45,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class ConfigError(StationError):
-    """The configuration cannot be used; one sentence names file, key, expected and found."""
+    """The configuration cannot be used; the sentence has file, key, expected and found value."""
 
     exit_code = WRONG_USAGE
 
@@ -80,7 +87,7 @@ class LoadCellSection(_Section):
 
     @property
     def due_on(self) -> date | None:
-        """The day from which the calibration is no longer current; None where nobody said when it was."""
+        """Day on which the calibration expires; None for an unknown date of calibration."""
         if self.calibration_due_on is not None or self.calibrated_on is None:
             return self.calibration_due_on
         left = (date.max - self.calibrated_on).days
@@ -132,16 +139,16 @@ class CuffSection(_Section):
         if "anchor_markers" in data:
             raise ValueError("anchor_markers and anchor_preset are both given; leave one of them out")
         labels = preset_labels(str(data["anchor_preset"]), str(data.get("label_prefix", "")))
-        rest = {key: value for key, value in data.items() if key not in ("anchor_preset", "label_prefix")}
-        return {**rest, "anchor_markers": labels}
+        others = {key: value for key, value in data.items() if key not in ("anchor_preset", "label_prefix")}
+        return {**others, "anchor_markers": labels}
 
     @field_validator("anchor_markers")
     @classmethod
     def _anchor_is_a_body(cls, labels: tuple[str, ...]) -> tuple[str, ...]:
         if len(set(labels)) < 3:
             raise ValueError(
-                f"{len(set(labels))} marker(s), expected at least 3 that are not in a line: fewer do not tell how the "
-                "anchoring body turns; add one beside shoulder and elbow"
+                f"{len(set(labels))} marker(s), expected at least 3 that are not in a line: fewer do not define the "
+                "rotation of the anchoring body; add one near shoulder and elbow"
             )
         return labels
 
@@ -156,22 +163,22 @@ class BounceSection(_Section):
 
 
 class ProtocolSection(_Section):
-    """The published plan: static, dynamic, a pause, three times over, each cuff donned once.
+    """The published plan: static, dynamic and a pause, three times, every cuff donned once.
 
-    step_masses_kg are the weights of a static test in the order they are hung on; the fit checks every step against it.
+    step_masses_kg: weights of a static test in the order of loading; the fit compares every load step with them.
     """
 
     step_masses_kg: tuple[Positive, ...] = ()
     repeats: int = Field(default=3, ge=1, le=1000)
     pause_s: float = Field(default=60.0, ge=0)
-    hold_s: Positive = 7.0  # each load of a static test, at least
-    swing_s: Positive = 20.0  # a dynamic test, at least
+    hold_s: Positive = 7.0  # least duration of every load of a static test
+    swing_s: Positive = 20.0  # least duration of a dynamic test
 
 
 class SafetySection(_Section):
-    """What the console stops at, loudly: newtons at the cuff, and newtons a second.
+    """Limits of the alarms of the console: force at the cuff [N] and its rate [N/s].
 
-    The force ceiling is never above 80 % of the load cell's capacity.
+    The force ceiling is at most 80 % of the capacity of the load cell.
     """
 
     force_ceiling_n: Positive = 150.0
@@ -182,32 +189,32 @@ NAME_FIELDS = ("subject", "session", "test", "cuff", "run")
 
 
 class SessionSection(_Section):
-    """What the console records into: a folder for each subject and session, and the names of the files in it."""
+    """Folders and file names of sessions: one folder per subject and session."""
 
     folder: Path = Path("sessions")
     file_name: str = "sub-{subject}_ses-{session}_task-{test}_acq-{cuff}_run-{run}"
 
     @field_validator("file_name")
     @classmethod
-    def _names_are_told_apart(cls, template: str) -> str:
+    def _names_are_unique(cls, template: str) -> str:
         try:
             parts = list(string.Formatter().parse(template))
         except ValueError as error:
             raise ValueError(
-                f"{template!r} holds {error}; the fields are {', '.join(NAME_FIELDS)}, in braces"
+                f"{template!r} contains {error}; the fields are {', '.join(NAME_FIELDS)}, in braces"
             ) from error
-        for _, field, width, conversion in parts:  # a width of two thousand million would be taken at its word
+        for _, field, width, conversion in parts:  # a width of 2e9 would be applied
             if field is not None and (field not in NAME_FIELDS or width or conversion):
                 raise ValueError(
-                    f"{template!r} holds {field!r}; the fields are {', '.join(NAME_FIELDS)}, in braces alone"
+                    f"{template!r} contains {field!r}; the fields are {', '.join(NAME_FIELDS)}, in braces alone"
                 )
         needed = {"test", "cuff", "run"} - {field for _, field, _, _ in parts}
         if needed or not is_file_name(template):
             raise ValueError(
-                f"{template!r} must hold {{test}}, {{cuff}}, {{run}} and no folder: no two trials may share a name"
+                f"{template!r} must contain {{test}}, {{cuff}}, {{run}} and no folder, so that names are unique"
             )
-        if why := why_no_windows_name(template):
-            raise ValueError(f"{template!r} {why}; sessions move between computers")
+        if fault := windows_name_fault(template):
+            raise ValueError(f"{template!r} {fault}; sessions move between computers")
         return template
 
 
@@ -219,26 +226,31 @@ class StationConfig(_Section):
     cuffs: dict[str, CuffSection] = Field(default_factory=dict)
     protocol: ProtocolSection = ProtocolSection()
     bounce: BounceSection | None = None
+    body: BodySection | None = None
+    emg: EmgSection | None = None
+    analog: dict[str, AnalogSection] = Field(default_factory=dict)
     safety: SafetySection = SafetySection()
     session: SessionSection = SessionSection()
-    simulation: dict[str, Any] = Field(default_factory=dict)  # checked by the simulators, who own its meaning
+    simulation: dict[str, Any] = Field(default_factory=dict)  # validated by the simulators
 
     @field_validator("cuffs")
     @classmethod
     def _names_fit_into_file_names(cls, cuffs: dict[str, CuffSection]) -> dict[str, CuffSection]:
         for name in cuffs:
             if not CUFF_NAME.fullmatch(name):
-                raise ValueError(f"{name!r} is no cuff's name, expected letters, digits, - and _: files are named so")
+                raise ValueError(
+                    f"{name!r} is not a name for a cuff, expected letters, digits, - and _, as it is part of file names"
+                )
         same = [name for name in cuffs if sum(name.casefold() == other.casefold() for other in cuffs) > 1]
         if same:
             raise ValueError(
-                f"{' and '.join(same)} differ in case alone: Windows and macOS take their files for the same"
+                f"{' and '.join(same)} differ in case only: their files have the same name on Windows and macOS"
             )
         return cuffs
 
     @model_validator(mode="before")
     @classmethod
-    def _published_cuffs_know_their_site(cls, data: Any) -> Any:
+    def _published_cuffs_have_a_site(cls, data: Any) -> Any:
         if not isinstance(data, dict) or not isinstance(data.get("cuffs"), dict):
             return data
         cuffs = {
@@ -249,45 +261,63 @@ class StationConfig(_Section):
         }
         return {**data, "cuffs": cuffs}
 
+    @property
+    def daq_inputs(self) -> list[str]:
+        """Inputs of the DAQ that a pose or motion trial reads; the pull of a cuff reads the first two."""
+        force = [self.daq.force_channel] if self.load_cell.source == "daq" else []
+        emg = [channel.input for channel in self.emg.daq_channels.values()] if self.emg else []
+        return [*force, self.daq.sync_channel, *emg, *(section.input for section in self.analog.values())]
+
+    @model_validator(mode="after")
+    def _inputs_are_wired_once(self) -> StationConfig:
+        twice = sorted({name for name in self.daq_inputs if self.daq_inputs.count(name) > 1})
+        if twice:
+            raise ValueError(
+                f"the DAQ input {', '.join(twice)} is given to two signals; give another input to one of them"
+            )
+        return self
+
     @model_validator(mode="after")
     def _device_keeps_up(self) -> StationConfig:
-        channels = 2 if self.load_cell.source == "daq" else 1
+        channels = len(self.daq_inputs)
         if self.daq.sample_rate_hz * channels > DEVICE_LIMIT_HZ:
             raise ValueError(
                 f"daq.sample_rate_hz is {self.daq.sample_rate_hz:g} on {channels} channel(s), expected at most "
-                f"{DEVICE_LIMIT_HZ / channels:g}: the USB-6008 converts {DEVICE_LIMIT_HZ:g} samples a second in all"
+                f"{DEVICE_LIMIT_HZ / channels:g}: the USB-6008 converts {DEVICE_LIMIT_HZ:g} samples per second in total"
             )
         return self
 
     @property
     def force_ceiling_n(self) -> float:
-        """[N] that neither a cuff on a person nor the load cell may see."""
+        """Force limit [N] of cuff and load cell."""
         return min(self.safety.force_ceiling_n, CEILING_PART_OF_CAPACITY * self.load_cell.capacity_n)
 
     def cuff_site(self, name: str) -> CuffSite:
         """The markers of one cuff. Raises ConfigError if the file has no section for it."""
         if name not in self.cuffs:
             known = ", ".join(sorted(self.cuffs)) or "none"
-            raise ConfigError(
-                f"the configuration has no cuff {name!r}, only {known}; add [cuffs.{name}] with its anchor_markers "
-                "and cuff_markers"
-            )
+            raise ConfigError(Message(ConfigCode.UNKNOWN_CUFF, {"name": name, "known": known}))
         cuff = self.cuffs[name]
         return CuffSite(name, cuff.site, cuff.anchor_markers, cuff.cuff_markers, cuff.rope_markers, cuff.mass_kg)
 
-    def subject(self, cuff: str | None) -> CuffSite | BounceRig:
-        """What a trial is of: a cuff, or without one the bouncing weight. Raises ConfigError if it has no section."""
-        if cuff is not None:
-            return self.cuff_site(cuff)
+    def subject(self, spec: TrialSpec) -> TrialSubject:
+        """Subject of a trial: cuff, bouncing weight or wearer. Raises ConfigError if its section is missing."""
+        if spec.cuff is not None:
+            return self.cuff_site(spec.cuff)
+        if spec.test in BODY_TESTS:
+            return self.body_markers(spec.condition)
         if self.bounce is None:
-            raise ConfigError(
-                "the configuration has no [bounce], expected the weight's mass_kg and the marker on it; add the "
-                "section to record a bounce trial"
-            )
+            raise ConfigError(Message(ConfigCode.NO_BOUNCE))
         return BounceRig(**self.bounce.model_dump())
 
+    def body_markers(self, condition: TrialCondition | None) -> BodyMarkers:
+        """Markers of the wearer. Raises ConfigError if the section is missing."""
+        if self.body is None:
+            raise ConfigError(Message(ConfigCode.NO_BODY))
+        return self.body.markers_in(condition)
+
     def calibration(self) -> LoadCell:
-        """How the recorded force becomes newtons."""
+        """Calibration of the load cell."""
         cell = self.load_cell
         scale = (
             cell.capacity_kg * g / cell.full_scale_v if cell.source == "daq" else INDICATOR_UNITS_N[cell.line_format]
@@ -307,44 +337,48 @@ class StationConfig(_Section):
         )
 
     def timing(self) -> Timing:
-        """Lag of force against markers and the stop edge, as declared."""
+        """Declared lag between force and markers, and stop edge."""
         sync = self.sync
         return Timing(sync.lag_s, sync.lag_sd_s, sync.stop_edge, sync.exposure_s)
 
     def measurement_protocol(self) -> MeasurementProtocol:
         """The loading that is planned for a trial."""
-        plan = self.protocol
-        return MeasurementProtocol(plan.step_masses_kg, plan.hold_s, plan.swing_s)
+        plan, body = self.protocol, self.body
+        pose_s, cycles = (body.pose_s, body.cycles) if body else (None, None)
+        return MeasurementProtocol(plan.step_masses_kg, plan.hold_s, plan.swing_s, pose_s, cycles)
 
 
 def load_config(path: Path) -> StationConfig:
-    """Reads station.toml. Raises ConfigError in one sentence."""
+    """Read station.toml. Raises ConfigError."""
     try:
         data = read_toml(path)
     except OSError as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+        figures = {"path": str(path), "reason": str(error.strerror)}
+        raise ConfigError(Message(ConfigCode.UNREADABLE, figures)) from error
     except PlainDataError as error:
-        raise ConfigError(f"{path} {error}") from error
+        raise ConfigError(Message(ConfigCode.WRONG_SYNTAX, {"path": str(path), "reason": str(error)})) from error
     return parse_config(data, str(path))
 
 
 def parse_config(data: dict[str, Any], origin: str) -> StationConfig:
-    """Plain data → StationConfig; origin is named in the sentence of a ConfigError."""
+    """Validate a configuration; origin: its file, for messages. Raises ConfigError."""
     try:
         return StationConfig.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        advice = _advice(str(first["loc"][-1])) if first["type"] == "extra_forbidden" else ""
-        raise ConfigError(f"{origin}: {describe_error(error)}{advice}") from error
+        first, figures = error.errors()[0], {"path": origin, "reason": describe_error(error)}
+        if first["type"] == "extra_forbidden":
+            figures["advice"] = _advice(str(first["loc"][-1]))
+            raise ConfigError(Message(ConfigCode.UNKNOWN_KEY, figures)) from error
+        raise ConfigError(Message(ConfigCode.WRONG_VALUE, figures)) from error
 
 
 def _advice(unknown: str) -> str:
     near = difflib.get_close_matches(unknown, keys_of(StationConfig), 1)
-    return f"; did you mean {near[0]}?" if near else "; the example station.toml names every key"
+    return f"did you mean {near[0]}?" if near else "the example station.toml has every key"
 
 
 def keys_of(section: type[BaseModel]) -> list[str]:
-    """The names of all keys, those of sections within it too."""
+    """The names of all keys, including those of nested sections."""
     names = list(section.model_fields)
     for field in section.model_fields.values():
         for part in (field.annotation, *get_args(field.annotation)):

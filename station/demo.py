@@ -1,4 +1,4 @@
-"""The whole way on simulated devices: 24 trials recorded over real wires, fitted, assessed, reported."""
+"""Session on simulated devices: calibration, 24 trials of cuffs, a pose and two motions of the wearer."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 from rich.console import Console
 
 from drivers.simulators.settings import PUBLISHED_CUFFS
-from fitting.result import CuffFit
-from solver.motion import MotionError
-from solver.suit.suit import SuitError
+from fitting.cuffs.cuff_fit import CuffFit
+from fitting.errors import FitError
+from solver.errors import SolverError
 from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, wearable
 from station.assessment.compilation import CompilationAhead, compilation_shown
@@ -25,23 +25,30 @@ from station.config import StationConfig, parse_config
 from station.errors import StationError
 from station.exit_code import DONE, LOSSY
 from station.fit import fit_session_folder
+from station.messages.message import Message
+from station.messages.setup_codes import FolderCode
 from station.progress import Progress, progress_bars
 from station.protocol import TrialSpec, published_plan
 from station.report.page import MISSING_FILE, TRUTH_FILE, write_report
 from station.second_attempt import RecordedTrial, record_plan
+from station.subject.subject_file import SUBJECT_FILE, SubjectError
 from station.tables import assessment_table, cuff_table
 from station.whole_file import write_whole
 
 MUSCLE_BOUNDS = {"most_frames": 60, "most_rest_lengths": 16, "draws": 50}
-"""At most so much of the bundled motion is solved; the assessment's own verb takes all of it and 200 draws."""
+"""Limits of the assessment in the demo; `station assess` solves all frames with 200 draws."""
+
+
+SUBJECT = "mass_kg = 75.0\n\n[cord]\nrest_length_m = 0.73\n"
+"""subject.toml of the simulated person, whose cord is fixed to rigid cuffs."""
 
 
 class DemoError(StationError):
-    """The demo cannot go on; one sentence."""
+    """The demo cannot start."""
 
 
 def demo_config() -> StationConfig:
-    """The bench of the example configuration, its captures started by the station."""
+    """The bench of the example configuration; the station starts the captures."""
     markers = {
         "anchor_markers": ["anchor_1", "anchor_2", "anchor_3", "anchor_4"],
         "cuff_markers": ["cuff_1"],
@@ -50,52 +57,67 @@ def demo_config() -> StationConfig:
     data = {
         "cuffs": dict.fromkeys(PUBLISHED_CUFFS, markers),
         "mocap": {"control": "start"},
-        "sync": {"stop_edge": "end_of_frame"},  # where the simulated line falls
+        "sync": {"stop_edge": "end_of_frame"},  # as on the simulated bench
         "protocol": {"step_masses_kg": [1.53] * 5},
         "bounce": {"mass_kg": 2.5, "marker": "weight"},
-        "simulation": {"amplifier": {"delay_s": 0.003, "gain": 1.004}},  # for the bounce to find
+        "body": {
+            "markers": ["ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "gu", "EpL", "EpM"],
+            "suit_markers": ["cord_waist", "cord_shoulder", "cord_arm"],
+            "arm": ["ac", "EpL"],
+            "trunk": ["c7", "t8"],
+            "cycles": 2,
+            "conditions": ["unsuited", "tight"],
+            "is_cord_measured": True,
+        },
+        "simulation": {"amplifier": {"delay_s": 0.003, "gain": 1.004}},  # to be identified by the bounce
     }
     return parse_config(data, "the demo")
 
 
 def run_demo(folder: Path | None, speed: float | None, seed: int, ahead: CompilationAhead) -> int:
-    """Returns the exit code; the report's path goes to stdout last. ahead compiles the solver meanwhile."""
+    """Record, fit and assess a simulated session. The last line on stdout is the path of the report.
+
+    ahead: compilation of the solver in a second process. Returns the exit code.
+    """
     folder = folder or _free_folder()
     if any(folder.glob("*.mcap")):
-        raise DemoError(f"{folder} holds recordings already, and the demo overwrites none; give another --output")
-    talk, data = Console(stderr=True), Console(markup=False)
-    say = partial(talk.print, markup=False, highlight=False, soft_wrap=True)
-    with progress_bars(talk) as progress, compilation_shown(progress):
+        raise DemoError(Message(FolderCode.DEMO_NOT_EMPTY, {"folder": str(folder)}))
+    messages, results = Console(stderr=True), Console(markup=False)
+    report = partial(messages.print, markup=False, highlight=False, soft_wrap=True)
+    with progress_bars(messages) as progress, compilation_shown(progress):
         ahead.show(progress)
-        trials, truth = record_session(folder, demo_config(), speed, seed, progress, say)
+        trials, truth = record_session(folder, demo_config(), speed, seed, progress, report)
         write_whole(folder / TRUTH_FILE, json.dumps(truth, indent=2) + "\n")
         readings = {trial.reading.file: trial.reading for trial in trials if trial.reading}
         fitted = fit_session_folder(folder, folder / "cuffs.json", progress, readings)
+        write_whole(folder / SUBJECT_FILE, SUBJECT)
         ahead.wait()
-        assessed, left_out = assess_what_is_there(folder, fitted.cuffs, progress)
+        assessed, left_out = assess_available(folder, fitted.cuffs, progress)
         missing = [f"{trial.title}: {trial.problem}" for trial in trials if trial.problem] + left_out
         if missing:
             write_whole(folder / MISSING_FILE, json.dumps(missing, indent=2, ensure_ascii=False) + "\n")
         page = write_report(folder, fitted, progress)
-    data.print(cuff_table(fitted.cuffs, truth))
+    results.print(cuff_table(fitted.cuffs, truth))
     if assessed is not None:
-        data.print(assessment_table(assessed.assessment))
+        results.print(assessment_table(assessed.assessment))
     for sentence in missing:
-        say(f"missing: {sentence}")
+        report(f"missing: {sentence}")
     print(page)
     is_whole = not missing and not any(trial.result.lost_samples for trial in trials)
     return DONE if is_whole and assessed is not None and not assessed.assessment.unsolved else LOSSY
 
 
-def assess_what_is_there(
+def assess_available(
     folder: Path, cuffs: Mapping[str, CuffFit], progress: Progress
 ) -> tuple[AssessedSuit | None, list[str]]:
-    """assessment.json of the cuffs that can be worn, and sentences on the others. None where there is no arm cuff."""
+    """Write assessment.json of the cuffs that are identified. Returns None without an arm cuff, and the reasons."""
     worn, left_out = wearable({name: fit.wearable() for name, fit in cuffs.items()})
     missing = [f"not in the assessment: {reason}" for reason in left_out.values()]
+    subject = folder if any(folder.glob("*_test-motion_*.mcap")) else None
+    inputs = AssessmentInputs(folder / "cuffs.json", subject=subject)
     try:
-        assessed = assess_cuffs(worn, AssessmentInputs(folder / "cuffs.json"), **MUSCLE_BOUNDS, progress=progress)
-    except (SuitError, MotionError) as error:
+        assessed = assess_cuffs(worn, inputs, **MUSCLE_BOUNDS, people=None, progress=progress)
+    except (SolverError, FitError, SubjectError) as error:
         return None, [*missing, f"no assessment: {error}"]
     write_assessment(assessed, folder)
     return assessed, missing
@@ -107,42 +129,49 @@ def record_session(
     speed: float | None,
     seed: int,
     progress: Progress,
-    say: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[RecordedTrial], dict[str, dict[str, float]]]:
-    """Walks the published plan on a simulated bench; returns what became of each trial, and the cuffs' truth.
+    """Record the published plan on a simulated bench. Returns the trials and the true parameters of the cuffs.
 
-    The truth of migration is what the simulated cuff slipped, not what its friction was laid out for.
+    The true migration is the slip of the simulated cuff, not the value that its friction was designed for.
     """
-    plan = list(published_plan(config.cuffs, config.protocol.repeats, has_bounce=config.bounce is not None))
+    plan = list(
+        published_plan(
+            config.cuffs,
+            config.protocol.repeats,
+            has_bounce=config.bounce is not None,
+            conditions=config.body.conditions if config.body else (),
+        )
+    )
     truth: dict[str, dict[str, float]] = {}
-    before: TrialSpec | None = None
+    previous: TrialSpec | None = None
     with SimulatedBench(simulator_settings(config), speed, seed) as bench:
-        pointed = bench.pointed_at(config)
+        bench_config = bench.configure(config)
 
         def attempt(spec: TrialSpec, *, is_new_donning: bool) -> TrialResult:
-            nonlocal before
-            _prepare(bench, before, spec, config.protocol.pause_s, is_new_donning=is_new_donning)
-            before = spec
+            nonlocal previous
+            _prepare(bench, previous, spec, config.protocol.pause_s, is_new_donning=is_new_donning)
+            previous = spec
             with BenchClock(bench.clock_port) as clock:
-                result = TrialRecorder(pointed, clock).record(folder, spec)
+                result = TrialRecorder(bench_config, clock).record(folder, spec)
             if spec.cuff is not None:
-                with suppress(SimulationError):  # the bench has ended; what it had recorded counts
-                    slipped = bench.tell({"truth": True})["truth"]["slip_m"]
+                with suppress(SimulationError):  # the bench has ended; its recordings are used
+                    slipped = bench.request({"truth": True})["truth"]["slip_m"]
                     truth[spec.cuff] = {**bench.ready["truth"]["cuffs"][spec.cuff], "migration_m": slipped[spec.cuff]}
             return result
 
-        return record_plan(folder, plan, attempt, say, progress), truth
+        return record_plan(folder, plan, attempt, report, progress), truth
 
 
 def _prepare(
-    bench: SimulatedBench, before: TrialSpec | None, spec: TrialSpec, pause_s: float, *, is_new_donning: bool
+    bench: SimulatedBench, previous: TrialSpec | None, spec: TrialSpec, pause_s: float, *, is_new_donning: bool
 ) -> None:
-    """What happens at the bench between two trials: a cuff is donned, or the wearer rests between repeats."""
+    """Prepare the next trial: don the cuff, or let the wearer rest between repeats."""
     if is_new_donning:
-        bench.tell({"don": spec.cuff})
-    elif before is not None and before.repeat != spec.repeat:
-        bench.tell({"pause_s": pause_s})
-    bench.tell({"trial": {"cuff": spec.cuff, "test": spec.test}})
+        bench.request({"don": spec.cuff})
+    elif previous is not None and previous.repeat != spec.repeat:
+        bench.request({"pause_s": pause_s})
+    bench.request({"trial": {"cuff": spec.cuff, "test": spec.test, "condition": spec.condition}})
 
 
 def _free_folder() -> Path:

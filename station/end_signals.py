@@ -1,13 +1,13 @@
-"""What ends a verb from outside."""
+"""Signals that end a verb."""
 
 from __future__ import annotations
 
 import signal
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-"""The third: its terminal was closed. Windows has the last in its place: Ctrl-Break, or the window's cross."""
+"""SIGHUP: the terminal was closed; on Windows SIGBREAK: Ctrl-Break, or the window was closed."""
 
 
 def end_signals() -> tuple[signal.Signals, ...]:
-    """Those of this system."""
+    """The signals that this system has."""
     return tuple(getattr(signal, name) for name in NAMES if hasattr(signal, name))

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 from station.exit_code import FAILED
+from station.messages.message import Message
 
 
 class StationError(Exception):
-    """One sentence for the operator; a second may say what to do."""
+    """One sentence for the operator, or the Message that renders it; a second sentence may say what to do."""
 
     exit_code = FAILED
+
+    def __init__(self, cause: str | Message[StrEnum]) -> None:
+        super().__init__(cause)
+        self.cause = cause
+
+    @property
+    def code(self) -> str:
+        """The stable code of the message, for programs; "" if the error has only a sentence."""
+        return self.cause.code.value if isinstance(self.cause, Message) else ""

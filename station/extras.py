@@ -1,4 +1,4 @@
-"""The packages beyond the small install: the extra that installs each, and the verbs that cannot start without one."""
+"""Packages beyond the small install: their extras, and the verbs that need them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import ParamSpec, TypeVar
 
 from station.errors import StationError
 from station.exit_code import FAILED
+from station.messages.message import Message
+from station.messages.setup_codes import ConfigCode
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -16,9 +18,12 @@ R = TypeVar("R")
 PACKAGES = {
     "bench": ("grpc", "nidaqmx", "qtm_rt", "serial", "session_pb2"),
     "console": ("nicegui", "starlette"),
+    "lsl": ("pylsl",),
     "viewer": ("rerun",),
     "cluster": ("distributed", "pyarrow"),
+    "sensitivity": ("SALib",),
     "formats": ("ezc3d", "foxglove_schemas_protobuf", "mcap_protobuf", "pyarrow"),
+    "catalogue": ("duckdb",),
 }
 """Extra → the modules that are imported from its packages."""
 EXTRAS_OF_VERB = {
@@ -28,24 +33,23 @@ EXTRAS_OF_VERB = {
     "record": ("bench",),
     "serve": ("bench", "console"),
     "sweep": ("cluster",),
+    "catalogue": ("catalogue",),
 }
-"""A verb that is not listed needs none, or needs one for an option (`replay --rerun`, `export --to c3d`)."""
+"""A verb that is not listed needs no extra, or one for an option only (`replay --rerun`, `export --to c3d`)."""
 
 
 class MissingExtra(StationError):
-    """A package is not installed because its extra was not asked for."""
+    """The package of an extra is not installed."""
 
     exit_code = FAILED
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
-        super().__init__(
-            f"{purpose} needs the package {package}, which is not installed; install the extra that has it: "
-            f"pip install -e '.[{extra}]'"
-        )
+        figures = {"purpose": purpose, "package": package, "extra": extra}
+        super().__init__(Message(ConfigCode.MISSING_PACKAGE, figures))
 
 
 def with_extras(verb: Callable[P, R], name: str) -> Callable[P, R]:
-    """End the verb in one sentence if a package of an extra is missing: before it starts, or at the import."""
+    """Raise MissingExtra if a package of an extra is missing: before the verb starts, or at the import."""
 
     @functools.wraps(verb)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:

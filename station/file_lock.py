@@ -1,4 +1,4 @@
-"""One process at a time: a lock that the operating system takes back from a process that dies."""
+"""File lock between processes; the operating system releases the lock of a process that dies."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from documents.regular_file import append_to_regular
 
 @contextmanager
 def locked(path: Path, wait_s: float) -> Iterator[None]:
-    """Holds the lock of this name, a file that stays behind empty.
+    """Hold the lock of this name. Its file remains, empty.
 
-    Raises TimeoutError where another holds it for longer than wait_s, any other OSError where it cannot be had at all.
+    Raises TimeoutError if another process holds it for longer than wait_s, and OSError if it cannot be acquired.
     """
-    append_to_regular(path).close()  # filelock before 3.20 empties the file it locks: no link to another
+    append_to_regular(path).close()  # filelock < 3.20 truncates the file, so it must not be a link
     lock = FileLock(path, timeout=wait_s)
     try:
         lock.acquire()
     except Timeout as error:
         raise TimeoutError(errno.ETIMEDOUT, f"another process holds {path}") from error
-    except NotImplementedError as error:  # filelock's word for a file system without locks, as some network drives are
+    except NotImplementedError as error:  # a file system without locks, such as some network drives
         raise OSError(errno.ENOLCK, "its file system has no locks") from error
     try:
         yield

@@ -1,20 +1,24 @@
-"""A session's folder → its cuffs: recordings, trials, fit, cuffs.json."""
+"""Fit the cuffs of a session folder: recordings, trials, fit, cuffs.json."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from fitting.bushing import bushing_force
-from fitting.mass_checks import read_checks, with_gain_drift, with_mass_checks
-from fitting.protocol_file import read_protocol
-from fitting.result import SessionFit
-from fitting.results.cuffs_json import cuffs_json
-from fitting.seal import CheckedFile
+from fitting.cuffs.cuff_fit import SessionFit
+from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.cuffs.wearable_cuff import bushing_force
+from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.rendering import Note
+from fitting.results.seal import CheckedFile
 from fitting.session import fit_session
-from fitting.trial import RejectedTrial, Trial, TrialReading, read_alone, read_trials
+from fitting.trial.mass_checks import check_notes, read_checks, with_gain_drift
+from fitting.trial.protocol_file import read_protocol
+from fitting.trial.reader import TrialReading, read_alone, read_trials
+from fitting.trial.trial import RejectedTrial, Trial
 from recordings.errors import RecordingError
 from recordings.manifest import Manifest
 from recordings.older_manifest import cuff_mass
@@ -23,29 +27,36 @@ from station.checksums import sha256_of, standing_of, write_checksums
 from station.errors import StationError
 from station.exit_code import LOSSY
 from station.journal import Assignment, Journal, read_journal
+from station.messages.message import Message
+from station.messages.setup_codes import FolderCode
 from station.progress import Progress, silent
 from station.whole_file import write_whole
 
 
 class SessionError(StationError):
-    """The folder cannot be fitted or assessed; one sentence."""
+    """The folder cannot be fitted or assessed."""
 
 
 class DamagedSession(SessionError):
-    """No recording can be used, and a damaged one is among them."""
+    """No recording can be used, and at least one is damaged."""
 
     exit_code = LOSSY
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """The session's trial files; where one was recovered or completed, that file stands for its original."""
+    """The recordings of a session; a recovered or completed file replaces its original."""
     files = sorted(folder.glob("*.mcap"))
     replaced = {_original_of(path) for path in files if _is(path, "recovered") or _is(path, "completed")}
     return [path for path in files if path not in replaced]
 
 
+def pulls_in(folder: Path) -> list[Path]:
+    """As recordings_in, without the poses and motions of the wearer, which a fit of a cuff does not use."""
+    return [path for path in recordings_in(folder) if not _is_of_wearer(path)]
+
+
 def originals_in(folder: Path) -> list[Path]:
-    """As recordings_in, but a recovered copy is left out where its original is: it holds nothing else."""
+    """As recordings_in, without recovered copies whose original exists: they contain no other data."""
     files = {path for path in folder.glob("*.mcap") if not _is(path, "completed")}
     kept = [path for path in files if not (_is(path, "recovered") and _original_of(path) in files)]
     completed = {_original_of(path): path for path in folder.glob("*.mcap") if _is(path, "completed")}
@@ -58,15 +69,15 @@ def fit_session_folder(
     progress: Progress = silent,
     readings: Mapping[str, TrialReading] = MappingProxyType({}),
 ) -> SessionFit:
-    """Recordings → trials → fit → cuffs.json. Raises SessionError when not one trial can be used.
+    """Fit a session folder and write cuffs.json. readings: recordings by file name that are not read again.
 
-    readings, by file name, are not read again.
+    Raises SessionError if no trial can be used.
     """
     if not folder.is_dir():
-        raise SessionError(f"{folder} is not a folder; give the folder that `station record` wrote into")
-    paths = recordings_in(folder)
+        raise SessionError(Message(FolderCode.NOT_A_FOLDER, {"folder": str(folder)}))
+    paths = pulls_in(folder)
     if not paths:
-        raise SessionError(f"{folder} holds no recording (*.mcap); record a trial into it first")
+        raise SessionError(Message(FolderCode.NO_RECORDING, {"folder": str(folder)}))
     journal = read_journal(folder)
     fitted = replace(_fit(folder, paths, journal, progress, readings), recordings=_checked(paths))
     if output is not None:
@@ -76,10 +87,10 @@ def fit_session_folder(
 
 
 def fit_donning_of(folder: Path, trial: Trial) -> SessionFit:
-    """The fit of the donning that the trial belongs to, as in fit_session_folder, at the cost of that donning alone.
+    """Fit the donning of a trial, as in fit_session_folder, at the cost of that donning only.
 
-    Only its recordings and the bounces, which calibrate it, are read; the trial itself is not read again. The donning
-    of another recording is as in the journal, or else as in its manifest. Raises SessionError.
+    Only its recordings and the bounces, which calibrate it, are read; the trial is not read again. The donning of the
+    other recordings is taken from the journal, or else from the manifest. Raises SessionError.
     """
     journal = read_journal(folder)
     recorded = {entry.file: entry for entry in journal.recorded}
@@ -93,15 +104,15 @@ def fit_donning_of(folder: Path, trial: Trial) -> SessionFit:
         try:
             manifest = _corrected(read_manifest(path), journal.assignments.get(path.name))
         except RecordingError:
-            return False  # not known to have loaded this cuff
+            return False  # unreadable: its cuff is unknown
         return manifest.cuff is None or (manifest.cuff.name, manifest.donning) == (trial.cuff.name, trial.donning)
 
-    paths = [path for path in recordings_in(folder) if belongs(path)]
+    paths = [path for path in pulls_in(folder) if belongs(path)]
     return _fit(folder, paths, journal, silent, {trial.file: trial})
 
 
 def read_recording(path: Path) -> TrialReading:
-    """One recording of a session, in one pass, as the trial that the operator assigned it to."""
+    """Read a recording of a session in one pass, as the trial that the operator assigned it to."""
     journal = read_journal(path.parent)
     return (
         _read_assigned(path, journal)
@@ -114,30 +125,36 @@ def _fit(
     folder: Path, paths: Sequence[Path], journal: Journal, progress: Progress, readings: Mapping[str, TrialReading]
 ) -> SessionFit:
     redone = journal.redone
-    counting = [path for path in paths if path.name not in redone]
+    used = [path for path in paths if path.name not in redone]
     assigned = {
         path.name: _read_assigned(path, journal)
-        for path in counting
+        for path in used
         if path.name in journal.assignments and path.name not in readings
     }
-    trials, rejected = read_trials(_counted(counting, "reading trials", progress), {**readings, **assigned})
+    trials, rejected = read_trials(_with_progress(used, "reading trials", progress), {**readings, **assigned})
     rejected += tuple(_set_aside(path, journal) for path in paths if path.name in redone)
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected)
-        reasons = reasons or "there are only bounce trials; record a cuff, too"
+        reasons = reasons or "there are only bounce trials; record a trial of a cuff"
         damaged = [trial.file for trial in rejected if trial.damage]
         if damaged:
-            raise DamagedSession(
-                f"{', '.join(damaged)} is damaged, and no recording in {folder} can be used: {reasons}"
-            )
-        raise SessionError(f"no recording in {folder} can be used: {reasons}")
+            figures = {"files": ", ".join(damaged), "folder": str(folder), "reasons": reasons}
+            raise DamagedSession(Message(FolderCode.DAMAGED, figures))
+        raise SessionError(Message(FolderCode.NOT_USABLE, {"folder": str(folder), "reasons": reasons}))
     checks = read_checks(folder)
     fitting = fit_session(with_gain_drift(trials, checks), rejected, lambda *count: progress("fitting cuffs", *count))
-    return with_mass_checks(fitting, checks)
+    return fitting.with_notes(check_notes(checks))
 
 
-def _is(path: Path, what: str) -> bool:
-    return path.suffixes[-2:-1] == [f".{what}"]
+def _is_of_wearer(path: Path) -> bool:
+    """False for an unreadable manifest, so that the fit reports the file."""
+    with suppress(RecordingError, OSError):
+        return read_manifest(path).body is not None
+    return False
+
+
+def _is(path: Path, kind: str) -> bool:
+    return path.suffixes[-2:-1] == [f".{kind}"]
 
 
 def _original_of(path: Path) -> Path:
@@ -145,30 +162,30 @@ def _original_of(path: Path) -> Path:
 
 
 def _checked(paths: Sequence[Path]) -> dict[str, CheckedFile]:
-    """Every recording against what was recorded of it when it ended."""
+    """Hash of every recording, and its comparison with the recorded hash."""
     hashes = {path: sha256_of(path) for path in paths}
     return {path.name: CheckedFile(sha256, standing_of(path, sha256)) for path, sha256 in hashes.items()}
 
 
 def _write_bushings(folder: Path, fitted: SessionFit) -> list[Path]:
-    """Beside cuffs.json, each cuff that is identified as OpenSim's BushingForce."""
+    """Write every identified cuff as a BushingForce of OpenSim, in the folder of cuffs.json."""
     identified = {folder / f"bushing_{name}.xml": fit for name, fit in fitted.cuffs.items() if not fit.missing}
     for path, fit in identified.items():
-        write_whole(path, bushing_force(fit))
+        write_whole(path, bushing_force(fit.wearable()))
     return list(identified)
 
 
 def _set_aside(path: Path, journal: Journal) -> RejectedTrial:
-    """A recording that the operator redid. Its cuff was loaded all the same, and may have migrated in it."""
+    """A recording that the operator redid. It counts for migration, because its cuff was loaded."""
     try:
         manifest = _corrected(read_manifest(path), journal.assignments.get(path.name))
     except RecordingError:
         manifest = None
-    return RejectedTrial(path.name, f"set aside by the operator: {journal.redone[path.name]}", manifest)
+    return RejectedTrial(path.name, Note(RejectionCode.SET_ASIDE, {"reason": journal.redone[path.name]}), manifest)
 
 
 def _read_assigned(path: Path, journal: Journal) -> TrialReading:
-    """A recording as the trial that the operator assigned it to, with a note on what it was recorded as."""
+    """Read a recording as the trial that the operator assigned it to, with a note on its original trial."""
     given, recorded_as = journal.assignments[path.name], ""
 
     def correct(manifest: Manifest) -> Manifest:
@@ -177,7 +194,7 @@ def _read_assigned(path: Path, journal: Journal) -> TrialReading:
         return _as_assigned(manifest, given)
 
     reading = read_alone(path, read_protocol(path.parent), correct)
-    note = f"assigned to this trial by the operator; recorded as {recorded_as}"
+    note = Note(TrialNoteCode.ASSIGNED, {"recorded_as": recorded_as})
     return replace(reading, notes=(*reading.notes, note)) if isinstance(reading, Trial) else reading
 
 
@@ -192,8 +209,8 @@ def _as_assigned(manifest: Manifest, given: Assignment) -> Manifest:
     return replace(manifest, cuff=cuff, test=given.test, repeat=given.repeat, donning=given.donning)
 
 
-def _counted(paths: Sequence[Path], what: str, progress: Progress) -> Iterator[Path]:
+def _with_progress(paths: Sequence[Path], stage: str, progress: Progress) -> Iterator[Path]:
     for done, path in enumerate(paths):
-        progress(what, done, len(paths))
+        progress(stage, done, len(paths))
         yield path
-    progress(what, len(paths), len(paths))
+    progress(stage, len(paths), len(paths))

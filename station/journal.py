@@ -1,8 +1,8 @@
-"""session.jsonl: what was decided in a session, one line each, only ever appended to.
+"""session.jsonl: the decisions of a session, one line each, only ever appended.
 
-The recordings hold what was measured; the journal holds what people said of it: who was measured, to which plan, which
-trial counts, which is redone and why, what a mark in a trial was. Nothing in it is ever changed: a later line
-overrules an earlier one, and a line that a power cut tore in two is passed over.
+The recordings hold the measured data; the journal holds subject and plan, which trials count, which are repeated and
+why, and the names of marks. No line is ever changed: a later line overrules an earlier one, and a line that a power
+failure cut is ignored.
 """
 
 from __future__ import annotations
@@ -10,56 +10,68 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from pydantic import Field, TypeAdapter
+from typing import Any, Literal
 
 from documents.plain_data import parse_json
 from documents.regular_file import append_to_regular, read_regular
-from recordings.manifest import CuffSite, DataOrigin, is_file_name
+from recordings.manifest import CuffSite, DataOrigin, TrialCondition
 from station.errors import StationError
 from station.file_lock import locked
+from station.format_0 import upgrade
+from station.journal_lines import (
+    FORMAT,
+    AssignedEntry,
+    Choice,
+    DonnedEntry,
+    JournalEntry,
+    JournalLine,
+    MarkEntry,
+    RecordedEntry,
+    Repeats,
+    SetupEntry,
+    SkippedEntry,
+    UndoneEntry,
+    VerdictEntry,
+)
+from station.messages.codes import JournalCode, TrialCode
+from station.messages.message import Message
 from station.protocol import TrialSpec
 
 JOURNAL_FILE = "session.jsonl"
-FORMAT = 1
-"""Of a line. It rises where a key changes its meaning, not where one is added."""
 LOCK_WAIT_S = 10.0
-"""A line takes a millisecond, or what the disk takes for an fsync."""
-
+"""Writing a line takes a millisecond, or as long as the disk needs for an fsync."""
 LARGEST_JOURNAL = 16 * 2**20
-"""Bytes; that of a long day has a hundred thousand."""
-MOST_REPEATS = 1000
-
-Choice = Literal["accept", "redo"]
+"""Bytes; the journal of a long day has a hundred thousand."""
 
 
 class JournalError(StationError):
-    """The journal cannot be read or written; one sentence."""
+    """The journal cannot be read or written."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Who is measured by whom, with which cuffs, each test so many times over. subject is a code, never a name.
+    """Plan of a session: subject (a code, never a name), operator, cuffs, and the repeats of each test.
 
-    step_masses_kg are the weights of a static test in the order they are hung on; empty: as the configuration says.
+    step_masses_kg are the weights of a static test in loading order; empty: those of the configuration. conditions are
+    those of the wearer's motions; empty: neither a pose nor a motion is planned.
     """
 
     subject: str
     operator: str
     cuffs: tuple[str, ...]
-    repeats: Annotated[int, Field(ge=1, le=MOST_REPEATS)]
+    repeats: Repeats
     has_bounce: bool = True
     number: str = "1"
     step_masses_kg: tuple[float, ...] = ()
+    conditions: tuple[TrialCondition, ...] = ()
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What the operator said of one recording, and why."""
+    """The operator's decision on one recording, and the reason."""
 
     choice: Choice
     reason: str
@@ -67,9 +79,10 @@ class Decision:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What became of one trial, by the recorder's own account; file is its name in the session's folder.
+    """Outcome of one trial as the recorder reports it; file is its name in the session's folder.
 
-    origin is measured or simulated, as its devices said; unknown in the journals of older stations.
+    codes are the reason of its end, empty in the journals of older stations, and sentence renders them. origin is
+    measured or simulated as the devices report it, unknown in the journals of older stations.
     """
 
     file: str
@@ -81,11 +94,13 @@ class Recorded:
     lost_samples: int
     sentence: str
     origin: str = DataOrigin.UNKNOWN
+    codes: tuple[Message[TrialCode], ...] = ()
+    condition: TrialCondition | None = None
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """The trial that a recording really is of, where it was recorded as another one."""
+    """The trial that a recording is of, if it was recorded as another one."""
 
     cuff: CuffSite
     test: Literal["static", "dynamic"]
@@ -95,10 +110,10 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Journal:
-    """All that the lines say so far; verdicts and the names of marks go by the recording's file name.
+    """The state of the session after all lines; verdicts and names of marks are by file name of the recording.
 
-    recorded    as assigned by the operator, where it was recorded as another trial;  assignments  by file name
-    verdicts    in the order in which they were given;  a decision that was undone is not among them
+    recorded    as assigned by the operator, if it was recorded as another trial;  assignments  by file name
+    verdicts    in the order of the decisions;  an undone decision is not included
     begun       UTC of the setup, as in the file; empty without one
     """
 
@@ -113,14 +128,14 @@ class Journal:
 
     @property
     def redone(self) -> dict[str, str]:
-        """File name → reason of every recording that the operator does not let count."""
-        return {name: each.reason for name, each in self.verdicts.items() if each.choice == "redo"}
+        """File name → reason of every recording that does not count by decision of the operator."""
+        return {name: decision.reason for name, decision in self.verdicts.items() if decision.choice == "redo"}
 
 
 def read_journal(folder: Path) -> Journal:
-    """The journal of a session's folder; empty where there is none. Raises JournalError naming the line that is wrong.
+    """The journal of a session's folder; empty if there is none. Raises JournalError with the number of a wrong line.
 
-    The last line may be torn: it was being written when the power went, and its decision is asked for again.
+    An incomplete last line is ignored: it was being written at a power failure, and its decision is asked for again.
     """
     path = folder / JOURNAL_FILE
     try:
@@ -128,61 +143,61 @@ def read_journal(folder: Path) -> Journal:
     except FileNotFoundError:
         return Journal()
     except OSError as error:
-        raise JournalError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise _error(JournalCode.UNREADABLE, path, reason=str(error.strerror or error)) from error
     except UnicodeDecodeError as error:
-        raise JournalError(f"{path} cannot be read: {error}") from error
+        raise _error(JournalCode.UNREADABLE, path, reason=str(error)) from error
     lines = _Lines()
     for number, line in enumerate(text[: text.rfind("\n") + 1].split("\n")[:-1], 1):
         try:
-            lines.take(dict(parse_json(line)))
-        except (ValueError, TypeError, KeyError) as error:
-            found = f"expected an entry of the journal, found {line[:60]!r}"
-            raise JournalError(f"{path}, line {number}: {found}") from error
+            lines.add(JournalLine.model_validate(upgrade(dict(parse_json(line)))).root)
+        except (ValueError, TypeError) as error:
+            raise _error(JournalCode.WRONG_LINE, path, line=number, found=repr(line[:60])) from error
     return lines.journal()
 
 
 def write_setup(folder: Path, setup: Setup) -> None:
-    _append(folder, "setup", **asdict(setup))
+    _append(folder, SetupEntry, **vars(setup))
 
 
 def write_recorded(folder: Path, recorded: Recorded) -> None:
-    _append(folder, "recorded", **asdict(recorded))
+    _append(folder, RecordedEntry, **vars(recorded))
 
 
 def write_verdict(folder: Path, file: str, choice: Choice, reason: str) -> None:
-    """Raises JournalError where a trial is to be redone and nobody says why."""
+    """Raises JournalError if a trial is to be repeated without a reason."""
     if choice == "redo" and not reason.strip():
-        raise JournalError(f"{file} is to be redone and no reason is given; say in a few words what was wrong with it")
-    _append(folder, "verdict", file=file, choice=choice, reason=reason.strip())
+        raise JournalError(Message(JournalCode.NO_REASON, {"file": file}))
+    _append(folder, VerdictEntry, file=file, choice=choice, reason=reason.strip())
 
 
 def write_mark(folder: Path, file: str, number: int, name: str) -> None:
-    """Names the n-th mark (from 1) of a recording."""
-    _append(folder, "mark", file=file, number=number, name=name.strip())
+    """Name a mark of a recording; marks are numbered from 1."""
+    _append(folder, MarkEntry, file=file, number=number, name=name.strip())
 
 
 def write_donned(folder: Path, cuff: str) -> None:
-    """The cuff was taken off and donned anew: what was measured before belongs to another donning."""
-    _append(folder, "donned", cuff=cuff)
+    """The cuff was taken off and donned anew: earlier recordings belong to another donning."""
+    _append(folder, DonnedEntry, cuff=cuff)
 
 
 def write_skipped(folder: Path, spec: TrialSpec) -> None:
-    """A trial of the plan is not recorded in this session, unless somebody records it by itself."""
-    _append(folder, "skipped", cuff=spec.cuff, test=spec.test, repeat=spec.repeat, donning=spec.donning)
+    """A trial of the plan is skipped in this session."""
+    place = {"cuff": spec.cuff, "test": spec.test, "repeat": spec.repeat, "donning": spec.donning}
+    _append(folder, SkippedEntry, **place, condition=spec.condition)
 
 
 def write_undone(folder: Path, file: str, *, donned_cuff: str | None = None) -> None:
-    """The last decision on a recording is taken back, and with it the donning of donned_cuff that followed it."""
-    _append(folder, "undone", file=file, donned_cuff=donned_cuff)
+    """The last decision on a recording is undone, and with it the donning of donned_cuff that followed it."""
+    _append(folder, UndoneEntry, file=file, donned_cuff=donned_cuff)
 
 
 def write_assigned(folder: Path, file: str, assignment: Assignment) -> None:
-    """The recording is of another trial than the one that it was recorded as; the file itself stays as it is."""
-    _append(folder, "assigned", file=file, **asdict(assignment))
+    """The recording is of another trial than it was recorded as; the file itself is unchanged."""
+    _append(folder, AssignedEntry, file=file, **vars(assignment))
 
 
 class _Lines:
-    """Takes the lines of a journal one after the other, each at the same cost."""
+    """Applies the lines of a journal in order, at a constant cost per line."""
 
     def __init__(self) -> None:
         self._setup: Setup | None = None
@@ -195,27 +210,21 @@ class _Lines:
         self._skipped: set[TrialSpec] = set()
         self._assignments: dict[str, Assignment] = {}
 
-    def take(self, entry: dict[str, Any]) -> None:
-        """Raises ValueError, TypeError or KeyError for what is no entry of a journal."""
-        kind, at = entry.pop("kind"), str(entry.pop("at"))
-        if entry.pop("format", FORMAT) != FORMAT:  # lines of an older station have none, and mean the same
-            raise ValueError("a line of a later format")
-        if not is_file_name(entry.get("file", "-"), may_be_empty=True):  # what it names stays in the folder
-            raise ValueError(entry["file"])
-        match kind:
-            case "setup":
-                self._setup, self._begun = _SETUP.validate_python(entry), self._begun or at
-            case "recorded":
-                recorded = _RECORDED.validate_python(entry)
-                self._places.setdefault(recorded.file, []).append(len(self._recorded))
-                self._recorded.append(recorded)
-            case "verdict":
-                self._verdicts.pop(entry["file"], None)  # they stand in the order in which they were given
-                self._verdicts[entry["file"]] = _VERDICT.validate_python(entry)
-            case "mark":
-                self._marks.setdefault(entry["file"], {})[int(entry["number"])] = str(entry["name"])
+    def add(self, entry: JournalEntry) -> None:
+        """Raises ValueError for a donning that is undone before it was made."""
+        match entry:
+            case SetupEntry():
+                self._setup, self._begun = Setup(**entry.values()), self._begun or entry.at
+            case RecordedEntry():
+                self._places.setdefault(entry.file, []).append(len(self._recorded))
+                self._recorded.append(Recorded(**entry.values()))
+            case VerdictEntry():
+                self._verdicts.pop(entry.file, None)  # they are in the order of the decisions
+                self._verdicts[entry.file] = Decision(entry.choice, entry.reason)
+            case MarkEntry():
+                self._marks.setdefault(entry.file, {})[entry.number] = entry.name
             case _:
-                self._change_plan(kind, entry)
+                self._change_plan(entry)
 
     def journal(self) -> Journal:
         return Journal(
@@ -229,46 +238,49 @@ class _Lines:
             self._begun,
         )
 
-    def _change_plan(self, kind: str, entry: dict[str, Any]) -> None:
-        match kind:
-            case "skipped":
-                entry.pop("name", None)  # a template of files' names comes from the configuration
-                self._skipped.add(_SPEC.validate_python(entry))
-            case "donned":
-                cuff = str(entry["cuff"])
-                self._donnings[cuff] = self._donnings.get(cuff, 0) + 1
-            case "undone":
-                if entry["donned_cuff"] is not None:
-                    self._donnings[entry["donned_cuff"]] -= 1
-                self._verdicts.pop(entry["file"], None)
-            case "assigned":
-                given = self._assignments[entry["file"]] = _ASSIGNMENT.validate_python(entry)
-                if not is_file_name(given.cuff.name):
-                    raise ValueError(given.cuff.name)
-                for place in self._places.get(entry["file"], ()):
-                    self._recorded[place] = _as_assigned(self._recorded[place], given)
-            case _:
-                raise ValueError(kind)
+    def _change_plan(self, entry: JournalEntry) -> None:
+        match entry:
+            case SkippedEntry():
+                self._skipped.add(TrialSpec(**entry.values()))
+            case DonnedEntry():
+                self._donnings[entry.cuff] = self._donnings.get(entry.cuff, 0) + 1
+            case UndoneEntry():
+                self._verdicts.pop(entry.file, None)
+                if entry.donned_cuff is not None:
+                    if entry.donned_cuff not in self._donnings:
+                        raise ValueError(f"{entry.donned_cuff} was not donned anew")
+                    self._donnings[entry.donned_cuff] -= 1
+            case AssignedEntry():
+                assignment = Assignment(entry.cuff, entry.test, entry.repeat, entry.donning)
+                self._assignments[entry.file] = assignment
+                for place in self._places.get(entry.file, ()):
+                    self._recorded[place] = _as_assigned(self._recorded[place], assignment)
 
 
-_SETUP, _RECORDED, _VERDICT = TypeAdapter(Setup), TypeAdapter(Recorded), TypeAdapter(Decision)
-_SPEC, _ASSIGNMENT = TypeAdapter(TrialSpec), TypeAdapter(Assignment)
+def _as_assigned(trial: Recorded, assignment: Assignment) -> Recorded:
+    place = {"test": assignment.test, "repeat": assignment.repeat, "donning": assignment.donning}
+    return replace(trial, cuff=assignment.cuff.name, **place)  # type: ignore[arg-type]
 
 
-def _as_assigned(trial: Recorded, given: Assignment) -> Recorded:
-    return replace(trial, cuff=given.cuff.name, test=given.test, repeat=given.repeat, donning=given.donning)
+def _append(folder: Path, kind: type[JournalEntry], **values: Any) -> None:
+    entry = kind(at=_now(), format=FORMAT, **values)
+    _append_text(folder / JOURNAL_FILE, json.dumps(entry.model_dump(mode="json")))
 
 
-def _append(folder: Path, kind: str, **said: Any) -> None:
-    append_line(folder / JOURNAL_FILE, kind, format=FORMAT, **said)
+def append_line(path: Path, kind: str, **values: Any) -> None:
+    """Append a line with the time, its kind and the values to a file of JSON lines. Raises JournalError."""
+    _append_text(path, json.dumps({"at": _now(), "kind": kind, **values}))
 
 
-def append_line(path: Path, kind: str, **said: Any) -> None:
-    """One line, on the disk before this returns. A torn line that is there already is taken away first.
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
-    Console and terminal may write at once: one waits for the other, or it would take a line half written for torn.
+
+def _append_text(path: Path, line: str) -> None:
+    """The line is on the disk before this returns. An incomplete last line is removed first.
+
+    Console and terminal may write at the same time; without the lock, one would remove an unfinished line of the other.
     """
-    line = json.dumps({"at": datetime.now(UTC).isoformat(timespec="milliseconds"), "kind": kind, **said})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_name(f".{path.name}.lock"), LOCK_WAIT_S), append_to_regular(path) as file:
@@ -278,4 +290,8 @@ def append_line(path: Path, kind: str, **said: Any) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise JournalError(f"{path} cannot be written: {error.strerror}; the decision is not stored") from error
+        raise _error(JournalCode.NOT_WRITTEN, path, reason=str(error.strerror)) from error
+
+
+def _error(code: JournalCode, path: Path, **figures: float | str) -> JournalError:
+    return JournalError(Message(code, {"path": str(path), **figures}))

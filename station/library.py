@@ -1,4 +1,4 @@
-"""What the public package offers beyond single functions of the folders below: files and results put together."""
+"""Functions of the public package that combine several folders: from files to results."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fitting.result import CuffFit, SessionFit
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.session import fit_session as fit_trials
-from fitting.trial import read_trials
-from fitting.wearable_cuff import WearableCuff
+from fitting.trial.reader import read_trials
 from recordings.reader import Recording, open_recording
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
@@ -17,16 +17,20 @@ from solver.redundancy.motion import MotionSolution, RedundancyOptions
 from solver.redundancy.motion import solve_motion as solve
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
+from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import BUNDLED_SUIT, read_suit
+from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import worn_cuffs
-from station.assessment.sources import BUNDLED, model_of, motion_of
 from station.fit import SessionError, fit_session_folder
+from station.messages.message import Message
+from station.messages.setup_codes import FolderCode
+from station.sources import BUNDLED, model_of, motion_of
 
 File = Path | str
 
 
 def read_recording(path: File) -> Recording:
-    """Read an MCAP recording through once: what it is, and what is missing from it.
+    """Read an MCAP recording: its manifest, streams and losses.
 
     `recording.load("/force").to_dataframe()` gives the samples of one stream in Stream.unit. Raises RecordingError.
     """
@@ -36,23 +40,23 @@ def read_recording(path: File) -> Recording:
 def fit_donning(recordings: Sequence[File]) -> CuffFit:
     """Fit stiffness [N/m], damping [N s/m] and migration [m] of one cuff from all trials of one donning.
 
-    Bounce trials among them calibrate the lag of the load cell. Raises SessionError where no trial can be used, or the
-    recordings are of several cuffs or donnings.
+    Bounce trials among them calibrate the lag of the load cell. Raises SessionError if no trial can be used, or if
+    the recordings are of several cuffs or donnings.
     """
     trials, rejected = read_trials([Path(path) for path in recordings])
     if not trials:
         reasons = "; ".join(f"{trial.file}: {trial.reason}" for trial in rejected) or "none was given"
-        raise SessionError(f"no recording can be used: {reasons}")
+        raise SessionError(Message(FolderCode.NO_TRIAL_USABLE, {"reasons": reasons}))
     fitted = fit_trials(trials, rejected)
     found = [fit for fits in fitted.donnings.values() for fit in fits.values()]
     if len(found) > 1:
         named = ", ".join(f"{fit.name} ({fit.donning})" for fit in found)
-        raise SessionError(f"expected recordings of one cuff in one donning, found {named}; fit the session instead")
+        raise SessionError(Message(FolderCode.SEVERAL_DONNINGS, {"found": named}))
     return found[0]
 
 
 def fit_session(folder: File) -> SessionFit:
-    """Fit every cuff of a session's folder, donning by donning, by its journal's decisions. Raises SessionError."""
+    """Fit every cuff of a session folder by donning, with the decisions of the journal. Raises SessionError."""
     return fit_session_folder(Path(folder), None)
 
 
@@ -64,8 +68,8 @@ def load_model(source: File = BUNDLED) -> Model:
 def load_motion(model: Model, path: File | None = None, cutoff_hz: float | None = 3.0, every: int = 1) -> Kinematics:
     """Read a motion (.mot, .sto, .csv) and differentiate it; without a path, the bundled raise of the arm.
 
-    cutoff_hz is that of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. Every
-    `every`-th frame is kept. Raises MotionError.
+    cutoff_hz: of the low-pass filter (Butterworth of order 4, forwards and backwards), None for no filter. every: keep
+    every n-th frame. Raises MotionError.
     """
     recorded = motion_of(None if path is None else Path(path), model)
     return decimate(differentiate(recorded, cutoff_hz), every)
@@ -90,14 +94,16 @@ def assess(
     most_frames: int | None = None,
     options: RedundancyOptions | None = None,
 ) -> Assessment:
-    """Wear the cuffs in the suit through a motion: effort over the rest length, rigid, shifted, yielding, and both.
+    """Assess a suit with these cuffs in a motion: muscle effort over the rest length of the cord, in four conditions.
 
-    Without model and kinematics, the bundled ones. draws is how often the cuffs are drawn from the covariance of their
-    fit; most_frames bounds the frames whose muscles are solved. Raises NotIdentified, ModelError, SuitError.
+    The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. draws:
+    number of draws of the cuffs from the covariance of their fit; most_frames: limit of the frames that are solved.
+    Raises NotIdentified, ModelError, SuitError.
     """
     model = model or load_model()
     kinematics = kinematics or load_motion(model)
     every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
     fitted = {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
     worn = worn_cuffs(fitted, ())
-    return assess_suit(model, kinematics, read_suit(Path(suit)), worn, every=every, draws=draws, options=options)
+    motion = LoadedMotion(model, kinematics, options=options or RedundancyOptions())
+    return assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=DrawSettings(count=draws))

@@ -1,4 +1,4 @@
-"""Labels of published marker sets, read from the table beside this file, which names its sources."""
+"""Labels of published marker sets, from marker_presets.toml, which gives the sources."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ NO_BODY = ("source", "markers")
 
 
 def preset_labels(name: str, prefix: str = "") -> tuple[str, ...]:
-    """The labels of one body, "qualisys_sports.left_arm", each behind the prefix. Raises ValueError in a sentence.
+    """The labels of a body, such as "qualisys_sports.left_arm", with the prefix. Raises ValueError for another name.
 
-    QTM puts the name of the person before the labels of a skeleton: there prefix is "Anna_" or the like.
+    The labels of a skeleton in QTM start with the name of the person, for example "Anna_".
     """
-    known = {f"{of}.{body}": labels for of, bodies in _presets().items() for body, labels in bodies.items()}
+    known = {
+        f"{marker_set}.{body}": labels for marker_set, bodies in _presets().items() for body, labels in bodies.items()
+    }
     if name not in known or name.rpartition(".")[2] in NO_BODY:
-        bodies = ", ".join(each for each in known if each.rpartition(".")[2] not in NO_BODY)
-        raise ValueError(f"{name!r} is no preset, expected one of {bodies}")
+        bodies = ", ".join(body for body in known if body.rpartition(".")[2] not in NO_BODY)
+        raise ValueError(f"{name!r} is not a preset, expected one of {bodies}")
     return tuple(prefix + label for label in known[name])
 
 

@@ -1,6 +1,6 @@
 """Progress on stderr: on a terminal a bar per stage, elsewhere one plain line when a stage ends.
 
-A stage is what a Progress is called with. On a terminal its bar shows the time elapsed and an estimate of the time
+A Progress is called with the name of a stage. On a terminal its bar shows the time elapsed and an estimate of the time
 left. In a pipe or a log there are no bars and no control characters: `recording trials: 25 of 25 in 71 s`.
 """
 
@@ -18,36 +18,36 @@ from rich.console import Console
 from rich.text import Text
 
 Progress = Callable[[str, int, int], None]
-"""Called with the stage, how much of it is done, and of how much. The call with 0 starts the stage's clock."""
+"""Called with stage, number of finished steps, and total. The call with 0 starts the clock of the stage."""
 Clock = Callable[[], float]
 
 
 @contextmanager
-def busy(words: str) -> Iterator[None]:
-    """While something is done whose length nobody knows. Nothing is drawn where there is no terminal."""
-    with Console(stderr=True).status(words):
+def busy(activity: str) -> Iterator[None]:
+    """Show an activity of unknown duration. Nothing is drawn without a terminal."""
+    with Console(stderr=True).status(activity):
         yield
 
 
-def silent(what: str, done: int, total: int) -> None:
-    """Progress that nobody watches."""
+def silent(stage: str, done: int, total: int) -> None:
+    """A Progress that shows nothing."""
 
 
 @contextmanager
 def progress_bars(console: Console, clock: Clock = perf_counter) -> Iterator[Progress]:
-    """Yields a Progress that shows every stage, from its first call on; the clock is in seconds.
+    """Yield a Progress that shows every stage from its first call on; clock: in seconds.
 
-    Any thread may call it. Calls that come when the block has ended are ignored.
+    Any thread may call it. Calls after the end of the block are ignored.
     """
     # Colours may be forced in a log by an environment variable; a bar that moves needs a real terminal.
     is_terminal = console.is_interactive and console.file.isatty()
     shown = _Bars(console, clock) if is_terminal else _Lines(console, clock)
     lock, is_open = threading.Lock(), True  # the compilation reports from a thread of its own
 
-    def report(what: str, done: int, total: int) -> None:
+    def report(stage: str, done: int, total: int) -> None:
         with lock:
             if is_open:
-                shown.report(what, done, total)
+                shown.report(stage, done, total)
 
     try:
         yield report
@@ -59,37 +59,37 @@ def progress_bars(console: Console, clock: Clock = perf_counter) -> Iterator[Pro
 
 @dataclass
 class _Stage:
-    """How far a stage has come; seconds of the clock."""
+    """State of a stage; times in seconds of the clock."""
 
     start_s: float
     last_s: float
     done: int
     total: int
-    is_told: bool = False
+    is_printed: bool = False
 
 
 class _Lines:
-    """A line when a stage is done. One that ends early has its line at the end, with the time of its last report."""
+    """A line per finished stage; an unfinished stage has its line at the end, with the time of its last report."""
 
     def __init__(self, console: Console, clock: Clock) -> None:
         self._console, self._clock = console, clock
         self._stages: dict[str, _Stage] = {}
 
-    def report(self, what: str, done: int, total: int) -> None:
+    def report(self, stage: str, done: int, total: int) -> None:
         now = self._clock()
-        stage = self._stages.setdefault(what, _Stage(now, now, done, total))
-        stage.last_s, stage.done, stage.total = now, done, total
+        state = self._stages.setdefault(stage, _Stage(now, now, done, total))
+        state.last_s, state.done, state.total = now, done, total
         if done >= total:
-            self._tell(what, stage)
+            self._print(stage, state)
 
     def close(self) -> None:
-        for what, stage in self._stages.items():
-            self._tell(what, stage)
+        for name, stage in self._stages.items():
+            self._print(name, stage)
 
-    def _tell(self, what: str, stage: _Stage) -> None:
-        if not stage.is_told:
-            stage.is_told = True
-            line = f"{what}: {stage.done} of {stage.total} in {_seconds(stage.last_s - stage.start_s)}"
+    def _print(self, name: str, stage: _Stage) -> None:
+        if not stage.is_printed:
+            stage.is_printed = True
+            line = f"{name}: {stage.done} of {stage.total} in {_seconds(stage.last_s - stage.start_s)}"
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
@@ -103,11 +103,11 @@ class _Bars:
         )
         self._tasks: dict[str, bars.TaskID] = {}
 
-    def report(self, what: str, done: int, total: int) -> None:
+    def report(self, stage: str, done: int, total: int) -> None:
         self._bars.start()
-        if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what, total=total)
-        self._bars.update(self._tasks[what], completed=done, total=total)
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bars.add_task(stage, total=total)
+        self._bars.update(self._tasks[stage], completed=done, total=total)
 
     def close(self) -> None:
         if self._tasks:
@@ -115,9 +115,9 @@ class _Bars:
 
 
 class _TimeLeftColumn(bars.ProgressColumn):
-    """Elapsed time times the part that is left over the part that is done: steps are few, and of about one length.
+    """Estimate of the remaining time from the mean duration of the finished steps.
 
-    Rich's own column takes the last 30 s only, in which a trial or a kernel may not end.
+    Rich's own column uses the last 30 s only, in which no trial or kernel may end.
     """
 
     def render(self, task: bars.Task) -> Text:
@@ -128,7 +128,7 @@ class _TimeLeftColumn(bars.ProgressColumn):
 
 
 def _seconds(duration_s: float) -> str:
-    """To a tenth below ten seconds, then to the second; from two minutes on in minutes."""
+    """Tenths of a second below 10 s, then seconds; from two minutes on, minutes and seconds."""
     if duration_s < 9.95:
         return f"{duration_s:.1f} s"
     whole = math.floor(duration_s + 0.5)

@@ -1,4 +1,4 @@
-"""The measurement plan: which cuffs, which tests, how many repeats, in the order they are done."""
+"""The measurement plan: cuffs, tests and repeats in the order of recording."""
 
 from __future__ import annotations
 
@@ -6,17 +6,26 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.manifest import TestKind
+from recordings.manifest import TestKind, TrialCondition
 
 CUFF_TESTS: tuple[TestKind, ...] = ("static", "dynamic")
+SUITED: tuple[TrialCondition, ...] = ("slack", "tight")
+"""Conditions in which the suit is worn."""
+BODY_TESTS: tuple[TestKind, ...] = ("pose", "motion")
+CONDITION_NAMES: dict[TrialCondition, str] = {
+    "unsuited": "without the suit",
+    "slack": "suit, cord slack",
+    "tight": "suit, cord tight",
+    "mvc": "maximal contraction",
+}
 
 
 @dataclass(frozen=True)
 class TrialSpec:
-    """One trial of the plan: this cuff, this test, for the n-th time (from 1), in one donning of the cuff.
+    """One trial of the plan: cuff, test, number of the repeat (from 1) and donning of the cuff.
 
-    cuff is None for a bounce: the weight then hangs from the load cell, and nobody wears anything.
-    name is the template of the file's name; where there is no cuff its part is left out.
+    cuff: None for a bounce (a weight hangs from the load cell) and for a pose or motion of the wearer. condition: of a
+    motion. name: template of the file name; without a cuff, the condition replaces it, or its part is left out.
     """
 
     cuff: str | None
@@ -24,20 +33,26 @@ class TrialSpec:
     repeat: int
     donning: str = "1"
     name: str = "cuff-{cuff}_test-{test}_run-{run}"
+    condition: TrialCondition | None = None
 
     @property
     def title(self) -> str:
-        """For a person: which trial of its session this is."""
-        return "bounce calibration" if self.cuff is None else f"{self.cuff} · {self.test} · repeat {self.repeat}"
+        """Title of the trial for the operator."""
+        return describe_trial(self.cuff, self.test, self.repeat, self.condition)
 
     def file_name(self, run: int) -> str:
-        parts = [part for part in self.name.split("_") if self.cuff is not None or "{cuff}" not in part]
-        return "_".join(parts).format(cuff=self.cuff, test=self.test, run=run) + ".mcap"
+        label, parts = self.cuff or self.condition, self.name.split("_")
+        if label is None:
+            parts = [part for part in parts if "{cuff}" not in part or "{test}" in part or "{run}" in part]
+        template = "_".join(parts)
+        if self.cuff is None:
+            template = template.replace("cuff-{cuff}", "condition-{cuff}")
+        return template.format(cuff=label or self.test, test=self.test, run=run) + ".mcap"
 
     def next_free_run(self, session: Path) -> int:
-        """The repeat's own number, or the next that no file has: nothing is overwritten.
+        """The number of the repeat, or the next one without a file, so that no file is overwritten.
 
-        What counts is the number after run-, also in the files that a recovery or an export left beside it.
+        Files of a recovery or an export with this number count as well.
         """
         run = self.repeat
         while any(session.glob(f"{Path(self.file_name(run)).stem}.*")):
@@ -45,11 +60,34 @@ class TrialSpec:
         return run
 
 
-def published_plan(cuffs: Iterable[str], repeats: int, *, has_bounce: bool = False) -> Iterator[TrialSpec]:
-    """Static, dynamic, `repeats` times over, cuff after cuff, each donned once; before all of it, one bounce."""
+def describe_trial(cuff: str | None, test: str, repeat: int, condition: TrialCondition | None = None) -> str:
+    """Title for the operator: "hand, static, repeat 1", "motion, suit, cord tight" or "bounce calibration"."""
+    if cuff is not None:
+        return f"{cuff}, {test}, repeat {repeat}"
+    if test == "bounce":
+        return "bounce calibration"
+    worn, again = CONDITION_NAMES[condition] if condition else "", f"repeat {repeat}" if repeat > 1 else ""
+    return ", ".join(filter(None, (test, worn, again)))
+
+
+def published_plan(
+    cuffs: Iterable[str], repeats: int, *, has_bounce: bool = False, conditions: Iterable[TrialCondition] = ()
+) -> Iterator[TrialSpec]:
+    """`repeats` × (static, dynamic) of every cuff, donned once; before them one bounce.
+
+    With conditions, a pose and the motions without the suit follow the bounce, and the motions in the suit follow the
+    cuffs.
+    """
+    conditions = tuple(conditions)
     if has_bounce:
         yield TrialSpec(None, "bounce", 1)
+    if conditions:
+        yield TrialSpec(None, "pose", 1)
+    yield from (
+        TrialSpec(None, "motion", 1, condition=condition) for condition in conditions if condition not in SUITED
+    )
     for cuff in cuffs:
         for repeat in range(1, repeats + 1):
             for test in CUFF_TESTS:
                 yield TrialSpec(cuff, test, repeat)
+    yield from (TrialSpec(None, "motion", 1, condition=condition) for condition in conditions if condition in SUITED)

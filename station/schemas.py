@@ -1,4 +1,4 @@
-"""The JSON Schemas of the files that the station writes: `python -m station.schemas docs/schemas` publishes them."""
+"""JSON Schemas of the files that the station writes; `python -m station.schemas docs/schemas` publishes them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,30 @@ from pydantic import TypeAdapter
 
 from fitting.results.cuffs_schema import CuffsDocument
 from station.assessment.assessment_file import AssessmentDocument
+from station.emg.emg_json import EmgDocument
+from station.journal_lines import JournalLine
+from station.kinematics.body_document import BodyDocument
+from station.kinematics.postures_file import IkDocument
+from station.study.normative_file import NormativeDocument
+from station.study.plan_output import StudyPlanDocument
+from station.study.study_document import StudyDocument
 
 SCHEMAS: dict[str, TypeAdapter[object]] = {
     "cuffs.schema.json": TypeAdapter(CuffsDocument),
     "assessment.schema.json": TypeAdapter(AssessmentDocument),
+    "session.schema.json": TypeAdapter(JournalLine),
+    "body.schema.json": TypeAdapter(BodyDocument),
+    "ik.schema.json": TypeAdapter(IkDocument),
+    "emg.schema.json": TypeAdapter(EmgDocument),
+    "study.schema.json": TypeAdapter(StudyDocument),
+    "plan.schema.json": TypeAdapter(StudyPlanDocument),
+    "normative.schema.json": TypeAdapter(NormativeDocument),
 }
-"""Published file → the type that writes and reads the document."""
+"""Published file → the type that writes and reads the document, or one line of it."""
 
 
 def schema_text(name: str) -> str:
-    """The schema (JSON Schema 2020-12) that is published under this name."""
+    """The schema (JSON Schema 2020-12) of this file name."""
     schema = SCHEMAS[name].json_schema()
     return json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}, indent=1) + "\n"
 

@@ -1,7 +1,7 @@
-"""Walk a measurement plan; record a trial a second time where it was not accepted or cannot be used.
+"""Record a measurement plan; a trial that is not accepted or cannot be used is recorded a second time.
 
-A recording is judged at once, while the cuff is still on. The first one is set aside in the session's journal, as
-`station judge --redo` does it, so that every later fit leaves it out for the same reason.
+A recording is judged at once, while the cuff is still worn. The first one is rejected in the session's journal, as by
+`station judge --redo`, so that every later fit excludes it for the same reason.
 """
 
 from __future__ import annotations
@@ -12,24 +12,28 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.errors import DeviceError
-from fitting.protocol_file import read_protocol
-from fitting.trial import TrialReading, read_alone
-from fitting.usability import why_unusable
+from fitting.errors import UnusableTrial
+from fitting.session import find_rejection
+from fitting.trial.protocol_file import read_protocol
+from fitting.trial.reader import TrialReading, read_alone
+from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.errors import RecordingError
 from station.bench.simulation import SimulationError
 from station.bench.trial_recorder import TrialRefused, TrialResult
 from station.journal import write_donned, write_verdict
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 from station.progress import Progress
-from station.protocol import TrialSpec
+from station.protocol import BODY_TESTS, TrialSpec
 
 STAGE = "recording trials"
-CANNOT_BEGIN = (DeviceError, RecordingError, TrialRefused, SimulationError)
+START_ERRORS = (DeviceError, RecordingError, TrialRefused, SimulationError)
 
 
 class Attempt(Protocol):
-    """Prepare the bench, record one trial and return what became of it. Raises one of CANNOT_BEGIN.
+    """Prepare the bench and record one trial. Raises one of START_ERRORS.
 
-    is_new_donning: the cuff has to be donned first, as it is another one, or has to be donned anew.
+    is_new_donning: the cuff is donned first.
     """
 
     def __call__(self, spec: TrialSpec, *, is_new_donning: bool) -> TrialResult: ...
@@ -41,8 +45,8 @@ class RecordedTrial:
 
     spec      as it was recorded, with the number of its donning
     result    of the last attempt
-    reading   of its recording; None where nothing was recorded
-    problem   why it cannot be used, empty if it can
+    reading   of a recording of a cuff or a bounce; None for others, and without a recording
+    problem   reason why it cannot be used; empty if it can
     """
 
     spec: TrialSpec
@@ -52,13 +56,14 @@ class RecordedTrial:
 
     @property
     def title(self) -> str:
-        return f"{self.spec.cuff or 'load cell'}, {self.spec.test}, repeat {self.spec.repeat}"
+        subject = self.spec.cuff or self.spec.condition or ("wearer" if self.spec.test in BODY_TESTS else "load cell")
+        return f"{subject}, {self.spec.test}, repeat {self.spec.repeat}"
 
 
 def record_plan(
-    folder: Path, plan: Sequence[TrialSpec], attempt: Attempt, say: Callable[[str], None], progress: Progress
+    folder: Path, plan: Sequence[TrialSpec], attempt: Attempt, report: Callable[[str], None], progress: Progress
 ) -> list[RecordedTrial]:
-    """Record every trial of the plan, with a second attempt where the first cannot be used; never stops at a trial.
+    """Record every trial of the plan, with a second attempt if the first cannot be used; no trial ends the plan.
 
     The first static trial of a donning is repeated on the cuff donned anew: the cuff may have migrated in the one that
     failed, so migration would stay unknown.
@@ -69,17 +74,17 @@ def record_plan(
         progress(STAGE, done, len(plan))
         trial = _record(folder, planned, attempt, donnings)
         if trial.problem:
-            say(f"{trial.title}: {trial.problem}; it is recorded again")
+            report(f"{trial.title}: {trial.problem}; recording it again")
             trial = _second_attempt(folder, trial, planned, attempt, donnings)
             if trial.problem:
-                say(f"{trial.title}: {trial.problem}; it stays missing")
+                report(f"{trial.title}: {trial.problem}; the trial is missing")
         trials.append(trial)
     progress(STAGE, len(plan), len(plan))
     return trials
 
 
 class _Donnings:
-    """Which donning of its cuff a trial is in, and whether the cuff has to be donned before it."""
+    """Number of the current donning of every cuff, and the cuffs that are worn."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -88,13 +93,13 @@ class _Donnings:
         self._held: set[str] = set()  # cuffs with a usable static trial since they were donned
 
     def place(self, planned: TrialSpec) -> tuple[TrialSpec, bool]:
-        """The trial with its donning, and whether that begins with it."""
+        """The trial with its donning, and whether the donning starts with it."""
         if planned.cuff is None:
             return planned, False
         return replace(planned, donning=str(self._numbers.setdefault(planned.cuff, 1))), planned.cuff not in self._worn
 
     def take(self, trial: RecordedTrial) -> None:
-        """After an attempt. What was not recorded has loaded nothing."""
+        """Update after an attempt; without a recording, the cuff was not loaded."""
         cuff = trial.spec.cuff
         if cuff is None or trial.result.path is None:
             return
@@ -110,7 +115,7 @@ class _Donnings:
 def _second_attempt(
     folder: Path, first: RecordedTrial, planned: TrialSpec, attempt: Attempt, donnings: _Donnings
 ) -> RecordedTrial:
-    """The first recording is set aside only where another one takes its place."""
+    """Record again; the first recording is rejected only if there is a second one."""
     second = _record(folder, planned, attempt, donnings)
     if first.result.path is not None and second.result.path is not None:
         write_verdict(folder, first.result.path.name, "redo", first.problem)
@@ -121,12 +126,25 @@ def _record(folder: Path, planned: TrialSpec, attempt: Attempt, donnings: _Donni
     spec, is_new_donning = donnings.place(planned)
     try:
         result = attempt(spec, is_new_donning=is_new_donning)
-    except CANNOT_BEGIN as error:
-        result = TrialResult(None, 0, str(error), accepted=False)
+    except START_ERRORS as error:
+        result = TrialResult(None, 0, (Message(TrialCode.NOT_STARTED, {"text": str(error)}),), accepted=False)
     if result.path is None:
         return RecordedTrial(spec, result, None, f"nothing was recorded: {result.sentence}")
+    if spec.test in BODY_TESTS:
+        return RecordedTrial(spec, result, None, _problem_of_wearer(result))
     reading = read_alone(result.path, read_protocol(folder))
-    problem = why_unusable(reading) if result.accepted else f"not accepted: {result.sentence}"
+    problem = str(find_rejection(reading) or "") if result.accepted else f"not accepted: {result.sentence}"
     trial = RecordedTrial(spec, result, reading, problem)
     donnings.take(trial)
     return trial
+
+
+def _problem_of_wearer(result: TrialResult) -> str:
+    """Reason why a pose or motion cannot be used; empty if it can."""
+    if result.path is None or not result.accepted:
+        return f"not accepted: {result.sentence}"
+    try:
+        read_wearer_trial(result.path)
+    except (UnusableTrial, RecordingError) as error:
+        return str(error)
+    return ""

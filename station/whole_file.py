@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Write files atomically."""
 
 from __future__ import annotations
 
@@ -10,26 +10,23 @@ from pathlib import Path
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """The whole file or the one that was there before, never half of it.
-
-    What a name that is not UTF-8 left in a text is replaced: the file is read elsewhere.
-    """
+    """Write a file completely, or leave the previous one. Bytes of names that are not UTF-8 are replaced."""
     with drafted(path) as draft:
         draft.write_bytes(content.encode(errors="replace") if isinstance(content, str) else content)
 
 
 @contextmanager
 def drafted(path: Path) -> Iterator[Path]:
-    """A path of the same name to write under; what is there when the block ends well takes the place.
+    """A temporary path of the same name; its file replaces `path` when the block ends without an error.
 
-    An OSError names the path, not the draft.
+    An OSError names the path, not the temporary one.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".draft-", dir=path.parent) as folder:
             draft = Path(folder) / path.name
             yield draft
-            os.replace(draft, path)  # noqa: PTH105  (says what it does)
+            os.replace(draft, path)  # noqa: PTH105  (the clearer name)
     except OSError as error:
         if error.errno is None:
             raise

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from station.windows_names import LONGEST_PATH, why_no_windows_name
+from station.windows_names import LONGEST_PATH, windows_name_fault
 
 
 def behave_as_windows(monkeypatch: pytest.MonkeyPatch, below: Path) -> None:
@@ -45,7 +45,7 @@ def _guarded(call: Callable[..., Any], name: str, below: Path) -> Callable[..., 
 def _named(call: Callable[..., Any], name: str, below: Path) -> Callable[..., Any]:
     def named(path: Any, *arguments: Any, **options: Any) -> Any:
         if not isinstance(path, int) and _is_below(path, below):
-            if why := why_no_windows_name(Path(os.fsdecode(path)).name):
+            if why := windows_name_fault(Path(os.fsdecode(path)).name):
                 raise OSError(errno.EINVAL, why, os.fspath(path))
             if len(os.path.abspath(path)) > LONGEST_PATH:  # noqa: PTH100  (as the system counts)
                 raise FileNotFoundError(errno.ENOENT, "the path is too long", os.fspath(path))

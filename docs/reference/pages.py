@@ -29,11 +29,11 @@ SECTION = re.compile(r"^(?:# )?\[([\w.]+)\]")
 
 def command_line() -> str:
     """Every verb with its arguments, options and the extra it needs."""
-    from station.cli import WAY, app
+    from station.cli import STAGES, app
     from station.extras import EXTRAS_OF_VERB
 
     page = ["# Command line", "", f"{app.info.help}", ""]
-    for place, verbs in WAY.items():
+    for place, verbs in STAGES.items():
         page += [f"## {place}", ""]
         for verb in verbs:
             word = verb.__name__.rstrip("_")

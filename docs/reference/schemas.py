@@ -19,12 +19,13 @@ def file_schemas() -> str:
     page += ["Each file states its format as a number. Files of every past format are read.", ""]
     for path in sorted(SCHEMAS.glob("*.json")):
         schema = json.loads(path.read_text(encoding="utf-8"))
-        page += [f"## {path.name.removesuffix('.schema.json')}.json", ""]
+        suffix = "jsonl" if "oneOf" in schema else "json"
+        page += [f"## {path.name.removesuffix('.schema.json')}.{suffix}", ""]
         page += [f"{schema.get('description', '')} [JSON Schema](../schemas/{path.name})".strip(), ""]
-        page += _fields(schema)
+        page += [f"One line is a {_type(schema)}.", ""] if "oneOf" in schema else _fields(schema)
         for name, part in sorted(schema.get("$defs", {}).items()):
             if "properties" in part:
-                page += [f"### {name}", "", *_fields(part)]
+                page += [f"### {name}", "", _meaning(part), "", *_fields(part)]
             elif "enum" in part:
                 page += [f"### {name}", "", ", ".join(f"`{value}`" for value in part["enum"]), ""]
     return "\n".join(page)

@@ -1,11 +1,11 @@
 """The simulated bench in a separate process, controlled by lines of JSON.
 
 The first line on standard input is the settings (settings.py), with "speed", "seed" and "faults" (a list, faults.py)
-beside them; the answer tells "ports", "labels", "trial" and "truth". speed null lets the world go on as far as attached
-stations have handled it (control.py), and it is the default. Each further line is a request (requests.py) or
-{"quit": true}, and is answered by one line. It ends with its standard input, too.
+beside them; the answer has "ports", "labels", "trial" and "truth". With speed null, the default, the world advances as
+far as the attached stations have processed its data (control.py). Every further line is a request (requests.py) or
+{"quit": true}, and is answered by one line. The process also ends when its standard input does.
 
-An answer {"error": "…"} is a sentence; the bench goes on, unless the settings could not be used (exit code 2).
+An answer {"error": "…"} is a sentence; the bench continues, unless the settings could not be used (exit code 2).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _Requests:
         threading.Thread(target=self._read, name="requests", daemon=True).start()
 
     def when_ended(self, act: Callable[[], None]) -> None:
-        """Acts when the input ends, in a thread of its own."""
+        """Call act, in a separate thread, when the input ends."""
 
         def wait() -> None:
             self._ended.wait()
@@ -64,7 +64,7 @@ class _Requests:
         threading.Thread(target=wait, name="end of requests", daemon=True).start()
 
     def next(self) -> dict[str, Any] | None:
-        """The next request, None at the end of input. Raises ValueError where a line is no JSON object."""
+        """The next request, None at the end of input. Raises ValueError for a line that is not a JSON object."""
         line = self._lines.get()
         if not line:
             return None

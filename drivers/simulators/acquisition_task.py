@@ -1,6 +1,6 @@
 """A task of the simulated USB-6008 that acquires voltages: on demand, a finite number, or without end.
 
-Nothing is stored: a sample is what the World was at its moment.
+Nothing is stored: a sample is the value of the World at its time.
 
 Does not imitate: the time that a software-timed sample takes (a millisecond or so, by the USB bus).
 """
@@ -39,7 +39,7 @@ Mode = Literal["on_demand", "finite", "continuous"]
 
 
 class AcquisitionTask:
-    """Until it is given a clock, a task samples when it is read."""
+    """Without a sample clock, a task samples when it is read."""
 
     def __init__(self, device: Usb6008, name: str) -> None:
         self.name = name
@@ -72,7 +72,7 @@ class AcquisitionTask:
 
     @property
     def is_done(self) -> bool:
-        """Whether it has acquired all that it is to: a finite one its samples, any other once it is stopped."""
+        """Whether a finite acquisition has all its samples; any other is done once it is stopped."""
         return not self.is_running or (self.mode == "finite" and self.acquired() >= self.length)
 
     @property
@@ -81,7 +81,7 @@ class AcquisitionTask:
         return self._position
 
     def abort(self) -> None:
-        """Stops it for good, as a reset of its device does."""
+        """End the task, as a reset of its device does; it cannot be started again."""
         self._was_aborted = True
         self.stop()
 
@@ -94,7 +94,7 @@ class AcquisitionTask:
                 raise DaqmxError(code, text)
 
     def set_clock(self, rate_hz: float, samples_per_channel: int, *, is_finite: bool = False) -> None:
-        """A finite acquisition has a buffer for all its samples; any other NI's default at least."""
+        """A finite acquisition has a buffer for all its samples; a continuous one at least NI's default."""
         self.mode = "finite" if is_finite else "continuous"
         self.rate_hz = rate_hz
         self.length = samples_per_channel if is_finite else 0
@@ -169,7 +169,7 @@ class AcquisitionTask:
             return True
 
     def default_read_count(self) -> int:
-        """What "all available" means: on demand a sample, of a finite acquisition the rest, else what is there."""
+        """Meaning of "all available": on demand 1, of a finite acquisition the rest, else the samples in the buffer."""
         if self.mode == "continuous":
             return self.available()
         return self.length - (self._position if self.is_running else 0) if self.mode == "finite" else 1
@@ -177,7 +177,7 @@ class AcquisitionTask:
     def read(self, count: int, timeout_s: float) -> Array:
         """(channels, n) volts, n = count unless the timeout (wall) came first.
 
-        A task that was not started is started for it, and stopped again once it has acquired all that it is to.
+        A task that is not running is started, and stopped again once it is done.
         """
         was_running = self.is_running
         self.start()

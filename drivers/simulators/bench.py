@@ -1,4 +1,4 @@
-"""The simulated bench: one World, the devices that sample it, and the person who starts its captures."""
+"""The simulated bench: one World, the devices that sample it, and the operator who starts its captures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Bench:
 
     A port of None in settings.ports leaves its device out. Raises OSError or RuntimeError where a port is taken.
     With a speed the world keeps that pace at most; with None it moves where an attached station or clock.advance()
-    moves it. What goes wrong follows the plan, and world.faults.inject().
+    moves it. Faults come from the plan and from world.faults.inject().
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Bench:
         try:
             self._start_devices()
         finally:
-            self._running.callback(self.clock.stop)  # first, so that no thread waits for a world that ends
+            self._running.callback(self.clock.stop)  # first, so that no thread waits for a world that has stopped
 
     def _start_devices(self) -> None:
         wanted, settings = self._settings.ports, self._settings
@@ -65,7 +65,7 @@ class Bench:
         if wanted.ni is not None:
             from drivers.simulators.nidaq import NiDaqSimulator  # gRPC and nidaqmx take their time to import
 
-            wiring = settings.wiring.model_dump()
+            wiring = dict(settings.wiring)
             ni = NiDaqSimulator(self.world, port=wanted.ni, clock=settings.daq_clock, seed=self._seed, **wiring)
             self._run("ni", ni)
             watched.append(lambda: ni.is_streaming)
@@ -99,7 +99,7 @@ class Bench:
         return {name: device.sent() for name, device in self._devices.items()}
 
     def pending(self) -> list[str]:
-        """Devices with a pending answer to a client, which depends on the progress of the world."""
+        """Devices whose answer to a client waits for the world to advance."""
         return [name for name, device in self._devices.items() if device.has_pending_reply]
 
     def _run(self, name: str, device: _Simulator) -> None:

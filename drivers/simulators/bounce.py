@@ -32,12 +32,12 @@ class BouncingMass:
         self._decay, self._omega = test.damping_ratio * omega, omega * math.sqrt(1 - test.damping_ratio**2)
 
     def hang(self, now: float) -> None:
-        """The weight hangs from the load cell, in the place of the rope."""
+        """The weight hangs from the load cell in place of the rope."""
         if not self._hangs or self._hangs[-1][1] < math.inf:
             self._hangs.append((now, math.inf))
 
     def take_off(self, now: float) -> None:
-        """The rope is back; what is asked for earlier times stays as it was."""
+        """The rope is back; the past does not change."""
         if self._hangs and self._hangs[-1][1] == math.inf:
             self._hangs[-1] = (self._hangs[-1][0], now)
 
@@ -64,7 +64,7 @@ class BouncingMass:
         return self._test.mass_kg * g + self._stiffness * displacement + self._damping * speed
 
     def _motion(self, t: Floats) -> tuple[Floats, Floats]:
-        """Way and speed: down with the hand, free, and stilled by it; speed of what a hand moves by differences."""
+        """Displacement and speed: pulled down by the hand, free, stopped by the hand; speeds are differences."""
         step = 1e-4
         displacement = self._place(t)
         return displacement, (self._place(t + step) - self._place(t - step)) / (2 * step)

@@ -1,16 +1,16 @@
 """The clock's port of the simulated bench: lines of JSON over TCP, each request answered by one line.
 
-It is no part of the device wires, which show a server nothing of its reader. A station that attaches says here how far
-it has handled what the devices sent; the world goes no farther than it allows:
+It is separate from the devices' protocols, by which a server cannot know what its client has processed. An attached
+station reports here how far it has processed the data; the world does not advance beyond that time:
 
     {"attach": "recorder", "speed": 30}      from now on the world waits for this connection, at this pace at most
-    {"advance_to": 12.5, "ports": [50112]}   all before is handled: go on to that world time [s]. The world moves once
-                                             the connections from these local ports are known to the devices
+    {"advance_to": 12.5, "ports": [50112]}   all earlier data are processed: advance to that world time [s], once the
+                                             devices know the connections from these local ports
 
-The answer to advance_to comes when the devices have sent all up to that time: "sent" tells by device and local port how
-many bytes that is since the connection began (null: closed from here); "pending" names the devices that owe a client an
-answer which comes only as the world goes on. An advance_to of now moves nothing, and asks for just that.
-The other requests are those of requests.py. The end of the connection detaches. Only 127.0.0.1 is served.
+The answer to advance_to comes when the devices have sent all data up to that time. "sent" has, by device and local
+port, the number of bytes since the connection began (null: closed by the simulator); "pending" names the devices whose
+answer to a client waits for the world to advance. An advance_to of the present time only asks for this. The other
+requests are those of requests.py. The end of the connection detaches the station. Only 127.0.0.1 is served.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from weakref import WeakSet
 from drivers.simulators.requests import ServedBench, answer, seconds_from, speed_from
 from drivers.simulators.world_clock import Attachment, ClockStopped
 
-CONNECTION_KNOWN_S = 60.0  # wall; a connection takes that long at most from the kernel to the device's server
+CONNECTION_KNOWN_S = 60.0  # wall; longest time from the acceptance of a connection by the kernel to the device's server
 POLL_INTERVAL_S = 0.001  # wall
 
 
@@ -55,7 +55,7 @@ class ControlServer:
             self._thread.join()
             self._server.server_close()
             for connection in tuple(self._connections):
-                with suppress(OSError):  # the station was faster
+                with suppress(OSError):  # the station closed it first
                     connection.shutdown(socket.SHUT_RDWR)
             self._server = self._thread = None
 
@@ -72,7 +72,7 @@ def _handler(bench: ServedBench, connections: WeakSet[socket.socket]) -> type[so
 
         def handle(self) -> None:
             connections.add(self.connection)
-            with ExitStack() as attached, suppress(OSError):  # the station is gone
+            with ExitStack() as attached, suppress(OSError):  # the station has disconnected
                 talk = _ClockConnection(bench, attached)
                 for line in self.rfile:
                     self.wfile.write(json.dumps(talk.answer(line)).encode() + b"\n")

@@ -1,6 +1,6 @@
 """A cuff on its tissue, pulled over a rope: the equations of motion and their integrator.
 
-Along the pull, with X the cuff and B the place on the body where it was donned (laboratory, m), s what it has slipped:
+Along the pull, with X the cuff, B the place on the body where it was donned (laboratory, m) and s the slip:
 
     tissue     F = k (X − B − s) + c (Ẋ − Ḃ − ṡ)               visco-elastic
     skin       ṡ = max(0, F − L(s)) / η,   L(s) = L₀ + H s     friction with a growing limit (Perzyna)
@@ -124,7 +124,7 @@ def _slope(vector, law, is_driven, drive, out):  # type: ignore[no-untyped-def]
     slip_speed = 0.0
     excess = force - first - growth * slip
     if excess > 0.0:
-        slip_speed = excess / (viscosity + c)  # slipping takes c ṡ off the force that drives it
+        slip_speed = excess / (viscosity + c)  # the force that drives the slip decreases by c ṡ
         force -= c * slip_speed
     tension = _tension(vector, law, drive[2] if is_driven else vector[3])
     out[0] = v

@@ -1,4 +1,4 @@
-"""How the simulated NI server answers a call: its errors, its frozen state, its sessions, its attributes."""
+"""Calls to the simulated NI server: errors, frozen state, sessions, attributes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Service = TypeVar("Service", bound="DaqService")
 
 
 def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.ServicerContext], Any]:
-    """Sends a DaqmxError as the real server does: status UNKNOWN with the code in the trailing metadata."""
+    """Send a DaqmxError as the real server does: status UNKNOWN with the code in the trailing metadata."""
 
     @functools.wraps(method)
     def answer(self: Service, request: Any, context: grpc.ServicerContext) -> Any:
@@ -31,11 +31,11 @@ def rpc(method: Callable[[Service, Any], Any]) -> Callable[[Service, Any, grpc.S
         except SessionRefused as error:
             return context.abort(error.status, str(error))
         except DaqmxError as error:
-            metadata = [("ni-error", str(error.code))]
+            metadata = [("ni-error", str(error.error_code))]
             if method.__name__.startswith("Read"):
                 metadata.append(("ni-samps-per-chan-read", "0"))
             context.set_trailing_metadata(tuple(metadata))
-            return context.abort(grpc.StatusCode.UNKNOWN, f"{error}\n\nStatus Code: {error.code}")
+            return context.abort(grpc.StatusCode.UNKNOWN, f"{error}\n\nStatus Code: {error.error_code}")
 
     return answer
 
@@ -48,7 +48,7 @@ class DaqService(NiDAQmxServicer):
         self.sessions = DaqSessions(device)
 
     def wait_while_frozen(self, context: grpc.ServicerContext) -> None:
-        """Returns at once unless the server is frozen; a call that its client has given up does not happen later."""
+        """Returns at once unless the server is frozen; a call that its client has cancelled has no effect."""
         while self.device.world.faults.active("ni", "freeze"):
             if not context.is_active():
                 context.abort(grpc.StatusCode.CANCELLED, "frozen")
@@ -59,7 +59,7 @@ class DaqService(NiDAQmxServicer):
 
 
 def attribute(request: Any, values: dict[int, Value]) -> Value:
-    """By NI's number (NIDAQmx.h). Raises DaqmxError for one that is not imitated."""
+    """Value of an attribute by NI's number (NIDAQmx.h). Raises DaqmxError for one that is not imitated."""
     if request.attribute_raw not in values:
         raise DaqmxError(-200452, f"Specified property is not supported: 0x{request.attribute_raw:04X}.")
     return values[request.attribute_raw]

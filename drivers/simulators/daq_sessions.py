@@ -1,4 +1,4 @@
-"""The sessions of an NI gRPC Device Server: a task lives until it is cleared, whatever becomes of its client.
+"""The sessions of an NI gRPC Device Server: a task lives until it is cleared, also if its client dies.
 
 As in ni/grpc-device, source/server/session_repository.cpp: a session has no time-out and outlives its connection.
 """
@@ -16,7 +16,7 @@ NO_SUCH_TASK = (-200088, "Task specified is invalid or does not exist.")
 
 
 class SessionRefused(DeviceError):
-    """The session exists, or does not, against what the client expects; not an error of NI-DAQmx."""
+    """The client expected a session that does not exist, or a new one that exists; not an error of NI-DAQmx."""
 
     def __init__(self, status: grpc.StatusCode, text: str) -> None:
         super().__init__(text)
@@ -48,7 +48,7 @@ class DaqSessions:
         return task, True
 
     def find(self, name: str, *, must_live: bool = True) -> AcquisitionTask:
-        """Raises DaqmxError where there is none or, with must_live, where its device was taken from under it."""
+        """The task of a session. Raises DaqmxError if there is none or, with must_live, if its device was removed."""
         if name not in self._tasks:
             raise DaqmxError(*NO_SUCH_TASK)
         if must_live:
@@ -67,6 +67,6 @@ class DaqSessions:
         task.stop()
 
     def clear_all(self) -> None:
-        """Ends every task, and with it the calls that wait for one."""
+        """End every task, and the calls that wait for one."""
         for name in list(self._tasks):
             self.clear(name)

@@ -1,4 +1,4 @@
-"""Tasks of the simulated NI server: their life, clock, trigger and samples.
+"""Tasks of the simulated NI server: creation, clock, trigger and samples.
 
 Does not imitate: waveforms, scalars and raw codes, logging to a file, reference triggers, pausing.
 """
@@ -92,7 +92,7 @@ class TaskRpcs(DaqService):
             count, timeout_s = task.default_read_count(), timeout_s if task.mode == "finite" else 0.0
         volts = task.read(count, timeout_s)
         got = volts.shape[1]
-        # A late read is no error of the transport: what there is stands at the start of each channel's place.
+        # An incomplete read is not a transport error: the samples are at the start of each channel's block.
         values = np.zeros((len(task.inputs), count))
         values[:, :got] = volts
         if request.fill_mode_raw == FillMode.GROUP_BY_SCAN_NUMBER.value:
@@ -103,12 +103,12 @@ class TaskRpcs(DaqService):
 
     def RegisterEveryNSamplesEvent(self, request: Any, context: Any) -> Iterator[Any]:
         task = self.sessions.find(request.task.name)
-        context.send_initial_metadata(())  # the client blocks on it
+        context.send_initial_metadata(())  # the client waits for it
         due = request.n_samples
         while context.is_active() and self.sessions.holds(task):
             try:
                 has_come = task.wait_until_acquired(due, EVENT_POLL_S)
-            except DaqmxError:  # the device is gone, and the client's next call is told so
+            except DaqmxError:  # the device is gone; the client's next call returns the error
                 return
             if not has_come:
                 time.sleep(EVENT_POLL_S / 10)  # it may not have been started yet
@@ -127,7 +127,7 @@ class TaskRpcs(DaqService):
 
     @rpc
     def GetTaskAttributeString(self, request: Any) -> Any:
-        task = self.sessions.find(request.task.name, must_live=False)  # what it is called is asked of no device
+        task = self.sessions.find(request.task.name, must_live=False)  # the name does not depend on the device
         names = ", ".join(channel.name for channel in task.inputs)
         value = attribute(request, {0x1276: task.name, 0x1273: names})
         return wire.GetTaskAttributeStringResponse(value=value)

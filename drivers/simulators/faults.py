@@ -7,7 +7,7 @@ A plan is a list of tables; times are world seconds:
     fault = "unplug"     # one of FAULTS
     at_s = 3.0           # after the start of the capture …
     capture = 1          # … of this number; 0: after the start of the world
-    for_s = 2.0          # how long; without it as long as FAULTS says
+    for_s = 2.0          # duration; the default is that of FAULTS
     labels = ["cuff_1"]  # for drop_labels and rename_labels; without it the last label
 """
 
@@ -28,40 +28,40 @@ from documents.validation import NonNegative, Section, Whole, describe_error
 FAULTS: Mapping[str, Mapping[str, float]] = {
     "ni": {
         "overrun": 0.0,  # the PC buffer was overwritten (-200279), until the task is stopped and started
-        "fifo_overflow": 0.0,  # the on-board FIFO was overwritten (-200361), likewise
-        "transfer_aborted": 1.0,  # USB transfer aborted (-50405); the task is dead, no other starts for so long
-        "unplug": 1.0,  # the device is gone (-200045) and comes back; tasks of before stay dead
+        "fifo_overflow": 0.0,  # the on-board FIFO was overwritten (-200361), until the task is stopped and started
+        "transfer_aborted": 1.0,  # USB transfer aborted (-50405); the task is dead, no other starts meanwhile
+        "unplug": 1.0,  # the device is removed (-200045) and plugged in again; earlier tasks stay dead
         "refuse": 1.0,  # no task starts: reserved by another program (-50103)
         "freeze": 1.0,  # no call is answered
     },
     "qtm": {
         "skip_frames": 0.05,  # frames are exposed, numbered and not sent
-        "drop_labels": inf,  # labels leave the list, announced
-        "reorder_labels": inf,  # the list is turned round, announced
-        "rename_labels": inf,  # labels become "… (old)", announced
-        "half_packet": 0.0,  # a frame's packet stops in its middle, the next follows
-        "zero_length": 0.0,  # a packet that says it has no bytes
-        "huge_length": 0.0,  # a packet that says it has two billion
-        "unknown_packet": 0.0,  # of type 77
+        "drop_labels": inf,  # labels are removed from the list, with an event
+        "reorder_labels": inf,  # the list is reversed, with an event
+        "rename_labels": inf,  # labels become "… (old)", with an event
+        "half_packet": 0.0,  # a frame's packet is cut in the middle, the next follows
+        "zero_length": 0.0,  # a packet with a length of 0
+        "huge_length": 0.0,  # a packet with a length of two billion bytes
+        "unknown_packet": 0.0,  # a packet of type 77
         "unknown_component": 0.05,  # frames carry a component of type 99 before the markers
-        "unknown_event": 0.0,  # number 200
-        "drop_images": 0.05,  # frames say that 5 % of the cameras' images are dropped and 2 % out of step
-        "silent": 1.0,  # the connection stays, nothing is said, no command is answered
-        "restart": 1.0,  # every connection is closed and the port refuses; the capture goes on
-        "renumber": 0.0,  # frames and time stamps count anew
-        "full": 1.0,  # new clients are told that ten are there
-        "no_more_data": 1.0,  # says so, and sends no frames
+        "unknown_event": 0.0,  # event 200
+        "drop_images": 0.05,  # frames report 5 % of the cameras' images as dropped and 2 % as out of synchronisation
+        "silent": 1.0,  # the connection stays open, nothing is sent, no command is answered
+        "restart": 1.0,  # every connection is closed and the port refuses; the capture continues
+        "renumber": 0.0,  # frame numbers and time stamps start again
+        "full": 1.0,  # new clients get the answer that ten are connected
+        "no_more_data": 1.0,  # announces no more data and sends no frames
     },
     "serial": {
-        "garbage": 0.5,  # lines are rubbish
+        "garbage": 0.5,  # lines are garbled
         "silence": 0.5,  # no lines
-        "unplug": 1.0,  # hangs up, and does so on everyone who comes
+        "unplug": 1.0,  # closes every connection at once
     },
     "sync": {
-        "glitch": 0.003,  # the line is on its other level
-        "early_edge": 0.1,  # the line rises so long before the first frame is exposed; at_s is ignored
+        "glitch": 0.003,  # the line is at the other level
+        "early_edge": 0.1,  # the line rises for_s before the first frame is exposed; at_s is ignored
         "double_edge": 0.05,  # the line falls back, to rise a second time
-        "no_stop_edge": inf,  # the line stays up after the capture's end; at_s is ignored
+        "no_stop_edge": inf,  # the line stays high after the end of the capture; at_s is ignored
         "wrong_polarity": inf,  # the line is low where it should be high
     },
 }
@@ -84,7 +84,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Happening:
-    """A fault with its place in time: [begin, end) in world seconds."""
+    """A fault with its times: [begin, end) in world seconds."""
 
     fault: Fault
     begin: float
@@ -92,7 +92,7 @@ class Happening:
 
 
 def fault_from_dict(data: Any) -> Fault:
-    """One entry. Raises ValueError in one sentence that names what is wrong."""
+    """One entry of a plan. Raises ValueError in one sentence that names the key and the value."""
     if not isinstance(data, dict):
         raise ValueError(f"a fault is {data!r}, expected a table with device and fault")
     try:
@@ -104,7 +104,7 @@ def fault_from_dict(data: Any) -> Fault:
 
 
 def read_fault_plan(path: Path) -> tuple[Fault, ...]:
-    """The plan in a TOML file. Raises ValueError in one sentence that names the file and what is wrong in it."""
+    """The plan in a TOML file. Raises ValueError in one sentence that names file, key and value."""
     try:
         content = read_toml(path)
     except OSError as error:
@@ -121,7 +121,7 @@ def read_fault_plan(path: Path) -> tuple[Fault, ...]:
 
 
 class _FaultTable(Section):
-    """The keys of one [[faults]]; without for_s the fault lasts as long as FAULTS says."""
+    """The keys of one [[faults]]; the default of for_s is that of FAULTS."""
 
     device: Literal["ni", "qtm", "serial", "sync"]
     fault: str
@@ -152,13 +152,13 @@ class Faults:
             return self._now()
 
     def inject(self, fault: Fault) -> dict[str, Any]:
-        """Lets it happen at_s from now, whatever its capture; returns it as plain data."""
+        """Start the fault at_s from now, independent of its capture; returns it as plain data."""
         with self._lock:
             self._happenings = (*self._happenings, _happening(fault, self._now()))
         return asdict(fault)
 
     def capture_started(self, number: int, start: float) -> None:
-        """Gives the faults of this capture their place in time."""
+        """Set the times of the faults of this capture."""
         with self._lock:
             due = [fault for fault in self._waiting if fault.capture == number]
             self._waiting = [fault for fault in self._waiting if fault.capture != number]

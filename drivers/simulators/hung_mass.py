@@ -1,4 +1,4 @@
-"""A known mass that a person hangs from the load cell in the place of the rig, still, by a hook without weight.
+"""A known mass that a person hangs from the load cell in place of the rig, at rest, by a hook without weight.
 
 Does not imitate: the swing of a mass that was just hung.
 """
@@ -22,7 +22,7 @@ class HungMass:
         self._forces = [math.nan]  # [N]; NaN: the rig
 
     def hang(self, mass_kg: float, now: float) -> None:
-        """The mass hangs in the place of the rig; 0: the empty cell."""
+        """The mass hangs in place of the rig; 0 is the empty cell."""
         self._change(mass_kg * g, now)
 
     def take_off(self, now: float) -> None:

@@ -22,26 +22,26 @@ PullKind = Literal["static", "dynamic"]
 
 @dataclass(frozen=True)
 class Gate:
-    """The next movement of the hands begins at `moves`; since `stands` [s] they stand still."""
+    """The next movement of the hands begins at `moves`; they have been at rest since `stands` [s]."""
 
     stands: float
     moves: float
 
 
 class LoadScript(Protocol):
-    """One trial's load, realised with its hand's chance."""
+    """Load of one trial, with the random times of its hand."""
 
     @property
     def link(self) -> SpringDamper: ...
 
     @property
     def duration(self) -> float:
-        """Seconds from the start of the capture until everything is off again."""
+        """Seconds from the start of the capture until all weights are removed."""
         ...
 
     @property
     def gates(self) -> tuple[Gate, ...]:
-        """Where led hands wait for the page: step k opens the k-th (operator.hands, settings.py)."""
+        """Times at which led hands wait for the console: step k opens the k-th (operator.hands, settings.py)."""
         ...
 
     def far_end(self, t: Floats) -> Floats:
@@ -93,7 +93,7 @@ class DynamicScript:
 
     @property
     def gates(self) -> tuple[Gate, ...]:
-        """The first pull; a swing that has begun is not held up."""
+        """The first pull; a running oscillation is not paused."""
         return (Gate(0.0, self.test.lead_in_s),)
 
     def far_end(self, t: Floats) -> Floats:

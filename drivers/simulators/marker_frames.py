@@ -13,7 +13,8 @@ from drivers.simulators.world import World
 
 DATA_PACKET = 3
 COMPONENTS = {"3d": (1, 3), "3dres": (9, 4)}  # type on the wire, numbers per marker
-MISSING = 0xFFFFFFFF  # the bits of x, y and z of a marker that is not seen
+MISSING = 0xFFFFFFFF  # the bits of x, y and z of a hidden marker
+ROUNDING_FRAMES = 1e-6  # a frame at the very end of a capture does not belong to it, whatever the rounding
 _TYPICAL_RESIDUAL_MM = 0.4
 _HEADER = (
     ("size", "<u4"),
@@ -57,8 +58,8 @@ class Camera:
         self._random = np.random.default_rng(round(first_exposure * 1e6))
 
     def frames_before(self, until: float) -> Frames | None:
-        """The frames exposed since the last call and before the world time until; None where there are none."""
-        due = math.ceil((until - self._first_exposure) * self._rate)
+        """The frames exposed since the last call and before the world time `until`; None without any."""
+        due = math.ceil((until - self._first_exposure) * self._rate - ROUNDING_FRAMES)
         if due <= self._exposed:
             return None
         index = np.arange(self._exposed, due)
@@ -66,11 +67,11 @@ class Camera:
         return self._frames(index)
 
     def latest(self) -> Frames | None:
-        """The last that was exposed, once more."""
+        """The last exposed frame again."""
         return self._frames(np.array([self._exposed - 1])) if self._exposed else None
 
     def renumbered(self) -> Camera:
-        """Goes on with the next exposure as frame 1."""
+        """Number the next exposure as frame 1."""
         return Camera(self._world, self._first_exposure + self._exposed / self._rate)
 
     def _frames(self, index: NDArray[np.int64]) -> Frames:

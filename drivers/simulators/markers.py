@@ -1,6 +1,6 @@
 """Marker positions: a swaying body, the cuff displaced along the rope, the rope towards its pulley.
 
-Frames: "anchor" is fixed to the anchoring body; "ground" is the laboratory, z up. Millimetres, as the cameras tell.
+Frames: "anchor" is fixed to the anchoring body; "ground" is the laboratory, z up. Millimetres, as QTM sends.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ class Wearer:
         return Rotation.from_rotvec(sway[:, 3:]) * self._stance, self._position + sway[:, :3]
 
     def rope(self, t: Floats) -> tuple[Floats, Floats]:
-        """Where the cuff sits unpulled (n, 3) [mm] and the unit direction (n, 3) of the rope from there, in ground."""
+        """Position of the unloaded cuff (n, 3) [mm], and unit direction (n, 3) of the rope from there, in ground."""
         rotation, origin = self.pose(t)
         place = rotation.apply(self._cuff_in_anchor) + origin
         reach = self._pulley - place
         return place, reach / np.linalg.norm(reach, axis=1, keepdims=True)
 
     def along_rope(self) -> Wander:
-        """How the body's sway moves the unpulled cuff along the mean pull [m], for small angles."""
+        """Displacement of the unloaded cuff along the mean pull [m] by the sway of the body, for small angles."""
         arm = self._stance.apply(self._cuff_in_anchor)
         reach = self._pulley - self._position - arm
         direction = reach / np.linalg.norm(reach)
@@ -49,9 +49,9 @@ class Wearer:
 
 
 class MarkerCloud:
-    """All markers, as cameras see them: noisy, now and then hidden."""
+    """All markers as the cameras see them, with noise and occlusions."""
 
-    def __init__(self, settings: Settings, wearer: Wearer, seed: int) -> None:
+    def __init__(self, settings: Settings, wearer: Wearer, seed: int, person_labels: tuple[str, ...] = ()) -> None:
         self._mocap = settings.mocap
         self._wearer = wearer
         self._seed = seed
@@ -66,19 +66,25 @@ class MarkerCloud:
             *self._mocap.cuff_markers_mm,
             *self._mocap.rope_markers_mm,
             *((settings.bounce.marker,) if settings.bounce else ()),
+            *person_labels,
         )
         self._weight_at_rest = np.array(settings.bounce.position_mm) if settings.bounce else None
 
-    def seen(self, t: Floats, displacement: Floats, weight: Floats | None = None) -> Floats:
+    def seen(
+        self, t: Floats, displacement: Floats, weight: Floats | None = None, person: Floats | None = None
+    ) -> Floats:
         """(n, labels, 3) [mm] at t (n,) with the cuff displaced by displacement (n,) [m]; NaN where hidden.
 
-        weight (n,) [m] is how far the bouncing weight is below its rest; None: at rest.
+        weight (n,) [m] is how far the bouncing weight is below its rest; None: at rest. person (n, person_labels, 3)
+        [mm] are the markers of the person, None where there is none.
         """
         points = self.true_points(t, displacement)
         if self._weight_at_rest is not None:
             place = np.repeat(self._weight_at_rest[None], len(t), axis=0)
             place[:, 2] -= 0.0 if weight is None else 1e3 * weight
             points = np.concatenate([points, place[:, None]], axis=1)
+        if person is not None:
+            points = np.concatenate([points, person], axis=1)
         points += self._rng.normal(0.0, self._mocap.noise_mm, points.shape)
         points[self._hidden(t)] = np.nan
         return points

@@ -8,7 +8,9 @@ answered UNIMPLEMENTED); and what usb6008.py, acquisition_task.py and daq_*_rpcs
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 
 import grpc
 from nidaqmx._stubs.nidaqmx_pb2_grpc import add_NiDAQmxServicer_to_server
@@ -16,7 +18,7 @@ from nidaqmx._stubs.nidaqmx_pb2_grpc import add_NiDAQmxServicer_to_server
 from drivers.simulators.daq_channel_rpcs import ChannelRpcs
 from drivers.simulators.daq_device_rpcs import DeviceRpcs
 from drivers.simulators.daq_task_rpcs import TaskRpcs
-from drivers.simulators.settings import DaqClockSettings
+from drivers.simulators.settings import DaqClockSettings, EmgWire
 from drivers.simulators.usb6008 import ElectricalWorld, Usb6008
 
 
@@ -31,6 +33,7 @@ class NiDaqSimulator:
         device: str = "Dev1",
         force_channel: str = "ai0",
         sync_channel: str = "ai1",
+        emg: Mapping[str, EmgWire] = MappingProxyType({}),
         clock: DaqClockSettings | None = None,
         seed: int = 0,
     ) -> None:
@@ -39,6 +42,7 @@ class NiDaqSimulator:
             name=device,
             force_channel=force_channel,
             sync_channel=sync_channel,
+            emg=emg,
             clock=clock or DaqClockSettings(),
             seed=seed,
         )
@@ -86,7 +90,7 @@ class NiDaqSimulator:
         return f"the DAQ task {task.name}"
 
     def drop_slow_client(self) -> None:
-        """Its unread samples are overwritten from now on, as on the real device."""
+        """Overwrite its unread samples from now on, as the real device does."""
         if task := self._device.running:
             task.may_overrun = True
 
@@ -96,4 +100,4 @@ class NiDaqSimulator:
 
 
 class _Service(TaskRpcs, ChannelRpcs, DeviceRpcs):
-    """All that is imitated of NiDAQmx."""
+    """The imitated part of NiDAQmx."""

@@ -1,4 +1,4 @@
-"""The person at the mocap PC: starts a capture some seconds after everything streams, unless a client is in control."""
+"""The operator at the mocap PC: starts a capture some seconds after all devices stream, unless a client has control."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.simulators.world import World
 class Operator:
     """One capture for each time that all devices begin to stream; a client that takes control is left alone.
 
-    A capture that still runs is waited for, and delay_s after it as well.
+    A new capture starts at least delay_s after the end of the previous one.
     """
 
     def __init__(

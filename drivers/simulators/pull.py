@@ -16,11 +16,11 @@ from drivers.simulators.wander import Wander
 Floats = NDArray[np.float64]
 
 _KEPT_S = 240.0  # at speed 30 a device may lag by 8 s of wall time
-_SETTLING_S = 2.0  # after a longer rest without queries the integration restarts here
+_SETTLING_S = 2.0  # after a longer time without queries the integration restarts here
 _CHUNK_STEPS = 20_000
 
 
-class Pull:
+class SimulatedPull:
     """The cuff under its load; base is how the wearer's sway moves the unpulled cuff along the rope [m]."""
 
     def __init__(self, settings: Settings, base: Wander, rng: np.random.Generator) -> None:
@@ -31,7 +31,7 @@ class Pull:
 
     @property
     def slip(self) -> float:
-        """How far the cuff has slipped since it was donned [m]."""
+        """Slip of the cuff since it was donned [m]."""
         return self._state.slip
 
     def set_up(self, cuff: str, test: PullKind, slip: float) -> None:

@@ -12,7 +12,7 @@ busy. A recorder in another process or language does the same over the port benc
 that cannot, simulated_bench(speed=1) keeps the pace of the wall clock, at most; such a run is not reproducible.
 
 Faults are those of faults.py; further settings are sections of settings.py, as in mocap={"has_preview": True}. While it
-runs, bench.world starts captures, and bench.world.faults.inject(fault_from_dict({...})) lets something go wrong now.
+runs, bench.world starts captures, and bench.world.faults.inject(fault_from_dict({...})) starts a fault now.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def simulated_bench() -> Iterator[Callable[..., Bench]]:
 
     Raises ValueError in one sentence where a fault or a setting cannot be used.
     """
-    # Imported when asked for: the plugin is loaded in every run of pytest, and physics and gRPC take their time.
+    # Imported when asked for: the plugin is loaded in every run of pytest, and physics and gRPC are slow to import.
     from drivers.simulators.bench import Bench
     from drivers.simulators.faults import fault_from_dict
     from drivers.simulators.settings import settings_from_dict

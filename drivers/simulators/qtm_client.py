@@ -6,7 +6,7 @@ import asyncio
 import struct
 from dataclasses import dataclass
 
-MOST_UNSENT_BYTES = 1_000_000  # a client further behind holds the world back
+MOST_UNSENT_BYTES = 1_000_000  # a client that is further behind slows the world down
 
 
 @dataclass(frozen=True)

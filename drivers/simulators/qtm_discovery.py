@@ -1,4 +1,4 @@
-"""QTM's auto discovery: answers a discover packet over UDP with what the server is and where it listens.
+"""QTM's auto discovery: answers a discover packet over UDP with the identity and the port of the server.
 
 The packets are those of Qualisys's RT protocol, "Discover packet" and "Discover response packet". Only a sender on this
 machine is answered.
@@ -26,7 +26,7 @@ LOCAL, EVERYBODY = "127.0.0.1", "255.255.255.255"
 
 
 class QtmDiscovery:
-    """Answers in a thread of its own; port 0 takes a free one. start() and stop() work once each.
+    """Answers in a separate thread; port 0 takes a free one. start() and stop() work once each.
 
     qtm_port is that of QTM's little-endian server, one above its base port.
     """

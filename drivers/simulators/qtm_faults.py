@@ -23,14 +23,14 @@ STRAYS = {
 }
 _STRANGER = struct.pack("<II", 20, 99) + b"of tomorrow."
 _HEAD = struct.Struct("<IIqII")  # size, type, time stamp, number, components
-_RATES = struct.Struct("<HH")  # images dropped and out of step, per mille
+_RATES = struct.Struct("<HH")  # images dropped and out of synchronisation, per mille
 _RATES_AT = _HEAD.size + 12  # behind the component's size, type and count
 
 Turn = tuple[float, Literal["settings", "numbers"]]
 
 
 class QtmFaults:
-    """Answers for one World's faults of "qtm"; times are world seconds."""
+    """Effect of one World's faults of "qtm"; times are world seconds."""
 
     def __init__(self, faults: Faults, labels: Sequence[str], rate_hz: float) -> None:
         self._faults = faults
@@ -41,7 +41,7 @@ class QtmFaults:
         return self._faults.active("qtm", kind) is not None
 
     def turns(self, after: float, until: float) -> list[Turn]:
-        """When the settings change or the frames are numbered anew, in [after, until), in order."""
+        """Times in [after, until), in order, at which the settings change or the frame numbers restart."""
         changes = self._faults.of("qtm", *RELABELLING)
         turns: list[Turn] = [(moment, "settings") for one in changes for moment in (one.begin, one.end)]
         turns += [(one.begin, "numbers") for one in self._faults.of("qtm", "renumber")]
@@ -76,7 +76,7 @@ class QtmFaults:
         return b"".join(self._spoilt(packets, sent.times))
 
     def strays(self, after: float, until: float) -> bytes:
-        """Packets out of the blue, due in [after, until)."""
+        """Unexpected packets, due in [after, until)."""
         due = [one for one in self._faults.of("qtm", *STRAYS) if after <= one.begin < until]
         return b"".join(STRAYS[one.fault.fault] for one in due)
 

@@ -1,7 +1,7 @@
 """QTM's real-time server, protocol 1.25, little endian: serves the World's markers to any client of Qualisys.
 
 Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, and timestamps count from that frame.
-With a preview, frames flow between captures too; their numbers begin anew with every capture and every preview.
+With a preview, frames flow between captures too; their numbers restart with every capture and every preview.
 
 Does not imitate: the ports of other versions and byte orders, UDP and OSC, components other than labelled 3D
 with and without residuals, changing settings but by a fault, triggers, transfer of files, calibration,
@@ -26,7 +26,7 @@ from drivers.simulators.world import Capture, World
 
 ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
 CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, SETTINGS_CHANGED, CAPTURE_SAVED = 1, 2, 3, 4, 11, 13
-PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that are no state
+PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that do not report a state
 VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
 MOST_CLIENTS = 10
 LONGEST_COMMAND_BYTES = 65_536
@@ -35,7 +35,7 @@ MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
 
 
 class QualisysSimulator:
-    """The server, on 127.0.0.1 in a thread of its own; port 0 takes a free one. start() and stop() work once each."""
+    """The server, on 127.0.0.1 in a separate thread; port 0 takes a free one. start() and stop() work once each."""
 
     def __init__(self, world: World, *, port: int = 0) -> None:
         self.port = port
@@ -68,7 +68,7 @@ class QualisysSimulator:
 
     @property
     def has_pending_reply(self) -> bool:
-        """To a command while it is silent, to one that stopped a capture, to a client that awaits its first frame."""
+        """Whether a command while silent, a stop of a capture, or the first frame of a client awaits its answer."""
         server = self._server
         return server.is_silent or server.is_stopping or any(client.awaits_frame for client in tuple(server.clients))
 
@@ -91,11 +91,11 @@ class QualisysSimulator:
 
 
 class _RefusedError(Exception):
-    """QTM's answer to a command that it refuses."""
+    """QTM's refusal of a command."""
 
 
 class _Server:
-    """QTM itself: its clients, who is master, the measurement, and the frames that flow."""
+    """QTM: its clients, the master, the measurement, and the stream of frames."""
 
     def __init__(self, world: World) -> None:
         self.loop = asyncio.new_event_loop()
@@ -120,7 +120,7 @@ class _Server:
 
     async def serve(self, port: int, bound: Future[int]) -> None:
         try:
-            self._listener = await asyncio.start_server(self._talk, "127.0.0.1", port)
+            self._listener = await asyncio.start_server(self._serve_client, "127.0.0.1", port)
         except OSError as error:
             bound.set_exception(error)
             return
@@ -146,19 +146,19 @@ class _Server:
         if self._trouble.is_now("restart"):
             self._hang_up()
         elif self._listener is None:
-            self._listener = await asyncio.start_server(self._talk, "127.0.0.1", self._port)
+            self._listener = await asyncio.start_server(self._serve_client, "127.0.0.1", self._port)
         before = self._told_until
         capture = self._world.capture
         if capture is not None and capture.number > self._captures:
-            if self._capture is not None:  # it ended, and the next began, since we looked
-                self._tell_until(min(self._capture.end, capture.start))
+            if self._capture is not None:  # it has ended and the next has begun since the last step
+                self._send_until(min(self._capture.end, capture.start))
                 self._end(self._capture)
-            self._tell_until(capture.start)
+            self._send_until(capture.start)
             self._begin(capture)
         if self._capture is None:
-            self._tell_until(now)
+            self._send_until(now)
         elif capture is not None:
-            self._tell_until(min(now, capture.end))
+            self._send_until(min(now, capture.end))
             if now >= capture.end:
                 self._end(capture)
         self._send(dict.fromkeys(self._streams(), self._trouble.strays(before, self._told_until)))
@@ -174,7 +174,7 @@ class _Server:
     def laggard(self) -> Client | None:
         return next((client for client in tuple(self.clients) if client.is_behind), None)
 
-    def _tell_until(self, until: float) -> None:
+    def _send_until(self, until: float) -> None:
         """Sends the frames exposed before until, and announces what changes between them."""
         for moment, what in self._trouble.turns(self._told_until, until):
             self._send_before(moment)
@@ -235,7 +235,7 @@ class _Server:
 
     # Commands
 
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = Client(writer)
         if len(self.clients) >= MOST_CLIENTS or self._trouble.is_now("full"):
             client.send_text(ERROR, "Connection refused. Max number of clients reached.")
@@ -301,7 +301,7 @@ class _Server:
         client.send_text(XML, xml)
 
     def _on_streamframes(self, client: Client, wanted: str) -> None:
-        """The answer is the first frame, or no-more-data while nothing flows."""
+        """The answer is the first frame, or no-more-data without a stream."""
         client.stream = self._stream(wanted.lower().split())
         client.awaits_frame = client.stream is not None and self._camera is not None
         if client.stream and self._camera is None:
@@ -317,7 +317,7 @@ class _Server:
             client.send_bytes(self._trouble.packets(frame, component.lower(), 1))
 
     def _on_takecontrol(self, client: Client, password: str) -> str:
-        if self._mocap.password not in ("", password):  # with none required, any will do
+        if self._mocap.password not in ("", password):  # without a required password, any is accepted
             raise _RefusedError("Wrong or missing password")
         if self.master is client:
             return "You are already master"

@@ -2,15 +2,16 @@
 
     {"trial": {"cuff": "hand", "test": "static"}}   sets that trial up, for this and the following captures
     {"trial": {"cuff": null, "test": "bounce"}}     the weight on its spring, where the settings have one
-    {"don": "hand"}                                 dons the cuff anew
+    {"trial": {"cuff": null, "test": "motion", "condition": "tight"}}   a person's pose or motion, if set
+    {"don": "hand"}                                 dons the cuff again
     {"hang_kg": 2}                                  hangs a known mass from the load cell until the next capture begins
-    {"step": 2}                                     the page is at this step, and the hands follow (operator.hands)
-    {"pause_s": 60}                                 answers when so many seconds of the world have passed
-    {"fault": {"device": "ni", "fault": "unplug"}}  goes wrong now, or at_s from now (faults.py)
-    {"truth": true}                                 parameters by cuff, and what each has slipped since it was donned
-    {"ports": true}                                 where the devices answer, by name
-    {"speed": 3}                                    world seconds per wall second at the most; null: as fast as handled
-    {"pace": true}                                  its speed, and the rate of late
+    {"step": 2}                                     the console is at this step, and the hands follow (operator.hands)
+    {"pause_s": 60}                                 answers after pause_s world seconds
+    {"fault": {"device": "ni", "fault": "unplug"}}  starts now, or at_s from now (faults.py)
+    {"truth": true}                                 parameters of every cuff, and its slip since it was donned
+    {"ports": true}                                 ports of the devices, by name
+    {"speed": 3}                                    world seconds per wall second at most; null: without a limit
+    {"pace": true}                                  its speed, and the recent rate
 
 Every answer carries "now", the world time [s] at which the request took effect.
 """
@@ -20,10 +21,11 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any, Protocol, cast, get_args
 
 from drivers.simulators.faults import fault_from_dict
-from drivers.simulators.world import World
+from drivers.simulators.person import Worn
+from drivers.simulators.world import SimulatedTrial, TestKind, World
 from drivers.simulators.world_clock import WorldClock
 
 KNOWN = ("trial", "don", "hang_kg", "step", "fault", "pause_s", "truth", "ports", "speed", "pace", "quit")
@@ -43,7 +45,7 @@ class ServedBench(Protocol):
 
 
 def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
-    """The answer to one request. Raises ValueError in one sentence where it cannot be met, ClockStopped at the end."""
+    """Answer to one request. Raises ValueError in one sentence for a refusal, ClockStopped once the world has ended."""
     content = _answer(bench, request)
     return {**content, "now": bench.clock.now()}
 
@@ -51,8 +53,8 @@ def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
 def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
     world, clock = bench.world, bench.clock
     match request:
-        case {"trial": {"cuff": str() | None as cuff, "test": "static" | "dynamic" | "bounce" as test}}:
-            content: dict[str, Any] = {"trial": asdict(world.select_trial(cuff, test))}
+        case {"trial": dict(trial)}:
+            content: dict[str, Any] = {"trial": asdict(_set_up(world, trial))}
         case {"don": str(cuff)}:
             content = {"trial": asdict(world.don(cuff))}
         case {"hang_kg": mass}:
@@ -82,8 +84,19 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
     return content
 
 
+def _set_up(world: World, trial: dict[str, Any]) -> SimulatedTrial:
+    cuff, test, worn = trial.get("cuff"), str(trial.get("test")), trial.get("condition")
+    is_known = test in get_args(TestKind) and (worn is None or worn in get_args(Worn))
+    if not is_known or not isinstance(cuff, str | None) or trial.keys() - {"cuff", "test", "condition"}:
+        raise ValueError(
+            f"no trial is {json.dumps(trial)}; tests are {', '.join(get_args(TestKind))}, conditions "
+            f"{', '.join(get_args(Worn))}"
+        )
+    return world.select_trial(cuff, cast(TestKind, test), worn)
+
+
 def seconds_from(key: str, value: Any) -> float:
-    """Raises ValueError where the value is no time."""
+    """Raises ValueError if the value is not a time."""
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
     raise ValueError(f"{key} is {value!r}, expected seconds from 0")
@@ -96,7 +109,7 @@ def _mass_from(value: Any) -> float:
 
 
 def speed_from(value: Any) -> float | None:
-    """Raises ValueError where the value is no speed."""
+    """Raises ValueError if the value is not a speed."""
     if value is None:
         return None
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:

@@ -70,13 +70,13 @@ class SerialLoadCellSimulator:
     def start(self) -> None:
         """Binds and serves. Raises OSError if the port is taken."""
         self._is_stopping.clear()
-        self._server = _Server(("127.0.0.1", self.port), _talk_to(self._talk))
+        self._server = _Server(("127.0.0.1", self.port), _handler_of(self._serve_client))
         self.port = self._server.server_address[1]
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), name="serial load cell")
         self._thread.start()
 
     def stop(self) -> None:
-        """Hangs up on every client."""
+        """Close the connection of every client."""
         self._is_stopping.set()
         for client in tuple(self._clients):
             client.close()
@@ -105,8 +105,8 @@ class SerialLoadCellSimulator:
 
     def drop_slow_client(self) -> None: ...
 
-    def _talk(self, connection: socket.socket) -> None:
-        """Keeps the connection until it is closed from here; the clock's thread sends on it."""
+    def _serve_client(self, connection: socket.socket) -> None:
+        """Keep the connection open until the simulator closes it; the clock's thread sends."""
         connection.settimeout(SEND_TIMEOUT_S)
         client = _Client(connection, self._world.now())
         self._clients.append(client)
@@ -158,7 +158,7 @@ class _Client:
         return self.ended.is_set()
 
     def close(self) -> None:
-        """Hangs up: the server closes the connection of a handler that returns."""
+        """Close: the server closes the connection of a handler that returns."""
         self.ended.set()
 
 
@@ -167,9 +167,9 @@ class _Server(socketserver.ThreadingTCPServer):
     daemon_threads = False  # server_close() waits for the clients' threads
 
 
-def _talk_to(talk: Any) -> type[socketserver.BaseRequestHandler]:
+def _handler_of(serve: Any) -> type[socketserver.BaseRequestHandler]:
     class LineHandler(socketserver.BaseRequestHandler):
         def handle(self) -> None:
-            talk(self.request)
+            serve(self.request)
 
     return LineHandler

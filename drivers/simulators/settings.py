@@ -23,7 +23,7 @@ class _Section(BaseModel):
 
 
 class CuffTruth(_Section):
-    """One simulated cuff. migration_m is how far it has slipped for good after the protocol's heaviest load."""
+    """One simulated cuff. migration_m is its slip after the protocol's heaviest load."""
 
     stiffness_n_per_m: Positive
     damping_n_s_per_m: NotNegative
@@ -46,9 +46,9 @@ class CuffBody(_Section):
 
 
 class SlipLaw(_Section):
-    """Friction between cuff and skin: nothing slips below first_slip_n, and what has slipped raises the limit.
+    """Friction between cuff and skin: nothing slips below first_slip_n, and slip raises the limit.
 
-    How fast the limit grows follows from the cuff's migration and the protocol's heaviest load. settling_s is the
+    The growth of the limit follows from the cuff's migration and the protocol's heaviest load. settling_s is the
     time constant with which a slip comes to rest under a constant load.
     """
 
@@ -112,6 +112,41 @@ class BounceTest(_Section):
     position_mm: Point = (900.0, -350.0, 800.0)
 
 
+class RaiseSettings(_Section):
+    """Cycles of one arm: up, hold, down, rest. Jitters are relative standard deviations, a lower raise is likelier."""
+
+    cycles: int = Field(default=5, ge=1)
+    lead_in_s: NotNegative = 2.0
+    up_s: Positive = 1.8
+    hold_s: Positive = 0.5
+    down_s: Positive = 1.8
+    rest_s: Positive = 0.9
+    lead_out_s: NotNegative = 1.0
+    duration_jitter: NotNegative = 0.05
+    height_jitter: NotNegative = 0.04
+
+
+class PersonSettings(_Section):
+    """A person for pose and motion trials, who stands beside the bench (drivers/simulators/person.py).
+
+    The soft tissue under each marker moves at random with this standard deviation per axis; facing_deg turns the person
+    about the vertical. A tight cord is a linear spring, and relieves the muscles of a part of their activation.
+    """
+
+    pose_s: Positive = 8.0
+    raises: RaiseSettings = RaiseSettings()
+    position_mm: Point = (-700.0, 250.0, 1400.0)
+    facing_deg: float = 35.0
+    sway_mm: NotNegative = 2.0
+    sway_deg: NotNegative = 0.3
+    soft_tissue_mm: NotNegative = 2.0
+    soft_tissue_hz: tuple[Positive, Positive] = (0.1, 2.0)
+    cord_stiffness_n_per_m: Positive = 500.0
+    cord_rest_length_m: Positive = 0.73
+    cord_relief: float = Field(default=0.3, ge=0, lt=1)
+    emg_full_mv: Positive = 0.5  # rms at full activation
+
+
 class WearerSettings(_Section):
     """Where the body stands in the laboratory, and how it sways (standard deviations per axis)."""
 
@@ -126,7 +161,7 @@ class WearerSettings(_Section):
 class MocapSettings(_Section):
     """The cameras and their markers: on the anchoring body (in its frame), on the cuff, on the rope (by distance).
 
-    phase_s is how long after the edge of the sync line the first frame is exposed.
+    phase_s is the time from the edge of the sync line to the exposure of the first frame.
     """
 
     rate_hz: Positive = 100.0
@@ -149,7 +184,7 @@ class MocapSettings(_Section):
 
 
 class AmplifierSettings(_Section):
-    """volts = zero_v + gain × newtons × full_scale_v / (capacity_kg × 9.80665), delay_s late, and white noise."""
+    """volts = zero_v + gain × newtons × full_scale_v / (capacity_kg × g), delay_s late, and white noise."""
 
     capacity_kg: Positive = 50.0
     full_scale_v: Positive = 5.0
@@ -171,12 +206,20 @@ class SyncLineSettings(_Section):
     before_frame_end_s: NotNegative = 0.0
 
 
+class EmgWire(_Section):
+    """One EMG channel at an input of the DAQ, behind an amplifier."""
+
+    input: str
+    gain: Positive = 1000.0
+
+
 class Wiring(_Section):
-    """The DAQ by name, and what is wired to its inputs."""
+    """The DAQ by name, and what is wired to its inputs; emg by the names of its channels."""
 
     device: str = "Dev1"
     force_channel: str = "ai0"
     sync_channel: str = "ai1"
+    emg: dict[str, EmgWire] = Field(default_factory=dict)
 
 
 class DaqClockSettings(_Section):
@@ -194,7 +237,7 @@ class SerialLineSettings(_Section):
 
 
 class OperatorSettings(_Section):
-    """Who starts a capture: "auto", a person at the mocap PC, delay_s after all devices stream; "remote", a client.
+    """Start of a capture: "auto", an operator at the mocap PC, delay_s after all devices stream; "remote", a client.
 
     hands: "script", by the trial's own times; "led", step by step as a page asks for them (the request {"step": 1}).
     """
@@ -223,6 +266,7 @@ class Settings(_Section):
     rig: Rig = Rig()
     protocol: ProtocolSettings = ProtocolSettings()
     bounce: BounceTest | None = None
+    person: PersonSettings | None = None
     wearer: WearerSettings = WearerSettings()
     mocap: MocapSettings = MocapSettings()
     amplifier: AmplifierSettings = AmplifierSettings()

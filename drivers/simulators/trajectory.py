@@ -1,4 +1,4 @@
-"""The cuff's motion as far as it has been computed: the last minutes, on the integrator's grid."""
+"""The computed motion of the cuff: the last minutes, on the integrator's grid."""
 
 from __future__ import annotations
 

@@ -7,8 +7,10 @@ input impedance, settling and crosstalk between channels, delays of the USB bus,
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.simulators.faults import Faults
-from drivers.simulators.settings import DaqClockSettings
+from drivers.simulators.settings import DaqClockSettings, EmgWire
 
 if TYPE_CHECKING:
     from drivers.simulators.acquisition_task import AcquisitionTask
@@ -29,13 +31,13 @@ CODES = 4096  # 12 bit, differential
 NOISE_OF_RANGE = 0.25e-3  # V rms per V of range: 5 mV at ±20 V, half a code
 DIFFERENTIAL_INPUTS = 4
 HIGHEST_RATE_HZ = 10_000.0  # of all channels together
-CONVERSION_S = 1 / HIGHEST_RATE_HZ  # one converter behind a multiplexer: the next channel comes this much later
+CONVERSION_S = 1 / HIGHEST_RATE_HZ  # one converter behind a multiplexer: delay from channel to channel
 TRIGGER_V = 2.5
-TRIGGER_GRID_S = 1e-4  # how finely the trigger line is watched
+TRIGGER_GRID_S = 1e-4  # resolution of the trigger line
 LONGEST_SLEEP_S = 0.02  # wall, while waiting for samples
 NEARLY_FULL = 0.8  # of the buffer
 
-# The faults of the "ni" device, as NI words them.
+# The faults of the "ni" device, with NI's error texts.
 OVERWRITTEN = {
     "overrun": (
         -200279,
@@ -65,6 +67,7 @@ class ElectricalWorld(Protocol):
     def now(self) -> float: ...
     def amplifier_voltage(self, t: Array) -> Array: ...
     def sync_voltage(self, t: Array) -> Array: ...
+    def emg_voltage(self, channel: str, t: Array) -> Array: ...
 
 
 class DaqmxError(DeviceError):
@@ -72,7 +75,7 @@ class DaqmxError(DeviceError):
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
-        self.code = code
+        self.error_code = code
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class Input:
         return replace(self, lowest_v=lowest_v, highest_v=highest_v)
 
     def convert(self, t: Array) -> Array:
-        """Volts as the driver scales them: noise added, clipped, rounded to a code."""
+        """Volts as scaled by the driver: noise added, clipped, rounded to a code."""
         step = 2 * self.range_v / CODES
         volts = self.signal(t) + self.random.normal(0.0, NOISE_OF_RANGE * self.range_v, t.size)
         codes: Array = np.clip(np.rint(volts / step), -CODES // 2, CODES // 2 - 1)
@@ -138,6 +141,7 @@ class Usb6008:
         name: str,
         force_channel: str,
         sync_channel: str,
+        emg: Mapping[str, EmgWire] = MappingProxyType({}),
         clock: DaqClockSettings,
         seed: int,
     ) -> None:
@@ -145,6 +149,7 @@ class Usb6008:
         self.name = name
         self.crystal = Crystal(clock.offset_ppm, clock.drift_ppm_per_hour)
         self._wiring = {force_channel: world.amplifier_voltage, sync_channel: world.sync_voltage}
+        self._wiring |= {wire.input: partial(world.emg_voltage, name) for name, wire in emg.items()}
         self._seeds = np.random.SeedSequence(seed)
         self._lock = threading.RLock()  # taken before a task's own, never after
         self._running: AcquisitionTask | None = None

@@ -1,4 +1,5 @@
-"""One physical truth for all simulated devices: a wearer, a cuff, a rope, hands, and the mocap system's capture.
+"""The physical world that all simulated devices sample: a wearer, a cuff, a rope, hands, a person who raises an arm,
+and the mocap system's capture.
 
 Time is world time, which world_clock.py moves: seconds since the world began. The mocap system's crystal runs with
 it; a DAQ has its own (settings.daq_clock).
@@ -24,20 +25,25 @@ from drivers.simulators.bounce import BouncingMass
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.hung_mass import HungMass
 from drivers.simulators.markers import MarkerCloud, Wearer
-from drivers.simulators.pull import Pull
+from drivers.simulators.person import BODY_TESTS, Person, Worn
+from drivers.simulators.pull import SimulatedPull
 from drivers.simulators.settings import Settings
 from drivers.simulators.world_clock import WorldClock
 
 Floats = NDArray[np.float64]
-TestKind = Literal["static", "dynamic", "bounce"]
+TestKind = Literal["static", "dynamic", "bounce", "pose", "motion"]
 
 
 @dataclass(frozen=True)
 class SimulatedTrial:
-    """The trial set up on the bench; cuff is None for a bounce, although a cuff stays donned."""
+    """The trial set up on the bench; cuff is None for a bounce and for a person's trial, while a cuff remains donned.
+
+    condition is what the person wears.
+    """
 
     cuff: str | None
     test: TestKind
+    condition: Worn | None = None
 
 
 @dataclass(frozen=True)
@@ -53,8 +59,9 @@ class Capture:
 class World:
     """Thread-safe. Devices ask for voltages, forces and markers at times up to now(); asking moves the world on.
 
-    Without select_trial the plan is played: every cuff donned once, protocol.repeats × (static, dynamic), then anew.
-    A bounce is set up by select_trial(None, "bounce"), where the settings have one.
+    Without select_trial the plan is played: every cuff donned once, protocol.repeats × (static, dynamic), then again.
+    A bounce is set up by select_trial(None, "bounce"), and so is a pose or motion of the person, if the settings have
+    one.
     The faults of the bench are kept with its time; the devices ask for theirs, and those of the sync line are its own.
     """
 
@@ -69,10 +76,13 @@ class World:
         self.clock = WorldClock(speed)
         self._lock = threading.RLock()
         body_and_hands = np.random.default_rng((seed, 0))
-        self._noise = np.random.default_rng((seed, 3))  # of its own: how often a device looks must not move a hand
+        self._noise = np.random.default_rng(
+            (seed, 3)
+        )  # separate, so that queries of a device do not change the motion of a hand
         wearer = Wearer(settings, body_and_hands)
-        self._cloud = MarkerCloud(settings, wearer, seed)
-        self._pull = Pull(settings, wearer.along_rope(), body_and_hands)
+        self.person = Person(settings.person, tuple(settings.wiring.emg), seed) if settings.person else None
+        self._cloud = MarkerCloud(settings, wearer, seed, self.person.labels if self.person else ())
+        self._pull = SimulatedPull(settings, wearer.along_rope(), body_and_hands)
         self._slips = dict.fromkeys(settings.cuffs, 0.0)
         self._plan: Iterator[SimulatedTrial] | None = _plan(settings)
         self._bounce = BouncingMass(settings.bounce) if settings.bounce else None
@@ -97,17 +107,19 @@ class World:
 
     @property
     def speed(self) -> float | None:
-        """World seconds per wall second at the most; None: as fast as it is handled."""
+        """World seconds per wall second at most; None: as fast as the data are processed."""
         return self.clock.speed
 
     # Signals of the devices
 
     def cell_force(self, t: Floats) -> Floats:
-        """(n,) [N] on the load cell at world times t (n,), without noise: from rope, bouncing weight or known mass."""
+        """(n,) [N] on the load cell at world times t (n,), without noise: rope, bouncing weight, cord or known mass."""
         with self._lock:
             load = self._moved(t)[:, 2]
             if self._bounce is not None:
                 load = np.where(self._bounce.is_hanging(t), self._bounce.tension(t), load)
+            if self.person is not None:
+                load = np.where(self.person.has_load_cell(t), self.person.tension(t), load)
             return self._hung.force(t, load)
 
     def amplifier_voltage(self, t: Floats) -> Floats:
@@ -136,11 +148,20 @@ class World:
             is_active ^= (t >= turned.begin) & (t < turned.end)
         return np.where(is_active != line.is_inverted, line.high_v, line.low_v)
 
+    def emg_voltage(self, channel: str, t: Floats) -> Floats:
+        """(n,) [V] of an EMG amplifier's output at t (n,); 0 without electrodes."""
+        with self._lock:
+            self._live(float(t.max()))
+            if self.person is None:
+                return np.zeros(t.shape)
+            return np.asarray(self.settings.wiring.emg[channel].gain * self.person.emg(channel, t))
+
     def markers(self, t: Floats) -> Floats:
         """(n, labels, 3) [mm] in the laboratory at t (n,), as the cameras see them; NaN where a marker is hidden."""
         with self._lock:
             weight = self._bounce.displacement(t) if self._bounce is not None else None
-            return self._cloud.seen(t, self._moved(t)[:, 0], weight)
+            moved = self._moved(t)[:, 0]
+            return self._cloud.seen(t, moved, weight, self.person.markers(t) if self.person is not None else None)
 
     # The mocap system's capture
 
@@ -152,7 +173,7 @@ class World:
             return self._capture
 
     def start_capture(self) -> Capture:
-        """Raises the sync line now and begins the trial's script. Raises ValueError while a capture runs."""
+        """Raise the sync line now and begin the script of the trial. Raises ValueError while a capture runs."""
         with self._lock:
             self._live(self.now())
             if self._is_capturing:
@@ -160,17 +181,14 @@ class World:
             self._hung.take_off(self._seen)
             self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
-            script = self._bounce if self._trial.test == "bounce" and self._bounce is not None else self._pull
-            is_led = self.settings.operator.hands == "led"
-            until = script.begin(self._seen, is_led=is_led) if script is self._pull else script.begin(self._seen)
-            end = self._end_of_frame(self._seen, until)
+            end = self._end_of_frame(self._seen, self._begin_script())
             self._capture = Capture(number, self._seen, end, self._trial)
             self._is_capturing = True
             self.faults.capture_started(number, self._seen)
             return self._capture
 
     def follow(self, step: int) -> None:
-        """The page that leads the hands is at this step of the running trial; without a capture nothing follows."""
+        """The console that leads the hands is at this step of the running trial; no effect without a capture."""
         with self._lock:
             self._live(self.now())
             if self._capture is not None and self._is_capturing and math.isinf(self._capture.end):
@@ -178,7 +196,7 @@ class World:
                 self._capture = replace(self._capture, end=self._end_of_frame(self._capture.start, until))
 
     def stop_capture(self) -> Capture:
-        """Lowers the sync line with the end of this frame; hands take every load off.
+        """Lower the sync line at the end of this frame; the hands remove every load.
 
         Raises ValueError when no capture runs.
         """
@@ -210,16 +228,17 @@ class World:
             self._live(self.now())
             return self._trial
 
-    def select_trial(self, cuff: str | None, test: TestKind) -> SimulatedTrial:
+    def select_trial(self, cuff: str | None, test: TestKind, condition: Worn | None = None) -> SimulatedTrial:
         """Sets this trial up and leaves the plan; it is played until another is selected. Another cuff is donned first.
 
-        A bounce has no cuff. Raises ValueError for an unknown cuff or test, or while a capture runs.
+        A bounce, a pose and a motion have no cuff. Raises ValueError for an unknown cuff or test, or while a capture
+        runs.
         """
-        return self._select(cuff, test, is_donning=cuff not in (self._worn, None))
+        return self._select(SimulatedTrial(cuff, test, condition), is_donning=cuff not in (self._worn, None))
 
     def don(self, cuff: str) -> SimulatedTrial:
-        """Dons the cuff anew: nothing has slipped yet; its static test is set up. Raises ValueError as select_trial."""
-        return self._select(cuff, "static", is_donning=True)
+        """Don the cuff again, without slip, and set up its static test. Raises ValueError as select_trial."""
+        return self._select(SimulatedTrial(cuff, "static"), is_donning=True)
 
     def truth(self) -> dict[str, Any]:
         """True values for a fit: the parameters by cuff, and the slip of each cuff since it was donned [m]."""
@@ -230,21 +249,39 @@ class World:
             cuffs = {name: cuff.model_dump() for name, cuff in self.settings.cuffs.items()}
             return {"cuffs": cuffs, "slip_m": dict(self._slips)}
 
-    def _select(self, cuff: str | None, test: TestKind, is_donning: bool) -> SimulatedTrial:
-        is_bounce = (cuff, test) == (None, "bounce") and self._bounce is not None
-        if not is_bounce and (cuff not in self.settings.cuffs or test not in ("static", "dynamic")):
-            known = ", ".join(self.settings.cuffs)
-            bounce = "; a bounce has no cuff" if self._bounce else ", and the settings have no bounce"
-            raise ValueError(f"no trial {cuff!r} {test!r}; cuffs are {known}, tests are static and dynamic{bounce}")
+    def _select(self, trial: SimulatedTrial, *, is_donning: bool) -> SimulatedTrial:
+        self._refuse_unknown(trial)
         with self._lock:
             self._live(self.now())
             if self._is_capturing:
                 raise ValueError(f"a capture of {self._trial.cuff} {self._trial.test} is running; stop it first")
             self._plan = None
-            self._set_up(SimulatedTrial(cuff, test), is_donning)
+            self._set_up(trial, is_donning=is_donning)
             return self._trial
 
+    def _refuse_unknown(self, trial: SimulatedTrial) -> None:
+        """Raises ValueError where the settings have no such trial."""
+        of_cuff = trial.cuff in self.settings.cuffs and trial.test in ("static", "dynamic")
+        of_bounce = (trial.cuff, trial.test) == (None, "bounce") and self._bounce is not None
+        of_person = trial.cuff is None and trial.test in BODY_TESTS and self.person is not None
+        if not (of_cuff or of_bounce or of_person):
+            known = ", ".join(self.settings.cuffs)
+            bounce = "; a bounce has no cuff" if self._bounce else ", and the settings have no bounce"
+            person = "; a pose and a motion have no cuff" if self.person else ", and no person"
+            raise ValueError(
+                f"no trial {trial.cuff!r} {trial.test!r}; cuffs are {known}, tests are static and dynamic{bounce}"
+                f"{person}"
+            )
+
     # Everything below is called with the lock held
+
+    def _begin_script(self) -> float:
+        """Begin the script of the trial; returns its end."""
+        if self._trial.test == "bounce" and self._bounce is not None:
+            return self._bounce.begin(self._seen)
+        if self._trial.test in BODY_TESTS and self.person is not None:
+            return self.person.begin(self._seen)
+        return self._pull.begin(self._seen, is_led=self.settings.operator.hands == "led")
 
     def _end_of_frame(self, start: float, end: float) -> float:
         """The mocap system captures whole frames: the end of the one that is exposed at `end`."""
@@ -269,14 +306,16 @@ class World:
             following = self._trial if self._plan is None else next(self._plan)
             self._set_up(following, is_donning=following.cuff not in (self._worn, None))
 
-    def _set_up(self, trial: SimulatedTrial, is_donning: bool) -> None:
+    def _set_up(self, trial: SimulatedTrial, *, is_donning: bool) -> None:
         self._slips[self._worn] = self._pull.slip
         self._trial, self._worn = trial, trial.cuff or self._worn
         if is_donning:
             self._slips[self._worn] = 0.0
         if self._bounce is not None:
             (self._bounce.hang if trial.test == "bounce" else self._bounce.take_off)(self._seen)
-        self._pull.set_up(self._worn, "static" if trial.test == "bounce" else trial.test, self._slips[self._worn])
+        if self.person is not None:
+            self.person.set_up(trial.test, trial.condition, self._seen)
+        self._pull.set_up(self._worn, "dynamic" if trial.test == "dynamic" else "static", self._slips[self._worn])
 
 
 def _plan(settings: Settings) -> Iterator[SimulatedTrial]:

@@ -1,9 +1,9 @@
 """World time of the simulated bench: it moves in steps, and only as far as every attached station allows.
 
-A station that is attached says how far the world may go, and says so again when it has handled what the devices sent
-up to there: the same run gives the same samples and arrival times on any machine, however busy. Clients that are not
-attached cannot say what they have handled. For them the world keeps the pace of the wall clock, times `speed`, and is
-slowed down where a client does not take what it was sent.
+An attached station sets the time to which the world may advance, and sets the next one when it has processed all data
+up to that time. So a run gives the same samples and arrival times on any machine, however busy. Clients that are not
+attached cannot report what they have processed: for them the world keeps the pace of the wall clock, times `speed`, and
+slows down if a client does not read its data.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from drivers.errors import DeviceError
 
 LONGEST_STEP_S = 0.5  # world
 TICK_S = 0.008  # wall; between two steps of a world without an attached station
-CATCH_UP_S = 0.1  # wall; a step that is later than this is not caught up: the world is slower than its pace
+CATCH_UP_S = 0.1  # wall; a longer delay is not caught up: the world is then slower than its pace
 RATE_WINDOW_S = 5.0  # wall
 DROP_AFTER_S = 10.0  # wall; a client that reads nothing for this time is dropped
 IDLE_TIMEOUT_S = 60.0  # wall; an attached station without a request for this time is detached
@@ -33,14 +33,14 @@ class ClockStopped(DeviceError):
 
 
 class Follower(Protocol):
-    """A device of the bench, which the clock moves from step to step."""
+    """A device of the bench, which the clock advances step by step."""
 
     def step(self, now: float) -> None:
-        """Sends its clients what happened up to now [world s]."""
+        """Send its clients all data up to now [world s]."""
         ...
 
     def find_slow_client(self) -> str | None:
-        """A client that does not take what it was sent, in words; None where there is none."""
+        """Description of a client that does not read its data; None without one."""
         ...
 
     def drop_slow_client(self) -> None:
@@ -49,22 +49,22 @@ class Follower(Protocol):
 
 
 class Attachment:
-    """Somebody who decides how far the world may go; made by WorldClock.attach()."""
+    """An attached station, which limits the advance of the world; created by WorldClock.attach()."""
 
     def __init__(self, clock: WorldClock, name: str) -> None:
         self.name = name
         self._clock = clock
 
     def advance_to(self, until: float) -> float:
-        """Returns when the world has come to `until` [world s], with the time that it is then.
+        """Return when the world has reached `until` [world s], with the time then.
 
-        Other stations and the pace may delay it. Raises ClockStopped.
+        Other stations and the pace may delay this. Raises ClockStopped.
         """
         return self._clock._advance(self, until)
 
 
 class WorldClock:
-    """Thread-safe. speed: world seconds per wall second at the most; None for as fast as the attached stations handle.
+    """Thread-safe. speed: world seconds per wall second at most; None is as fast as the attached stations process data.
 
     Without a station and without a speed the world stands still.
     """
@@ -101,7 +101,7 @@ class WorldClock:
             self._changed.notify_all()
 
     def rate(self) -> float | None:
-        """World seconds per wall second of late; None before anything moved."""
+        """Recent world seconds per wall second; None before the first step."""
         with self._changed:
             if not self._history:
                 return None
@@ -110,7 +110,7 @@ class WorldClock:
             return (self._now - world_s) / passed_s if passed_s > 0 else None
 
     def follow(self, follower: Follower) -> None:
-        """From now on every step reaches this device, after those that came before it."""
+        """From now on every step also reaches this device, after the earlier ones."""
         with self._changed:
             self._followers = (*self._followers, follower)
             self._ensure_mover()
@@ -122,7 +122,7 @@ class WorldClock:
 
     @contextmanager
     def attach(self, name: str = "station", speed: float | None = None) -> Iterator[Attachment]:
-        """Within it the world stands still, but where the station advances it, at this pace at most."""
+        """Within this context the world advances only as far as the station allows, at this pace at most."""
         station = Attachment(self, name)
         with self._changed:
             self._goals[station] = self._now, self._wall()
@@ -140,7 +140,7 @@ class WorldClock:
                 self._changed.notify_all()
 
     def advance(self, seconds: float) -> float:
-        """Moves the world on by so much and returns the time that it is then. Raises ClockStopped."""
+        """Advance the world by `seconds`; returns the time then. Raises ClockStopped."""
         with self.attach("advance") as station:
             return station.advance_to(self._now + seconds)
 
@@ -175,7 +175,7 @@ class WorldClock:
             self._mover.start()
 
     def _move(self) -> None:
-        """Runs in a thread of its own, as long as there is anything to move."""
+        """Run in a separate thread while there is anything to advance."""
         try:
             with self._changed:
                 while (self._followers or self._goals) and self._failure is None:
@@ -188,7 +188,7 @@ class WorldClock:
                 self._changed.notify_all()
 
     def _step_or_wait(self) -> float | None:
-        """Makes the next step, or returns how long to wait for it [wall s]; 0 to look again at once."""
+        """Make the next step, or return the time to wait for it [wall s]; 0 to check again at once."""
         self._detach_the_idle()
         goal = self._goal()
         if goal is None:
@@ -232,7 +232,7 @@ class WorldClock:
         self._changed.notify_all()
 
     def _is_held_back(self) -> bool:
-        """Whether a client has to take more before the world may go on; one that takes nothing is dropped."""
+        """Whether the world waits for a client to read its data; a client that reads nothing is dropped."""
         for follower in self._followers:
             who = follower.find_slow_client()
             if who is None:

@@ -1,4 +1,4 @@
-"""Damping of one dynamic trial: what may be fitted, the fit, and what the lag does to it."""
+"""Fit the damping of one dynamic trial: requirements, fit, and uncertainty due to the lag."""
 
 from __future__ import annotations
 
@@ -8,62 +8,54 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.dynamic import cross_checks
-from fitting.dynamic.cross_checks import Checks, Method
-from fitting.dynamic.errors_in_variables import TAU, C, K, Record, Solution, estimate
-from fitting.dynamic.magnitude import LagPosterior, lag_of_magnitude
+from fitting.dynamic.cross_checks import Checks, Method, check, disagreements, without_lag
+from fitting.dynamic.errors_in_variables import TAU, C, K, LagPosterior, Solution, estimate, lag_from_magnitude
 from fitting.dynamic.output_error import output_error
 from fitting.dynamic.slip import Slip, find_slip
-from fitting.oscillation import Oscillation, find_oscillation
-from fitting.outcome import FitOutcome, worst
-from fitting.quality import REST, UnusableTrial
-from fitting.trial import Trial
+from fitting.dynamic.swing import Swing, cut_swing
+from fitting.errors import UnusableTrial
+from fitting.pull.pull import Pull
+from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.results.outcome import FitOutcome, worst
+from fitting.results.rendering import Note
+from fitting.trial.force_quality import REST
+from fitting.trial.oscillation import Oscillation, find_oscillation
 from fitting.uncertainty import Estimate, Repeat, normal_estimate
 
 MIN_CYCLES = 3.0
 MIN_SAMPLES_PER_CYCLE = 8.0
 MIN_AMPLITUDE, GOOD_AMPLITUDE = 1.0, 3.0
-"""Times the marker noise."""
+"""Amplitude over marker noise."""
 FITTED_LAG_SD = 2e-3
-"""Seconds of the lag's prior up to which the data may move the lag. Beyond, they know less of it than a straight line
-about their best guess says: what tells τ from c is a few per cent of curvature."""
+"""Largest prior standard deviation [s] with which the lag is estimated from the record. The record constrains τ
+separately from c only through a small curvature, so the linearised error is too small for a wider prior."""
 STEADY_STIFFNESS = 0.005
-"""How far (relative) the stiffness of a swinging load may be from that of held ones where one serves the other."""
+"""Relative standard uncertainty of static stiffness as an estimate of dynamic stiffness."""
 NEGLIGIBLE_SLIP = 0.5
-"""Standard errors of c of damping that slip may add before it is looked for; they are in the error in any case."""
+"""Apparent damping due to slip, in standard errors of c, below which slip is not removed; it is in the error anyway."""
 MAX_APPARENT_DAMPING = 0.1
-"""Part of c that slip may add where the cuff never settles."""
-COLOURED_NOTE = (
-    "the noise of the markers is correlated in time ({:.2f} between neighbouring frames); check the mocap system's "
-    "smoothing and the markers' hold on the cuff"
-)
-NOT_CONVERGED_NOTE = (
-    "the fit of damping did not converge: its figures still changed at the limit of rounds; check that the markers are "
-    "on the cuff, and record again"
-)
-FIT_RATE = 250.0
-"""Hz to which force is averaged: 5 % of a thousandth of its swing at 3 Hz is lost, and the fit is four times faster."""
+"""Largest apparent damping, as part of c, if the cuff slips throughout the record."""
 
 
 @dataclass(frozen=True)
 class DampingFit:
-    """What one dynamic trial says.
+    """Result of one dynamic trial.
 
     damping      c [N s/m]
-    noise        the part of its standard error that remains if the lag is known [N s/m]
+    noise        part of its standard error for a known lag [N s/m]
     stiffness    k [N/m] of this record
-    method       that gave c and k: errors in variables, or output error where the markers' noise is coloured
-    energy       J that the cuff takes in a cycle, the loop of force over displacement
-    lag          τ [s] as far as the data moved it from 0, its prior
+    method       errors in variables, or output error if the marker noise is coloured
+    energy       J dissipated in a cycle, the area of the loop of force over displacement
+    lag          τ [s], estimated with a prior of mean 0
     offset       F0 [N]
-    force_noise, marker_noise  standard deviation per sample [N] (at FIT_RATE), [m], as estimated
-    uses_static_stiffness      whether k was tied to that of the held loads, because the lag is too uncertain
-    oscillation  the stretch that was fitted
-    checks       other methods on the same record, its complex stiffness and what is left over
-    notes        what a reader should know
-    outcome      of all fits of the record that these figures rest on
+    force_noise, marker_noise  estimated standard deviation per sample [N] (at FIT_RATE), [m]
+    uses_static_stiffness      whether k of the held loads was used, because the lag is too uncertain
+    oscillation  the fitted stretch
+    checks       other methods on the same record, complex stiffness, harmonics of the residual
+    notes        remarks on the fit
+    outcome      of all fits of the record that these figures depend on
     time, displacement, velocity, damper_force  (n,) [s, m, m/s, N]: the fitted motion, and the measured
-                 F − k x − m ẍ − F0 − F1 u over it, whose slope against velocity is c
+                 F − k x − m ẍ − F0 − F1 u, whose slope over velocity is c
     """
 
     damping: Repeat
@@ -82,153 +74,113 @@ class DampingFit:
     displacement: NDArray[np.float64]
     velocity: NDArray[np.float64]
     damper_force: NDArray[np.float64]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     outcome: FitOutcome = FitOutcome.CONVERGED
 
 
-def fit_damping(trial: Trial, displacement: NDArray[np.float64], tie: Estimate | None = None) -> DampingFit:
-    """c from a dynamic trial and its displacement (frames,) [m]. Raises UnusableTrial if the record cannot tell it.
+def fit_damping(pull: Pull, tie: Estimate | None = None) -> DampingFit:
+    """c of the pull of a dynamic trial. Raises UnusableTrial if it cannot be identified.
 
-    tie is the stiffness of held loads, given where the lag alone leaves c open: a lag turns the phase of the complex
-    stiffness k + iωc and keeps its magnitude, from which a known k leaves c.
+    tie is the static stiffness, given if the lag is too uncertain to determine c: a lag changes the phase of the
+    complex stiffness k + iωc but not its magnitude, which together with a known k determines c.
     """
-    oscillation = find_oscillation(trial.force_time, trial.force)
-    _require_cycles(trial, oscillation)
-    record = _cut(trial, displacement, oscillation)
-    solution = estimate(record)
+    oscillation = find_oscillation(pull.force_time, pull.force)
+    _require_cycles(pull, oscillation)
+    swing = _cut(pull, oscillation)
+    solution = estimate(swing)
     outcomes = [solution.outcome]
     _require_amplitude(solution)
-    slip = _slip_of(record, solution, oscillation)
-    notes = _sign_notes(trial, oscillation)
+    slip = _slip_of(swing, solution, oscillation)
+    notes = _sign_notes(pull, oscillation)
     if slip.cycles:
         oscillation = replace(oscillation, start=oscillation.start + slip.cycles / oscillation.frequency)
-        record = _cut(trial, displacement, oscillation)
-        solution = estimate(record)
+        swing = _cut(pull, oscillation)
+        solution = estimate(swing)
         outcomes.append(solution.outcome)
-        cycles = "the first cycle, which is" if slip.cycles == 1 else f"the first {slip.cycles} cycles, which are"
-        notes += (f"the cuff slipped or crept by {1e3 * slip.distance:.2f} mm in {cycles} left out",)
+        figures = {"distance_m": slip.distance, "cycles": slip.cycles}
+        notes += (Note(TrialNoteCode.START_LEFT_OUT, figures),)
     posterior = None
     if tie is not None:
         known = replace(tie, standard_error=math.hypot(tie.standard_error, STEADY_STIFFNESS * tie.value))
-        lag_sd = trial.lag.total(oscillation.middle)
-        posterior = lag_of_magnitude(solution, record.mass, oscillation.frequency, known, lag_sd)
-        record = replace(record, force_time=record.force_time + posterior.lag, lag_sd=0.0)
-        solution = estimate(record)
-    fit = _fit(trial, oscillation, record, solution, slip.damping, posterior)
+        lag_sd = pull.trial.lag.total(oscillation.middle)
+        posterior = lag_from_magnitude(solution, swing.mass, oscillation.frequency, known, lag_sd)
+        swing = replace(swing.delayed(posterior.lag), lag_sd=0.0)
+        solution = estimate(swing)
+    fit = _fit(pull, oscillation, swing, solution, slip.damping, posterior)
     outcome = worst((*outcomes, fit.outcome))
-    not_converged = () if outcome is FitOutcome.CONVERGED else (NOT_CONVERGED_NOTE,)
+    not_converged = () if outcome is FitOutcome.CONVERGED else (Note(TrialNoteCode.NOT_CONVERGED),)
     return replace(fit, notes=notes + fit.notes + not_converged, outcome=outcome)
 
 
-def _require_cycles(trial: Trial, oscillation: Oscillation) -> None:
+def _cut(pull: Pull, oscillation: Oscillation) -> Swing:
+    return cut_swing(pull, oscillation, min(pull.trial.lag.total(oscillation.middle), FITTED_LAG_SD))
+
+
+def _require_cycles(pull: Pull, oscillation: Oscillation) -> None:
     if oscillation.cycles < MIN_CYCLES:
-        raise UnusableTrial(
-            f"the force swings {oscillation.cycles:.1f} times, expected at least {MIN_CYCLES:g}; pull longer"
-        )
-    per_cycle = 1 / float(np.median(np.diff(trial.force_time))) / oscillation.frequency
+        raise UnusableTrial(RejectionCode.FEW_CYCLES, {"cycles": oscillation.cycles, "expected": MIN_CYCLES})
+    per_cycle = 1 / float(np.median(np.diff(pull.force_time))) / oscillation.frequency
     if per_cycle < MIN_SAMPLES_PER_CYCLE:
-        raise UnusableTrial(
-            f"force has {per_cycle:.1f} samples in a cycle of {oscillation.frequency:.2f} Hz, expected at least "
-            f"{MIN_SAMPLES_PER_CYCLE:g}; pull slower or raise daq.sample_rate_hz"
-        )
+        figures = {
+            "samples": per_cycle,
+            "frequency_hz": oscillation.frequency,
+            "expected": MIN_SAMPLES_PER_CYCLE,
+        }
+        raise UnusableTrial(RejectionCode.FEW_SAMPLES, figures)
 
 
-def _sign_notes(trial: Trial, oscillation: Oscillation) -> tuple[str, ...]:
-    """A note where the swing pulls less than nothing did before it: a rope only pulls."""
-    at_rest = trial.force[trial.force_time < trial.force_time[0] + REST]
-    inside = (trial.force_time >= oscillation.start) & (trial.force_time <= oscillation.end)
-    swung = trial.force[inside]
+def _sign_notes(pull: Pull, oscillation: Oscillation) -> tuple[Note, ...]:
+    """A note if the mean force of the swing is below that at rest, which is impossible for a rope."""
+    at_rest = pull.force[pull.force_time < pull.force_time[0] + REST]
+    inside = (pull.force_time >= oscillation.start) & (pull.force_time <= oscillation.end)
+    swung = pull.force[inside]
     falls = float(np.mean(at_rest)) - float(np.mean(swung))
     if falls < oscillation.amplitude or float(np.ptp(at_rest)) > oscillation.amplitude:
         return ()
-    return (
-        f"the force falls by {falls:.1f} N from rest to the swing, and a rope only pulls: the load cell's sign is "
-        "wrong, set load_cell.polarity to the other one; k and c of a swing do not feel it",
-    )
+    return (Note(TrialNoteCode.POLARITY, {"fall_n": falls}),)
 
 
-def _require_amplitude(solution: Solution) -> tuple[str, ...]:
-    """A note where the motion is small beside its noise. Raises UnusableTrial where it drowns in it."""
+def _require_amplitude(solution: Solution) -> tuple[Note, ...]:
+    """A note if the motion is small compared with its noise. Raises UnusableTrial if it is below the noise."""
     amplitude = math.sqrt(2) * float(np.std(solution.x))
     if amplitude < MIN_AMPLITUDE * solution.marker_noise:
-        raise UnusableTrial(
-            f"the cuff moves by ± {1e3 * amplitude:.2f} mm, expected at least {MIN_AMPLITUDE:g} times the marker "
-            f"noise of {1e3 * solution.marker_noise:.2f} mm; pull with more force"
-        )
+        figures = {"amplitude_m": amplitude, "noise_m": solution.marker_noise, "expected": MIN_AMPLITUDE}
+        raise UnusableTrial(RejectionCode.SMALL_MOTION, figures)
     if amplitude < GOOD_AMPLITUDE * solution.marker_noise:
-        return (
-            f"the cuff moves by ± {1e3 * amplitude:.2f} mm, only {amplitude / solution.marker_noise:.1f} times the "
-            "marker noise; the error of c says what that costs, and more force would make it smaller",
-        )
+        figures = {"amplitude_m": amplitude, "ratio": amplitude / solution.marker_noise}
+        return (Note(TrialNoteCode.SMALL_MOTION, figures),)
     return ()
 
 
-def _slip_of(record: Record, solution: Solution, oscillation: Oscillation) -> Slip:
-    """Slip within the record. Raises UnusableTrial if it never ends and would add much to c."""
+def _slip_of(swing: Swing, solution: Solution, oscillation: Oscillation) -> Slip:
+    """Slip during the swing. Raises UnusableTrial if it does not end and its apparent damping is large."""
     k, c = float(solution.parameters[K]), float(solution.parameters[C])
-    offset = record.displacement - np.interp(record.marker_time, record.force_time, record.force) / k
+    offset = swing.displacement - np.interp(swing.marker_time, swing.force_time, swing.force) / k
     negligible = NEGLIGIBLE_SLIP * float(solution.known_lag_sd[1])
-    slip = find_slip(record.marker_time, offset, solution.marker_noise, oscillation, k, negligible)
+    slip = find_slip(swing.marker_time, offset, solution.marker_noise, oscillation, k, negligible)
     if not slip.settles and slip.damping > MAX_APPARENT_DAMPING * abs(c):
-        raise UnusableTrial(
-            f"the cuff slips by {1e3 * slip.distance:.2f} mm while it swings and never settles, which looks like "
-            f"damping of {slip.damping:.0f} N s/m; fasten it tighter or pull with less force"
-        )
+        figures = {"distance_m": slip.distance, "damping_n_s_per_m": slip.damping}
+        raise UnusableTrial(RejectionCode.SLIPS_ON, figures)
     return slip
 
 
-def _cut(trial: Trial, displacement: NDArray[np.float64], oscillation: Oscillation) -> Record:
-    in_force = (trial.force_time >= oscillation.start) & (trial.force_time <= oscillation.end)
-    seen = (trial.marker_time >= oscillation.start) & (trial.marker_time <= oscillation.end)
-    seen &= np.isfinite(displacement)
-    expected = (oscillation.end - oscillation.start) / float(np.median(np.diff(trial.marker_time)))
-    if np.count_nonzero(seen) < 0.5 * expected:
-        raise UnusableTrial("the markers are hidden or missing in most of the dynamic pull; check the cameras' view")
-    time, force = _averaged(trial.force_time[in_force], trial.force[in_force])
-    return Record(
-        time,
-        force,
-        trial.marker_time[seen],
-        displacement[seen],
-        trial.cuff_mass,
-        min(trial.lag.total(oscillation.middle), FITTED_LAG_SD),
-    )
-
-
-def _averaged(time: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means of as many neighbouring samples as leave at least FIT_RATE."""
-    together = max(1, int(1 / float(np.median(np.diff(time))) / FIT_RATE + 1e-6))
-    whole = len(time) // together * together
-    return time[:whole].reshape(-1, together).mean(axis=1), force[:whole].reshape(-1, together).mean(axis=1)
-
-
 def _fit(
-    trial: Trial,
+    pull: Pull,
     oscillation: Oscillation,
-    record: Record,
+    swing: Swing,
     solution: Solution,
     apparent_damping: float,
     posterior: LagPosterior | None,
 ) -> DampingFit:
-    """The result of a record; apparent_damping [N s/m] is what slip may add to c, and counts as noise."""
-    small = _require_amplitude(solution)  # a stretch that was cut may have led the fit astray
-    checks = cross_checks.check(record, solution, oscillation.frequency)
-    default = cross_checks.without_lag(solution)
-    notes = small + cross_checks.disagreements(default, checks)
-    notes += tuple(f"{method} did not converge and checks nothing here" for method in checks.not_converged)
-    outcome, robust = solution.outcome, None
-    if checks.is_coloured:
-        notes += (COLOURED_NOTE.format(checks.marker_correlation),)
-        simulated = output_error(record, default[0].value, default[1].value)
-        robust = simulated.estimates
-        if simulated.outcome is FitOutcome.NOT_CONVERGED:  # without a solution the default stands
-            outcome = simulated.outcome
-    method: Method = "errors in variables"
-    lag_sd = posterior.lag_sd if posterior else trial.lag.total(oscillation.middle)
-    stiffness, free = _stiffness(solution, oscillation.frequency, lag_sd), default[1]
-    if robust is not None:
-        method, (stiffness, free) = "output error", robust
-    damping = _damping(trial, oscillation, solution, stiffness.value, free, apparent_damping, posterior)
+    """The result of a record; apparent_damping [N s/m] due to slip is added to the noise of c."""
+    small = _require_amplitude(solution)  # again, as the stretch may have been cut
+    checks = check(swing, solution, oscillation.frequency)
+    notes = small + disagreements(without_lag(solution), checks)
+    notes += tuple(Note(TrialNoteCode.CHECK_NOT_CONVERGED, {"method": method}) for method in checks.not_converged)
+    lag_sd = posterior.lag_sd if posterior else pull.trial.lag.total(oscillation.middle)
+    method, stiffness, free, outcome = _estimates(swing, solution, checks, oscillation.frequency, lag_sd)
+    notes += (Note(TrialNoteCode.COLOURED, {"correlation": checks.marker_correlation}),) if checks.is_coloured else ()
+    damping = _damping(pull, oscillation, solution, stiffness.value, free, apparent_damping, posterior)
     loop = float(np.mean(solution.velocity**2)) / oscillation.frequency
     return DampingFit(
         damping=damping,
@@ -243,7 +195,7 @@ def _fit(
         uses_static_stiffness=posterior is not None,
         oscillation=oscillation,
         checks=checks,
-        time=record.force_time,
+        time=swing.force_time,
         displacement=solution.x,
         velocity=solution.velocity,
         damper_force=solution.damper_force,
@@ -252,14 +204,32 @@ def _fit(
     )
 
 
+def _estimates(
+    swing: Swing, solution: Solution, checks: Checks, frequency: float, lag_sd: float
+) -> tuple[Method, Estimate, Estimate, FitOutcome]:
+    """The method, k and c with their errors (that of c for a known lag), and the outcome.
+
+    Output error is used if the marker noise is correlated in time and it has a solution.
+    """
+    _, damping = without_lag(solution)
+    outcome = solution.outcome
+    if checks.is_coloured:
+        simulated = output_error(swing, float(solution.parameters[K]), float(solution.parameters[C]))
+        if simulated.estimates is not None:
+            return "output error", *simulated.estimates, outcome
+        if simulated.outcome is FitOutcome.NOT_CONVERGED:
+            outcome = simulated.outcome
+    return "errors in variables", _stiffness(solution, frequency, lag_sd), damping, outcome
+
+
 def _stiffness(solution: Solution, frequency: float, lag_sd: float) -> Estimate:
-    """k [N/m] with what the lag [s] leaves open of it, to first order ω² c τ."""
+    """k [N/m] with its uncertainty due to the lag [s], to first order ω² c τ."""
     by_lag = (2 * math.pi * frequency) ** 2 * abs(float(solution.parameters[C])) * lag_sd
     return normal_estimate(float(solution.parameters[K]), math.hypot(float(solution.known_lag_sd[0]), by_lag))
 
 
 def _damping(
-    trial: Trial,
+    pull: Pull,
     oscillation: Oscillation,
     solution: Solution,
     k: float,
@@ -267,16 +237,16 @@ def _damping(
     apparent_damping: float,
     posterior: LagPosterior | None,
 ) -> Repeat:
-    """Splits what is uncertain into what is new in every trial and what all share: lag, drift, gain, static k.
+    """Separate the errors that are independent in every trial from the common ones: lag, drift, gain, static k.
 
-    free is c with its error as if the lag were known. To first order c_app = c + k τ; what the data say of τ beyond
-    that hangs on harmonics, and is not counted.
+    free is c with its error for a known lag. To first order c_app = c + k τ; information on τ of higher order depends
+    on harmonics and is not used.
     """
-    error, bound, gain = free.standard_error, float(solution.known_lag_sd[1]), trial.gain_sd * abs(free.value)
+    error, bound, gain = free.standard_error, float(solution.known_lag_sd[1]), pull.trial.gain_sd * abs(free.value)
     if posterior is None:
-        lag, common = k * trial.lag.declared, k * trial.lag.common(oscillation.middle)
+        lag, common = k * pull.trial.lag.declared, k * pull.trial.lag.common(oscillation.middle)
         drift = math.sqrt(max(0.0, common**2 - lag**2))
-        error, bound = math.hypot(error, k * trial.lag.edge), math.hypot(bound, k * trial.lag.edge)
+        error, bound = math.hypot(error, k * pull.trial.lag.edge), math.hypot(bound, k * pull.trial.lag.edge)
     else:
         lag, drift = posterior.damping_sd, 0.0
     return Repeat(

@@ -1,7 +1,7 @@
-"""Whether the cuff still slips while it is pulled to and fro, and the apparent damping.
+"""Detect slip during the oscillation, and compute its apparent damping.
 
-Averaged over a whole cycle, x − F/k stays where the cuff holds. Where it moves on by s with every cycle, the crest of
-the force, A above its mean, does the work A s on it, as a damper of A s / (π ω X²) would take in a swing of ± X.
+Averaged over a whole cycle, x − F/k is constant if the cuff does not slip. If it increases by s per cycle, the peak of
+the force, A above its mean, does the work A s, which a damper of A s / (π ω X²) dissipates in a swing of ± X.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.oscillation import Oscillation
+from fitting.trial.oscillation import Oscillation
 
 MIN_SETTLED = 4
-"""Cycles in which the cuff must hold to be believed."""
+"""Least number of cycles without slip."""
 SIGNIFICANCE = 3.0
 
 
 @dataclass(frozen=True)
 class Slip:
-    """cycles at the start in which the cuff slipped by `distance` [m], after which it holds if it settles.
+    """Slip by `distance` [m] in the first `cycles`, after which it ends if `settles`.
 
-    damping is c [N s/m] that the movement left in the others may add; if the cuff never settles, cycles is 0.
+    damping [N s/m] is the apparent damping in the other cycles. If slip does not end, cycles is 0.
     """
 
     settles: bool
@@ -42,26 +42,26 @@ def find_slip(
 ) -> Slip:
     """Slip in the offsets x − F/k (frames,) [m] at time [s]; noise is that of one frame [m], stiffness k [N/m].
 
-    What adds less than `negligible` [N s/m] is no slip.
+    Slip with an apparent damping below `negligible` [N s/m] is ignored.
     """
     means, error = _cycle_means(time, offset, noise, oscillation)
     if len(means) < MIN_SETTLED:
-        return Slip(True, 0, 0.0, 0.0)
+        return Slip(settles=True, cycles=0, distance=0.0, damping=0.0)
     amplitude = oscillation.amplitude / stiffness
     apparent_damping = oscillation.amplitude / (2 * math.pi**2 * oscillation.frequency * amplitude**2)
     for first in range(len(means) - MIN_SETTLED + 1):
         slope, slope_sd = _slope(means[first:], error)
         if slope < SIGNIFICANCE * slope_sd or apparent_damping * slope < negligible:
             moved = float(np.mean(means[first:]) - means[0]) if first else 0.0
-            return Slip(True, first, moved, apparent_damping * abs(slope))
+            return Slip(settles=True, cycles=first, distance=moved, damping=apparent_damping * abs(slope))
     slope, _ = _slope(means, error)
-    return Slip(False, 0, float(means[-1] - means[0]), apparent_damping * slope)
+    return Slip(settles=False, cycles=0, distance=float(means[-1] - means[0]), damping=apparent_damping * slope)
 
 
 def _cycle_means(
     time: NDArray[np.float64], offset: NDArray[np.float64], noise: float, oscillation: Oscillation
 ) -> tuple[NDArray[np.float64], float]:
-    """Means of the offset over whole cycles (cycles,), and the standard deviation of one as neighbours show it."""
+    """Means of the offset over whole cycles (cycles,), and their standard deviation from differences of neighbours."""
     whole = int(oscillation.cycles)
     cycle = ((time - oscillation.start) * oscillation.frequency).astype(np.intp)
     inside = cycle < whole
@@ -75,6 +75,6 @@ def _cycle_means(
 
 
 def _slope(values: NDArray[np.float64], error: float) -> tuple[float, float]:
-    """Of the line through values (n,) at 0, 1, …, and its standard error."""
+    """Slope of the line through values (n,) at 0, 1, …, and its standard error."""
     u = np.arange(len(values)) - (len(values) - 1) / 2
     return float(u @ values / (u @ u)), error / math.sqrt(float(u @ u))

@@ -1,11 +1,11 @@
-"""Weak form of F = k x + c ẋ + m ẍ + F0 + F1 u: tested with tapered sines, so that no sample is differentiated.
+"""Weak form of F = k x + c ẋ + m ẍ + F0 + F1 u with tapered sines as test functions, so no sample is differentiated.
 
-With φ(t) = sin²(π t/T) exp(−iωt) over a stretch of T seconds, φ and φ̇ vanish at both ends; by parts
+With φ(t) = sin²(π t/T) exp(−iωt) over a stretch of T seconds, φ and φ̇ vanish at both ends; integration by parts gives
 
     ∫φ F = k ∫φ x − c ∫φ̇ x + m ∫φ̈ x + F1 ∫φ u          (∫φ F0 = 0 from the second ω = 2πj/T on)
 
-one complex line per ω, the same law on any grid of samples. Noise of x enters the normal matrix with a known mean,
-which is taken off. All lines together give k and c; those of a band of frequencies give the complex stiffness there.
+one complex equation (spectral line) per ω, for any sampling. Noise of x adds a known mean to the normal matrix, which
+is subtracted. All lines together give k and c; the lines of a frequency band give the complex stiffness of the band.
 """
 
 from __future__ import annotations
@@ -19,28 +19,31 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import czt
 
-from fitting.dynamic.errors_in_variables import Record
+from fitting.dynamic.swing import Swing
 from fitting.uncertainty import Estimate, student_estimate
 
-LONGEST_HOLE = 0.15
-"""Seconds without a marker that a cubic spline bridges; a longer hole ends the stretch."""
+LONGEST_GAP = 0.15
+"""Longest gap of the markers [s] that a cubic spline interpolates; a longer gap ends the stretch."""
 MIN_STRETCH = 3.0
 LOWEST, HIGHEST = 0.25, 6.0
-"""Frequencies [Hz] that are looked at."""
+"""Range of frequencies [Hz]."""
 ABOVE_NOISE = 5.0
-"""Times its noise that the displacement must reach in a line."""
+"""Least displacement of a line over its noise."""
 MIN_LINES = 3
-"""What a sine alone has."""
+"""Number of lines of a pure sine."""
 WIDTH = 0.25
 NEIGHBOURS = (1.0, -2 / 3, 1 / 6)
-"""Correlation of a line's noise with that of the next ones: the taper's spectrum."""
+"""Correlation of the noise of a line with that of the next ones, from the spectrum of the taper."""
 
 X, V, A = range(3)
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines (n,) of one stretch at `frequency` [Hz]: ∫φF, (n, 3) ∫φx, −∫φ̇x, ∫φ̈x, ∫φu and the mean noise |x̂|², |v̂|²."""
+    """Lines (n,) of one stretch at `frequency` [Hz].
+
+    force ∫φF, motion (n, 3) ∫φx, −∫φ̇x, ∫φ̈x, ramp ∫φu, noise (n, 2) expected |x̂|², |v̂|² of marker noise
+    """
 
     frequency: NDArray[np.float64]
     force: NDArray[np.complex128]
@@ -51,47 +54,47 @@ class Lines:
 
 @dataclass(frozen=True)
 class ComplexStiffness:
-    """K*(f) = k + i 2πf c at `frequency` [Hz]: k [N/m] and c [N s/m] as the lines of a band give them."""
+    """K*(f) = k + i 2πf c at `frequency` [Hz]: k [N/m] and c [N s/m] from the lines of a band."""
 
     frequency: float
     stiffness: Estimate
     damping: Estimate
 
     def widened(self, lag_sd: float, gain_sd: float) -> ComplexStiffness:
-        """With what is not known of the lag [s] and of the load cell's scale (relative), to first order.
+        """With the uncertainty of the lag [s] and of the load cell's scale (relative) added, to first order.
 
-        A lag τ turns K* by ωτ: k becomes k − ω²c τ and c becomes c + k τ.
+        A lag τ rotates K* by ωτ: k becomes k − ω²c τ and c becomes c + k τ.
         """
         k, c = abs(self.stiffness.value), abs(self.damping.value)
-        turned = (2 * math.pi * self.frequency) ** 2 * c * lag_sd
+        by_lag = (2 * math.pi * self.frequency) ** 2 * c * lag_sd
         return ComplexStiffness(
             self.frequency,
-            self.stiffness.widened({"lag": turned, "gain": gain_sd * k}),
+            self.stiffness.widened({"lag": by_lag, "gain": gain_sd * k}),
             self.damping.widened({"lag": k * lag_sd, "gain": gain_sd * c}),
         )
 
 
-def tapered_lines(record: Record, marker_noise: float) -> list[Lines]:
-    """The lines of every stretch with markers whose displacement stands out of marker_noise [m] per frame."""
-    lines = [_lines(record, start, end, marker_noise) for start, end in _stretches(record.marker_time)]
-    return [each for each in lines if len(each.frequency) >= MIN_LINES]
+def tapered_lines(swing: Swing, marker_noise: float) -> list[Lines]:
+    """The lines of every stretch whose displacement exceeds its noise; marker_noise [m] is per frame."""
+    lines = [_lines(swing, start, end, marker_noise) for start, end in _stretches(swing.marker_time)]
+    return [stretch for stretch in lines if len(stretch.frequency) >= MIN_LINES]
 
 
 def fit_lines(lines: Sequence[Lines], mass: float) -> tuple[Estimate, Estimate] | None:
-    """k and c with the lag as given; None if there are too few lines. The scatter of the lines is their noise."""
-    count = sum(len(each.frequency) for each in lines)
+    """k and c for a known lag, with errors from the scatter of the lines; None for too few lines."""
+    count = sum(len(stretch.frequency) for stretch in lines)
     if count < MIN_LINES:
         return None
     normal, right = np.zeros((3, 3)), np.zeros(3)
-    for each in lines:
-        columns = _columns(each)
+    for stretch in lines:
+        columns = _columns(stretch)
         normal += (columns.conj().T @ columns).real
-        normal[[X, V], [X, V]] -= each.noise.sum(axis=0)
-        right += (columns.conj().T @ (each.force - mass * each.motion[:, A])).real
+        normal[[X, V], [X, V]] -= stretch.noise.sum(axis=0)
+        right += (columns.conj().T @ (stretch.force - mass * stretch.motion[:, A])).real
     solved = np.linalg.solve(normal, right)
-    residuals = [each.force - mass * each.motion[:, A] - _columns(each) @ solved for each in lines]
+    residuals = [stretch.force - mass * stretch.motion[:, A] - _columns(stretch) @ solved for stretch in lines]
     variance = sum(float(np.vdot(r, r).real) for r in residuals) / (2 * count - 3)
-    middle = sum(_spread(_columns(each)) for each in lines)
+    middle = sum(_spread(_columns(stretch)) for stretch in lines)
     covariance = variance * np.linalg.solve(normal, np.linalg.solve(normal, middle).T)
     k_error, c_error = (math.sqrt(max(0.0, float(covariance[i, i]))) for i in (X, V))
     dof = 2 * count - 3
@@ -99,46 +102,46 @@ def fit_lines(lines: Sequence[Lines], mass: float) -> tuple[Estimate, Estimate] 
 
 
 def complex_stiffness(lines: Sequence[Lines], mass: float, centre: float) -> tuple[ComplexStiffness, ...]:
-    """K* in bands a quarter of `centre` [Hz] wide, one of them around it, lowest first.
+    """K* in bands of width centre/4 [Hz], one of them around `centre` [Hz], lowest first.
 
-    A band needs three lines that stand out of the noise.
+    A band needs MIN_LINES lines.
     """
     if not lines:
         return ()
-    highest = max(float(each.frequency[-1]) for each in lines)
+    highest = max(float(stretch.frequency[-1]) for stretch in lines)
     found = []
     width = WIDTH * centre
     for low in np.arange(centre - width * (0.5 + np.floor(centre / width)), highest + width, width):
-        inside = [_between(each, low, low + width) for each in lines]
+        inside = [_between(stretch, low, low + width) for stretch in lines]
         fitted = fit_lines(inside, mass)
         if fitted is None:
             continue
-        power = np.concatenate([np.abs(each.motion[:, X]) ** 2 for each in inside])
-        frequency = np.concatenate([each.frequency for each in inside])
+        power = np.concatenate([np.abs(stretch.motion[:, X]) ** 2 for stretch in inside])
+        frequency = np.concatenate([stretch.frequency for stretch in inside])
         found.append(ComplexStiffness(float(np.average(frequency, weights=power)), *fitted))
     return tuple(found)
 
 
 def _stretches(time: NDArray[np.float64]) -> list[tuple[float, float]]:
-    holes = np.flatnonzero(np.diff(time) > LONGEST_HOLE)
-    starts, ends = time[np.append(0, holes + 1)], time[np.append(holes, len(time) - 1)]
+    gaps = np.flatnonzero(np.diff(time) > LONGEST_GAP)
+    starts, ends = time[np.append(0, gaps + 1)], time[np.append(gaps, len(time) - 1)]
     return [(float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b - a >= MIN_STRETCH]
 
 
-def _lines(record: Record, start: float, end: float, noise: float) -> Lines:
-    step, force_step = (float(np.median(np.diff(time))) for time in (record.marker_time, record.force_time))
-    seen = (record.marker_time >= start) & (record.marker_time <= end)
-    inside = (record.force_time >= start) & (record.force_time <= end)
-    start, end = max(start, float(record.force_time[inside][0])), min(end, float(record.force_time[inside][-1]))
+def _lines(swing: Swing, start: float, end: float, noise: float) -> Lines:
+    step, force_step = (float(np.median(np.diff(time))) for time in (swing.marker_time, swing.force_time))
+    seen = (swing.marker_time >= start) & (swing.marker_time <= end)
+    inside = (swing.force_time >= start) & (swing.force_time <= end)
+    start, end = max(start, float(swing.force_time[inside][0])), min(end, float(swing.force_time[inside][-1]))
     length = end - start
     highest = int(min(HIGHEST, 0.25 / max(step, force_step)) * length)
     frequency = np.arange(1, highest + 1) / length
 
     grid, even = np.arange(start, end, step), np.arange(start, end, force_step)
-    way = CubicSpline(record.marker_time[seen], record.displacement[seen])(grid)
+    displacement = CubicSpline(swing.marker_time[seen], swing.displacement[seen])(grid)
     waves = [
-        step * _waves(way, step, length, highest),
-        force_step * _waves(np.interp(even, record.force_time, record.force), force_step, length, highest),
+        step * _waves(displacement, step, length, highest),
+        force_step * _waves(np.interp(even, swing.force_time, swing.force), force_step, length, highest),
         force_step * _waves(2 * (even - start) / length - 1, force_step, length, highest),
     ]
     w, p = 2 * np.pi * frequency, 2 * np.pi / length
@@ -155,7 +158,7 @@ def _lines(record: Record, start: float, end: float, noise: float) -> Lines:
 
 
 def _waves(values: NDArray[np.float64], step: float, length: float, highest: int) -> NDArray[np.complex128]:
-    """Σ values exp(−2πi j t/T) for j = 0 … highest + 1, at once (chirp z-transform)."""
+    """Σ values exp(−2πi j t/T) for j = 0 … highest + 1, by the chirp z-transform."""
     return np.asarray(czt(values, highest + 2, w=np.exp(-2j * np.pi * step / length)))
 
 
@@ -170,7 +173,7 @@ def _columns(lines: Lines) -> NDArray[np.complex128]:
 
 
 def _spread(columns: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """What noise of unit variance per real part, correlated between neighbouring lines, leaves in columns' products."""
+    """Covariance of the products of columns with noise of unit variance, correlated between neighbours."""
     total = (columns.conj().T @ columns).real
     for apart, correlation in enumerate(NEIGHBOURS[1:], start=1):
         product = (columns[apart:].conj().T @ columns[:-apart]).real

@@ -1,19 +1,19 @@
-"""Which law a cuff follows: Kelvin-Voigt and what may come on top of it, compared by leaving one repeat out.
+"""Compare constitutive laws of a cuff, Kelvin-Voigt and extensions, by leave-one-repeat-out cross-validation.
 
-Held loads and swings of a donning are described together, F = k x + c ẋ + m ẍ + Σ g z, where z is the extension's
-response to the measured history. Every class has what the default estimate has: in each record a zero, a drift and a
-lag of its own, the lag within its prior. All is linear but one parameter of each extension, from a grid:
+Held loads and swings of a donning are fitted together, F = k x + c ẋ + m ẍ + Σ g z, where z is the response of an
+extension to the measured history. Every record has its own zero, drift and lag (with its prior), as in the default
+estimate. The model is linear except for one parameter of every extension, which is taken from a grid:
 
-    stiffening   z = y², y³, y being x from where the straight line has no force        (softening where it bends down)
-    friction     z = x cut to ± r where it turns (stop operator), driven through a play that noise does not cross
+    stiffening   z = y², y³, where y is x from the zero of the linear force            (softening if it curves downward)
+    friction     z = stop operator of x with limit r, after a play operator that removes noise
     SLS          ż = ẋ − z/T, T up to 1 s              creep     the same with T of 3 s and more
-    slip         z = −max(0, highest force so far − a limit), counted through the donning or in each record anew
+    slip         z = −max(0, highest force so far − limit), over the donning or in every record separately
 
-Each fold leaves one repeat out; coefficients and grid come from the others, and the force left over in it counts. A
-richer class is taken only if it lowers the mean square by more than 5 % on average and raises it by more than 1 % in no
-fold: information criteria believe every richer class, as the residuals of a record are not independent. A second
-extension may follow, for another 15 %. Slip happens in one repeat and not again: it is decided by leaving stretches of
-all records out, and then taken off.
+Every fold leaves one repeat out; coefficients and grid parameters are fitted to the other repeats, and the residual in
+this repeat is evaluated. An extension is accepted only if it reduces the mean square by more than 5 % on average and
+does not increase it by more than 1 % in any fold. Information criteria accept every extension, because the residuals of
+a record are not independent. A second extension must reduce it by another 15 %. Slip occurs in one repeat only, so it
+is decided by leaving out stretches of all records, and is then subtracted.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fitting.laws.history import History
+from fitting.laws.sampled_pull import SampledPull
 
 KELVIN_VOIGT = "Kelvin-Voigt"
 GAIN, SECOND_GAIN, NO_LOSS = 0.05, 0.15, 0.01
-"""By which the mean square must fall for one extension, for another on top of it, and may rise in a single fold."""
+"""Required decrease of the mean square for the first and the second extension, and tolerated increase in a fold."""
 MOST_EXTENSIONS = 2
 FAST, SLOW = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0), (3.0, 6.0, 12.0, 25.0, 50.0)
 """Relaxation times [s] of the standard linear solid and of creep."""
 YIELDS = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Of the standard deviation of the displacement that counts, in the donning."""
+"""Limits r of friction over the standard deviation of the displacement."""
 LIMITS = tuple(np.linspace(0.05, 0.9, 18).tolist())
-"""Of the way from the lowest to the highest force."""
+"""Limits of slip over the range of the force."""
 STRETCH, STRETCHES = 4.0, 5
-"""Where there is one repeat only, every fifth stretch of four seconds is left out in turn."""
+"""With a single repeat, every fifth stretch of four seconds is left out in turn."""
 SLIP, STIFFENING, SOFTENING = "slip", "stiffening", "softening"
-STILL = 0.02
-"""A response that moves by less than this part of its usual spread in the records at hand has no coefficient there."""
+LEAST_SPREAD_RATIO = 0.02
+"""Spread of a response over its usual one below which its coefficient is not fitted."""
 HELD_WEIGHT = 5.0
-"""Of a held second against a sample of a swing: so many smoothing windows are in it."""
+"""Weight of a held second relative to a sample of a swing: number of smoothing windows in a second."""
 FORCE, X, V, RATE = range(4)
 
 
 @dataclass(frozen=True)
 class ClassScore:
-    """One law: the rms force [N] it leaves in repeats it was not fitted to, and its gain over Kelvin-Voigt."""
+    """One law: residual RMS [N] in left-out repeats, and relative decrease of its square against Kelvin-Voigt."""
 
     name: str
     residual_rms: float
@@ -60,7 +60,7 @@ class ClassScore:
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """ranking is best first; chosen names the extensions that pass the rule, none for Kelvin-Voigt."""
+    """ranking is best first; chosen are the accepted extensions, empty for Kelvin-Voigt."""
 
     ranking: tuple[ClassScore, ...]
     chosen: tuple[str, ...]
@@ -70,81 +70,85 @@ class ModelComparison:
         return " + ".join(self.chosen) or KELVIN_VOIGT
 
     def as_softening(self) -> ModelComparison:
-        """The same for a cuff that bends the other way."""
+        """The comparison with stiffening renamed softening."""
         ranking = [replace(score, name=score.name.replace(STIFFENING, SOFTENING)) for score in self.ranking]
         return ModelComparison(tuple(ranking), tuple(SOFTENING if name == STIFFENING else name for name in self.chosen))
 
 
-def compare_classes(histories: Sequence[History]) -> ModelComparison | None:
-    """The classes on all records of a donning in time order; None if nothing moves, or no part can be left out."""
-    histories = [each for each in histories if np.count_nonzero(each.kept) > 20]
-    if not histories or max(float(np.ptp(each.force[each.kept])) for each in histories) < 1.0:
+def compare_classes(pulls: Sequence[SampledPull]) -> ModelComparison | None:
+    """Compare the laws on all records of a donning in time order; None without motion or with a single fold."""
+    pulls = [pull for pull in pulls if np.count_nonzero(pull.kept) > 20]
+    if not pulls or max(float(np.ptp(pull.force[pull.kept])) for pull in pulls) < 1.0:
         return None
-    extensions, columns = _columns(histories)
-    stretches = _cut(histories, columns, by_stretch=True)
-    repeats = {each.repeat for each in histories}
-    parts = stretches if len(repeats) == 1 else _cut(histories, columns, by_stretch=False)
-    if min(len({part.fold for part in each}) for each in (parts, stretches)) < 2:
+    extensions, columns = _columns(pulls)
+    stretches = _cut(pulls, columns, by_stretch=True)
+    repeats = {pull.repeat for pull in pulls}
+    parts = stretches if len(repeats) == 1 else _cut(pulls, columns, by_stretch=False)
+    if min(len({part.fold for part in cut}) for cut in (parts, stretches)) < 2:
         return None  # there is nothing to leave out
-    plain = _left_out(parts, ())
+    plain = _cross_validate(parts, ())
     if not plain.any():
-        return None  # nothing is left for another law to explain
-    scores = {KELVIN_VOIGT: plain, **{each.name: _left_out(parts, (each,)) for each in extensions}}
+        return None  # no residual to explain
+    scores = {KELVIN_VOIGT: plain, **{extension.name: _cross_validate(parts, (extension,)) for extension in extensions}}
     chosen: tuple[_Extension, ...] = ()
     slip = _established_slip(stretches, extensions)
     if slip is not None:
-        chosen, parts = (slip,), _taken_off(parts, slip)
-        scores[slip.name] = _left_out(parts, ())
+        chosen, parts = (slip,), _without_extension(parts, slip)
+        scores[slip.name] = _cross_validate(parts, ())
     best, limits = scores[_name(chosen)], [GAIN, SECOND_GAIN][len(chosen) :]
     for limit in limits:
-        fitted = [each for each in chosen if each is not slip]
-        tried = [(each, _left_out(parts, (*fitted, each))) for each in extensions if each not in chosen]
-        extension, left = min(tried, key=lambda pair: float(pair[1].sum()))
-        if not _is_real(best, left, limit):
+        fitted = [extension for extension in chosen if extension is not slip]
+        tried = [
+            (extension, _cross_validate(parts, (*fitted, extension)))
+            for extension in extensions
+            if extension not in chosen
+        ]
+        extension, residual = min(tried, key=lambda pair: float(pair[1].sum()))
+        if not _is_improvement(best, residual, limit):
             break
-        chosen, best = (*chosen, extension), left
-        scores[_name(chosen)] = left
+        chosen, best = (*chosen, extension), residual
+        scores[_name(chosen)] = residual
     weight = sum(part.weight for part in parts)
     ranking = [
-        ClassScore(name, math.sqrt(float(left.sum()) / weight), 1 - float(left.sum() / plain.sum()))
-        for name, left in scores.items()
+        ClassScore(name, math.sqrt(float(residual.sum()) / weight), 1 - float(residual.sum() / plain.sum()))
+        for name, residual in scores.items()
     ]
     ranking.sort(key=lambda score: score.residual_rms)
-    return ModelComparison(tuple(ranking), tuple(each.name for each in chosen))
+    return ModelComparison(tuple(ranking), tuple(extension.name for extension in chosen))
 
 
 def _name(chosen: Sequence[_Extension]) -> str:
-    return " + ".join(each.name for each in chosen) or KELVIN_VOIGT
+    return " + ".join(extension.name for extension in chosen) or KELVIN_VOIGT
 
 
 def _established_slip(stretches: Sequence[_Part], extensions: Sequence[_Extension]) -> _Extension | None:
-    """Slip if it explains more than any other class when stretches of all records are left out in turn.
+    """Slip if it explains more than any other extension when stretches of all records are left out in turn.
 
-    A cuff that slips does so in the first repeat only, so that leaving out repeats cannot tell.
+    A cuff slips in the first repeat only, so slip cannot be detected by leaving out repeats.
     """
-    left = {each.name: _left_out(stretches, (each,)) for each in extensions}
-    best = min(extensions, key=lambda each: float(left[each.name].sum()))
-    is_slip = best.name == SLIP and _is_real(_left_out(stretches, ()), left[SLIP], GAIN)
+    residual = {extension.name: _cross_validate(stretches, (extension,)) for extension in extensions}
+    best = min(extensions, key=lambda extension: float(residual[extension.name].sum()))
+    is_slip = best.name == SLIP and _is_improvement(_cross_validate(stretches, ()), residual[SLIP], GAIN)
     return best if is_slip else None
 
 
-def _taken_off(parts: Sequence[_Part], extension: _Extension) -> list[_Part]:
-    """The parts with the extension's force, as all of them tell it, taken off the force."""
+def _without_extension(parts: Sequence[_Part], extension: _Extension) -> list[_Part]:
+    """The parts without the force of the extension, fitted to all of them."""
     whole = np.asarray(sum(part.products for part in parts))
     row = _best(whole, (extension,))
-    turn = np.eye(len(whole))
-    turn[FORCE, RATE + 1 :] = row[RATE + 1 :]
-    return [replace(part, products=turn @ part.products @ turn.T) for part in parts]
+    transform = np.eye(len(whole))
+    transform[FORCE, RATE + 1 :] = row[RATE + 1 :]
+    return [replace(part, products=transform @ part.products @ transform.T) for part in parts]
 
 
-def _is_real(before: NDArray[np.float64], after: NDArray[np.float64], gain: float) -> bool:
-    """Whether the squares left in each fold (folds,) fall enough on average, and grow in none."""
+def _is_improvement(before: NDArray[np.float64], after: NDArray[np.float64], gain: float) -> bool:
+    """Whether the squared residuals of the folds (folds,) decrease enough on average, and increase in none."""
     return bool(after.sum() < (1 - gain) * before.sum() and np.all(after < (1 + NO_LOSS) * before))
 
 
 @dataclass(frozen=True, eq=False)
 class _Extension:
-    """A class: columns (one choice each) of its responses, and whether only a positive coefficient makes sense."""
+    """An extension: columns of its responses for every grid parameter, and whether its coefficient must be positive."""
 
     name: str
     choices: tuple[tuple[int, ...], ...]
@@ -153,21 +157,21 @@ class _Extension:
 
 @dataclass(frozen=True)
 class _Part:
-    """A record or a fold of it: products (columns, columns) of its samples about the record's mean, their weight."""
+    """A fold of a record: products (columns, columns) of its samples without the record's mean, and their weight."""
 
     fold: int
     weight: float
     products: NDArray[np.float64]
 
 
-def _columns(histories: Sequence[History]) -> tuple[list[_Extension], list[NDArray[np.float64]]]:
-    """The extensions, and each record's columns (n, columns): force, displacement, velocity, rate of force, responses.
+def _columns(pulls: Sequence[SampledPull]) -> tuple[list[_Extension], list[NDArray[np.float64]]]:
+    """The extensions, and columns (n, columns) of every record: force, displacement, velocity, force rate, responses.
 
-    All but the force and its rate have unit spread over what counts.
+    All except the force and its rate are scaled to unit spread over the kept samples.
     """
-    columns = [[each.force, each.displacement, each.velocity, each.force_rate] for each in histories]
+    columns = [[pull.force, pull.displacement, pull.velocity, pull.force_rate] for pull in pulls]
     extensions = []
-    for name, responses in _responses(histories).items():
+    for name, responses in _responses(pulls).items():
         choices = []
         for response in responses:
             first = len(columns[0])
@@ -176,51 +180,50 @@ def _columns(histories: Sequence[History]) -> tuple[list[_Extension], list[NDArr
             choices.append(tuple(range(first, len(columns[0]))))
         extensions.append(_Extension(name, tuple(choices), name != STIFFENING))
     whole = [np.column_stack(mine) for mine in columns]
-    spread = np.std(np.concatenate([mine[each.kept] for each, mine in zip(histories, whole, strict=True)]), axis=0)
+    spread = np.std(np.concatenate([mine[pull.kept] for pull, mine in zip(pulls, whole, strict=True)]), axis=0)
     spread[[FORCE, RATE]], spread[spread == 0] = 1.0, 1.0
     return extensions, [mine / spread for mine in whole]
 
 
-def _cut(histories: Sequence[History], columns: Sequence[NDArray[np.float64]], by_stretch: bool) -> list[_Part]:
-    """The records in folds: their repeats, or every fifth stretch of four seconds."""
+def _cut(pulls: Sequence[SampledPull], columns: Sequence[NDArray[np.float64]], *, by_stretch: bool) -> list[_Part]:
+    """Divide the records into folds: repeats, or every fifth stretch of four seconds."""
     parts = []
-    for history, mine in zip(histories, columns, strict=True):
-        time, rows = history.time[history.kept], mine[history.kept]
-        if history.is_held:
+    for pull, mine in zip(pulls, columns, strict=True):
+        time, rows = pull.time[pull.kept], mine[pull.kept]
+        if pull.is_held:
             time, rows = _whole_seconds(time, rows)
-        weight = HELD_WEIGHT if history.is_held else 1.0
-        freed = _freed(time, rows, history)
-        folds = (time // STRETCH).astype(np.intp) % STRETCHES if by_stretch else np.full(len(rows), history.repeat)
+        weight = HELD_WEIGHT if pull.is_held else 1.0
+        rows = _without_nuisance(time, rows, pull)
+        folds = (time // STRETCH).astype(np.intp) % STRETCHES if by_stretch else np.full(len(rows), pull.repeat)
         for fold in np.unique(folds):
-            piece = freed[folds == fold]
+            piece = rows[folds == fold]
             parts.append(_Part(int(fold), weight * len(piece), weight * piece.T @ piece))
     return parts
 
 
-def _freed(time: NDArray[np.float64], rows: NDArray[np.float64], history: History) -> NDArray[np.float64]:
-    """Rows (n, columns) without what the record's zero, its drift and its lag, as far as its prior lets it, explain.
+def _without_nuisance(time: NDArray[np.float64], rows: NDArray[np.float64], pull: SampledPull) -> NDArray[np.float64]:
+    """Rows (n, columns) without the parts explained by the record's zero, drift and lag (with its prior).
 
-    The lag τ costs (τ/lag_sd)² as a residual of one standard deviation does; that of the force is what a spring and a
-    damper leave over in this record alone.
+    The penalty of a lag τ is (τ/lag_sd)², in units of the residual variance of a spring and a damper in this record.
     """
-    zero = np.vander(time - time.mean(), 2 if history.drifts else 1)
+    zero = np.vander(time - time.mean(), 2 if pull.drifts else 1)
     rows = rows - zero @ np.linalg.lstsq(zero, rows, rcond=None)[0]
     rate = rows[:, RATE].copy()
     power = float(rate @ rate)
-    if history.lag_sd == 0 or power == 0:
+    if pull.lag_sd == 0 or power == 0:
         return rows
     law = rows[:, [X, V, RATE]]
-    left = rows[:, FORCE] - law @ np.linalg.lstsq(law, rows[:, FORCE], rcond=None)[0]
-    held_back = float(left @ left) / len(left) / history.lag_sd**2
-    # Squares of what is left are least over τ: 1 − share of the part along the rate stays, its root in a row.
-    share = power / (power + held_back)
+    residual = rows[:, FORCE] - law @ np.linalg.lstsq(law, rows[:, FORCE], rcond=None)[0]
+    penalty = float(residual @ residual) / len(residual) / pull.lag_sd**2
+    # Minimised over τ, the squares along the rate are reduced by 1 − share, so the rows by its root.
+    share = power / (power + penalty)
     return np.asarray(rows - (1 - math.sqrt(1 - share)) * np.outer(rate, rate @ rows) / power)
 
 
 def _whole_seconds(
     time: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means over the seconds in which most samples count. Noise of a still cuff would pass for small motions."""
+    """Means over seconds with most samples kept; noise of a resting cuff would otherwise be fitted as small motion."""
     second, index, count = np.unique(np.floor(time), return_inverse=True, return_counts=True)
     total = np.zeros((len(second), rows.shape[1]))
     np.add.at(total, index, rows)
@@ -228,92 +231,97 @@ def _whole_seconds(
     return second[is_whole], total[is_whole] / count[is_whole, None]
 
 
-def _left_out(parts: Sequence[_Part], extensions: Sequence[_Extension]) -> NDArray[np.float64]:
-    """Squares left in each fold (folds,) [N²] by the law that fits the others best."""
-    left = []
+def _cross_validate(parts: Sequence[_Part], extensions: Sequence[_Extension]) -> NDArray[np.float64]:
+    """Squared residuals in every fold (folds,) [N²] of the law fitted to the other folds."""
+    residual = []
     for fold in sorted({part.fold for part in parts}):
         inside = sum(part.products for part in parts if part.fold == fold)
         row = _best(np.asarray(sum(part.products for part in parts if part.fold != fold)), extensions)
-        left.append(max(0.0, float(row @ inside @ row)))  # what is nothing comes out as ± the rounding
-    return np.array(left)
+        residual.append(max(0.0, float(row @ inside @ row)))  # rounding may give a negative zero
+    return np.array(residual)
 
 
 def _best(products: NDArray[np.float64], extensions: Sequence[_Extension]) -> NDArray[np.float64]:
-    """The row that takes columns to what is left of the force, of the choices that leave least and make sense."""
-    rows = [_fit(products, extensions, chosen) for chosen in product(*(each.choices for each in extensions))]
-    sensible = [row for row in rows if row is not None]
-    if not sensible:
+    """The row that maps columns to the residual force, for the best grid parameters with admissible signs."""
+    rows = [_fit(products, extensions, chosen) for chosen in product(*(extension.choices for extension in extensions))]
+    admissible = [row for row in rows if row is not None]
+    if not admissible:
         return _best(products, extensions[:-1])
-    return min(sensible, key=lambda row: float(row @ products @ row))
+    return min(admissible, key=lambda row: float(row @ products @ row))
 
 
 def _fit(
     products: NDArray[np.float64], extensions: Sequence[_Extension], chosen: Sequence[tuple[int, ...]]
 ) -> NDArray[np.float64] | None:
-    """1 for the force, minus coefficients elsewhere; None where a coefficient has a sign without a meaning."""
+    """1 for the force and minus the coefficients elsewhere; None if a coefficient has an inadmissible sign."""
     used = [X, V, *(column for columns in chosen for column in columns)]
     scale = np.sqrt(np.diag(products)[used])
-    scale[scale < STILL * scale[0]] = np.inf
+    scale[scale < LEAST_SPREAD_RATIO * scale[0]] = np.inf
     normal = products[np.ix_(used, used)] / np.outer(scale, scale)
     solved = np.linalg.lstsq(normal, products[used, FORCE] / scale, rcond=1e-9)[0] / scale
     row = np.zeros(len(products))
     row[FORCE], row[used] = 1.0, -solved
-    signed = [column for each, columns in zip(extensions, chosen, strict=True) if each.is_signed for column in columns]
+    signed = [
+        column
+        for extension, columns in zip(extensions, chosen, strict=True)
+        if extension.is_signed
+        for column in columns
+    ]
     return None if np.any(row[signed] > 0) else row
 
 
-def _responses(histories: Sequence[History]) -> Mapping[str, list[list[list[NDArray[np.float64]]]]]:
-    """Extension → choice of its parameter → record → columns (n,)."""
-    spread = float(np.std(np.concatenate([each.displacement[each.kept] for each in histories])))
+def _responses(pulls: Sequence[SampledPull]) -> Mapping[str, list[list[list[NDArray[np.float64]]]]]:
+    """Extension → grid parameter → record → columns (n,)."""
+    spread = float(np.std(np.concatenate([pull.displacement[pull.kept] for pull in pulls])))
     return {
-        STIFFENING: [[_powers(each, _stiffness(histories)) for each in histories]],
-        "friction": [[[_stop(each, part * spread)] for each in histories] for part in YIELDS],
-        "standard linear solid": [[[_relaxing(each, time)] for each in histories] for time in FAST],
-        "creep": [[[_relaxing(each, time)] for each in histories] for time in SLOW],
-        SLIP: [[[column] for column in columns] for columns in _slips(histories)],
+        STIFFENING: [[_powers(pull, _stiffness(pulls)) for pull in pulls]],
+        "friction": [[[_stop(pull, part * spread)] for pull in pulls] for part in YIELDS],
+        "standard linear solid": [[[_relax(pull, time)] for pull in pulls] for time in FAST],
+        "creep": [[[_relax(pull, time)] for pull in pulls] for time in SLOW],
+        SLIP: [[[column] for column in columns] for columns in _slips(pulls)],
     }
 
 
-def _stiffness(histories: Sequence[History]) -> float:
+def _stiffness(pulls: Sequence[SampledPull]) -> float:
     force, x = (
-        np.concatenate([values[each.kept] - values[each.kept].mean() for each, values in pairs])
-        for pairs in ([(e, e.force) for e in histories], [(e, e.displacement) for e in histories])
+        np.concatenate([values[pull.kept] - values[pull.kept].mean() for pull, values in pairs])
+        for pairs in ([(e, e.force) for e in pulls], [(e, e.displacement) for e in pulls])
     )
     return float(force @ x / (x @ x))
 
 
-def _powers(history: History, stiffness: float) -> list[NDArray[np.float64]]:
-    x, force = history.displacement, history.force
-    y = x - x[history.kept].mean() + force[history.kept].mean() / stiffness
+def _powers(pull: SampledPull, stiffness: float) -> list[NDArray[np.float64]]:
+    x, force = pull.displacement, pull.force
+    y = x - x[pull.kept].mean() + force[pull.kept].mean() / stiffness
     return [y**2, y**3]
 
 
-def _stop(history: History, reach: float) -> NDArray[np.float64]:
-    """The way since the last turn, at most ± reach, of what is left of the displacement by a play."""
-    played, z = history.displacement[0], 0.0
-    found = np.empty(len(history.time))
-    for i, x in enumerate(history.displacement.tolist()):
-        moved = max(x - history.play, min(played, x + history.play)) - played
-        played += moved
+def _stop(pull: SampledPull, reach: float) -> NDArray[np.float64]:
+    """Stop operator with limit `reach` of the displacement after a play operator."""
+    play_output, z = pull.displacement[0], 0.0
+    found = np.empty(len(pull.time))
+    for i, x in enumerate(pull.displacement.tolist()):
+        moved = max(x - pull.play, min(play_output, x + pull.play)) - play_output
+        play_output += moved
         z = max(-reach, min(z + moved, reach))
         found[i] = z
     return found
 
 
-def _relaxing(history: History, time: float) -> NDArray[np.float64]:
-    """z with ż = ẋ − z/T, at rest in the beginning."""
-    step = history.time[1] - history.time[0]
-    stays = math.exp(-step / time)
-    moved = np.diff(history.displacement, prepend=history.displacement[0])
-    return np.asarray(lfilter([time / step * (1 - stays)], [1, -stays], moved))
+def _relax(pull: SampledPull, time: float) -> NDArray[np.float64]:
+    """z with ż = ẋ − z/T, initially at rest."""
+    step = pull.time[1] - pull.time[0]
+    decay = math.exp(-step / time)
+    moved = np.diff(pull.displacement, prepend=pull.displacement[0])
+    return np.asarray(lfilter([time / step * (1 - decay)], [1, -decay], moved))
 
 
-def _slips(histories: Sequence[History]) -> Iterator[list[NDArray[np.float64]]]:
-    """−how far the highest force so far exceeds each limit: of all records before as well, or of this one only."""
-    runs = [np.maximum.accumulate(each.force) for each in histories]
+def _slips(pulls: Sequence[SampledPull]) -> Iterator[list[NDArray[np.float64]]]:
+    """−max(0, highest force so far − limit) for every limit, over all previous records or over this one only."""
+    runs = [np.maximum.accumulate(pull.force) for pull in pulls]
     before = np.concatenate(([-np.inf], np.maximum.accumulate([run[-1] for run in runs])[:-1]))
     low, high = min(float(run[0]) for run in runs), max(float(run[-1]) for run in runs)
     for part in LIMITS:
         limit = low + part * (high - low)
         for highest in ([np.maximum(run, b) for run, b in zip(runs, before, strict=True)], runs):
-            yield [-np.maximum(0.0, each - limit) for each in highest]
+            yield [-np.maximum(0.0, run - limit) for run in highest]

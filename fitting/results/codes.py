@@ -1,6 +1,6 @@
-"""Codes of what a fit says: stable names for programs. Their sentences are in fitting/results/rendering.py.
+"""Codes of everything that a fit reports: stable names for programs. Their text is in fitting/results/sentences.py.
 
-A code keeps its meaning for ever. A new one may be added; one that is no longer given stays, so that old files open.
+A code never changes its meaning. New codes may be added; a code that is no longer used stays, so that old files open.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """What was and was not identified: the quantity, then after a dot the reason."""
+    """Which quantities are identified: the quantity, then after a dot the reason."""
 
     IDENTIFIED = "identified"
     GIVEN = "given"
@@ -30,7 +30,7 @@ class Verdict(StrEnum):
     MIGRATED_BEFORE = "migration_not_identified.unusable_trial_before"
 
 
-DOUBTED: Mapping[Verdict, tuple[str, ...]] = {
+UNIDENTIFIED_BY: Mapping[Verdict, tuple[str, ...]] = {
     Verdict.LAG: ("damping",),
     Verdict.DAMPING_UNCERTAIN: ("damping",),
     Verdict.NEGATIVE: ("damping",),
@@ -38,11 +38,11 @@ DOUBTED: Mapping[Verdict, tuple[str, ...]] = {
     Verdict.SCALE: ("stiffness", "damping"),
     Verdict.SKIN: ("stiffness", "damping"),
 }
-"""Verdict → the quantities that it calls not identified, though there is a figure."""
+"""Verdict → quantities that are not identified although there is a figure."""
 
 
 class CauseCode(StrEnum):
-    """What may be wrong with a rig, or richer in a cuff than a spring and a damper."""
+    """A fault of the rig, or a property of the cuff beyond a spring and a damper."""
 
     TARE = "cause.tare_with_weight"
     ZERO_DRIFT = "cause.zero_drift"
@@ -61,7 +61,7 @@ class CauseCode(StrEnum):
 
 
 class FindingCode(StrEnum):
-    """The number that a check D1 to D8 gives; D7 and D8 give two."""
+    """The figure of a check D1 to D8; D7 and D8 have two."""
 
     START = "start_from_static_zero"
     STIFFNESS_RATIO = "dynamic_over_static_stiffness"
@@ -70,18 +70,18 @@ class FindingCode(StrEnum):
     DAMPING_POWER = "damping_over_frequency"
     ANGLE = "angle_of_pulls"
     UNLOADED_FORCE = "unloaded_force_between_records"
-    UNLOADED_PLACE = "unloaded_place_between_records"
+    UNLOADED_POSITION = "unloaded_place_between_records"
     FORCE_NOISE = "force_noise_swing_over_rest"
-    MARKER_MEMORY = "marker_noise_correlation"
+    MARKER_CORRELATION = "marker_noise_correlation"
 
 
 class NoteCode(StrEnum):
-    """What a reader should know before believing a figure."""
+    """A remark on the figures of a donning."""
 
     SLIPS_AGAIN = "note.slips_again"
-    RUBS_OR_MOVED = "note.friction_or_moved"
+    FRICTION_OR_MOVED = "note.friction_or_moved"
     SLIP_OR_FRICTION = "note.slip_or_friction"
-    RUBS = "note.friction"
+    FRICTION_OR_CREEP = "note.friction"
     ONLY_ROSE = "note.load_only_rose"
     STATIC_STIFFNESS_USED = "note.static_stiffness_used"
     STIFFNESS_RATIO = "note.dynamic_over_static_stiffness"
@@ -97,3 +97,172 @@ class NoteCode(StrEnum):
     KNOWN_MASS_ZERO_DRIFT = "note.known_mass_zero_drift"
     KNOWN_MASS_GAIN_DRIFT = "note.known_mass_gain_drift"
     NO_SHIFT = "note.assessed_without_migration"
+
+
+class RejectionCode(StrEnum):
+    """Why a recording is not used: it is unusable, or another recording replaces it."""
+
+    RECORDED_AGAIN = "rejected.recorded_again"
+    NOT_ACCEPTED = "rejected.not_accepted"
+    SET_ASIDE = "rejected.set_aside"
+    DAMAGED = "rejected.damaged"
+    UNREADABLE = "rejected.unreadable"
+    IS_BOUNCE = "rejected.is_bounce"
+    IS_CUFF_TRIAL = "rejected.is_cuff_trial"
+    IS_WEARER_TRIAL = "rejected.is_wearer_trial"
+    NO_CUFF = "rejected.no_cuff"
+    NO_BOUNCE = "rejected.no_bounce"
+    NO_BODY = "rejected.no_body"
+    EMG_NO_CLOCK = "rejected.emg_without_clock"
+    OTHER_MARKERS = "rejected.other_markers"
+    NO_SAMPLES = "rejected.no_samples"
+    NUMBERS_GO_BACK = "rejected.numbers_go_back"
+    NO_OVERLAP = "rejected.no_overlap"
+    NO_FRAMES = "rejected.no_frames"
+    MISSING_MARKERS = "rejected.missing_markers"
+    SYNC_NOT_FINITE = "rejected.sync_not_finite"
+    SYNC_NEVER_RISES = "rejected.sync_never_rises"
+    SYNC_RISES_AGAIN = "rejected.sync_rises_again"
+    SYNC_INVERTED = "rejected.sync_inverted"
+    SYNC_STARTS_HIGH = "rejected.sync_starts_high"
+    FORCE_NOT_FINITE = "rejected.force_not_finite"
+    FORCE_SATURATED = "rejected.force_saturated"
+    FORCE_CONSTANT = "rejected.force_constant"
+    FORCE_STUCK_MOVING = "rejected.force_stuck_while_moving"
+    FORCE_STUCK_QUIET = "rejected.force_stuck_without_noise"
+    FORCE_POLARITY = "rejected.force_polarity"
+    ZERO_DRIFT = "rejected.zero_drift"
+    ANCHOR_HIDDEN = "rejected.anchor_hidden"
+    ANCHOR_COLLINEAR = "rejected.anchor_collinear"
+    CUFF_HIDDEN = "rejected.cuff_hidden_at_start"
+    MARKERS_HIDDEN = "rejected.markers_hidden"
+    MARKERS_FROZEN = "rejected.markers_frozen"
+    DISPLACEMENT_UNIT = "rejected.displacement_unit"
+    NO_MOTION = "rejected.no_motion"
+    FEW_LOADS = "rejected.few_loads"
+    NOT_UNLOADED = "rejected.not_unloaded"
+    SHORT = "rejected.short"
+    NO_SWING = "rejected.no_swing"
+    FEW_CYCLES = "rejected.few_cycles"
+    FEW_SAMPLES = "rejected.few_samples_per_cycle"
+    SWING_HIDDEN = "rejected.swing_hidden"
+    SMALL_MOTION = "rejected.small_motion"
+    SLIPS_ON = "rejected.slips_throughout"
+    INDISTINCT = "rejected.stiffness_and_damping_indistinct"
+    BOUNCE_FEW_CYCLES = "rejected.bounce_few_cycles"
+    BOUNCE_FEW_SAMPLES = "rejected.bounce_few_samples_per_cycle"
+    BOUNCE_HIDDEN = "rejected.bounce_marker_hidden"
+    BOUNCE_STILL = "rejected.bounce_marker_still"
+    BOUNCE_GAPS = "rejected.bounce_gaps"
+    BOUNCE_POLARITY = "rejected.bounce_polarity"
+    BOUNCE_NOT_CONVERGED = "rejected.bounce_not_converged"
+
+
+class TrialNoteCode(StrEnum):
+    """A remark on a single trial: its subject, then after a dot the remark."""
+
+    DAMAGED = "recording.damaged"
+    INCOMPLETE = "recording.incomplete"
+    ASSIGNED = "recording.assigned"
+    FORCE_LOST = "force.samples_lost"
+    ZERO_DRIFT = "force.zero_drift"
+    FRAMES_LOST = "markers.frames_lost"
+    MARKERS_HIDDEN = "markers.hidden"
+    GHOSTS = "markers.ghosts"
+    LOOSE_MARKER = "markers.loose_anchor_marker"
+    SKIN = "markers.skin_motion"
+    LEAN = "markers.lean"
+    TURNS = "markers.cuff_turns"
+    SYNC_CERTIFICATE = "sync.certificate"
+    SYNC_BOUNCES = "sync.edge_bounces"
+    SYNC_DIPS = "sync.low_during_capture"
+    SYNC_SPIKES = "sync.high_beside_capture"
+    SYNC_EARLY = "sync.early_edge"
+    SYNC_BEFORE_FRAMES = "sync.edge_before_first_frame"
+    SYNC_LOW = "sync.low_at_start"
+    SYNC_NO_STOP = "sync.no_stop_edge"
+    SYNC_SHORT = "sync.short_pulse"
+    SYNC_ARRIVAL = "sync.aligned_by_arrival"
+    SYNC_CONTRADICTION = "sync.stop_edge_contradicts_frames"
+    SYNC_MISSING_FRAMES = "sync.frames_missing_at_end"
+    CLOCKS_OR_FRAMES = "sync.clock_ratio_or_missing_frames"
+    CLOCKS_OPEN = "sync.clock_ratio_open"
+    EMG_HOST_CLOCK = "emg.aligned_by_host_clock"
+    EMG_NO_SYNC = "emg.no_sync_line"
+    EMG_LEFT_OUT = "emg.left_out"
+    ANOTHER_LINE = "pull.another_line"
+    TURNED = "pull.motion_turned"
+    LOAD_FALLS = "weights.load_falls"
+    NO_WEIGHT = "weights.none_hung_on"
+    WEIGHT_GAIN = "weights.gain_error"
+    PULLEY = "weights.pulley_friction"
+    WRONG_LOAD = "weights.wrong_load"
+    FEW_WEIGHTS = "weights.some_not_hung_on"
+    ONE_BRANCH = "weights.single_unloading_branch"
+    START_LEFT_OUT = "swing.start_left_out"
+    POLARITY = "swing.polarity"
+    SMALL_MOTION = "swing.small_motion"
+    DISAGREES = "swing.cross_check_disagrees"
+    CHECK_NOT_CONVERGED = "swing.cross_check_not_converged"
+    COLOURED = "swing.marker_noise_correlated"
+    NOT_CONVERGED = "swing.not_converged"
+    BOUNCE_GAIN = "bounce.gain_error"
+    BOUNCES_NOT_CONVERGED = "bounce.spread_not_converged"
+    BOUNCE_TARED = "bounce.tared_with_weight"
+
+
+class FitErrorCode(StrEnum):
+    """Why a file of the session, a reading of a known mass, a cuff or EMG cannot be used."""
+
+    PROTOCOL_UNREADABLE = "protocol_file.unreadable"
+    PROTOCOL_NOT_TOML = "protocol_file.not_toml"
+    PROTOCOL_INVALID = "protocol_file.invalid"
+    PROTOCOL_NO_RECORDING = "protocol_file.no_such_recording"
+    PROTOCOL_OUTSIDE = "protocol_file.step_outside_trial"
+    CUFFS_UNREADABLE = "cuffs_file.unreadable"
+    CUFFS_NOT_JSON = "cuffs_file.not_json"
+    CUFFS_MISSING = "cuffs_file.no_cuffs"
+    CUFFS_FORMAT = "cuffs_file.unknown_format"
+    CUFFS_NAME = "cuffs_file.name_is_path"
+    CUFFS_INVALID = "cuffs_file.invalid"
+    CHECKS_UNREADABLE = "mass_checks.unreadable"
+    CHECKS_INVALID = "mass_checks.invalid_line"
+    CHECK_SHORT = "mass_checks.few_samples"
+    NOT_IDENTIFIED = "cuff.not_identified"
+    EMG_RATE = "emg.rate_too_low"
+    EMG_SHORT = "emg.too_short"
+    EMG_BAND = "emg.band_above_half_the_rate"
+    EMG_NO_CHANNEL = "emg.no_usable_channel"
+    EMG_MVC_SHORT = "emg.mvc_too_short"
+    EMG_OTHER_TIME = "emg.no_common_time"
+
+
+class TensorCode(StrEnum):
+    """Why there is no stiffness or damping in three dimensions."""
+
+    NO_ROPE = "tensor.no_rope_markers"
+    ROPE_HIDDEN = "tensor.rope_hidden"
+    ROPE_HIDDEN_IN_HOLD = "tensor.rope_hidden_in_a_hold"
+    ONE_LINE = "tensor.pulls_along_one_line"
+    ONE_PLANE = "tensor.pulls_in_one_plane"
+    EQUAL_LOADS = "tensor.equal_loads"
+    NOT_POSITIVE = "tensor.not_positive"
+    NO_SWING = "tensor.no_swing"
+    NOT_CONVERGED = "tensor.not_converged"
+
+
+class GainMistake(StrEnum):
+    """A common mistake in the scale of the load cell."""
+
+    CAPACITY_DOUBLED = "gain_mistake.capacity_doubled"
+    CAPACITY_HALVED = "gain_mistake.capacity_halved"
+    CAPACITY_TENFOLD = "gain_mistake.capacity_tenfold"
+    CAPACITY_TENTH = "gain_mistake.capacity_tenth"
+    CAPACITY_25_LB = "gain_mistake.cell_of_25_lb"
+    POUNDS_FOR_KILOGRAMS = "gain_mistake.pounds_for_kilograms"
+    KILOGRAMS_FOR_POUNDS = "gain_mistake.kilograms_for_pounds"
+    NEWTONS_FOR_POUNDS = "gain_mistake.newtons_for_pounds"
+    POUNDS_FOR_NEWTONS = "gain_mistake.pounds_for_newtons"
+    NEWTONS_FOR_KILOGRAMS = "gain_mistake.newtons_for_kilograms"
+    KILOGRAMS_FOR_NEWTONS = "gain_mistake.kilograms_for_newtons"
+    UNKNOWN = "gain_mistake.unknown"

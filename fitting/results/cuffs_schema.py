@@ -1,7 +1,7 @@
-"""The schema of cuffs.json: it writes the file, reads it, and is published in docs/schemas/cuffs.schema.json.
+"""The schema of cuffs.json, with which it is written and read; published in docs/schemas/cuffs.schema.json.
 
-SI, with the unit in the key. Only "cuffs" must be there, and of a cuff only the figures that are worn: a file may be
-written by hand. Keys that are not named here are passed over.
+Units are SI, named in the key. Only "cuffs" is required, and of a cuff only the figures that are used: a file may be
+written by hand. Unknown keys are ignored.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from fitting.outcome import FitOutcome
-from fitting.results.codes import CauseCode, FindingCode, NoteCode, Verdict
-from fitting.seal import Standing
+from fitting.results.codes import CauseCode, FindingCode, NoteCode, RejectionCode, TensorCode, TrialNoteCode, Verdict
+from fitting.results.outcome import FitOutcome
+from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
 
 FORMAT = 1
-"""Of the file; 0 is a file without "format". It rises where a key changes its meaning, not where one is added."""
+"""Version of the file format; 0 is a file without "format". It increases when a key changes its meaning."""
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
@@ -49,12 +49,35 @@ def _with_value(entry: Any) -> Any:
 
 
 Figure = Annotated[FigureEntry, BeforeValidator(_with_value, json_schema_input_type=FigureEntry | float | None)]
-"""As an object, or as the bare number."""
+"""An object, or a number alone."""
 
 
-class NoteEntry(_Entry):
+class _CodeEntry(_Entry):
+    figures: dict[str, float | str] = Field(default_factory=dict, description="in SI with the unit in the name")
+
+
+class NoteEntry(_CodeEntry):
+    """What a reader should know of a donning."""
+
     code: Annotated[NoteCode, Field(strict=False)]
-    figures: dict[str, float | str] = Field(default_factory=dict)
+
+
+class TrialNoteEntry(_CodeEntry):
+    """What a reader should know of a trial."""
+
+    code: Annotated[TrialNoteCode, Field(strict=False)]
+
+
+class ReasonEntry(_CodeEntry):
+    """Why a recording is not used."""
+
+    code: Annotated[RejectionCode, Field(strict=False)]
+
+
+class TensorReasonEntry(_CodeEntry):
+    """Why there is no tensor."""
+
+    code: Annotated[TensorCode, Field(strict=False)]
 
 
 class LagEntry(_Entry):
@@ -104,7 +127,8 @@ class TensorEntry(_Entry):
     """K or C in three dimensions, or the reason why there is none."""
 
     value: Matrix | None
-    reason: str = ""
+    reason: str = Field(default="", description="reason_code as a sentence")
+    reason_code: TensorReasonEntry | None = None
     standard_error: Matrix | None = None
     ci95: Annotated[list[Matrix] | None, Field(min_length=2, max_length=2)] = None
     parts: dict[str, Matrix] = Field(default_factory=dict)
@@ -173,7 +197,8 @@ class SyncEntry(_Entry):
     time_standard_error_s: float
     force_standard_error_n: float
     displacement_standard_error_m: float
-    findings: list[str]
+    findings: list[str] = Field(description="finding_codes in sentences")
+    finding_codes: list[TrialNoteEntry] = Field(default_factory=list)
 
 
 class CrossCheckEntry(_Entry):
@@ -210,8 +235,10 @@ class TrialEntry(_Entry):
     repeat: int
     run: int
     state: Literal["used", "superseded", "unusable"]
-    reason: str
-    notes: list[str]
+    reason: str = Field(description="reason_code as a sentence; empty for a trial that is used")
+    reason_code: ReasonEntry | None = None
+    notes: list[str] = Field(description="note_codes in sentences")
+    note_codes: list[TrialNoteEntry] = Field(default_factory=list)
     origin: Origin = DataOrigin.UNKNOWN
     damage: list[str] = Field(default_factory=list)
     sync: SyncEntry | None = None
@@ -260,7 +287,8 @@ class CuffEntry(_Entry):
 
 class RejectedEntry(_Entry):
     file: str
-    reason: str
+    reason: str = Field(description="reason_code as a sentence")
+    reason_code: ReasonEntry | None = None
     damage: list[str] = Field(default_factory=list)
 
 
@@ -273,7 +301,8 @@ class CalibrationEntry(_Entry):
     zero_n: Figure
     recorded_utc: str
     sources: dict[str, str]
-    notes: list[str]
+    notes: list[str] = Field(description="note_codes in sentences")
+    note_codes: list[TrialNoteEntry] = Field(default_factory=list)
 
 
 class RecordingEntry(_Entry):
@@ -282,7 +311,7 @@ class RecordingEntry(_Entry):
 
 
 class SealEntry(_Entry):
-    """Hashes of the figures as fitted (docs/decisions/0021-a-chain-of-hashes.md)."""
+    """Hashes of the figures as fitted (docs/decisions/0021-hashes-of-recordings-and-results.md)."""
 
     cuffs: dict[str, dict[str, str]]
     session: str

@@ -1,8 +1,9 @@
 """Damping in three dimensions from swings: the measured force vector drives m Ẍ + C Ẋ + K X = F u.
 
-Output error, as in output_error.py: displacement is laid over the markers, so its noise biases nothing. The
-law is solved in the frequency domain, X(ω) = (K + iωC − ω²m)⁻¹ (F u)(ω); its start is X = A F u + B d(F u)/dt, linear
-in symmetric A and B. The swings' own K is fitted beside C: that of held loads may differ.
+Output error, as in output_error.py: the simulated displacement is fitted to the markers, so marker noise causes no
+bias. The law is solved in the frequency domain, X(ω) = (K + iωC − ω²m)⁻¹ (F u)(ω). The start is a fit of
+X = A F u + B d(F u)/dt, linear in symmetric A and B. K of the swings is fitted with C, because it may differ from that
+of the held loads.
 """
 
 from __future__ import annotations
@@ -16,105 +17,110 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from fitting.oscillation import Oscillation, find_oscillation
-from fitting.outcome import FitOutcome
-from fitting.quality import UnusableTrial
-from fitting.spatial.posture import posture_error
-from fitting.spatial.reduction import ReducedTrial
-from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric, unit_tensors
+from fitting.errors import UnusableTrial
+from fitting.pull.pull import Pull
+from fitting.results.codes import TensorCode
+from fitting.results.outcome import FitOutcome
+from fitting.spatial.tensor import NoTensor, Tensor, entries_of, posture_error, require_span, symmetric, unit_tensors
+from fitting.trial.oscillation import Oscillation, find_oscillation
 from fitting.uncertainty import NORMAL_95
 
 SETTLING = 0.5
-"""Seconds at both ends that are driven and not compared."""
+"""Seconds at both ends that are simulated but not compared."""
 HIGHEST = 10.0
-"""Hz that are kept of the force, below a marker's Nyquist frequency."""
+"""Cut-off frequency [Hz] of the low-pass filter of the force, below the Nyquist frequency of the markers."""
 OUTLIER = 5.0
 ROUNDS = 40
-RESTS = 0.03
-"""Standard errors by which the last step may still go."""
+STEP_TOLERANCE = 0.03
+"""Largest last step in standard errors."""
 
 
-def swung_tensor(trials: Sequence[ReducedTrial], swings: Mapping[str, Oscillation], gain_sd: float) -> Tensor:
-    """C (3, 3) [N s/m] of the dynamic trials of one donning; swings by file where known. Raises NoTensor."""
-    seen = [(each, rope) for each in trials if (rope := each.motion.rope) is not None]
+def swung_tensor(trials: Sequence[Pull], swings: Mapping[str, Oscillation], gain_sd: float) -> Tensor:
+    """C (3, 3) [N s/m] of the dynamic trials of one donning; swings by file, if known. Raises NoTensor."""
+    seen = [(pull, rope) for pull in trials if (rope := pull.motion.rope) is not None]
     if not seen:
-        raise NoTensor("damping in three dimensions needs two markers on the rope (rope_markers) and dynamic trials")
-    directions = require_span(np.array([each.direction for each, _ in seen]), "damping", "dynamic")
-    pulls = [_pull(each, rope, swings.get(each.trial.file)) for each, rope in seen]
-    parameters = _start(pulls)
+        raise NoTensor(TensorCode.NO_ROPE, {"quantity": "damping", "test": "dynamic"})
+    directions = require_span(np.array([pull.direction for pull, _ in seen]), "damping", "dynamic")
+    cut = [_cut(pull, rope, swings.get(pull.trial.file)) for pull, rope in seen]
+    parameters = _start(cut)
     for _ in range(ROUNDS):
-        change, covariance = _step(pulls, parameters)
+        change, covariance = _step(cut, parameters)
         parameters = parameters + change
-        if np.all(np.abs(change) < RESTS * np.sqrt(np.diag(covariance))):
+        if np.all(np.abs(change) < STEP_TOLERANCE * np.sqrt(np.diag(covariance))):
             break
     else:
-        raise NoTensor(
-            "damping in three dimensions is not identified: the fit did not converge; pull with more force",
-            FitOutcome.NOT_CONVERGED,
-        )
+        raise NoTensor(TensorCode.NOT_CONVERGED, {"quantity": "damping"}, FitOutcome.NOT_CONVERGED)
     stiffness, damping = parameters[:6], parameters[6:]
-    # To first order a lag τ adds K τ to C, in all trials alike.
-    lag = max(pull.lag_sd for pull in pulls)
+    # To first order a lag τ adds K τ to C, equally in all trials.
+    lag = max(swing.lag_sd for swing in cut)
     tensor = Tensor(symmetric(damping), covariance[6:, 6:], NORMAL_95, directions)
-    posture = posture_error(tensor.value, seen[0][0].trial, seen[0][0].markers.anchor_rms)
+    posture = posture_error(tensor.value, seen[0][0].motion.anchor, seen[0][0].markers.anchor_rms)
     return tensor.widened(
         {"lag": lag**2 * np.outer(stiffness, stiffness), "gain": tensor.scaled_error(gain_sd), "posture": posture}
     )
 
 
 @dataclass(frozen=True)
-class _Pull:
-    """One swing on its even grid of frames: force vector (n, 3) [N], displacement (n, 3) [m], which frames count."""
+class _Swing:
+    """One swing on the regular grid of frames: force vector (n, 3) [N], displacement (n, 3) [m], compared frames."""
 
     step: float
     force: NDArray[np.float64]
     x: NDArray[np.float64]
-    counts: NDArray[np.bool_]
+    is_compared: NDArray[np.bool_]
     mass: float
     frequency: float
     lag_sd: float
 
 
-def _pull(each: ReducedTrial, rope: NDArray[np.float64], swing: Oscillation | None) -> _Pull:
-    trial, motion = each.trial, each.motion
+def _cut(pull: Pull, rope: NDArray[np.float64], oscillation: Oscillation | None) -> _Swing:
+    trial = pull.trial
     try:
-        swing = swing or find_oscillation(trial.force_time, trial.force)
+        oscillation = oscillation or find_oscillation(pull.force_time, pull.force)
     except UnusableTrial as error:
-        raise NoTensor(f"damping in three dimensions is not told: in {trial.file} {error}") from error
-    inside = (trial.marker_time >= max(swing.start - SETTLING, trial.force_time[0])) & (
-        trial.marker_time <= min(swing.end + SETTLING, trial.force_time[-1])
+        raise NoTensor(
+            TensorCode.NO_SWING, {"file": trial.file, "reason": str(error), "reason_code": error.reason.code}
+        ) from error
+    inside = (pull.marker_time >= max(oscillation.start - SETTLING, pull.force_time[0])) & (
+        pull.marker_time <= min(oscillation.end + SETTLING, pull.force_time[-1])
     )
-    time = trial.marker_time[inside]
+    time = pull.marker_time[inside]
     step = float(np.median(np.diff(time)))
-    rope = rope[inside] * np.sign(np.nansum(rope[inside], axis=0) @ each.direction)
+    rope = rope[inside] * np.sign(np.nansum(rope[inside], axis=0) @ pull.direction)
     known = np.isfinite(rope).all(axis=1)
     if np.count_nonzero(known) < len(time) / 2:
-        raise NoTensor(f"damping in three dimensions needs the rope's markers, hidden in most of {trial.file}")
+        raise NoTensor(TensorCode.ROPE_HIDDEN, {"quantity": "damping", "file": trial.file})
     u = np.column_stack([np.interp(time, time[known], column[known]) for column in rope.T])
     low_pass = butter(4, min(HIGHEST, 0.4 / step), fs=1 / step, output="sos")
-    force = np.asarray(sosfiltfilt(low_pass, _force_at(trial.force_time, trial.force, time, step)[:, None] * u, axis=0))
-    x = motion.displacement[inside]
-    counts = np.isfinite(x).all(axis=1) & (time >= time[0] + SETTLING) & (time <= time[-1] - SETTLING)
-    return _Pull(step, force, x, counts, trial.cuff_mass, swing.frequency, trial.lag.total(swing.middle))
+    force = np.asarray(sosfiltfilt(low_pass, _force_at(pull.force_time, pull.force, time, step)[:, None] * u, axis=0))
+    x = pull.motion.displacement[inside]
+    is_compared = np.isfinite(x).all(axis=1) & (time >= time[0] + SETTLING) & (time <= time[-1] - SETTLING)
+    return _Swing(
+        step, force, x, is_compared, trial.cuff_mass, oscillation.frequency, trial.lag.total(oscillation.middle)
+    )
 
 
 def _force_at(
     force_time: NDArray[np.float64], force: NDArray[np.float64], time: NDArray[np.float64], step: float
 ) -> NDArray[np.float64]:
-    """Force (n,) at the frames: means of as many samples as make half a frame, led on by a cubic spline."""
-    together = max(1, int(step / 2 / float(np.median(np.diff(force_time)))))
-    whole = len(force) // together * together
-    means = (values[:whole].reshape(-1, together).mean(axis=1) for values in (force_time, force))
+    """Force (n,) at the frames: block means over half a frame, interpolated by a cubic spline."""
+    per_block = max(1, int(step / 2 / float(np.median(np.diff(force_time)))))
+    whole = len(force) // per_block * per_block
+    means = (values[:whole].reshape(-1, per_block).mean(axis=1) for values in (force_time, force))
     return np.asarray(CubicSpline(*means)(time))
 
 
-def _start(pulls: Sequence[_Pull]) -> NDArray[np.float64]:
+def _start(swings: Sequence[_Swing]) -> NDArray[np.float64]:
     """K and C (12,) from X = A f + B ḟ: to first order in the frequency A = K⁻¹ and B = −A C A."""
     normal, right = np.zeros((12, 12)), np.zeros(12)
-    for pull in pulls:
-        rate = np.gradient(pull.force, pull.step, axis=0)
-        design = np.concatenate([np.einsum("eij,nj->nie", unit_tensors(), each) for each in (pull.force, rate)], axis=2)
-        both = _without_slow(pull, np.concatenate((design[pull.counts], pull.x[pull.counts, :, None]), axis=2))
+    for swing in swings:
+        rate = np.gradient(swing.force, swing.step, axis=0)
+        design = np.concatenate(
+            [np.einsum("eij,nj->nie", unit_tensors(), vector) for vector in (swing.force, rate)], axis=2
+        )
+        both = _without_slow(
+            swing, np.concatenate((design[swing.is_compared], swing.x[swing.is_compared, :, None]), axis=2)
+        )
         columns, seen = both[..., :-1].reshape(-1, 12), both[..., -1].ravel()
         normal, right = normal + columns.T @ columns, right + columns.T @ seen
     scale = np.sqrt(np.diag(normal))
@@ -123,46 +129,46 @@ def _start(pulls: Sequence[_Pull]) -> NDArray[np.float64]:
     return np.concatenate((entries_of(stiffness), entries_of(-stiffness @ symmetric(solved[6:12]) @ stiffness)))
 
 
-def _without_slow(pull: _Pull, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (frames, 3, columns) without the trial's own offset and drift along each axis."""
-    u = np.linspace(-1, 1, len(pull.x))[pull.counts]
+def _without_slow(swing: _Swing, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (frames, 3, columns) without the offset and linear drift of the trial along every axis."""
+    u = np.linspace(-1, 1, len(swing.x))[swing.is_compared]
     slow, _ = np.linalg.qr(np.column_stack((np.ones(len(u)), u)))
     return np.asarray(values - np.tensordot(slow, np.tensordot(slow.T, values, 1), 1))
 
 
-def _step(pulls: Sequence[_Pull], parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _step(swings: Sequence[_Swing], parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """One step of Gauss-Newton (12,), and the covariance (12, 12) there."""
     normal, right = np.zeros((12, 12)), np.zeros(12)
-    for pull in pulls:
-        model, slopes = _motion(pull, parameters)
-        both = np.concatenate((slopes.transpose(1, 2, 0), (pull.x - model)[..., None]), axis=2)[pull.counts]
-        both = _without_slow(pull, both).reshape(-1, 13)
-        jacobian, left = both[:, :-1], both[:, -1]
-        reach = OUTLIER * 1.4826 * float(np.median(np.abs(left))) + 1e-12
-        left = np.clip(left, -reach, reach)
-        weight = 1 / _noise(pull, left.reshape(-1, 3)) ** 2
+    for swing in swings:
+        model, slopes = _motion(swing, parameters)
+        both = np.concatenate((slopes.transpose(1, 2, 0), (swing.x - model)[..., None]), axis=2)[swing.is_compared]
+        both = _without_slow(swing, both).reshape(-1, 13)
+        jacobian, residual = both[:, :-1], both[:, -1]
+        limit = OUTLIER * 1.4826 * float(np.median(np.abs(residual))) + 1e-12
+        residual = np.clip(residual, -limit, limit)
+        weight = 1 / _noise(swing, residual.reshape(-1, 3)) ** 2
         normal += weight * jacobian.T @ jacobian
-        right += weight * jacobian.T @ left
+        right += weight * jacobian.T @ residual
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     return covariance @ right, covariance
 
 
-def _motion(pull: _Pull, parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """X (n, 3) and its slopes (12, n, 3) by the entries of K and C."""
+def _motion(swing: _Swing, parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """X (n, 3) and its derivatives (12, n, 3) with respect to the entries of K and C."""
     stiffness, damping = symmetric(parameters[:6]), symmetric(parameters[6:])
-    count = len(pull.force)
-    omega = 2j * np.pi * np.fft.rfftfreq(count, pull.step)[:, None, None]
-    answer = np.linalg.inv(stiffness + omega * damping + omega**2 * pull.mass * np.eye(3))
-    swing = pull.force - pull.force.mean(axis=0)
-    spectrum = (answer @ np.fft.rfft(swing, axis=0)[..., None])[..., 0]
-    by_stiffness = [-(answer @ (unit @ spectrum[..., None]))[..., 0] for unit in unit_tensors()]
-    spectra = np.array([*by_stiffness, *(omega[..., 0] * each for each in by_stiffness)])
+    count = len(swing.force)
+    omega = 2j * np.pi * np.fft.rfftfreq(count, swing.step)[:, None, None]
+    receptance = np.linalg.inv(stiffness + omega * damping + omega**2 * swing.mass * np.eye(3))
+    varying = swing.force - swing.force.mean(axis=0)
+    spectrum = (receptance @ np.fft.rfft(varying, axis=0)[..., None])[..., 0]
+    by_stiffness = [-(receptance @ (unit @ spectrum[..., None]))[..., 0] for unit in unit_tensors()]
+    spectra = np.array([*by_stiffness, *(omega[..., 0] * slope for slope in by_stiffness)])
     return np.fft.irfft(spectrum, count, axis=0), np.fft.irfft(spectra, count, axis=1)
 
 
-def _noise(pull: _Pull, left: NDArray[np.float64]) -> float:
-    """Standard deviation per frame and axis; the residuals' level about the swing's frequency if that is the higher."""
-    power = np.mean(np.abs(np.fft.rfft(left, axis=0)) ** 2, axis=1) / len(left)
-    frequency = np.fft.rfftfreq(len(left), pull.step)
-    near = (frequency > 0.5 * pull.frequency) & (frequency < 2 * pull.frequency)
-    return max(math.sqrt(max(float(np.mean(left**2)), float(np.mean(power[near])))), 1e-9)
+def _noise(swing: _Swing, residual: NDArray[np.float64]) -> float:
+    """Standard deviation per frame and axis; the level near the swing's frequency if that is higher."""
+    power = np.mean(np.abs(np.fft.rfft(residual, axis=0)) ** 2, axis=1) / len(residual)
+    frequency = np.fft.rfftfreq(len(residual), swing.step)
+    near = (frequency > 0.5 * swing.frequency) & (frequency < 2 * swing.frequency)
+    return max(math.sqrt(max(float(np.mean(residual**2)), float(np.mean(power[near])))), 1e-9)

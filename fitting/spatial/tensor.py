@@ -1,7 +1,7 @@
-"""A symmetric 3 × 3 stiffness or damping: its entries, eigenvalues and axes with their errors, and when there is none.
+"""A symmetric 3 × 3 stiffness or damping tensor: entries, eigenvalues and axes with their errors, and requirements.
 
-Pulls along one direction know three of the six entries, along a plane five. So at least three directions that span
-space are needed, by far more than sway turns a rope: numerically even one direction has full rank.
+Pulls along one direction determine three of the six entries, pulls in a plane five. So at least three directions that
+span space are needed. The numerical rank does not show this, because sway rotates the rope slightly.
 """
 
 from __future__ import annotations
@@ -9,29 +9,29 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fitting.errors import FitError
-from fitting.outcome import FitOutcome
+from fitting.errors import CodedError
+from fitting.pull.direction import APART, angle_between
+from fitting.results.codes import TensorCode
+from fitting.results.outcome import FitOutcome
+from fitting.results.rendering import Figures
 from fitting.uncertainty import NORMAL_95, Estimate
 
 LEAST_SPREAD = 0.15
-"""Third singular value of the unit vectors over the first from which directions count as spanning space."""
-APART = 10.0
-"""Degrees from which two pulls count as two directions."""
+"""Least third singular value of the unit vectors, over the first, for directions that span space."""
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """The order of the six entries in a covariance."""
 
 
-class NoTensor(FitError):
-    """The trials tell no tensor; one sentence says what is missing. outcome is that of an iteration that failed."""
+class NoTensor(CodedError):
+    """The trials determine no tensor; outcome is that of an iteration that failed."""
 
-    def __init__(self, sentence: str, outcome: FitOutcome | None = None) -> None:
-        super().__init__(sentence)
+    def __init__(self, code: TensorCode, figures: Figures | None = None, outcome: FitOutcome | None = None) -> None:
+        super().__init__(code, figures)
         self.outcome = outcome
 
 
@@ -41,8 +41,8 @@ class Tensor:
 
     value       (3, 3)
     covariance  (6, 6) of ENTRIES
-    factor      standard errors in half of a 95 % interval
-    directions  pulls that were told apart
+    factor      half width of a 95 % interval over the standard error
+    directions  number of different directions of the pulls
     parts       covariances (6, 6) by cause ("noise", "lag", "gain", "posture") that add up to the whole
     """
 
@@ -55,7 +55,7 @@ class Tensor:
     @property
     def standard_error(self) -> NDArray[np.float64]:
         """(3, 3) of the entries."""
-        return _errors(self.covariance)
+        return entry_errors(self.covariance)
 
     @property
     def ci95(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -65,7 +65,7 @@ class Tensor:
 
     @property
     def eigenvalues(self) -> tuple[Estimate, ...]:
-        """Three, smallest first, to first order in the entries' errors."""
+        """The three eigenvalues, smallest first, with errors to first order."""
         values, axes = np.linalg.eigh(self.value)
         found = []
         for value, axis in zip(values, axes.T, strict=True):
@@ -77,42 +77,32 @@ class Tensor:
 
     @property
     def axes(self) -> NDArray[np.float64]:
-        """(3, 3) unit vectors as rows, in the eigenvalues' order; the largest component is positive."""
+        """Unit vectors (3, 3) as rows, in the order of the eigenvalues; the largest component is positive."""
         rows = np.linalg.eigh(self.value)[1].T
         signs = np.sign(rows[np.arange(3), np.argmax(np.abs(rows), axis=1)])
         return np.asarray(rows * signs[:, None])
 
     @property
     def axis_ci95(self) -> tuple[float, ...]:
-        """Half the opening [rad] of the cone that holds each axis with 95 %; π/2 where its eigenvalue has a double."""
+        """Half angle [rad] of the 95 % cone of every axis; π/2 if its eigenvalue is not distinct."""
         values, axes = np.linalg.eigh(self.value)
         cones = []
         for i in range(3):
             others = [j for j in range(3) if j != i]
             pairs = [np.outer(axes[:, j], axes[:, i]) / (values[i] - values[j]) for j in others]
             slopes = np.array([entries_of((pair + pair.T) / 2) * _TWICE for pair in pairs])
-            wide = float(np.linalg.eigvalsh(slopes @ self.covariance @ slopes.T)[-1])
-            cones.append(min(math.pi / 2, self.factor / NORMAL_95 * math.sqrt(_CONE_95 * wide)))
+            largest = float(np.linalg.eigvalsh(slopes @ self.covariance @ slopes.T)[-1])
+            cones.append(min(math.pi / 2, self.factor / NORMAL_95 * math.sqrt(_CONE_95 * largest)))
         return tuple(cones)
 
     def scaled_error(self, relative: float) -> NDArray[np.float64]:
-        """(6, 6) covariance that a relative error common to all entries adds."""
+        """Covariance (6, 6) due to a relative error common to all entries."""
         return relative**2 * np.outer(entries_of(self.value), entries_of(self.value))
 
     def widened(self, causes: Mapping[str, NDArray[np.float64]]) -> Tensor:
-        """With covariances (6, 6) by cause that the tensor did not hold; what it held is its "noise"."""
+        """The tensor with additional covariances (6, 6) by cause; its own covariance becomes the part "noise"."""
         parts = {"noise": self.covariance, **causes}
         return replace(self, covariance=np.sum(list(parts.values()), axis=0), parts=parts)
-
-
-@dataclass(frozen=True)
-class Tensors:
-    """K and C of one donning in three dimensions; None where the sentences say why."""
-
-    stiffness: Tensor | None
-    damping: Tensor | None
-    no_stiffness: str = ""
-    no_damping: str = ""
 
 
 def symmetric(entries: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -129,60 +119,33 @@ def entries_of(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def unit_tensors() -> NDArray[np.float64]:
-    """(6, 3, 3): what each entry adds to the tensor."""
+    """Basis (6, 3, 3) of symmetric tensors, in the order of ENTRIES."""
     return np.array([symmetric(row) for row in np.eye(6)])
 
 
-def require_span(directions: NDArray[np.float64], what: str, test: str) -> int:
-    """How many of the unit vectors (n, 3) differ. Raises NoTensor unless they span space."""
-    kinds = _told_apart(directions)
+def require_span(directions: NDArray[np.float64], quantity: str, test: str) -> int:
+    """Number of different directions among unit vectors (n, 3). Raises NoTensor unless they span space."""
+    kinds = _different_directions(directions)
     _, singular, rows = np.linalg.svd(kinds)
     spans = int(np.count_nonzero(singular > LEAST_SPREAD * singular[0]))
     if spans == 3:
         return len(kinds)
-    where = {1: "along one line", 2: "in one plane"}[spans]
-    missing = 3 - spans
-    away = " and ".join("(" + ", ".join(f"{part:.2f}" for part in row) + ")" for row in rows[spans:])
-    more = "one more direction" if missing == 1 else "two more directions"
-    raise NoTensor(
-        f"{what} in three dimensions needs pulls that span space, and the {test} trials pull {where} "
-        f"({len(kinds)} direction{'s' if len(kinds) > 1 else ''}), which tells "
-        f"{3 if spans == 1 else 5} of six entries; record {more}, 30° or more towards {away}"
-    )
+    missing = " and ".join("(" + ", ".join(f"{part:.2f}" for part in row) + ")" for row in rows[spans:])
+    code = {1: TensorCode.ONE_LINE, 2: TensorCode.ONE_PLANE}[spans]
+    raise NoTensor(code, {"quantity": quantity, "test": test, "directions": len(kinds), "missing": missing})
 
 
-def require_positive(tensor: Tensor, what: str) -> Tensor:
-    """The tensor. Raises NoTensor if an eigenvalue is not above 0 by its interval."""
+def require_positive(tensor: Tensor, quantity: str) -> Tensor:
+    """The tensor. Raises NoTensor if the interval of an eigenvalue includes values below 0."""
     lowest = tensor.eigenvalues[0]
     if lowest.ci95[0] <= 0:
-        raise NoTensor(
-            f"{what} in three dimensions is not told: its smallest eigenvalue is {lowest.value:.0f} ± "
-            f"{tensor.factor * lowest.standard_error:.0f}, expected above 0; pull farther apart or with more weight"
-        )
+        half_width = tensor.factor * lowest.standard_error
+        figures: Figures = {"quantity": quantity, "eigenvalue": lowest.value, "half_width": half_width}
+        raise NoTensor(TensorCode.NOT_POSITIVE, figures)
     return tensor
 
 
-def plain_tensor(tensor: Tensor | None, reason: str) -> dict[str, Any]:
-    """For cuffs.json; value null and the reason where there is none."""
-    if tensor is None:
-        return {"value": None, "reason": reason}
-    return {
-        "value": tensor.value.tolist(),
-        "standard_error": tensor.standard_error.tolist(),
-        "ci95": [end.tolist() for end in tensor.ci95],
-        "parts": {cause: _errors(covariance).tolist() for cause, covariance in tensor.parts.items()},
-        "covariance": tensor.covariance.tolist(),
-        "eigenvalues": [
-            {"value": each.value, "standard_error": each.standard_error, "ci95": list(each.ci95)}
-            for each in tensor.eigenvalues
-        ],
-        "axes": tensor.axes.tolist(),
-        "axes_ci95_rad": list(tensor.axis_ci95),
-        "directions": tensor.directions,
-    }
-
-
-def _errors(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def entry_errors(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard errors (3, 3) of entries with a covariance (6, 6)."""
     return symmetric(np.sqrt(np.diag(covariance)))
 
@@ -191,27 +154,22 @@ _TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 _CONE_95 = float(stats.chi2.ppf(0.95, 2))
 
 
-def _told_apart(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One of each kind: (kinds, 3), a kind being all within APART of its first, pulled forth or back."""
+def _different_directions(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Different directions (kinds, 3): those within APART of the line of a previous one are left out."""
     kinds: list[NDArray[np.float64]] = []
-    for each in directions:
-        if not any(angle_between(each, kind) < APART for kind in kinds):
-            kinds.append(each)
+    for direction in directions:
+        if not any(angle_between(direction, kind) < APART for kind in kinds):
+            kinds.append(direction)
     return np.array(kinds)
 
 
-def angle_between(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Degrees between the lines of two unit vectors (3,)."""
-    return math.degrees(math.acos(min(1.0, abs(float(one @ other)))))
-
-
 def half_width_factor(inflation: float, dof: int) -> float:
-    """Standard errors in half of a 95 % interval: Student's where the scatter itself had to tell the errors."""
+    """Half width of a 95 % interval over the standard error: Student's t if the error is from the scatter."""
     return float(stats.t.ppf(0.975, dof)) if inflation > 1 else NORMAL_95
 
 
-def joined(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Columns of nuisance parameters, each block's its own, below each other."""
+def block_diagonal(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Block-diagonal matrix."""
     rows, columns = (sum(block.shape[axis] for block in blocks) for axis in (0, 1))
     whole = np.zeros((rows, columns))
     row = column = 0
@@ -219,3 +177,22 @@ def joined(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         whole[row : row + block.shape[0], column : column + block.shape[1]] = block
         row, column = row + block.shape[0], column + block.shape[1]
     return whole
+
+
+def posture_error(tensor: NDArray[np.float64], anchor: NDArray[np.float64], anchor_rms: float) -> NDArray[np.float64]:
+    """Covariance (6, 6) of a tensor (3, 3) due to noise of the reference posture, which rotates the tensor.
+
+    anchor (markers, 3) [m] are the marker positions, NaN if not seen. anchor_rms [m] is the residual of the rigid fit,
+    which has six degrees of freedom.
+
+    A small rotation θ adds θ× T − T θ×. Its covariance is s² (Σ |r|² − r rᵀ)⁻¹ for anchor markers at r from their
+    centre, with noise s of the single frame to which the others are aligned.
+    """
+    positions = anchor[np.isfinite(anchor).all(axis=1)]
+    positions = positions - positions.mean(axis=0)
+    count = len(positions)
+    noise = anchor_rms**2 * 3 * count / max(3 * count - 6, 1) / 3
+    inertia = np.sum(positions**2) * np.eye(3) - positions.T @ positions
+    turns = [np.cross(np.eye(3), axis) for axis in -np.eye(3)]
+    slopes = np.array([entries_of(turn @ tensor - tensor @ turn) for turn in turns]).T
+    return np.asarray(slopes @ np.linalg.inv(inertia) @ slopes.T * noise)

@@ -1,9 +1,9 @@
-"""Creep: a cuff that goes on yielding under a held load, and comes back when the load is off.
+"""Creep: displacement that increases under a held load and recovers after unloading.
 
-    x = C [F + φ y] + a,   ẏ = (F − y)/T      C the compliance at once, C (1 + φ) after long, T the time constant
+    x = C [F + φ y] + a,   ẏ = (F − y)/T      C: instantaneous compliance, C (1 + φ): at rest, T: time constant
 
-y is the force led through a first-order lag, so the whole loading history counts. Slip does not come back: it has an
-offset a of its own for each stretch between two slips, and no part in the holds while the load falls.
+y is the force filtered by a first-order low-pass, so the whole loading history matters. Slip does not recover: every
+stretch between two slips has its own offset a.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from scipy import stats
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
-from fitting.outcome import FitOutcome
-from fitting.static.plateaus import Plateau
-from fitting.static.stiffness import LEAST_SD
+from fitting.pull.plateaus import Plateau
+from fitting.pull.pull import Pull
+from fitting.results.outcome import FitOutcome
+from fitting.static.stiffness import LEAST_SD, StaticFit
 from fitting.static.tangent import within
-from fitting.uncertainty import Estimate, normal_estimate
+from fitting.uncertainty import CHI_SQUARE_LEVEL, Estimate, normal_estimate
 
 BIN = 0.5
 MIN_BINS = 20
@@ -32,39 +33,22 @@ MAX_ROUNDS = 500
 """Of the search for the time constant."""
 TIME_CONSTANTS = np.geomspace(2.0, 60.0, 12)
 SIGNIFICANCE = 4.0
-"""From which a cuff is said to creep; the time constant is picked, so three would be too few."""
-BELIEVED = 0.999
+"""Standard errors from which creep is significant; more than three, because the time constant is selected."""
 IN_HOLDS, IN_HOLDS_ALONE = 2.0, 3.0
-"""Standard errors by which the holds themselves must go on yielding, where creep explains all of them and where not: a
-cuff that rubs lies apart under the same loads, too."""
+"""Standard errors by which the displacement must increase within the holds, if creep explains the holds and if not.
+Friction also separates the displacements at the same load, but not within a hold."""
 LEAST = 0.01
-"""Part of the elastic way below which creep is not worth a word."""
-
-
-@dataclass(frozen=True)
-class HeldTrial:
-    """One static trial for creep: force (n,) [N] at force_time [s], displacement (frames,) [m] at marker_time [s].
-
-    segment (plateaus,) numbers the stretches in which the cuff did not slip.
-    """
-
-    force_time: NDArray[np.float64]
-    force: NDArray[np.float64]
-    marker_time: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    plateaus: Sequence[Plateau]
-    segment: NDArray[np.intp]
+"""Creep over elastic displacement below which it is not reported."""
 
 
 @dataclass(frozen=True)
 class Creep:
-    """fraction φ, time_constant T [s], stiffness_at_rest 1/(C (1 + φ)) [N/m]; the fit's χ² and its degrees of freedom.
+    """fraction φ, time_constant T [s], stiffness_at_rest 1/(C (1 + φ)) [N/m]; χ² of the fit and degrees of freedom.
 
-    significance is by how many standard errors creep explains the holds better than none; in_holds by how many the
-    cuff goes on yielding while a load is held, whatever lies between the holds.
-
-    to_come is how far y is from the force in each trial's last hold [N]: by C φ to_come the cuff will still move.
-    outcome is that of the search for the time constant.
+    significance     standard errors by which creep improves the fit of the holds
+    in_holds         standard errors by which the displacement increases within the holds alone
+    remaining_force  [N] of every trial: force − y in its last hold; the cuff will still move by C φ remaining_force
+    outcome          of the search for the time constant
     """
 
     fraction: Estimate
@@ -75,36 +59,40 @@ class Creep:
     in_holds: float
     chi_square: float
     dof: int
-    to_come: tuple[float, ...]
+    remaining_force: tuple[float, ...]
     outcome: FitOutcome = FitOutcome.CONVERGED
 
     @property
     def is_seen(self) -> bool:
-        """Whether the cuff creeps, be it by how much."""
+        """Whether creep is significant."""
         enough = IN_HOLDS if self.explains else IN_HOLDS_ALONE
         return self.significance > SIGNIFICANCE and self.fraction.value > LEAST and self.in_holds > enough
 
     @property
     def is_measured(self) -> bool:
-        """Whether it creeps, and nothing else moves it, so that the figures are those of creep."""
+        """Whether creep is significant and explains the holds, so that its figures are identified."""
         return self.is_seen and self.explains
 
     @property
     def explains(self) -> bool:
-        """Whether creep alone leaves over no more than noise does."""
-        return self.dof > 0 and self.chi_square < float(stats.chi2.ppf(BELIEVED, self.dof))
+        """Whether the residual with creep is that of noise."""
+        return self.dof > 0 and self.chi_square < float(stats.chi2.ppf(CHI_SQUARE_LEVEL, self.dof))
 
     def recovery(self, trial: int) -> float:
-        """How far [m] the cuff will still move after the last hold of trial number `trial` (from 0): back, negative."""
-        return self.compliance * self.fraction.value * self.to_come[trial]
+        """Displacement [m] still to come after the last hold of trial number `trial` (from 0); recovery is negative."""
+        return self.compliance * self.fraction.value * self.remaining_force[trial]
 
 
-def fit_creep(trials: Sequence[HeldTrial]) -> Creep | None:
-    """Creep of one donning from its static trials, None if the holds are too few to tell it."""
-    bins = [_binned(trial) for trial in trials]
-    if sum(len(each.time) for each in bins) < MIN_BINS:
+def fit_creep(pulls: Sequence[Pull], fits: Sequence[StaticFit]) -> Creep | None:
+    """Creep of one donning from its static pulls; None for too few holds.
+
+    The segments of the fits are the stretches without slip.
+    """
+    held = list(zip(pulls, fits, strict=True))
+    bins = [_binned(pull, fit) for pull, fit in held]
+    if sum(len(trial.time) for trial in bins) < MIN_BINS:
         return None
-    problem = _problem(trials, bins)
+    problem = _problem(held, bins)
     logs = np.log(TIME_CONSTANTS)
     tried = [problem.solve(float(log))[1] for log in logs]
     best = int(np.argmin(tried))
@@ -132,19 +120,19 @@ def fit_creep(trials: Sequence[HeldTrial]) -> Creep | None:
         in_holds=problem.in_holds(log),
         chi_square=chi_square,
         dof=dof,
-        to_come=tuple(_lagged(trial, np.zeros(0), math.exp(log))[1] for trial in trials),
+        remaining_force=tuple(_lagged(pull, fit.plateaus, np.zeros(0), math.exp(log))[1] for pull, fit in held),
         outcome=FitOutcome.CONVERGED if found.success else FitOutcome.NOT_CONVERGED,
     )
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """All bins of a donning, within their groups: x [m] and load [N] against weights (bins,) [1/m²].
+    """All bins of a donning: x [m] and load [N] without the mean of their group, with weights (bins,) [1/m²].
 
     hold is the number of the held load.
     """
 
-    trials: Sequence[HeldTrial]
+    held: Sequence[tuple[Pull, StaticFit]]
     bins: Sequence[_Bins]
     group: NDArray[np.intp]
     hold: NDArray[np.intp]
@@ -153,23 +141,23 @@ class _Problem:
     load: NDArray[np.float64]
 
     def solve(self, log: float) -> tuple[tuple[float, float], float]:
-        """C and C φ [m/N] for the logarithm of a time constant, and χ²: infinite where holds cannot tell them apart."""
+        """C and C φ [m/N] for the logarithm of a time constant, and χ²: infinite if they are not identifiable."""
         columns = np.column_stack((self.load, self._lagged(log)))
         normal = (columns.T * self.weight) @ columns
         scale = np.sqrt(np.diag(normal))
         if not np.all(scale > 0) or np.linalg.cond(normal / np.outer(scale, scale)) > MAX_CONDITION:
             return (0.0, 0.0), math.inf
         compliance, extra = np.linalg.solve(normal, columns.T @ (self.weight * self.x))
-        left = self.x - compliance * self.load - extra * columns[:, 1]
-        return (float(compliance), float(extra)), float(self.weight @ left**2)
+        residual = self.x - compliance * self.load - extra * columns[:, 1]
+        return (float(compliance), float(extra)), float(self.weight @ residual**2)
 
     def without(self) -> float:
-        """χ² of a cuff that does not creep."""
+        """χ² without creep."""
         compliance = float(self.weight @ (self.load * self.x)) / float(self.weight @ self.load**2)
         return float(self.weight @ (self.x - compliance * self.load) ** 2)
 
     def in_holds(self, log: float) -> float:
-        """Standard errors by which x follows y within each hold."""
+        """Slope of x over y within the holds, in standard errors."""
         x, y = (within(values, self.hold, self.weight) for values in (self.x, self._lagged(log)))
         information = float(self.weight @ y**2)
         if information == 0:
@@ -189,28 +177,29 @@ class _Problem:
         return np.asarray(covariance / np.outer(scale, scale), np.float64)
 
     def _lagged(self, log: float) -> NDArray[np.float64]:
-        pairs = zip(self.trials, self.bins, strict=True)
-        y = np.concatenate([_lagged(trial, each.time, math.exp(log))[0] for trial, each in pairs])
-        return within(y, self.group, self.weight)
+        pairs = zip(self.held, self.bins, strict=True)
+        time_constant = math.exp(log)
+        y = [_lagged(pull, fit.plateaus, bins.time, time_constant)[0] for (pull, fit), bins in pairs]
+        return within(np.concatenate(y), self.group, self.weight)
 
 
-def _problem(trials: Sequence[HeldTrial], bins: Sequence[_Bins]) -> _Problem:
-    group = _numbered([each.segment for each in bins], [trial.segment.max(initial=-1) + 1 for trial in trials])
-    hold = _numbered([each.hold for each in bins], [len(trial.plateaus) for trial in trials])
-    weight = np.maximum(np.concatenate([each.sd for each in bins]), LEAST_SD) ** -2.0
-    x, load = (np.concatenate([getattr(each, name) for each in bins]) for name in ("x", "force"))
-    return _Problem(trials, bins, group, hold, weight, within(x, group, weight), within(load, group, weight))
+def _problem(held: Sequence[tuple[Pull, StaticFit]], bins: Sequence[_Bins]) -> _Problem:
+    group = _numbered([trial.segment for trial in bins], [fit.segment.max(initial=-1) + 1 for _, fit in held])
+    hold = _numbered([trial.hold for trial in bins], [len(fit.plateaus) for _, fit in held])
+    weight = np.maximum(np.concatenate([trial.sd for trial in bins]), LEAST_SD) ** -2.0
+    x, load = (np.concatenate([getattr(trial, name) for trial in bins]) for name in ("x", "force"))
+    return _Problem(held, bins, group, hold, weight, within(x, group, weight), within(load, group, weight))
 
 
 def _numbered(numbers: Sequence[NDArray[np.intp]], counts: Sequence[int]) -> NDArray[np.intp]:
-    """Numbers (bins,) within each trial, led on from trial to trial."""
+    """Numbers (bins,) within each trial, made unique over all trials."""
     firsts = np.concatenate(([0], np.cumsum(counts)))
-    return np.concatenate([each + first for each, first in zip(numbers, firsts, strict=False)]).astype(np.intp)
+    return np.concatenate([number + first for number, first in zip(numbers, firsts, strict=False)]).astype(np.intp)
 
 
 @dataclass(frozen=True)
 class _Bins:
-    """Half seconds of the holds: time [s], force [N], x and its standard error [m], segment and hold; all (bins,)."""
+    """Half seconds of the holds: time [s], force [N], x and its standard error [m], segment, hold; all (bins,)."""
 
     time: NDArray[np.float64]
     force: NDArray[np.float64]
@@ -220,12 +209,12 @@ class _Bins:
     hold: NDArray[np.intp]
 
 
-def _binned(trial: HeldTrial) -> _Bins:
+def _binned(pull: Pull, fit: StaticFit) -> _Bins:
     rows = []
-    seen = np.isfinite(trial.displacement)
-    for hold, (plateau, segment) in enumerate(zip(trial.plateaus, trial.segment, strict=True)):
-        inside = seen & (trial.marker_time >= plateau.start) & (trial.marker_time <= plateau.end)
-        time, x = trial.marker_time[inside], trial.displacement[inside]
+    seen = np.isfinite(pull.displacement)
+    for hold, (plateau, segment) in enumerate(zip(fit.plateaus, fit.segment, strict=True)):
+        inside = seen & (pull.marker_time >= plateau.start) & (pull.marker_time <= plateau.end)
+        time, x = pull.marker_time[inside], pull.displacement[inside]
         index = ((time - plateau.start) / BIN).astype(np.intp)
         count = np.bincount(index)
         full = count > 0.5 * count.max(initial=1)
@@ -237,18 +226,20 @@ def _binned(trial: HeldTrial) -> _Bins:
     return _Bins(time, force, x, sd, segments.astype(np.intp), holds.astype(np.intp))
 
 
-def _lagged(trial: HeldTrial, time: NDArray[np.float64], time_constant: float) -> tuple[NDArray[np.float64], float]:
-    """y (bins,) [N] at time [s], and how far it still is from the force in the last hold [N].
+def _lagged(
+    pull: Pull, plateaus: Sequence[Plateau], time: NDArray[np.float64], time_constant: float
+) -> tuple[NDArray[np.float64], float]:
+    """y (bins,) [N] at time [s], and force − y in the last hold [N].
 
-    Before the trial the cuff is taken to have rested under the first load.
+    Before the trial the cuff is assumed to be at rest under the first load.
     """
-    grid = np.arange(trial.force_time[0], trial.force_time[-1], STEP)
-    force = np.interp(grid, trial.force_time, trial.force)
-    first = trial.plateaus[0].force if trial.plateaus else float(force[0])
+    grid = np.arange(pull.force_time[0], pull.force_time[-1], STEP)
+    force = np.interp(grid, pull.force_time, pull.force)
+    first = plateaus[0].force if plateaus else float(force[0])
     decay = math.exp(-STEP / time_constant)
     y = first + lfilter([0.0, 1 - decay], [1.0, -decay], force - first)
-    if not trial.plateaus:
+    if not plateaus:
         return np.interp(time, grid, y), 0.0
-    last = trial.plateaus[-1]
+    last = plateaus[-1]
     held = (grid >= last.start) & (grid <= last.end)
     return np.interp(time, grid, y), last.force - float(np.mean(y[held]))

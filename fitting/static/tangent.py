@@ -1,11 +1,11 @@
-"""Stiffness that grows with the load: the exponential law beside the straight line.
+"""Tangent stiffness over the load: the exponential law.
 
-    F − F_z = (k0/b) (e^(b y) − 1), so that dF/dx = k0 + b (F − F_z): the tangent stiffness is a straight line in F,
-    and what the cell reads at zero load need not be known. Integrated from a load F_r with tangent κ, and ρ = b/κ,
+    F − F_z = (k0/b) (e^(b y) − 1), so dF/dx = k0 + b (F − F_z): the tangent stiffness is linear in F, and the zero F_z
+    of the cell need not be known. Integrated from a load F_r with tangent κ, and ρ = b/κ,
 
-    x = ln(1 + ρ (F − F_r)) / (ρ κ) + a,   one offset a for each stretch in which the cuff did not slip
+    x = ln(1 + ρ (F − F_r)) / (ρ κ) + a,   with one offset a for every stretch without slip
 
-Law: Schiebl et al. 2025, Sensors 25(15) 4605, who find exponentials for the upper arm.
+Law: Schiebl et al. 2025, Sensors 25(15) 4605, who found exponentials for the upper arm.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from fitting.outcome import FitOutcome
+from fitting.results.outcome import FitOutcome
 from fitting.uncertainty import Estimate, normal_estimate, student_estimate
 
 SOFTEST, STIFFEST = -0.9, 20.0
-"""Bounds of ρ times the range of loads: the tangent at the highest load over that at the lowest is 1 more."""
+"""Bounds of ρ × range of loads, which is the tangent at the highest load over that at the lowest, minus 1."""
 
 MAX_ROUNDS = 500
 """Of the search for the growth."""
@@ -31,7 +31,7 @@ MAX_ROUNDS = 500
 class HeldPoints:
     """Held loads of a donning: force [N], displacement and its standard error [m], number of the offset; all (n,).
 
-    The error of the force is in that of the displacement, by the stiffness.
+    The error of the force is included in that of the displacement, through the stiffness.
     """
 
     force: NDArray[np.float64]
@@ -44,8 +44,8 @@ class HeldPoints:
 class TangentLaw:
     """Tangent stiffness k(F) = κ (1 + ρ (F − F_r)): slope 1/κ [m/N], growth ρ [1/N], their (2, 2) covariance.
 
-    gain_sd is the relative standard uncertainty of the load cell's scale, which all tangents share;
-    outcome is that of the search for the growth.
+    gain_sd is the relative standard uncertainty of the load cell's scale, common to all tangents; outcome is that of
+    the search for the growth.
     """
 
     reference_force: float
@@ -59,7 +59,7 @@ class TangentLaw:
 
     @property
     def significance(self) -> float:
-        """Standard errors by which the law is no straight line, negative where the cuff softens."""
+        """Curvature of the law in standard errors; negative if the cuff softens."""
         return self.growth / math.sqrt(self.covariance[1, 1])
 
     @property
@@ -69,7 +69,7 @@ class TangentLaw:
         return normal_estimate(self.growth / self.slope, _error(gradient, self.covariance))
 
     def tangent(self, force: float) -> Estimate:
-        """k [N/m] at a load as the cell reads it [N]."""
+        """k [N/m] at a reading of the load cell [N]."""
         k = (1 + self.growth * (force - self.reference_force)) / self.slope
         gradient = np.array([-k / self.slope, (force - self.reference_force) / self.slope])
         noise = _error(gradient, self.covariance)
@@ -78,7 +78,7 @@ class TangentLaw:
 
 
 def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
-    """The exponential law through held loads, None if too few differ to bend it."""
+    """The exponential law through held loads, None for too few different loads."""
     groups = np.unique(points.group)
     dof = len(points.force) - len(groups) - 2
     span = float(np.ptp(points.force)) if len(points.force) else 0.0
@@ -89,9 +89,9 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
 
     def slope_of(growth: float) -> tuple[float, float]:
         bent = within(_bent(load, growth), points.group, weight)
-        way = within(points.x, points.group, weight)
-        slope = float(weight @ (bent * way)) / float(weight @ bent**2)
-        return slope, float(weight @ (way - slope * bent) ** 2)
+        displacement = within(points.x, points.group, weight)
+        slope = float(weight @ (bent * displacement)) / float(weight @ bent**2)
+        return slope, float(weight @ (displacement - slope * bent) ** 2)
 
     found = minimize_scalar(
         lambda growth: slope_of(growth)[1],
@@ -105,7 +105,7 @@ def fit_law(points: HeldPoints, gain_sd: float = 0.0) -> TangentLaw | None:
         return None
     step = 1e-4 / span
     bending = slope * (_bent(load, growth + step) - _bent(load, growth - step)) / (2 * step)
-    columns = np.column_stack([within(each, points.group, weight) for each in (_bent(load, growth), bending)])
+    columns = np.column_stack([within(column, points.group, weight) for column in (_bent(load, growth), bending)])
     covariance = np.asarray(np.linalg.inv((columns.T * weight) @ columns) * max(1.0, chi_square / dof), np.float64)
     outcome = FitOutcome.CONVERGED if found.success else FitOutcome.NOT_CONVERGED
     return TangentLaw(float(points.force.min()), slope, growth, covariance, chi_square, dof, gain_sd, outcome)
@@ -119,7 +119,7 @@ def within(values: NDArray[np.float64], group: NDArray[np.intp], weight: NDArray
 
 
 def _bent(load: NDArray[np.float64], growth: float) -> NDArray[np.float64]:
-    """ln(1 + ρ load)/ρ, the load itself where ρ vanishes."""
+    """ln(1 + ρ load)/ρ; its series for small ρ."""
     if abs(growth) * float(load.max()) < 1e-6:
         return np.asarray(load - growth * load**2 / 2)
     return np.asarray(np.log1p(growth * load) / growth)

@@ -18,7 +18,7 @@ from recordings.exchange.tables import MarkerTable, SignalTable, distinct_labels
 
 
 def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
-    """The points, without those that nobody labelled; unit, where given, overrides the file's. Raises ForeignFile."""
+    """The labelled points; unit, if given, overrides that of the file. Raises ForeignFile."""
     c3d = _open(path)
     point = c3d["parameters"]["POINT"]
     labels = _texts(point, "LABELS")
@@ -91,7 +91,7 @@ def _texts(group: Any, name: str) -> list[str]:
 def _rate(group: Any, path: Path) -> float:
     rate = float(next(iter(group["RATE"]["value"]), 0.0)) if "RATE" in group else 0.0
     if not rate > 0:
-        raise ForeignFile(f"{path} tells no sampling rate; export it again with its rates")
+        raise ForeignFile(f"{path} has no sampling rate; export it again with its rates")
     return rate
 
 

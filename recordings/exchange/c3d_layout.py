@@ -1,7 +1,7 @@
 """How a C3D file lays out its frames, from its header: a check on what a reader makes of the parameters.
 
 The numbers of points and analog values stand twice in a C3D file, in the header and in the parameters. Where they
-differ, one of the two shifts every frame after the first, and nothing but the file's size tells which.
+differ, one of the two shifts every frame after the first, and only the size of the file shows which.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ SPELLED_OUT = {
 def millimetres(unit: str, where: str) -> float:
     """How many millimetres one of a file's units is; 1 where it names none, as mocap systems export in millimetres.
 
-    Raises ForeignFile for a unit of which nobody knows.
+    Raises ForeignFile for an unknown unit.
     """
     told = unit.strip().lower() or "mm"
     known = MILLIMETRES.get(SPELLED_OUT.get(told.removesuffix("s"), told))

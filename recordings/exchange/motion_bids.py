@@ -26,6 +26,21 @@ MISSING = "n/a"
 
 
 @dataclass(frozen=True)
+class BidsSignals:
+    """Channels that were sampled together: values (n, labels) every 1/rate s from start [s] after the edge on.
+
+    name of the recording, "emg"; a lost sample is NaN.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    unit: str
+    start: float
+    rate: float
+    values: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class BidsTrial:
     """What one trial is called, and what was measured in it.
 
@@ -45,6 +60,7 @@ class BidsTrial:
     force_rate: float
     edge_utc_ns: int
     description: Mapping[str, Any]
+    signals: Sequence[BidsSignals] = ()
 
 
 def bids_files(trial: BidsTrial) -> dict[PurePosixPath, bytes]:
@@ -74,6 +90,7 @@ def bids_files(trial: BidsTrial) -> dict[PurePosixPath, bytes]:
         _suffixed(name, "events.tsv"): events.encode(),
         _suffixed(name, "recording-loadcell_physio.tsv.gz"): gzip.compress(physio.encode(), mtime=0),
         _suffixed(name, "recording-loadcell_physio.json"): _json(force),
+        **_physio(name, first, trial.signals),
     }
 
 
@@ -101,6 +118,19 @@ def bids_summary(trials: Sequence[BidsTrial], generator: str, version: str) -> d
 def bids_label(text: str) -> str:
     """The letters and digits of a text: BIDS allows nothing else in a label."""
     return re.sub(r"[^0-9A-Za-z]", "", text)
+
+
+def _physio(name: PurePosixPath, first: float, recorded: Sequence[BidsSignals]) -> dict[PurePosixPath, bytes]:
+    """first [s] is the time of the first frame after the edge."""
+    files: dict[PurePosixPath, bytes] = {}
+    for signals in recorded:
+        sidecar: dict[str, Any] = {"SamplingFrequency": signals.rate, "StartTime": signals.start - first}
+        sidecar |= {"Columns": list(signals.labels), **{label: {"Units": signals.unit} for label in signals.labels}}
+        rows = "\n".join(write_row(row, "\t", MISSING) for row in signals.values.tolist()) + "\n"
+        stem = f"recording-{bids_label(signals.name)}_physio"
+        files[_suffixed(name, f"{stem}.tsv.gz")] = gzip.compress(rows.encode(), mtime=0)
+        files[_suffixed(name, f"{stem}.json")] = _json(sidecar)
+    return files
 
 
 def _folder(trial: BidsTrial) -> PurePosixPath:

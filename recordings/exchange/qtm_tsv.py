@@ -121,7 +121,7 @@ def _counts_up(rows: Sequence[str]) -> bool:
 def _time(
     leading: NDArray[np.float64], header: dict[str, list[str]], where: str, first_line: int
 ) -> tuple[float, NDArray[np.float64]]:
-    """The frame rate [Hz] and the times (frames,) [s] that the columns Frame and Time and FREQUENCY tell."""
+    """The frame rate [Hz] and the times (frames,) [s] from the columns Frame and Time and from FREQUENCY."""
     announced = (header.get("FREQUENCY") or [""])[0]  # "EXT" where another device gave the beat
     rate = float(announced.replace(",", ".")) if _is_number(announced) else 0.0
     numbers, time = np.arange(1, len(leading) + 1, dtype=np.float64), None

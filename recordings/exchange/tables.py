@@ -19,7 +19,7 @@ class MarkerTable:
     rate_hz    nominal frame rate
     time_s     (frames,) strictly rising; without a time in the file frame n stands at (n − 1)/rate_hz
     positions  (frames, markers, 3) float64 mm in the mocap frame, NaN where a marker was missing
-    residuals  (frames, markers) mm, 0 where the file tells none
+    residuals  (frames, markers) mm, 0 if the file has none
     notes      sentences on what was read otherwise than the file says
     """
 
@@ -111,7 +111,7 @@ def without_origin(positions: NDArray[np.float64]) -> NDArray[np.float64]:
 def settle_times(
     numbers: NDArray[np.float64], time: NDArray[np.float64] | None, rate: float, where: str, first_line: int
 ) -> tuple[float, NDArray[np.float64]]:
-    """Frame rate [Hz] and times (frames,) [s] of what a file tells of them: the column of times is believed first.
+    """Frame rate [Hz] and times (frames,) [s] of a file; the column of times has priority.
 
     numbers (frames,) count the frames, the first of the capture is 1; time (frames,) [s] or None; rate [Hz], 0 where
     the file does not tell. Raises ForeignFile where they contradict each other or do not rise.

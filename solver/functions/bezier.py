@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 
 Array = NDArray[np.float64]
+Codes = NDArray[np.int8]
 
 NEWTON_STEPS = 3  # from between two nodes; each squares the error
+LAST_STEP = 1e-7  # of s: the error after a step of this size is of the order of its square
+CONVERGED, NOT_CONVERGED = 0, 1
+"""Outcome codes."""
 
 
 @compiled_for_python
-def follow_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array) -> None:
-    """Turn values (n,) of x into those of y: corners (corners, 2, 6), nodes_x and nodes_s as in curves.py."""
+def evaluate_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array, codes: Codes) -> None:
+    """Turn values (n,) of x into those of y: corners (corners, 2, 6), nodes_x and nodes_s as in fibre.py.
+
+    codes (n,) is set to NOT_CONVERGED where the last step of Newton's method is still large, else left as it is.
+    """
     first, last = corners[0], corners[-1]
     for i in range(len(values)):
         x = values[i]
         inside = min(max(x, first[0, 0]), last[0, 5])
-        corner, s = _near(nodes_x, nodes_s, inside)
+        corner, s = _locate(nodes_x, nodes_s, inside)
         X, Y = corners[corner]
+        step = inf
         for _ in range(NEWTON_STEPS):
-            s -= (_point(X, s) - inside) / _slope(X, s)
+            step = (_point(X, s) - inside) / _slope(X, s)
+            s -= step
+        if not abs(step) <= LAST_STEP:
+            codes[i] = NOT_CONVERGED
         y = _point(Y, s)
         if x < first[0, 0]:
             y += (x - first[0, 0]) * (first[1, 1] - first[1, 0]) / (first[0, 1] - first[0, 0])
@@ -32,7 +45,7 @@ def follow_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array) 
 
 
 @compiled
-def _near(nodes_x: Array, nodes_s: Array, x: float) -> tuple[int, float]:
+def _locate(nodes_x: Array, nodes_s: Array, x: float) -> tuple[int, float]:
     """The corner in which x lies, and s on the line between the two nodes about it."""
     low, high = 0, len(nodes_x) - 1
     while high - low > 1:

@@ -1,4 +1,4 @@
-"""Functions of one coordinate, as OpenSim's models use them: for joint axes, moving path points, coupled coordinates.
+"""Functions of one coordinate, as in OpenSim models: for joint axes, moving path points, coupled coordinates.
 
 Each gives its value with its first two derivatives. All of OpenSim's are piecewise polynomials, but for the sine.
 """
@@ -20,7 +20,7 @@ Derivatives = tuple[Array, Array, Array]
 class PiecewisePolynomial:
     """On piece i: Σ_k coefficients[i, k] (x − origins[i])ᵏ.
 
-    breaks        (pieces − 1,) where a piece ends and the next begins; the first and the last reach on for ever
+    breaks        (pieces − 1,) where a piece ends and the next begins; the first and the last are unbounded
     origins       (pieces,)
     coefficients  (pieces, degree + 1) the lowest power first
     """
@@ -79,12 +79,12 @@ def times_linear(function: PiecewisePolynomial, slope: float, offset: float) -> 
 
 
 def piecewise_linear(x: Array, y: Array) -> PiecewisePolynomial:
-    """Straight lines through points (knots,), x increasing; the first and the last line go on beyond the ends."""
+    """Straight lines through points (knots,), x increasing; the first and the last line are extended."""
     return _pieces(x[1:-1], x[:-1], np.column_stack([y[:-1], np.diff(y) / np.diff(x)]))
 
 
 def piecewise_constant(x: Array, y: Array) -> PiecewisePolynomial:
-    """y[i] from x[i] to x[i + 1]; the first and the last value go on beyond the ends."""
+    """y[i] from x[i] to x[i + 1]; the first and the last value are extended."""
     return _pieces(x[1:], x, y[:, None])
 
 
@@ -129,7 +129,7 @@ def simm_spline(x: Array, y: Array) -> PiecewisePolynomial:
 def natural_spline(x: Array, y: Array, half_order: int) -> PiecewisePolynomial:
     """The natural spline of degree 2 half_order − 1 through points (knots,): OpenSim's GCVSpline without smoothing.
 
-    Beyond its ends it goes on with degree half_order − 1.
+    Beyond its ends it is a polynomial of degree half_order − 1.
     """
     from scipy.interpolate import PPoly, make_interp_spline  # slow to import, and rarely needed
 

@@ -1,4 +1,4 @@
-"""How a muscle's force depends on its fibre: active force on length and on speed, passive force on length.
+"""Force curves of the muscle fibre: active force-length, force-velocity and passive force-length.
 
 Millard, Uchida, Seth, Delp, J. Biomech. Eng. 135(2):021005 (2013): chains of quintic Bézier corners, the shapes of
 OpenSim's SmoothSegmentedFunctionFactory. Thelen, J. Biomech. Eng. 125(1):70-77 (2003): exponentials and hyperbolas, in
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Codes = NDArray[np.int8]
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,15 @@ class MillardCurves:
     passive_curviness: float = 0.75
     is_idle_when_shortest: ClassVar[bool] = False
 
-    def active_force_length(self, length: Array) -> Array:
-        return _evaluate(_active_force_length(self), length)
+    def active_force_length(self, length: Array, codes: Codes | None = None) -> Array:
+        return _evaluate(_active_force_length(self), length, codes)
 
-    def force_velocity(self, speed: Array) -> Array:
+    def force_velocity(self, speed: Array, codes: Codes | None = None) -> Array:
         """Lengthening is positive."""
-        return _evaluate(_force_velocity(self), speed)
+        return _evaluate(_force_velocity(self), speed, codes)
 
-    def passive_force_length(self, length: Array) -> Array:
-        return _evaluate(_passive_force_length(self), length)
+    def passive_force_length(self, length: Array, codes: Codes | None = None) -> Array:
+        return _evaluate(_passive_force_length(self), length, codes)
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class ThelenCurves:
     """The figures of OpenSim's Thelen2003Muscle, its defaults.
 
     The force at speed is that at full activation: in this muscle alone it depends on the activation, and a force that
-    is to be linear in the activation has to take one. Beyond `linear_beyond` of `strongest` it goes on straight.
+    is to be linear in the activation has to take one. Beyond `linear_beyond` of `strongest` it is linear.
     """
 
     passive_strain: float = 0.6
@@ -76,11 +77,11 @@ class ThelenCurves:
     shortest: float = 0.0
     is_idle_when_shortest: ClassVar[bool] = True
 
-    def active_force_length(self, length: Array) -> Array:
+    def active_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
         force: Array = np.exp(-((length - 1.0) ** 2) / self.active_shape)
         return force
 
-    def force_velocity(self, speed: Array) -> Array:
+    def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
         """Lengthening is positive; equations 6 and 7, solved for the force."""
         a, strongest = self.velocity_shape, self.strongest
         gain = (2.0 + 2.0 / a) / (strongest - 1.0)
@@ -94,7 +95,7 @@ class ThelenCurves:
         force: Array = np.where(speed > last_speed, straight, curved)
         return force
 
-    def passive_force_length(self, length: Array) -> Array:
+    def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
         stretch = np.maximum(length - 1.0, 0.0) / self.passive_strain
         force: Array = np.expm1(self.passive_shape * stretch) / np.expm1(self.passive_shape)
         return force
@@ -181,12 +182,13 @@ def _corner(start: _Knot, end: _Knot, curviness: float) -> Array:
     return np.column_stack([first, inner_first, inner_first, inner_last, inner_last, last])
 
 
-def _evaluate(chain: _Chain, x: Array) -> Array:
-    """y of the chain at x; beyond its ends a straight line with the end's slope."""
-    from solver.functions.bezier import follow_chain  # the compiler behind it takes a third of a second to import
+def _evaluate(chain: _Chain, x: Array, codes: Codes | None) -> Array:
+    """y of the chain at x; beyond its ends a straight line with the end's slope. codes as in bezier.evaluate_chain."""
+    from solver.functions.bezier import evaluate_chain  # the compiler behind it takes a third of a second to import
 
     values = np.array(x, dtype=float, order="C")
-    follow_chain(chain.corners, chain.nodes_x, chain.nodes_s, values.reshape(-1))
+    codes = np.zeros(values.shape, np.int8) if codes is None else codes
+    evaluate_chain(chain.corners, chain.nodes_x, chain.nodes_s, values.reshape(-1), codes.reshape(-1))
     return values
 
 

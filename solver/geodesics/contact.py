@@ -7,23 +7,23 @@ import numpy as np
 from solver.compiled import compiled
 from solver.geodesics.trace import normal_at, normal_curvature, trace_geodesic
 from solver.vectors import Array, Vector, add, cross, read, subtract, turn, turn_back, write
-from solver.wrapping.path_tables import Record
+from solver.wrapping.path_tables import Codes, Record
 
-# One end of a contact in ground: the place, the path's direction t, the outward normal n and b = n × t; and the bends
-# II(t, t), II(t, b), II(b, b) of the surface there [1/m].
+# One end of a contact in ground: the place, the path's direction t, the outward normal n and b = n × t; and the
+# curvatures II(t, t), II(t, b), II(b, b) of the surface there [1/m].
 END = np.dtype(
     [
         ("place", np.float64, (3,)),
         ("t", np.float64, (3,)),
         ("n", np.float64, (3,)),
         ("b", np.float64, (3,)),
-        ("bends", np.float64, (3,)),
+        ("curvatures", np.float64, (3,)),
     ]
 )
 
 # The surface: its kind and dimensions as in WRAP, its pose in ground. The geodesic: in the surface's frame it leaves
-# `start` in direction `heading` and is `length` long. What follows from these: both ends, and how its neighbours
-# spread (follow.py). A surface is left out of a piece that it cannot or must not bend.
+# `start` in direction `heading` and is `length` long. From these follow both ends and the Jacobi scalars (trace.py). A
+# surface is left out of a segment that it cannot or must not deflect.
 CONTACT = np.dtype(
     [
         ("kind", np.int64),
@@ -35,7 +35,7 @@ CONTACT = np.dtype(
         ("length", np.float64),
         ("first", END),
         ("last", END),
-        ("spread", np.float64, (4,)),
+        ("jacobi", np.float64, (4,)),
         ("is_left_out", np.int64),
     ]
 )
@@ -43,22 +43,22 @@ CONTACT = np.dtype(
 
 @compiled
 def set_geodesic(
-    contact: Record, start: Vector, heading: Vector, length: float, accuracy: float, series: Array
+    contact: Record, start: Vector, heading: Vector, length: float, accuracy: float, series: Array, code: Codes
 ) -> None:
-    """Give the contact this geodesic and compute what follows from it, on ellipsoids to this accuracy (series.py)."""
+    """Set the geodesic of the contact and compute both ends; accuracy, series and code as in series.py."""
     kind, size = contact["kind"], read(contact["size"])
     write(contact["start"], start)
     write(contact["heading"], heading)
     contact["length"] = length
-    end, direction, (a, r, da, dr) = trace_geodesic(kind, size, start, heading, length, accuracy, series)
-    spread = contact["spread"]
-    spread[0], spread[1], spread[2], spread[3] = a, r, da, dr
+    end, direction, (a, r, da, dr) = trace_geodesic(kind, size, start, heading, length, accuracy, series, code)
+    jacobi = contact["jacobi"]
+    jacobi[0], jacobi[1], jacobi[2], jacobi[3] = a, r, da, dr
     _set_end(contact, contact["first"], start, heading)
     _set_end(contact, contact["last"], end, direction)
 
 
 @compiled
-def into_surface(contact: Record, point: Vector) -> Vector:
+def to_surface_frame(contact: Record, point: Vector) -> Vector:
     """A point of the ground in the surface's frame."""
     return turn_back(contact["rotation"], subtract(point, read(contact["origin"])))
 
@@ -72,6 +72,6 @@ def _set_end(contact: Record, end: Record, x: Vector, t: Vector) -> None:
     write(end["t"], turn(rotation, t))
     write(end["n"], turn(rotation, n))
     write(end["b"], turn(rotation, b))
-    bends = end["bends"]
-    bends[0], bends[1] = normal_curvature(kind, size, x, t, t), normal_curvature(kind, size, x, t, b)
-    bends[2] = normal_curvature(kind, size, x, b, b)
+    curvatures = end["curvatures"]
+    curvatures[0], curvatures[1] = normal_curvature(kind, size, x, t, t), normal_curvature(kind, size, x, t, b)
+    curvatures[2] = normal_curvature(kind, size, x, b, b)

@@ -1,11 +1,11 @@
-"""A path pulled taut over its surfaces: which of them it touches, in which order."""
+"""Contacts of a shortest path: which of its surfaces it touches, and in which order."""
 
 from __future__ import annotations
 
 from math import inf, isnan
 
 from solver.compiled import compiled
-from solver.geodesics.contact import into_surface, set_geodesic
+from solver.geodesics.contact import set_geodesic, to_surface_frame
 from solver.geodesics.first_contact import find_first_contact
 from solver.geodesics.planes import contact_in_plane
 from solver.geodesics.shortest_path import GUESS, shorten_path
@@ -14,7 +14,7 @@ from solver.vectors import Vector, distance, dot, read, subtract
 from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Indices, Record, Records
 
 MOST_ROUNDS = 16
-IMPOSSIBLE = -1
+NO_PATH = -1
 GAP = 1e-9  # m
 
 
@@ -22,10 +22,10 @@ GAP = 1e-9  # m
 def find_contacts(
     start: Vector, end: Vector, first: int, last: int, wraps: Records, work: GeodesicWorkspace
 ) -> tuple[int, float]:
-    """Lay the piece between two points of the ground, a path's `first` and `last`, over those of its surfaces (WRAP)
-    that are in the way. Kind, size and pose of the surfaces are set in work.contacts.
+    """Wrap the segment between two path points in ground, numbers `first` and `last` of the path, over the surfaces
+    (WRAP) that obstruct it. Kind, size and pose of the surfaces are set in work.contacts.
 
-    Returns how many contacts there are, work.order being theirs along the path, and the length [m].
+    Returns the number of contacts, whose order along the path is in work.order, and the length [m].
     """
     contacts, count = work.contacts, 0
     for k in range(len(wraps)):
@@ -34,10 +34,10 @@ def find_contacts(
         before = count
         for k in range(len(wraps)):
             if not contacts[k]["is_left_out"]:
-                count = _lay_over(start, end, k, wraps[k], count, work)
-            if count == IMPOSSIBLE:
+                count = _wrap_over(start, end, k, wraps[k], count, work)
+            if count == NO_PATH:
                 contacts[k]["is_left_out"] = 1
-                count, before = 0, IMPOSSIBLE
+                count, before = 0, NO_PATH
                 break
         if count == before or len(wraps) == 1:
             break
@@ -47,10 +47,10 @@ def find_contacts(
 
 
 @compiled
-def _lay_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, work: GeodesicWorkspace) -> int:
-    """Lay the path over one more surface, if that is in the way of one of its straight pieces.
+def _wrap_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, work: GeodesicWorkspace) -> int:
+    """Wrap the path over one more surface, if that obstructs one of its straight segments.
 
-    Returns how many contacts there are then, or IMPOSSIBLE.
+    Returns the number of contacts, or NO_PATH.
     """
     contacts, order = work.contacts, work.order
     for j in range(count):
@@ -69,22 +69,22 @@ def _lay_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, work
             size,
             wrap["axis"],
             wrap["allowed"],
-            into_surface(contact, before),
-            into_surface(contact, behind),
+            to_surface_frame(contact, before),
+            to_surface_frame(contact, behind),
             work.lengths,
         )
         if not touches:
             continue
         _insert(order, count, gap, k)
-        set_geodesic(contact, place, heading, length, GUESS, work.series)
+        set_geodesic(contact, place, heading, length, GUESS, work.series, work.code)
         if wrap["kind"] == ELLIPSOID or count > 0:
-            return _settle(start, end, contact, before, behind, another, count + 1, work)
+            return _shorten_with_contact(start, end, contact, before, behind, another, count + 1, work)
         return 1
     return count
 
 
 @compiled
-def _settle(
+def _shorten_with_contact(
     start: Vector,
     end: Vector,
     contact: Record,
@@ -94,32 +94,32 @@ def _settle(
     count: int,
     work: GeodesicWorkspace,
 ) -> int:
-    """Pull the path taut with its latest contact, on the shorter of two ways where there may be two, and take it off
-    surfaces that it would have to pull at.
+    """Shorten the path with its latest contact, on the shorter side where two are possible, and remove contacts at
+    which the path would pull on the surface.
     """
     place, heading, on_surface = read(contact["start"]), read(contact["heading"]), contact["length"]
-    length = _pulled_length(start, end, count, work)
+    length = _shortest_length(start, end, count, work)
     if not isnan(another):
         other_place, other_heading, other_on_surface = contact_in_plane(
-            read(contact["size"]), into_surface(contact, before), into_surface(contact, behind), another
+            read(contact["size"]), to_surface_frame(contact, before), to_surface_frame(contact, behind), another
         )
-        set_geodesic(contact, other_place, other_heading, other_on_surface, GUESS, work.series)
-        if not _pulled_length(start, end, count, work) < length:
-            set_geodesic(contact, place, heading, on_surface, GUESS, work.series)
-            length = _pulled_length(start, end, count, work)
+        set_geodesic(contact, other_place, other_heading, other_on_surface, GUESS, work.series, work.code)
+        if not _shortest_length(start, end, count, work) < length:
+            set_geodesic(contact, place, heading, on_surface, GUESS, work.series, work.code)
+            length = _shortest_length(start, end, count, work)
     k = 0
     while k < count:
         if work.contacts[work.order[k]]["length"] > 0.0:
             k += 1
         else:
             count, k = _remove(work.order, count, k), 0
-            length = _pulled_length(start, end, count, work)
-    return count if length < inf else IMPOSSIBLE
+            length = _shortest_length(start, end, count, work)
+    return count if length < inf else NO_PATH
 
 
 @compiled
-def _pulled_length(start: Vector, end: Vector, count: int, work: GeodesicWorkspace) -> float:
-    """Infinite where the path cannot be pulled taut, as between two surfaces that leave no gap."""
+def _shortest_length(start: Vector, end: Vector, count: int, work: GeodesicWorkspace) -> float:
+    """Length [m] after shortening; infinite where there is no path, as between two surfaces that leave no gap."""
     if not shorten_path(start, end, count, work):
         return inf
     place = start

@@ -1,8 +1,8 @@
-"""Which way round an ellipsoid is the shortest: among the planes through both ends, as a guess for the geodesic.
+"""Initial guess of a geodesic on an ellipsoid: the plane through both ends in which the path is shortest.
 
-Divided by the semi-axes, the ellipsoid is the unit sphere and its cut with a plane a circle: lines, planes and tangents
-stay what they are, lengths do not. In a half-plane at angle ψ about the line through both ends, with u along the line,
-v across it and away from it, the path runs from the start to the circle, over it and on to the end.
+Divided by the semi-axes, the ellipsoid is the unit sphere and its section with a plane a circle: lines, planes and
+tangents are preserved, lengths are not. In a half-plane at angle ψ about the line through both ends, with u along the
+line and v across it and away from it, the path runs from the start to the circle, over it and on to the end.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ PLANES = 12
 STEP = 2.0 * pi / PLANES
 COSINES = tuple(cos(k * STEP) for k in range(PLANES))
 SINES = tuple(sin(k * STEP) for k in range(PLANES))
-NEARLY_AS_SHORT = 1.5  # of two detours; planes do not tell closer
+NEARLY_AS_SHORT = 1.5  # ratio of two detours below which the planes do not decide which geodesic is shorter
 FAR, FORBIDDEN = 1e9, 1e6  # m
 ROUND_OFF = 1e-6
 OFF_MIDDLE = 0.15**0.5  # nodes of Gauss and Legendre's quadrature with three points, from the middle of 0 to 1
 
 Pencil = tuple[Vector, Vector, Vector, float, float, float]
-"""Directions to the foot of the origin on the line, across it and u; how far the foot is, and start and end along u."""
+"""Directions to the foot of the origin on the line, across it, and u; distance of the foot; start and end along u."""
 
 Circle = tuple[Vector, Vector, float, float, float, float, float]
-"""v; the cut's centre; how high the line is above that along v; the cut's radius; where the path reaches it, as cosine
-and sine of the angle from u to v; the angle over which it stays."""
+"""v; centre of the section; height of the line above it along v; radius of the section; cosine and sine of the angle
+from u to v at which the path reaches it; angle of the arc."""
 
 
 @compiled
@@ -53,7 +53,7 @@ def shortest_planes(
     where there is none.
 
     axis, allowed  a path's middle must lie where coordinate `axis` has the sign `allowed`; 0 allows all sides
-    lengths        (PLANES,) room to work in
+    lengths        (PLANES,) working memory
     """
     p, q = divide(start, size), divide(end, size)
     if dot(p, p) <= 1.0 or dot(q, q) <= 1.0 or not pierces(subtract(q, p), p, 1.0)[0]:
@@ -66,7 +66,7 @@ def shortest_planes(
         before, behind = lengths[k - 1], lengths[(k + 1) % PLANES]
         if not (lengths[k] <= before and lengths[k] < behind):
             continue
-        angle, detour = k * STEP + _lowest(before, lengths[k], behind), lengths[k] - straight
+        angle, detour = k * STEP + _parabola_minimum(before, lengths[k], behind), lengths[k] - straight
         if allowed != 0 and side(_middle(pencil, cos(angle), sin(angle))[axis]) != allowed:
             detour += FORBIDDEN
         if detour < least:
@@ -78,7 +78,7 @@ def shortest_planes(
 
 @compiled
 def contact_in_plane(size: Vector, start: Vector, end: Vector, angle: float) -> tuple[Vector, Vector, float]:
-    """Where the path in the half-plane at an angle reaches the ellipsoid, in which direction, and its length there."""
+    """First point, direction and length on the ellipsoid of the path in the half-plane at an angle."""
     pencil = _pencil(divide(start, size), divide(end, size))
     u = pencil[2]
     v, centre, _, radius, c, s, arc = _circle(pencil, cos(angle), sin(angle))
@@ -100,7 +100,7 @@ def _pencil(p: Vector, q: Vector) -> Pencil:
 
 @compiled
 def _length(size: Vector, pencil: Pencil, cosine: float, sine: float) -> float:
-    """Of the path in the half-plane at an angle with this cosine and sine."""
+    """Length of the path in the half-plane at an angle with this cosine and sine."""
     u, at_start, at_end = pencil[2], pencil[4], pencil[5]
     v, _, height, radius, c, s, arc = _circle(pencil, cosine, sine)
     x, y = multiply(size, u), multiply(size, v)
@@ -128,7 +128,7 @@ def _circle(pencil: Pencil, cosine: float, sine: float) -> Circle:
 
 @compiled
 def _middle(pencil: Pencil, cosine: float, sine: float) -> Vector:
-    """Of the path on the unit sphere."""
+    """Middle of the path on the unit sphere."""
     v, centre, _, radius, c, s, arc = _circle(pencil, cosine, sine)
     half_c, half_s = cos(0.5 * arc), sin(0.5 * arc)
     middle = add(scale(c * half_c + s * half_s, pencil[2]), scale(s * half_c - c * half_s, v))
@@ -154,7 +154,7 @@ def _norm(xx: float, xy: float, yy: float, a: float, b: float) -> float:
 
 
 @compiled
-def _lowest(before: float, here: float, behind: float) -> float:
-    """Where the parabola through three equidistant lengths, the middle one the least, is the lowest."""
+def _parabola_minimum(before: float, here: float, behind: float) -> float:
+    """Minimum point of the parabola through three equidistant lengths, of which the middle one is the least."""
     bend = before - 2.0 * here + behind
     return 0.5 * STEP * (before - behind) / bend if bend > ROUND_OFF * here else 0.0

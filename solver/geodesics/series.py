@@ -1,6 +1,6 @@
-"""Along a geodesic of an ellipsoid by its Taylor series.
+"""Trace a geodesic of an ellipsoid by its Taylor series.
 
-With A = diag(1/a²) and g = |A x|², the geodesic x(s) and its neighbours j(s) obey
+With A = diag(1/a²) and g = |A x|², the geodesic x(s) and its Jacobi fields j(s) obey
 
     x″ = −C p A x,   j″ = −K j,   p = 1/g²,   K = p / (a₁ a₂ a₃)²
 
@@ -14,43 +14,47 @@ from math import exp, inf, log
 
 from solver.compiled import compiled
 from solver.vectors import Array, Vector, divide, dot
+from solver.wrapping.path_tables import NOT_CONVERGED, Codes
 
-ORDER, ROUGH_ORDER, ORDER_OF_NEIGHBOURS = 18, 8, 10
+ORDER, ROUGH_ORDER, JACOBI_ORDER = 18, 8, 10
 MOST_STEPS = 1000
-EXACT, ROUGH = 1e-16, 1e-8  # accuracy: what the terms left out may add to a step, in semi-axes
+EXACT, ROUGH = 1e-16, 1e-8  # accuracy: what the truncated terms may add to a step, in semi-axes
 X, G, P, J, ROWS = 0, 3, 4, 5, 7  # rows of the series: x in three, g, p, and j in two
 
-Spread = tuple[float, float, float, float]
+JacobiScalars = tuple[float, float, float, float]
 Five = tuple[float, float, float, float, float]
 
 
 @compiled
-def along_ellipsoid(
-    size: Vector, x: Vector, t: Vector, length: float, accuracy: float, series: Array
-) -> tuple[Vector, Vector, Spread]:
-    """End, direction there and spread (see follow.py) of the geodesic of an ellipsoid with these semi-axes.
+def trace_on_ellipsoid(
+    size: Vector, x: Vector, t: Vector, length: float, accuracy: float, series: Array, code: Codes
+) -> tuple[Vector, Vector, JacobiScalars]:
+    """End, direction there and Jacobi scalars (trace.py) of the geodesic of an ellipsoid with these semi-axes.
 
-    accuracy  of end and direction, from EXACT on; that of the spread is less, enough for derivatives
-    series    (ROWS, ORDER + 1) room to work in
+    accuracy  of end and direction, from EXACT on; that of the Jacobi scalars is lower, enough for derivatives
+    series    (ROWS, ORDER + 1) working memory
+    code      (1,) set to NOT_CONVERGED where MOST_STEPS steps do not reach the end
     """
     a, r, da, dr = 1.0, 0.0, 0.0, 1.0
     order, left = ORDER if accuracy < ROUGH else ROUGH_ORDER, length
     for _ in range(MOST_STEPS):
         if not abs(left) > 0.0:
             break
-        reach = _expand(size, x, t, order, accuracy, series)
-        step = left if abs(left) <= reach else (reach if left > 0.0 else -reach)
-        x, t = _values(series, order, step)
-        a1, r1, da1, dr1 = _spread(series, min(order, ORDER_OF_NEIGHBOURS), step)
+        longest = _expand(size, x, t, order, accuracy, series)
+        step = left if abs(left) <= longest else (longest if left > 0.0 else -longest)
+        x, t = _point_and_direction(series, order, step)
+        a1, r1, da1, dr1 = _jacobi_scalars(series, min(order, JACOBI_ORDER), step)
         a, da = a1 * a + r1 * da, da1 * a + dr1 * da
         r, dr = a1 * r + r1 * dr, da1 * r + dr1 * dr
         left -= step
+    else:
+        code[0] = NOT_CONVERGED
     return x, t, (a, r, da, dr)
 
 
 @compiled
 def _expand(size: Vector, x: Vector, t: Vector, order: int, accuracy: float, series: Array) -> float:
-    """Fill the series at x in direction t; returns how far they reach."""
+    """Fill the series at x in direction t; returns the length of step for which they are accurate."""
     A = (1.0 / (size[0] * size[0]), 1.0 / (size[1] * size[1]), 1.0 / (size[2] * size[2]))
     B = (A[0] * A[0], A[1] * A[1], A[2] * A[2])
     for i in range(3):
@@ -63,13 +67,13 @@ def _expand(size: Vector, x: Vector, t: Vector, order: int, accuracy: float, ser
         series[G, k] = _weighted_square(series, B, k)
         series[P, k] = _power(series, k) / (k * g0) if k > 0 else 1.0 / (g0 * g0)
         share = 1.0 / ((k + 1) * (k + 2))
-        x0, x1, x2, j0, j1 = _products(series, k) if k + 2 <= ORDER_OF_NEIGHBOURS else _places(series, k)
+        x0, x1, x2, j0, j1 = _products(series, k) if k + 2 <= JACOBI_ORDER else _products_without_jacobi(series, k)
         series[X, k + 2] = -C * A[0] * x0 * share
         series[X + 1, k + 2] = -C * A[1] * x1 * share
         series[X + 2, k + 2] = -C * A[2] * x2 * share
         series[J, k + 2] = -curvature * j0 * share
         series[J + 1, k + 2] = -curvature * j1 * share
-    return min(_reach(size, series, order, accuracy), _reach(size, series, order - 1, accuracy))
+    return min(_step_length(size, series, order, accuracy), _step_length(size, series, order - 1, accuracy))
 
 
 @compiled
@@ -114,7 +118,7 @@ def _products(series: Array, k: int) -> Five:
 
 
 @compiled
-def _places(series: Array, k: int) -> Five:
+def _products_without_jacobi(series: Array, k: int) -> Five:
     """The same without j."""
     x0 = x1 = x2 = 0.0
     for j in range(k + 1):
@@ -126,15 +130,15 @@ def _places(series: Array, k: int) -> Five:
 
 
 @compiled
-def _reach(size: Vector, series: Array, k: int, accuracy: float) -> float:
-    """How far the k-th terms stay as small as they must."""
+def _step_length(size: Vector, series: Array, k: int, accuracy: float) -> float:
+    """Length of step at which the k-th term is as small as the accuracy asks for."""
     term = divide((series[X, k], series[X + 1, k], series[X + 2, k]), size)
     square = dot(term, term)
     return exp((log(accuracy) - 0.5 * log(square)) / k) if square > 0.0 else inf
 
 
 @compiled
-def _values(series: Array, order: int, s: float) -> tuple[Vector, Vector]:
+def _point_and_direction(series: Array, order: int, s: float) -> tuple[Vector, Vector]:
     x0 = x1 = x2 = t0 = t1 = t2 = 0.0
     for k in range(order, 0, -1):
         x0, x1, x2 = x0 * s + series[0, k], x1 * s + series[1, k], x2 * s + series[2, k]
@@ -143,7 +147,7 @@ def _values(series: Array, order: int, s: float) -> tuple[Vector, Vector]:
 
 
 @compiled
-def _spread(series: Array, order: int, s: float) -> Spread:
+def _jacobi_scalars(series: Array, order: int, s: float) -> JacobiScalars:
     a = r = da = dr = 0.0
     for k in range(order, 0, -1):
         a, r = a * s + series[J, k], r * s + series[J + 1, k]

@@ -1,13 +1,13 @@
-"""A path pulled taut between two points over surfaces that it touches in a given order: Newton's method.
+"""The shortest path between two points over surfaces that it touches in a given order, by Newton's method.
 
-Unknowns of each contact are four: its geodesic may slide by τ along itself and by β across, turn by θ at its beginning,
-and grow by λ. Four equations ask that the straight pieces before and behind it leave along its directions:
+A contact has four unknowns: its geodesic slides by τ along itself and by β across, turns by θ at its beginning, and
+grows by λ. Four equations require that the straight segments before and after it are tangent to it:
 
-    d·n = 0,   d·b = 0      at both ends, d being the straight piece there
+    d·n = 0,   d·b = 0      at both ends, d being the straight segment there
 
-(on an ellipsoid the first in another form, _past_touch).
-Their derivatives come from the surface's bends and from the spread of neighbouring geodesics. Each equation knows only
-the neighbours on the path. (As Scholz, Sherman, Stavness, Delp, Kecskeméthy, Multibody Syst. Dyn. 36:195, 2016.)
+(on an ellipsoid the first has another form, _arc_to_tangent_point). Their derivatives follow from the curvatures of the
+surface and the Jacobi fields of the geodesic. An equation involves only neighbouring contacts. (As Scholz, Sherman,
+Stavness, Delp, Kecskeméthy, Multibody Syst. Dyn. 36:195, 2016.)
 """
 
 from __future__ import annotations
@@ -31,28 +31,30 @@ from solver.vectors import (
     subtract,
     unit,
 )
-from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Indices, Record, Records
+from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Codes, Indices, Record, Records
 
 GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
 MOST_STEPS = 30
 SINGULAR = 1e-14
+FIRST, LAST = 1.0, -1.0  # ends of a contact: sense in which the straight segment there grows as the end moves along t
 LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 1e-4, 1e-7  # in radii of the surface, or rad
 
 
 @compiled
 def shorten_path(start: Vector, end: Vector, count: int, work: GeodesicWorkspace) -> bool:
-    """Whether the first `count` contacts of work.order, guesses of accuracy GUESS, could be made exact; all in ground.
+    """Make the first `count` contacts of work.order, guesses of accuracy GUESS, exact; False where that fails. All in
+    ground.
 
-    Geodesics are as accurate as Newton's method makes use of: it squares the error. Of the last step only the first
-    order is left, and nothing needs be computed anew.
+    Geodesics are traced only as accurately as the step of Newton's method needs: it squares the error. The last step is
+    applied to first order, without tracing the geodesics again.
     """
     contacts, order, accuracy = work.contacts, work.order, GUESS
     equations = work.matrix[: 4 * count, : 4 * count + 1]
     steps = equations[:, -1]
     for _ in range(MOST_STEPS):
         _fill(start, end, contacts, order, equations)
-        _eliminate(equations)
-        longest = _longest(contacts, order, steps)
+        _solve_equations(equations)
+        longest = _largest_step(contacts, order, steps)
         if longest <= LAST_STEP and accuracy == EXACT:
             for k in range(count):
                 _move_ends(contacts[order[k]], steps[4 * k : 4 * k + 4])
@@ -62,14 +64,14 @@ def shorten_path(start: Vector, end: Vector, count: int, work: GeodesicWorkspace
         accuracy = EXACT if longest < EXACT_FROM else min(GUESS, 0.01 * longest * longest)
         share = 1.0 if longest <= LONGEST_STEP else LONGEST_STEP / longest
         for k in range(count):
-            _move(contacts[order[k]], share, steps[4 * k : 4 * k + 4], accuracy, work.series)
+            _move(contacts[order[k]], share, steps[4 * k : 4 * k + 4], accuracy, work.series, work.code)
     work.code[0] = NOT_CONVERGED
     return False
 
 
 @compiled
 def _fill(start: Vector, end: Vector, contacts: Records, order: Indices, matrix: Array) -> None:
-    """The derivatives of the conditions by (τ, β, θ, λ) of each contact and, behind them, minus the conditions."""
+    """Derivatives of the conditions by (τ, β, θ, λ) of the contacts and, in the last column, minus the conditions."""
     count = len(matrix) // 4
     matrix[:] = 0.0
     for k in range(count):
@@ -78,41 +80,43 @@ def _fill(start: Vector, end: Vector, contacts: Records, order: Indices, matrix:
         before = read(contacts[order[k - 1]]["last"]["place"]) if k > 0 else start
         behind = read(contacts[order[k + 1]]["first"]["place"]) if k + 1 < count else end
         arriving, leaving = subtract(read(first["place"]), before), subtract(behind, read(last["place"]))
-        ahead, above = _fill_end(matrix, row, contact, first, arriving, 1.0, False)
+        ahead, above = _fill_end(matrix, row, contact, first, arriving, FIRST)
         if k > 0:
-            _fill_neighbour(matrix, row, row - 4, first, contacts[order[k - 1]], ahead, above, -1.0, True)
-        ahead, above = _fill_end(matrix, row + 2, contact, last, leaving, -1.0, True)
+            _fill_neighbour(matrix, row, row - 4, first, contacts[order[k - 1]], ahead, above, LAST)
+        ahead, above = _fill_end(matrix, row + 2, contact, last, leaving, LAST)
         if k + 1 < count:
-            _fill_neighbour(matrix, row + 2, row + 4, last, contacts[order[k + 1]], ahead, above, 1.0, False)
+            _fill_neighbour(matrix, row + 2, row + 4, last, contacts[order[k + 1]], ahead, above, FIRST)
 
 
 @compiled
 def _fill_end(
-    matrix: Array, row: int, contact: Record, end: Record, piece: Vector, sense: float, is_last: bool
+    matrix: Array, row: int, contact: Record, end: Record, segment: Vector, sense: float
 ) -> tuple[float, float]:
-    """The two conditions at one end of a contact and what its own unknowns do to them; the straight piece there grows
-    by `sense` with the end's place. Returns the derivatives of the first by the piece's parts along t and n.
+    """The two conditions at one end of a contact, FIRST or LAST, and their derivatives by its own unknowns.
+
+    Returns the derivatives of the first condition by the components of the straight segment there along t and n.
     """
-    on_t, on_n, on_b = dot(piece, read(end["t"])), dot(piece, read(end["n"])), dot(piece, read(end["b"]))
-    tt, tb, bb = read(end["bends"])
+    on_t, on_n, on_b = dot(segment, read(end["t"])), dot(segment, read(end["n"])), dot(segment, read(end["b"]))
+    tt, tb, bb = read(end["curvatures"])
     missing, ahead, above = on_n, 0.0, 1.0
     if contact["kind"] == ELLIPSOID:
-        missing, ahead, above = _past_touch(1.0 / tt, on_t, -sense * on_n)
+        missing, ahead, above = _arc_to_tangent_point(1.0 / tt, on_t, -sense * on_n)
         above *= -sense
     by_t = ahead * (sense - tt * on_n) + above * (tt * on_t + tb * on_b)
     by_b = -ahead * tb * on_n + above * (tb * on_t + bb * on_b)
-    column, spread = row - 2 if is_last else row, contact["spread"]
+    column, jacobi = row - 2 if sense == LAST else row, contact["jacobi"]
     matrix[row, -1], matrix[row + 1, -1] = -missing, -on_b
-    _differentiate(matrix, row, column, is_last, spread, by_t, by_b, ahead * on_b)
-    _differentiate(matrix, row + 1, column, is_last, spread, -tb * on_n, sense - bb * on_n, -on_t)
+    _differentiate(matrix, row, column, sense, jacobi, by_t, by_b, ahead * on_b)
+    _differentiate(matrix, row + 1, column, sense, jacobi, -tb * on_n, sense - bb * on_n, -on_t)
     return ahead, above
 
 
 @compiled
-def _past_touch(radius: float, x: float, y: float) -> tuple[float, float, float]:
-    """How far along a circle, from its topmost point on, the line touches it that goes on to (x, y) from there; and its
-    derivatives by x and y. It is zero where y is, but at one of the two points of the circle only, and nearly linear
-    where the other is close, as it is for an end close to the surface. From inside, the nearest point is taken.
+def _arc_to_tangent_point(radius: float, x: float, y: float) -> tuple[float, float, float]:
+    """Arc length on a circle from its top (0, 0) to the tangent point of the line to (x, y); its derivatives by x, y.
+
+    Unlike y itself it is zero at only one of the two tangent points, and nearly linear where the other is close, as for
+    an end close to the surface. For a point inside, the arc to the nearest point of the circle.
     """
     height = y + radius
     square = x * x + height * height
@@ -135,25 +139,26 @@ def _fill_neighbour(
     ahead: float,
     above: float,
     sense: float,
-    is_last: bool,
 ) -> None:
-    """What the unknowns of the contact at the other end of a straight piece do to the conditions at this one."""
-    other, spread = neighbour["last"] if is_last else neighbour["first"], neighbour["spread"]
+    """Derivatives of the conditions at one end of a straight segment by the unknowns of the contact at its other end,
+    which is that contact's FIRST or LAST.
+    """
+    other, jacobi = neighbour["last"] if sense == LAST else neighbour["first"], neighbour["jacobi"]
     t, b, across = read(other["t"]), read(other["b"]), read(end["b"])
     towards = add(scale(sense * ahead, read(end["t"])), scale(sense * above, read(end["n"])))
-    _differentiate(matrix, row, column, is_last, spread, dot(t, towards), dot(b, towards), 0.0)
-    _differentiate(matrix, row + 1, column, is_last, spread, sense * dot(t, across), sense * dot(b, across), 0.0)
+    _differentiate(matrix, row, column, sense, jacobi, dot(t, towards), dot(b, towards), 0.0)
+    _differentiate(matrix, row + 1, column, sense, jacobi, sense * dot(t, across), sense * dot(b, across), 0.0)
 
 
 @compiled
 def _differentiate(
-    matrix: Array, row: int, column: int, is_last: bool, spread: Array, by_t: float, by_b: float, by_turn: float
+    matrix: Array, row: int, column: int, sense: float, jacobi: Array, by_t: float, by_b: float, by_turn: float
 ) -> None:
     """Derivatives by an end's steps along t and b and its turn, as derivatives by the contact's four unknowns."""
     matrix[row, column] = by_t
-    if is_last:
-        matrix[row, column + 1] = by_b * spread[0] + by_turn * spread[2]
-        matrix[row, column + 2] = by_b * spread[1] + by_turn * spread[3]
+    if sense == LAST:
+        matrix[row, column + 1] = by_b * jacobi[0] + by_turn * jacobi[2]
+        matrix[row, column + 2] = by_b * jacobi[1] + by_turn * jacobi[3]
         matrix[row, column + 3] = by_t
     else:
         matrix[row, column + 1] = by_b
@@ -161,10 +166,11 @@ def _differentiate(
 
 
 @compiled
-def _eliminate(matrix: Array) -> None:
+def _solve_equations(matrix: Array) -> None:
     """Solve the equations (Gauss, pivots by row) into the last column.
 
-    What they leave open stays as it is: the direction round the axis of a spheroid for a path through its poles.
+    Unknowns that they do not determine stay as they are: the direction about the axis of a spheroid for a path through
+    its poles.
     """
     size = len(matrix)
     for k in range(size):
@@ -187,7 +193,7 @@ def _eliminate(matrix: Array) -> None:
 
 
 @compiled
-def _longest(contacts: Records, order: Indices, steps: Array) -> float:
+def _largest_step(contacts: Records, order: Indices, steps: Array) -> float:
     """Infinite if one of the steps is not a number."""
     longest = 0.0
     for k in range(len(steps) // 4):
@@ -203,8 +209,8 @@ def _longest(contacts: Records, order: Indices, steps: Array) -> float:
 
 @compiled
 def _move_ends(contact: Record, steps: Array) -> None:
-    first, last, spread = contact["first"], contact["last"], contact["spread"]
-    across = spread[0] * steps[1] + spread[1] * steps[2]
+    first, last, jacobi = contact["first"], contact["last"], contact["jacobi"]
+    across = jacobi[0] * steps[1] + jacobi[1] * steps[2]
     for i in range(3):
         first["place"][i] += steps[0] * first["t"][i] + steps[1] * first["b"][i]
         last["place"][i] += (steps[0] + steps[3]) * last["t"][i] + across * last["b"][i]
@@ -212,10 +218,11 @@ def _move_ends(contact: Record, steps: Array) -> None:
 
 
 @compiled
-def _move(contact: Record, share: float, steps: Array, accuracy: float, series: Array) -> None:
+def _move(contact: Record, share: float, steps: Array, accuracy: float, series: Array, code: Codes) -> None:
     kind, size = contact["kind"], read(contact["size"])
     x, t = read(contact["start"]), read(contact["heading"])
     b = cross(normal_at(kind, size, x), t)
     x = project_onto_surface(kind, size, along(along(x, share * steps[0], t), share * steps[1], b))
     t, n = along(t, share * steps[2], b), normal_at(kind, size, x)
-    set_geodesic(contact, x, unit(along(t, -dot(t, n), n)), contact["length"] + share * steps[3], accuracy, series)
+    heading, length = unit(along(t, -dot(t, n), n)), contact["length"] + share * steps[3]
+    set_geodesic(contact, x, heading, length, accuracy, series, code)

@@ -1,7 +1,7 @@
-"""How long paths pulled taut are, how fast they lengthen and how they pull; compiled, for all paths.
+"""Lengths, lengthening speeds and forces of shortest paths over geodesics; compiled, for all paths.
 
-Tangents are exact, and so the tangent points may count as fixed in their bodies: what they slide changes the length in
-second order only, and the forces are the derivative of the length.
+Tangents are exact, so the tangent points can be taken as fixed in their bodies: sliding changes the length in second
+order only, and the forces are the derivative of the length.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from solver.wrapping.tension import apply_tension, path_speed
 def evaluate_geodesic_paths(
     tables: PathTables, poses: Records, changes: Records, rates: Array, work: GeodesicWorkspace, results: PathResults
 ) -> None:
-    """As wrapping.tension.lay_all, with geodesics."""
+    """As wrapping.tension.evaluate_wrapped_paths, with geodesics."""
     for frame in range(len(poses)):
         bodies, u = poses[frame], rates[frame]
         for path in range(results.lengths.shape[1]):
             points, wraps = points_and_wraps(tables, path)
             work.code[0] = CONVERGED
-            count, results.lengths[frame, path] = _lay_path(points, wraps, bodies, changes[frame], work)
+            count, results.lengths[frame, path] = _wrap_path(points, wraps, bodies, changes[frame], work)
             results.codes[frame, path] = work.code[0]
             results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
-            _pull(
+            _apply_tensions(
                 bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
             )
 
 
 @compiled
-def _lay_path(
+def _wrap_path(
     points: Records, wraps: Records, bodies: Records, changes: Records, work: GeodesicWorkspace
 ) -> tuple[int, float]:
-    """Lay one path (POINT, WRAP) in one posture (BODY, CHANGE), each piece between two of its points for itself; as
-    wrapping.sweep.lay_path.
+    """Wrap one path (POINT, WRAP) in one posture (BODY, CHANGE), each segment between two of its points by itself;
+    returns as wrapping.opensim_path.wrap_path.
     """
     nodes, sequence, stops = work.nodes, work.sequence, work.stops
     present = place_path_points(points, wraps, changes, nodes, stops)
@@ -50,9 +50,9 @@ def _lay_path(
     for stop in range(1, present):
         first, last = stops[stop - 1], stops[stop]
         start, end = place_in_ground(bodies, nodes, first), place_in_ground(bodies, nodes, last)
-        touched, piece = find_contacts(start, end, first, last, wraps, work)
-        length += piece
-        for k in range(touched):
+        contacts, segment = find_contacts(start, end, first, last, wraps, work)
+        length += segment
+        for k in range(contacts):
             wrap, contact = wraps[work.order[k]], work.contacts[work.order[k]]
             _set_node(nodes[node], wrap, bodies, contact["first"])
             _set_node(nodes[node + 1], wrap, bodies, contact["last"])
@@ -87,8 +87,10 @@ def _set_node(node: Record, wrap: Record, bodies: Records, end: Record) -> None:
 
 
 @compiled
-def _pull(bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array) -> None:
-    """Add what a tension of 1 does along the straight pieces, also to points that move within one body."""
+def _apply_tensions(
+    bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array
+) -> None:
+    """Add the forces of a tension of 1 N along the straight segments, also on points that move within one body."""
     for k in range(count - 1):
         start, end = sequence[k], sequence[k + 1]
         if nodes[start]["surface"] != NO_SURFACE and nodes[start]["surface"] == nodes[end]["surface"]:

@@ -1,9 +1,9 @@
-"""Along a geodesic of a sphere, a cylinder or an ellipsoid: where it leads, and how its end moves with its beginning.
+"""Trace a geodesic of a sphere, a cylinder or an ellipsoid: its end, and the derivative of the end by its beginning.
 
 Points are in the surface's own frame [m]; the geodesic leaves a point x of the surface in the unit direction t, n is
-the outward normal and b = n × t. A neighbouring geodesic is j b away, j″ + K j = 0 with the Gaussian curvature K.
-`spread` holds what j and j′ become at the end: (a, r, a′, r′), where a = 1 and a′ = 0, r = 0 and r′ = 1 at the
-beginning (do Carmo, Differential Geometry of Curves and Surfaces, sec. 5.5).
+the outward normal and b = n × t. A neighbouring geodesic is j b away: the Jacobi field j″ + K j = 0 with the Gaussian
+curvature K. `jacobi` are its scalars (a, r, a′, r′) at the end, with a = 1, a′ = 0, r = 0 and r′ = 1 at the beginning
+(do Carmo, Differential Geometry of Curves and Surfaces, sec. 5.5).
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from __future__ import annotations
 from math import cos, sin
 
 from solver.compiled import compiled
-from solver.geodesics.series import along_ellipsoid
+from solver.geodesics.series import trace_on_ellipsoid
 from solver.vectors import Array, Vector, add, divide, dot, norm, scale, unit
-from solver.wrapping.path_tables import ELLIPSOID, SPHERE
+from solver.wrapping.path_tables import ELLIPSOID, SPHERE, Codes
 
-Spread = tuple[float, float, float, float]
+JacobiScalars = tuple[float, float, float, float]
 
 
 @compiled
 def trace_geodesic(
-    kind: int, size: Vector, x: Vector, t: Vector, length: float, accuracy: float, series: Array
-) -> tuple[Vector, Vector, Spread]:
-    """End, direction there and spread of the geodesic of this length, which may be negative; accuracy and series are
-    those of series.py.
+    kind: int, size: Vector, x: Vector, t: Vector, length: float, accuracy: float, series: Array, code: Codes
+) -> tuple[Vector, Vector, JacobiScalars]:
+    """End, direction there and Jacobi scalars of the geodesic of this length, which may be negative; accuracy, series
+    and code are those of series.py.
     """
     if kind == ELLIPSOID:
-        return along_ellipsoid(size, x, t, length, accuracy, series)
+        return trace_on_ellipsoid(size, x, t, length, accuracy, series, code)
     if kind == SPHERE:
-        return _along_sphere(size[0], x, t, length)
-    return _along_cylinder(size[0], x, t, length)
+        return _trace_on_sphere(size[0], x, t, length)
+    return _trace_on_cylinder(size[0], x, t, length)
 
 
 @compiled
@@ -63,14 +63,14 @@ def project_onto_surface(kind: int, size: Vector, x: Vector) -> Vector:
 
 
 @compiled
-def _along_sphere(radius: float, x: Vector, t: Vector, length: float) -> tuple[Vector, Vector, Spread]:
+def _trace_on_sphere(radius: float, x: Vector, t: Vector, length: float) -> tuple[Vector, Vector, JacobiScalars]:
     c, s = cos(length / radius), sin(length / radius)
     end = add(scale(c, x), scale(s * radius, t))
     return end, add(scale(c, t), scale(-s / radius, x)), (c, radius * s, -s / radius, c)
 
 
 @compiled
-def _along_cylinder(radius: float, x: Vector, t: Vector, length: float) -> tuple[Vector, Vector, Spread]:
+def _trace_on_cylinder(radius: float, x: Vector, t: Vector, length: float) -> tuple[Vector, Vector, JacobiScalars]:
     around = (x[0] * t[1] - x[1] * t[0]) / radius
     c, s = cos(around * length / radius), sin(around * length / radius)
     end = c * x[0] - s * x[1], s * x[0] + c * x[1], x[2] + length * t[2]

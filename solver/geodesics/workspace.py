@@ -1,4 +1,4 @@
-"""The memory that laying a path takes, allocated once for all paths and frames."""
+"""Working memory for shortest paths, allocated once for all paths and frames."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Record
 
 
 class GeodesicWorkspace(NamedTuple):
-    """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its own points; its contacts
-    (CONTACT), one for each of its surfaces, and their order along a piece; the equations of taut.py; the series of
-    series.py; the lengths in planes.py; code (1,), the path's outcome.
+    """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its path points; its contacts
+    (CONTACT), one for each of its surfaces, and their order along a segment; the matrix of shortest_path.py; the series
+    of series.py; the lengths of planes.py; code (1,), the outcome of the path.
     """
 
     nodes: Records

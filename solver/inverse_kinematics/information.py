@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
 from solver.inverse_kinematics.frame import IkWorkspace, Problem
-from solver.inverse_kinematics.linearise import evaluate_gap, fill_constraint_rows, linearise
+from solver.inverse_kinematics.linearise import Targets, evaluate_gap, fill_constraint_rows, linearise
 from solver.inverse_kinematics.skeleton import evaluate_pose
 
 Array = NDArray[np.float64]
@@ -32,9 +32,8 @@ def fill_information(
     for frame in range(len(observed)):
         q = coordinates[frame]
         evaluate_pose(problem.skeleton, q, work.pose)
-        linearise(
-            problem.skeleton, problem.markers, observed[frame], precisions[frame], nothing, q, q, work.pose, work.system
-        )
+        targets = Targets(observed[frame], precisions[frame], q, nothing)
+        linearise(problem.skeleton, problem.markers, targets, q, work.pose, work.system)
         evaluate_gap(problem.constraints, q, work.pose, work.system.gap)
         fill_constraint_rows(problem.skeleton, problem.constraints, q, work.pose, work.system)
         information[frame] = work.system.hessian

@@ -35,6 +35,19 @@ class TrackedMarkers(NamedTuple):
     weight: Array
 
 
+class Targets(NamedTuple):
+    """What the postures of a frame should come close to.
+
+    seen   (markers, 3) x;  share (markers,) w_m over their sum, 0 for a marker that is hidden
+    value  (coordinates,) v_k;  pull (coordinates,) w_k
+    """
+
+    seen: Array
+    share: Array
+    value: Array
+    pull: Array
+
+
 class ConstraintTable(NamedTuple):
     """Point constraints, three rows each, then couplers, a row each: q_dependent = function(q_independent)."""
 
@@ -99,12 +112,9 @@ def allocate_least_squares(model: Model, markers: int, constraints: ConstraintTa
 
 
 @compiled
-def evaluate_cost(
-    markers: TrackedMarkers, seen: Array, share: Array, pull: Array, value: Array, q: Array, work: PoseWorkspace
-) -> float:
-    """f at a pose. seen (markers, 3) x; share (markers,) w_m over their sum, 0 for one that is hidden; pull
-    (coordinates,) w_k, value (coordinates,) v_k.
-    """
+def evaluate_cost(markers: TrackedMarkers, targets: Targets, q: Array, work: PoseWorkspace) -> float:
+    """f at the pose of `work`."""
+    seen, share, value, pull = targets
     cost = 0.0
     for m in range(len(share)):
         if share[m] > 0.0:
@@ -136,17 +146,10 @@ def evaluate_gap(constraints: ConstraintTable, q: Array, work: PoseWorkspace, ga
 
 @compiled
 def linearise(
-    skeleton: Skeleton,
-    markers: TrackedMarkers,
-    seen: Array,
-    share: Array,
-    pull: Array,
-    value: Array,
-    q: Array,
-    work: PoseWorkspace,
-    system: LeastSquares,
+    skeleton: Skeleton, markers: TrackedMarkers, targets: Targets, q: Array, work: PoseWorkspace, system: LeastSquares
 ) -> None:
     """Fill points, hessian and gradient, and force and turned with f = w r, at the pose of `work`."""
+    seen, share, value, pull = targets
     _clear(system)
     for m in range(len(share)):
         body = markers.body[m]

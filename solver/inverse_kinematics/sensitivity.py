@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
 from solver.inverse_kinematics.frame import IkWorkspace, Problem, share_weights
-from solver.inverse_kinematics.linearise import add_curvature, fill_constraint_rows, linearise
+from solver.inverse_kinematics.linearise import Targets, add_curvature, fill_constraint_rows, linearise
 from solver.inverse_kinematics.skeleton import differentiate_screws, evaluate_pose
 
 Array = NDArray[np.float64]
@@ -35,7 +35,8 @@ def fill_sensitivities(
         if not (np.isfinite(q[0]) and share_weights(problem, seen, work.share)):
             continue
         evaluate_pose(problem.skeleton, q, work.pose)
-        linearise(problem.skeleton, problem.markers, seen, work.share, problem.pull, q, q, work.pose, work.system)
+        targets = Targets(seen, work.share, q, problem.pull)
+        linearise(problem.skeleton, problem.markers, targets, q, work.pose, work.system)
         fill_constraint_rows(problem.skeleton, problem.constraints, q, work.pose, work.system)
         differentiate_screws(problem.skeleton, q, work.pose)
         add_curvature(problem.skeleton, problem.constraints, multipliers[frame], q, work.pose, work.system)
@@ -43,5 +44,6 @@ def fill_sensitivities(
         rows[frame] = work.system.rows
         for m in range(len(work.share)):
             work.share[m] = work.share[m] ** 2 * variance[m]
-        linearise(problem.skeleton, problem.markers, seen, work.share, nothing, q, q, work.pose, work.system)
+        targets = Targets(seen, work.share, q, nothing)
+        linearise(problem.skeleton, problem.markers, targets, q, work.pose, work.system)
         noise[frame] = work.system.hessian

@@ -1,10 +1,10 @@
-"""Postures, velocities and accelerations of a whole trial at once, from its markers: nothing is differentiated.
+"""Postures, velocities and accelerations of a whole trial at once: nothing is differentiated.
 
-Each coordinate is driven by white jerk of its own intensity (Singer 1970; Bar-Shalom, Li, Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 2001, ch. 6.2), each marker is seen with noise; the trajectory is the most
-probable one. It is found by Gauss–Newton: markers and constraints are linearised about a trajectory, and the linear
-problem is solved by the Rauch–Tung–Striebel smoother. The intensities are those of greatest likelihood, by expectation
-maximisation (Shumway, Stoffer 1982). A marker that lies far from its usual place beside the model does not count there.
+Inverse kinematics gives the posture of each frame and its covariance from the marker noise. The noise is white, and so
+is a high derivative of each coordinate (motion_prior.py). The motion is the most probable one, found by the Kalman
+filter and the smoother of Bryson and Frazier (Durbin, Koopman, Time Series Analysis by State Space Methods, 2012,
+ch. 4.3 and 4.4). Markers whose labels are exchanged for a while, and a marker far from its usual place on its body, are
+left out.
 """
 
 from __future__ import annotations
@@ -15,39 +15,43 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.inverse_kinematics.frame import IkWorkspace, Problem
+from solver.inverse_kinematics.exchanges import find_exchanges
+from solver.inverse_kinematics.motion_prior import LEAST_SD, START_SD, MotionPrior, fit_motion_prior, transition
 from solver.inverse_kinematics.solve import (
     InverseKinematics,
+    PostureOutcome,
     TrackingTasks,
     allocate_workspace,
     build_problem,
     solve_inverse_kinematics,
 )
-from solver.model import CoordinateLock, Model, ModelError
+from solver.inverse_kinematics.uncertainty import posture_uncertainty
+from solver.model import Model, ModelError
+from solver.motion import Kinematics
+from solver.multibody.postures import points_in_ground, postures
 
 Array = NDArray[np.float64]
 
-MOST_ROUNDS = 60
-SETTLED = 0.1
-"""Standard deviations; of the largest change in a round of any position, velocity or acceleration."""
-LEAST_HASTE, GAIN, MOST_HASTE = 6.0, 1.5, 60.0
-"""Times the step of expectation maximisation, in the logarithm: it is slow where noise hides most of the motion. The
-factor grows while an intensity keeps its direction (as in Rprop)."""
-GAP_SD = 1e-6
-"""m or rad; by which constraints and locks may be missed."""
+MOST_ROUNDS = 20
+SETTLED = 0.05
+"""Standard deviations; of the largest change of any position, velocity or acceleration in a round."""
+LEAST_CHANGE = (1e-6, 1e-4, 1e-2)
+"""rad or m, per s, per s²; a smaller change does not count, however small the standard deviation."""
+GAP_SD = 1e-5
+"""m; by which a constraint may be missed."""
 FAR, LEAST_FAR = 6.0, 5e-3
-"""Robust standard deviations, and m, by which a marker must leave its usual place not to count."""
-START_SD = (1.0, 10.0, 100.0)
-"""Of position, velocity and acceleration before the first frame."""
-FIRST_INTENSITY = 1e2
-LEAST_INTENSITY = 1e-8
+"""Robust standard deviations, and m, by which a marker must leave its usual place to be left out."""
+SINGULAR = 1e-12
+"""Part of the greatest variance of a posture, below which a direction is one that the constraints exclude."""
+MOST_SEARCHES = 4
+"""Searches for markers to leave out; leaving one out shows others."""
 
 
 class SmootherOutcome(StrEnum):
-    """What became of the iteration."""
+    """What became of the trial."""
 
     SOLVED = "solved"
-    NOT_CONVERGED = "not_converged"
+    NOT_CONVERGED = "not_converged"  # or no frame has a posture
     NO_MARKERS = "no_markers"
 
 
@@ -56,26 +60,28 @@ class SmoothedMotion:
     """The most probable motion.
 
     positions, speeds, accelerations   (frames, coordinates) q, q̇, q̈ [rad or m, per s, per s²]
-    covariance      (frames, 3, 3, coordinates) of (q, q̇, q̈) of each coordinate
-    jerk_intensity  (coordinates,) [rad² or m² per s⁵];  rounds of the iteration
-    counts          (frames, markers) whether a marker was seen and taken to be at its place
+    prior    how smooth each coordinate moves, and how well that determines it
+    counts   (frames, markers) whether a marker was seen and used
     """
 
     positions: Array
     speeds: Array
     accelerations: Array
-    covariance: Array
-    jerk_intensity: Array
+    prior: MotionPrior
     counts: NDArray[np.bool_]
     outcome: SmootherOutcome
-    rounds: int
 
     @property
     def standard_deviations(self) -> Array:
-        """(3, frames, coordinates) of positions, speeds, accelerations."""
-        variances = np.stack([self.covariance[:, k, k] for k in range(3)])
-        found: Array = np.sqrt(np.maximum(variances, 0.0))
-        return found
+        """(3, frames, coordinates) of positions, speeds, accelerations; infinite for a coordinate that no marker
+        determines in any frame, which keeps its value.
+        """
+        return self.prior.standard_deviations
+
+    def kinematics(self, time: Array) -> Kinematics:
+        """What the muscles take, at evenly spaced time (frames,) [s]."""
+        interval = float(time[-1] - time[0]) / (len(time) - 1)
+        return Kinematics(time, interval, self.positions, self.speeds, self.accelerations, None)
 
 
 def smooth_motion(
@@ -84,140 +90,185 @@ def smooth_motion(
     interval: float,
     tasks: TrackingTasks,
     noise: ArrayLike,
-    start: InverseKinematics | None = None,
     most_rounds: int = MOST_ROUNDS,
 ) -> SmoothedMotion:
-    """Smooth a trial. observed (frames, markers, 3) [m], NaN where hidden; interval between frames [s]; noise is the
-    standard deviation of a marker along each axis [m], one for all or (markers,), of one whose weight is the mean.
+    """Smooth a trial. observed (frames, markers, 3) [m] in ground, NaN where hidden; interval between frames [s]; noise
+    is the standard deviation of a marker along each axis [m], one for all or (markers,).
 
-    start is the solution frame by frame, solved here unless given. Raises ModelError where shapes do not fit.
+    Raises ModelError where shapes do not fit.
     """
-    start = start or solve_inverse_kinematics(model, observed, tasks)
-    problem, frames = build_problem(model, tasks), len(observed)
-    seen = np.asarray(np.isfinite(observed).all(axis=2))
-    if interval <= 0 or frames < 3:
-        raise ModelError(f"a motion of at least three frames is smoothed, and there are {frames}, {interval:g} s apart")
-    if not seen.any():
-        nothing = np.full((frames, len(model.coordinates)), np.nan)
-        empty = np.full((frames, 3, 3, len(model.coordinates)), np.nan)
-        return SmoothedMotion(nothing, nothing, nothing, empty, nothing[0], seen, SmootherOutcome.NO_MARKERS, 0)
-    usual = tasks.weights / tasks.weights[tasks.weights > 0].mean()
-    precision = usual / np.asarray(noise, dtype=np.float64) ** 2
-    q = _filled(start.coordinates)
-    locks = {lock.coordinate: lock.value for lock in model.constraints if isinstance(lock, CoordinateLock)}
-    evidence = _Evidence(problem, allocate_workspace(model, problem), observed, seen * precision, locks)
-    intensity = np.full(q.shape[1], FIRST_INTENSITY)
-    before = np.full((frames, 3, q.shape[1]), np.inf)
-    last, haste = np.zeros(q.shape[1]), np.full(q.shape[1], LEAST_HASTE)
-    outcome, rounds = SmootherOutcome.NOT_CONVERGED, 0
-    while rounds < most_rounds and outcome is SmootherOutcome.NOT_CONVERGED:
-        rounds += 1
-        information, vector = evidence.about(q)
-        means, variances, updated = _smooth(information, vector, interval, intensity)
-        moved = float((np.abs(means - before) / np.sqrt(np.einsum("faai->fai", variances))).max())
-        q, before = means[:, 0], means
-        if moved < SETTLED:
-            outcome = SmootherOutcome.SOLVED
-        grown = np.log(updated / intensity)
-        haste = np.where(grown * last > 0, np.minimum(GAIN * haste, MOST_HASTE), LEAST_HASTE)
-        last = grown
-        intensity = np.maximum(intensity * np.exp(np.clip(haste * grown, -3.0, 3.0)), LEAST_INTENSITY)
-    return SmoothedMotion(means[:, 0], means[:, 1], means[:, 2], variances, intensity, evidence.counts, outcome, rounds)
+    if interval <= 0 or len(observed) < 3:
+        raise ModelError(
+            f"smoothing needs at least 3 frames at a positive interval, got {len(observed)}, {interval:g} s"
+        )
+    counts, frames = _trusted(model, observed, tasks)
+    used = np.where(counts[..., None], observed, np.nan)
+    stated = posture_uncertainty(model, used, tasks, frames, noise)
+    is_solved = np.array([outcome is PostureOutcome.SOLVED for outcome in frames.outcomes])
+    known = stated.is_held & np.isfinite(frames.coordinates) & is_solved[:, None]
+    if not known.any():
+        outcome = SmootherOutcome.NOT_CONVERGED if counts.any() else SmootherOutcome.NO_MARKERS
+        return _without_motion(model, counts, outcome)
+    values = np.where(known, frames.coordinates, np.nan)
+    prior = fit_motion_prior(values, np.where(known, stated.standard_deviation, np.nan) ** 2, interval)
+    evidence = _Evidence(model, tasks, frames.coordinates, stated.covariance, known)
+    means, outcome = _iterate(evidence, _filled(frames.coordinates), interval, prior, most_rounds)
+    return SmoothedMotion(means[0], means[1], means[2], prior, counts, outcome)
+
+
+def _iterate(
+    evidence: _Evidence, q: Array, interval: float, prior: MotionPrior, most_rounds: int
+) -> tuple[Array, SmootherOutcome]:
+    """Linearise the constraints about the motion until it settles: (3, frames, coordinates) of q, q̇, q̈."""
+    near = SETTLED * prior.standard_deviations + np.reshape(LEAST_CHANGE, (3, 1, 1))
+    before = np.full((3, *q.shape), np.inf)
+    for _ in range(most_rounds):
+        means = _smooth(*evidence.about(q), interval, prior, q[0])
+        if (np.abs(means - before) <= near).all():
+            return means, SmootherOutcome.SOLVED
+        q, before = means[0], means
+    return means, SmootherOutcome.NOT_CONVERGED
+
+
+def _trusted(model: Model, observed: Array, tasks: TrackingTasks) -> tuple[NDArray[np.bool_], InverseKinematics]:
+    """(frames, markers) whether a marker counts, and the postures that those that do give frame by frame."""
+    counts = np.asarray(np.isfinite(observed).all(axis=2))
+    for exchange in find_exchanges(observed):
+        counts[exchange.start : exchange.stop, list(exchange.markers)] = False
+    for _ in range(MOST_SEARCHES):
+        frames = solve_inverse_kinematics(model, np.where(counts[..., None], observed, np.nan), tasks)
+        far = counts & _far(model, observed, tasks, frames.coordinates)
+        if not far.any():
+            break
+        counts &= ~far
+    return counts, frames
+
+
+def _far(model: Model, observed: Array, tasks: TrackingTasks, coordinates: Array) -> NDArray[np.bool_]:
+    """(frames, markers) the marker of a frame that is farthest from its usual place in its body, if it is too far."""
+    if not np.isfinite(coordinates).any():
+        return np.zeros(observed.shape[:2], dtype=np.bool_)
+    state = postures(model, _filled(coordinates), np.zeros_like(coordinates))
+    beside = np.stack(
+        [
+            np.einsum(
+                "fij,fi->fj",
+                state.rotation_to_ground[:, marker.body],
+                observed[:, m] - points_in_ground(state, marker.body, marker.location),
+            )
+            for m, marker in enumerate(tasks.markers)
+        ],
+        axis=1,
+    )
+    with np.errstate(invalid="ignore"):
+        away = np.linalg.norm(beside - _median(beside)[None], axis=2)
+        reach = np.maximum(FAR * 1.4826 * _median(away), LEAST_FAR)
+        excess = np.nan_to_num(away / reach, nan=0.0)
+    return np.asarray((excess > 1.0) & (excess == excess.max(axis=1, keepdims=True)))
+
+
+def _median(values: Array) -> Array:
+    """Over the frames; 0 for what is never seen."""
+    seen = np.isfinite(values).any(axis=0)
+    found: Array = np.nanmedian(np.where(seen, values, 0.0), axis=0)
+    return found
 
 
 class _Evidence:
-    """Markers, constraints and locks of every frame as information on its coordinates."""
+    """Postures of the frames and the constraints, as information on the coordinates of every frame."""
 
     def __init__(
-        self,
-        problem: Problem,
-        work: IkWorkspace,
-        observed: Array,
-        precisions: Array,
-        locks: dict[int, float],
+        self, model: Model, tasks: TrackingTasks, values: Array, covariances: Array, known: NDArray[np.bool_]
     ) -> None:
-        self._problem, self._work, self._locks = problem, work, locks
-        self._observed = np.ascontiguousarray(observed)
-        self._precisions = precisions
-        self.counts = precisions > 0
+        self._problem = build_problem(model, tasks)
+        self._work = allocate_workspace(model, self._problem)
+        self._unseen = np.full((len(values), len(tasks.markers), 3), np.nan)
+        self._information = _information(covariances, known)
+        self._vector = (self._information @ np.where(known, values, 0.0)[..., None])[..., 0]
 
     def about(self, q: Array) -> tuple[Array, Array]:
-        """Information (frames, coordinates, coordinates) and its product with the coordinates (frames, coordinates)."""
+        """Information (frames, coordinates, coordinates) and its product with the coordinates (frames, coordinates);
+        constraints are linearised about q.
+        """
         from solver.inverse_kinematics.information import fill_information  # the compiler takes a while to import
 
         frames, count = q.shape
-        rows = len(self._work.system.gap)
-        results = (
-            np.zeros((frames, count, count)),
-            np.zeros((frames, count)),
-            np.zeros(self._observed.shape),
-            np.zeros((frames, rows)),
-            np.zeros((frames, rows, count)),
-        )
-        at = np.ascontiguousarray(q)
-        fill_information(self._problem, self._observed, self._precisions * self.counts, at, self._work, results)
-        information, gradient, points, gap, constraints = results
-        self._set_far_markers_aside(points)
-        transposed = np.swapaxes(constraints, 1, 2)
-        information = information + transposed @ constraints / GAP_SD**2
-        pull = gradient + (transposed @ gap[..., None])[..., 0] / GAP_SD**2
-        for coordinate, value in self._locks.items():
-            information[:, coordinate, coordinate] += GAP_SD**-2
-            pull[:, coordinate] += (q[:, coordinate] - value) / GAP_SD**2
-        return information, (information @ q[..., None])[..., 0] - pull
-
-    def _set_far_markers_aside(self, points: Array) -> None:
-        """A marker stands beside its place in the model as usual; one that jumps or is swapped does not."""
-        beside = np.where((self._precisions > 0)[..., None], points - self._observed, np.nan)
-        middle = np.nanmedian(beside, axis=0)
-        away = np.linalg.norm(beside - middle, axis=2)
-        reach = np.maximum(FAR * 1.4826 * np.nanmedian(away, axis=0), LEAST_FAR)
-        self.counts = (self._precisions > 0) & (away <= reach)
+        gap, rows = np.zeros((frames, *self._work.system.gap.shape)), np.zeros((frames, *self._work.system.rows.shape))
+        of_markers = np.zeros((frames, count, count)), np.zeros((frames, count)), np.zeros(self._unseen.shape)
+        results = (*of_markers, gap, rows)
+        weightless = np.zeros(self._unseen.shape[:2])
+        fill_information(self._problem, self._unseen, weightless, np.ascontiguousarray(q), self._work, results)
+        transposed = np.swapaxes(rows, 1, 2) / GAP_SD**2
+        tight = transposed @ rows
+        beyond = (tight @ q[..., None] - transposed @ gap[..., None])[..., 0]
+        return self._information + tight, self._vector + beyond
 
 
-def _smooth(information: Array, vector: Array, h: float, intensity: Array) -> tuple[Array, Array, Array]:
-    """Means (frames, 3, coordinates), covariances (frames, 3, 3, coordinates) of each coordinate, and new intensities.
+def _information(covariances: Array, known: NDArray[np.bool_]) -> Array:
+    """(frames, coordinates, coordinates) what the postures say of the coordinates: nothing across constraints, which
+    give the covariances directions of variance 0.
+    """
+    both = known[:, :, None] & known[:, None, :]
+    kept = np.where(both, covariances, 0.0)
+    exact = known & (np.diagonal(kept, axis1=1, axis2=2) < LEAST_SD**2)
+    diagonal = np.arange(known.shape[1])
+    kept[:, diagonal, diagonal] += np.where(exact, LEAST_SD**2, 0.0)
+    variances, directions = np.linalg.eigh(kept)
+    is_open = variances > SINGULAR * variances[:, -1:]
+    inverse = np.divide(1.0, variances, out=np.zeros_like(variances), where=is_open)
+    found: Array = (directions * inverse[:, None, :]) @ np.swapaxes(directions, 1, 2)
+    return found
 
-    The state is (q, q̇, q̈); information H on q and vector H q are those of each frame.
+
+def _smooth(information: Array, vector: Array, interval: float, prior: MotionPrior, first: Array) -> Array:
+    """Means (3, frames, coordinates) of q, q̇, q̈.
+
+    information H on q and vector H q are those of each frame; first (coordinates,) is the mean before the first. The
+    state holds q, q̇, q̈ of all coordinates, then their third derivatives as far as the prior has them.
     """
     frames, n = vector.shape
-    one = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    shape = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
-    step, drive = np.kron(one, np.eye(n)), np.kron(shape, np.diag(intensity))
-    mean = np.zeros(3 * n)
-    cov = np.kron(np.diag(np.square(START_SD)), np.eye(n))
-    filtered: list[tuple[Array, Array]] = []
-    ahead: list[tuple[Array, Array]] = []
+    step, drive, cov, places = _state_space(prior, interval)
+    mean = np.concatenate([first, np.zeros(len(step) - n)])
+    filtered = []
     for k in range(frames):
         if k:
             mean, cov = step @ mean, step @ cov @ step.T + drive
-        ahead.append((mean, cov))
         column = cov[:, :n]
-        gain = np.linalg.solve(np.eye(n) + information[k] @ column[:n], np.column_stack([information[k], vector[k]]))
-        mean = mean + column @ (gain[:, n] - gain[:, :n] @ mean[:n])
-        cov = cov - column @ gain[:, :n] @ column.T
+        weighted = np.column_stack([information[k], vector[k] - information[k] @ mean[:n]])
+        inner = np.linalg.solve(np.eye(n) + information[k] @ column[:n], weighted)
+        filtered.append((mean, cov, inner))
+        mean = mean + column @ inner[:, n]
+        cov = cov - column @ inner[:, :n] @ column.T
         cov = 0.5 * (cov + cov.T)
-        filtered.append((mean, cov))
-    means, covs = np.zeros((frames, 3 * n)), np.zeros((frames, 3, 3, n))
-    inverse = np.linalg.inv(shape)
-    driven = np.zeros(n)
+    means, later = np.zeros((3, frames, n)), np.zeros(len(step))
     for k in range(frames - 1, -1, -1):
-        if k < frames - 1:
-            before, its = filtered[k]
-            back = np.linalg.solve(ahead[k + 1][1], step @ its).T
-            later_mean, later_cov = mean, cov
-            mean = before + back @ (later_mean - ahead[k + 1][0])
-            cov = its + back @ (later_cov - ahead[k + 1][1]) @ back.T
-            # Expectation of w wᵀ for w = x_{k+1} − F x_k, with the covariance of neighbours later_cov backᵀ.
-            jump = (later_mean - step @ mean).reshape(3, n)
-            cross = later_cov @ back.T @ step.T
-            spread = later_cov - cross - cross.T + step @ cov @ step.T
-            blocks = np.einsum("aibi->abi", spread.reshape(3, n, 3, n))
-            driven += np.einsum("ab,abi->i", inverse, blocks + jump[:, None] * jump[None])
-        means[k] = mean
-        covs[k] = np.einsum("aibi->abi", cov.reshape(3, n, 3, n))
-    updated = np.maximum(driven / (3 * (frames - 1)), LEAST_INTENSITY)
-    return means.reshape(frames, 3, n), covs, updated
+        mean, cov, inner = filtered[k]
+        later[:n] += inner[:, n] - inner[:, :n].T @ (cov[:n] @ later)
+        means[:, k] = (mean + cov @ later)[places]
+        later = step.T @ later
+    return means
+
+
+def _state_space(prior: MotionPrior, interval: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Transition, covariance of a step, that before the first frame, and the places (3, coordinates) of q, q̇, q̈."""
+    count = len(prior.order)
+    places = np.arange(3 * count).reshape(3, count)
+    size = int(prior.order.sum())
+    step, drive, start = np.eye(size), np.zeros((size, size)), np.zeros(size)
+    beyond = 3 * count
+    for k, order in enumerate(prior.order.tolist()):
+        own = [*places[:, k].tolist(), *range(beyond, beyond + order - 3)]
+        beyond += order - 3
+        one, unit = transition(order, interval)
+        step[np.ix_(own, own)] = one
+        drive[np.ix_(own, own)] = prior.intensity[k] * unit
+        start[own] = np.square(START_SD[:order])
+    return step, drive, np.diag(start), places
+
+
+def _without_motion(model: Model, counts: NDArray[np.bool_], outcome: SmootherOutcome) -> SmoothedMotion:
+    nothing = np.full((len(counts), len(model.coordinates)), np.nan)
+    return SmoothedMotion(nothing, nothing, nothing, fit_motion_prior(nothing, nothing, 1.0), counts, outcome)
 
 
 def _filled(coordinates: Array) -> Array:

@@ -16,14 +16,19 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solver.inverse_kinematics.frame import Bounds, IkWorkspace, Problem
+from solver.inverse_kinematics.frame import IkWorkspace, Problem
 from solver.inverse_kinematics.linearise import TrackedMarkers, allocate_least_squares, constraints_of
 from solver.inverse_kinematics.skeleton import allocate_pose, skeleton_of
+from solver.inverse_kinematics.step import Bounds, allocate_step
 from solver.model import CoordinateLock, Marker, Model, ModelError
 
 Array = NDArray[np.float64]
 
 MOST_ROUNDS = 60
+MORE_STARTS, START_SPREAD = 5, 1.0
+"""Further postures from which the first frame is sought, and how far their angles are from its start [rad]."""
+ASSEMBLY_WEIGHT = 1e-2
+"""m²/rad²; about the curvature that markers give a joint, so that steps are judged alike."""
 
 
 class PostureOutcome(StrEnum):
@@ -90,14 +95,15 @@ def solve_inverse_kinematics(
 ) -> InverseKinematics:
     """Postures of all frames, each sought from the one before; the first from `start` (coordinates,) [rad or m].
 
-    observed (frames, markers, 3) [m] in ground, NaN where a marker is hidden. Without a start the first frame begins
-    at the model's assembled default posture. A coordinate that no visible marker moves keeps its value. Raises
+    observed (frames, markers, 3) [m] in ground, NaN where a marker is hidden. Without a start the first frame is
+    sought from the assembled default posture and from five postures drawn about it; the lowest optimum counts, and of
+    nearly equal ones the nearest to the default. A coordinate that no visible marker moves keeps its value. Raises
     ModelError where shapes, names or weights do not fit.
     """
     _ensure_fits(observed, tasks)
-    start = assemble(model) if start is None else np.array(start, dtype=np.float64)
+    starts = _spread(model, assemble(model)) if start is None else np.array(start, dtype=np.float64)[None]
     problem = build_problem(model, tasks)
-    return _solve(model, problem, observed, _targets(model, tasks, len(observed)), start, most_rounds)
+    return _solve(model, problem, observed, _targets(model, tasks, len(observed)), starts, most_rounds)
 
 
 def assemble(model: Model, wanted: Array | None = None) -> Array:
@@ -106,10 +112,13 @@ def assemble(model: Model, wanted: Array | None = None) -> Array:
     Nearest in Σ (q − wanted)², as OpenSim assembles. Raises ModelError where no posture meets them.
     """
     wanted = model.default_coordinates if wanted is None else np.array(wanted, dtype=np.float64)
-    everywhere = dict.fromkeys(model.coordinate_names, 1.0)
+    everywhere = dict.fromkeys(model.coordinate_names, ASSEMBLY_WEIGHT)
     problem = build_problem(model, TrackingTasks((), np.zeros(0), everywhere))
-    found = _solve(model, problem, np.zeros((1, 0, 3)), wanted[None], wanted.copy(), MOST_ROUNDS)
-    if found.outcomes[0] is not PostureOutcome.SOLVED:
+    for starts in (wanted[None], _spread(model, wanted)):
+        found = _solve(model, problem, np.zeros((1, 0, 3)), wanted[None], starts.copy(), MOST_ROUNDS)
+        if found.unsolved == 0:
+            break
+    else:
         raise ModelError(
             f"the constraints of {model.name} cannot be met near the default posture, {found.gap[0]:.3g} m or rad "
             "remain; check its constraints and locked coordinates"
@@ -135,45 +144,51 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
         np.array([marker.location for marker in tasks.markers]).reshape(-1, 3),
         np.array(tasks.weights, dtype=np.float64),
     )
-    return Problem(skeleton_of(model), markers, constraints_of(model), Bounds(lowest, highest, is_locked), pull)
+    is_angle = np.array([coordinate.motion != "translation" for coordinate in model.coordinates], dtype=np.bool_)
+    bounds = Bounds(lowest, highest, is_locked)
+    return Problem(skeleton_of(model), markers, constraints_of(model), bounds, pull, is_angle)
 
 
 def allocate_workspace(model: Model, problem: Problem) -> IkWorkspace:
     markers, count = len(problem.markers.weight), len(model.coordinates)
     system = allocate_least_squares(model, markers, problem.constraints)
-    size = count + len(system.gap)
+    rows = len(system.gap)
     return IkWorkspace(
         allocate_pose(model),
         system,
+        allocate_step(count, rows),
         np.zeros(markers),
-        np.zeros(len(system.gap)),
-        np.zeros(count, dtype=np.int64),
-        np.zeros((size, size)),
-        np.zeros(size, dtype=np.int64),
-        np.zeros(size),
         np.zeros(count),
+        np.zeros(rows),
         np.zeros((count, count)),
         np.zeros(1, dtype=np.bool_),
     )
 
 
 def _solve(
-    model: Model, problem: Problem, observed: Array, values: Array, start: Array, most_rounds: int
+    model: Model, problem: Problem, observed: Array, values: Array, starts: Array, most_rounds: int
 ) -> InverseKinematics:
     from solver.inverse_kinematics.sequence import solve_frames  # the compiler behind it takes a while to import
 
     for lock in _locks(model):
-        start[lock.coordinate] = lock.value
+        starts[:, lock.coordinate] = lock.value
     work = allocate_workspace(model, problem)
     frames, markers = observed.shape[:2]
-    found = np.zeros((frames, len(start)))
-    multipliers, residuals = np.zeros((frames, len(work.multipliers))), np.zeros((frames, markers))
+    found = np.zeros((frames, starts.shape[1]))
+    multipliers, residuals = np.zeros((frames, len(work.system.gap))), np.zeros((frames, markers))
     gap, cost, outcome = np.zeros(frames), np.zeros(frames), np.zeros((frames, 2), dtype=np.int64)
     results = (found, multipliers, residuals, gap, cost, outcome)
     seen = np.ascontiguousarray(observed, dtype=np.float64)
-    solve_frames(problem, seen, np.ascontiguousarray(values), most_rounds, start, work, results)
+    solve_frames(problem, seen, np.ascontiguousarray(values), most_rounds, starts, work, results)
     outcomes = tuple(OUTCOMES[code] for code in outcome[:, 0])
     return InverseKinematics(found, residuals, gap, cost, multipliers, outcomes, outcome[:, 1])
+
+
+def _spread(model: Model, start: Array) -> Array:
+    """(starts, coordinates): the one given, and angles drawn about it."""
+    is_angle = np.array([coordinate.motion != "translation" for coordinate in model.coordinates])
+    drawn = np.random.default_rng(0).uniform(-START_SPREAD, START_SPREAD, (MORE_STARTS, len(start)))
+    return np.concatenate([start[None], start + is_angle * drawn])
 
 
 def _locks(model: Model) -> Sequence[CoordinateLock]:

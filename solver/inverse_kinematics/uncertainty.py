@@ -11,6 +11,7 @@ by a factor of 3 to 4 where residuals are centimetres.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +23,13 @@ Array = NDArray[np.float64]
 
 LEAST_CURVATURE = 1e-9  # m²/rad²: a marker with a tenth of the weight, 0.1 mm from the axis
 HELD_ABOVE = 1e-4  # square of a coordinate's part in a direction without curvature
-MIN_FRAMES = 5
-"""Frames from which the noise of a marker is estimated."""
+DIFFERENCES, NOISE_STEP = 6, 0.030
+"""Order of the differences that show the noise, and their step [s]."""
+MOST_MEDIANS = 25.0
+"""Median sizes of a difference; a greater one is a jump or an exchange. Noise in motion is several times that at
+rest."""
+LEAST_FRAMES = 2
+"""Sixth differences of a marker from which its noise is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,28 +66,42 @@ def posture_uncertainty(
     seen = np.ascontiguousarray(observed, dtype=np.float64)
     fill_sensitivities(problem, seen, solution.coordinates, solution.multipliers, sigma**2, work, results)
     q, bounds = solution.coordinates, problem.bounds
-    is_fixed = bounds.is_locked | (q <= bounds.lowest) | (q >= bounds.highest)
-    response, loose = _response(hessians, rows, is_fixed)
+    is_at_bound = ((q <= bounds.lowest) | (q >= bounds.highest)) & ~bounds.is_locked
+    response, loose = _response(hessians, rows, bounds.is_locked | is_at_bound)
     covariance = response @ spread @ response
     covariance[np.isnan(q[:, 0])] = np.nan
     is_held = np.diagonal(loose, axis1=1, axis2=2) < HELD_ABOVE
+    is_moved = (np.diagonal(hessians, axis1=1, axis2=2) > LEAST_CURVATURE) | (rows != 0.0).any(axis=1)
+    is_held &= is_moved | ~is_at_bound  # one that nothing moves may happen to stand at its bound
     variance = np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)
     return PostureUncertainty(covariance, np.where(is_held, np.sqrt(variance), np.inf), is_held)
 
 
-def estimate_marker_noise(observed: Array) -> Array:
-    """(markers,) standard deviation per axis [m] of white noise, from third differences of (frames, markers, 3).
+def estimate_marker_noise(observed: Array, interval: float) -> Array:
+    """(markers,) standard deviation per axis [m] of white noise, from sixth differences of observed
+    (frames, markers, 3). Jumps are left out.
 
-    Motion of less than a tenth of the frame rate hardly enters. NaN for a marker that is never seen in 5 frames in a
-    row.
+    The differences are taken over steps of about 30 ms, so that they show the noise between 8 and 16 Hz: files are
+    often low-pass filtered at 15 to 20 Hz, and neighbouring frames then show a tenth of the noise that matters. Motion
+    below 3 Hz hardly enters. interval between frames [s]. NaN for a marker that is not seen for long enough.
     """
-    third = np.diff(observed, n=3, axis=0)
-    is_seen = np.isfinite(third)
-    count = is_seen.sum(axis=(0, 2))
-    squares = np.where(is_seen, third, 0.0) ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        noise: Array = np.sqrt(squares.sum(axis=(0, 2)) / count / 20.0)  # 20 = 1² + 3² + 3² + 1²
-    return np.where(count >= 3 * (MIN_FRAMES - 3), noise, np.nan)
+    step = max(1, round(NOISE_STEP / interval))
+    weights = np.array([(-1.0) ** k * comb(DIFFERENCES, k) for k in range(DIFFERENCES + 1)])
+    count = len(observed) - DIFFERENCES * step
+    if count < 1:
+        return np.full(observed.shape[1], np.nan)
+    sixth = sum(weight * observed[k * step : k * step + count] for k, weight in enumerate(weights))
+    noise = [_rms_without_jumps(values[np.isfinite(values)]) for values in np.moveaxis(np.asarray(sixth), 1, 0)]
+    found: Array = np.array(noise) / np.sqrt((weights**2).sum())
+    return found
+
+
+def _rms_without_jumps(differences: Array) -> float:
+    """NaN of too few."""
+    if len(differences) < 3 * LEAST_FRAMES:
+        return np.nan
+    sizes = np.abs(differences)
+    return float(np.sqrt(np.mean(sizes[sizes <= MOST_MEDIANS * np.median(sizes)] ** 2)))
 
 
 def _response(hessians: Array, rows: Array, is_fixed: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
-"""Bodies from joint to joint, frame by frame: poses, velocities, and the columns of their Jacobians; compiled.
+"""Forward kinematics: poses and velocities of the bodies, and the columns of their Jacobians; compiled.
 
-Velocities are screws (w, v) about the ground's origin, as in kinematics.py.
+Velocities are screws (w, v) about the ground's origin, as in postures.py.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ def move_bodies(
     joints: Records, functions: Functions, coordinates: Array, speeds: Array, poses: Records, screws: Array
 ) -> None:
     """Fill poses (frames, bodies) of POSE and screws (frames, coordinates, 6) for coordinates and speeds (frames,
-    coordinates), as kinematics.Postures has them. A body that no joint carries, as the ground, stays what it was.
+    coordinates), as in postures.Postures. A body without a joint to its parent, as the ground, is left as it is.
     """
     bodies = poses.shape[1]
     moves, velocity = np.zeros(1, MOVE), np.zeros((bodies, 6))
     for frame in range(len(coordinates)):
         for joint in joints:
-            move = moves[0]  # taken anew each time: a record alone does not keep its memory
+            move = moves[0]  # taken from the array in every frame: a record alone does not keep its memory
             parent, child = poses[frame, joint["parent"]], poses[frame, joint["child"]]
             move_joint(joint, functions, coordinates[frame], speeds[frame], move)
             place_child(joint, move, parent, child)
-            _carry(joint, move, speeds[frame], parent["bias"], child["bias"], velocity, screws[frame])
+            _propagate(joint, move, speeds[frame], parent["bias"], child["bias"], velocity, screws[frame])
         for body in range(bodies):
             pose, spin = poses[frame, body], read(velocity[body])
             write(pose["angular_velocity"], spin)
@@ -40,8 +40,8 @@ def move_bodies(
 
 @compiled
 def place_child(joint: Record, move: Record, parent: Record, child: Record) -> None:
-    """The child. Leaves the axes of the joint's frame in the parent in move["base"], and its place in "base_place"."""
-    base, turned = move["base"], move["room"]
+    """Set the pose of the child, and in move the axes ("base") and origin ("base_place") of the joint's frame."""
+    base, turned = move["base"], move["product"]
     product(parent["rotation"], joint["rotation_in_parent"], base)
     product(base, move["rotation"], turned)
     product(turned, joint["rotation_from_child"], child["rotation"])
@@ -52,8 +52,10 @@ def place_child(joint: Record, move: Record, parent: Record, child: Record) -> N
 
 
 @compiled
-def _carry(joint: Record, move: Record, u: Array, carried: Array, bias: Array, velocity: Array, screws: Array) -> None:
-    """The child's velocity and bias are those of its parent (bias: carried) and what the joint adds."""
+def _propagate(
+    joint: Record, move: Record, u: Array, carried: Array, bias: Array, velocity: Array, screws: Array
+) -> None:
+    """Velocity and bias of the child: those of its parent (bias: carried) and what the joint adds."""
     base, place = move["base"], read(move["base_place"])
     spin, glide = ORIGIN, ORIGIN
     for k in range(joint["count"]):
@@ -73,6 +75,6 @@ def _carry(joint: Record, move: Record, u: Array, carried: Array, bias: Array, v
 
 @compiled
 def screw_in_ground(base: Array, place: Vector, screw: Array) -> tuple[Vector, Vector]:
-    """A screw about the origin of a frame, in it, turned and moved to the ground's axes and origin."""
+    """A screw in a frame and about its origin, expressed in the axes and about the origin of the ground."""
     w, v = turn(base, read(screw)), turn(base, read(screw[3:]))
     return w, add(v, cross(place, w))

@@ -1,8 +1,8 @@
-"""Constraints of a model besides its joints: G u̇ + b = 0, and their gaps, which should be zero.
+"""Constraints of a model besides its joints: G u̇ + b = 0, and their position errors, which should be zero.
 
 Rows follow the order of Model.constraints: three for a point that is held on another, in the axes of the nearest body
 that carries both, and one for a coordinate that is locked or follows another. Equations: Simbody's Constraint::Ball,
-PrescribedMotion and CoordinateCoupler. Nothing is assembled: b is what OpenSim takes also where a gap is open.
+PrescribedMotion and CoordinateCoupler. The model is not assembled: b is that of OpenSim also if the error is not zero.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def constraint_rows(model: Model, state: Postures) -> tuple[Array, Array]:
 
 
 def constraint_gaps(model: Model, state: Postures) -> Array:
-    """(frames, rows) how far each row is from being kept [m or rad]; for points: from the first to the second."""
+    """(frames, rows) position errors of the constraints [m or rad]; for points: from the first to the second."""
     gaps = [np.zeros((len(state.coordinates), 0))]
     for constraint in model.constraints:
         if isinstance(constraint, PointConstraint):
@@ -51,7 +51,7 @@ def constraint_gaps(model: Model, state: Postures) -> Array:
 def _coordinate_row(
     model: Model, state: Postures, constraint: CoordinateLock | CoordinateCoupler
 ) -> tuple[Array, Array]:
-    """The gap's second derivative, g·q̈ + what remains at q̈ = 0, in terms of u̇."""
+    """Second derivative of the position error, g·q̈ + the rest at q̈ = 0, in terms of u̇."""
     gradient, remainder = np.zeros_like(state.coordinates), np.zeros(len(state.coordinates))
     to_rates, drift = rates_of_coordinates(model, state)
     if isinstance(constraint, CoordinateLock):

@@ -1,27 +1,30 @@
-"""How loads accelerate the model: mass matrix, bias, constraints, and the joint reaction between arm and trunk.
+"""Equations of motion: mass matrix, bias, constraints, and the joint reaction between arm and trunk.
 
 With u̇ the accelerations, f the generalised forces and λ the constraints' multipliers,
 
     M u̇ + c + Gᵀ λ = f,   G u̇ + b = 0   ⇒   u̇ = P (f − c) − K b,   λ = Kᵀ (f − c) + S⁻¹ b
     S = G M⁻¹ Gᵀ,   K = M⁻¹ Gᵀ S⁻¹,   P = M⁻¹ − K G M⁻¹
 
-so one factorisation per frame serves every load. Loads are wrenches on bodies about the ground origin (moment, force).
+so one factorisation per frame serves all loads. Loads are wrenches on bodies about the ground origin (moment, force).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import CoordinateForce, Model, ModelError
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.postures import Postures, points_in_ground
 from solver.multibody.rotations import cross, rotate
 from solver.multibody.tables import Indices, Tables, tables_of
-from solver.muscle import MuscleForces
-from solver.paths import PathState
+
+if TYPE_CHECKING:
+    from solver.multibody.masses import DynamicsTerms
 
 Array = NDArray[np.float64]
 
@@ -30,15 +33,15 @@ _SINGULAR = 1e14  # greatest element of a matrix times that of its inverse; the 
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
-    """The letters of the module's equations, and the reaction R = R_b − R_a u̇ + wrench on the bodies beyond it.
+    """The terms of the module's equations, and the reaction R = R_b − R_a u̇ + wrench on the bodies beyond it.
 
     mass_matrix           M (frames, coordinates, coordinates)
-    bias_force            c (frames, coordinates), of velocities, gravity and what acts on coordinates by itself
+    bias_force            c (frames, coordinates), of velocities, gravity and passive forces on coordinates
     constraint_jacobian   G (frames, rows, coordinates), see solver/multibody/constraints.py
     constraint_bias       b (frames, rows)
     mobility              P (frames, coordinates, coordinates)
     multiplier_per_force  Kᵀ (frames, rows, coordinates)
-    tables, screws        how loads reach the coordinates, as in moving/tables.py and kinematics.Postures
+    tables, screws        how loads reach the coordinates, as in tables.Tables and postures.Postures
     acceleration_unloaded (frames, coordinates) u̇ at f = 0
     multipliers_unloaded  (frames, rows) λ at f = 0
     reaction_body         index of the body that the reaction joint carries
@@ -63,46 +66,15 @@ class EquationsOfMotion:
     reaction_unloaded: Array
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseMaps:
-    """Accelerations and reaction as affine functions of x = (activations of the muscles, controls of the actuators).
-
-    acceleration_at_rest      (frames, coordinates) at x = 0, where muscles still pull passively [rad/s², m/s²]
-    acceleration_per_control  (frames, coordinates, controls)
-    reaction_at_rest          (frames, 6) moment [N m] and force [N] on the reaction joint's parent, in ground
-    reaction_per_control      (frames, 6, controls)
-    """
-
-    acceleration_at_rest: Array
-    acceleration_per_control: Array
-    reaction_at_rest: Array
-    reaction_per_control: Array
-
-    @property
-    def is_finite(self) -> NDArray[np.bool_]:
-        """(frames,) False in a posture in which the model cannot be evaluated."""
-        parts = (getattr(self, field.name) for field in fields(self))
-        known = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=1)
-        return is_finite
-
-    def cleared(self, frames: NDArray[np.bool_]) -> ResponseMaps:
-        """With NaN in these frames: an infinity would warn in every product that it enters."""
-        maps = replace(self, **{field.name: getattr(self, field.name).copy() for field in fields(self)})
-        for field in fields(self):
-            getattr(maps, field.name)[frames] = np.nan
-        return maps
-
-
 def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "GlenoHumeral") -> EquationsOfMotion:
-    """The equations at a batch of postures, factored; nothing of them depends on muscles or other loads.
+    """The equations at a batch of postures, factored; they are independent of muscles and other loads.
 
     ModelError where the mass matrix or the constraints are singular in all postures, or the model has no such joint; a
     single posture in which they are is NaN.
     """
     joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
-    mass_matrix, bias_force, per_acceleration, reaction_bias = _weighed(model, state, joint.child, point)
+    mass_matrix, bias_force, per_acceleration, reaction_bias = _terms(model, state, joint.child, point)
     jacobian, bias = constraint_rows(model, state)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
@@ -132,7 +104,9 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Effect of loads: acceleration (frames, loads, coordinates), reaction (frames, loads, 6) as in ResponseMaps."""
+    """Change by loads: acceleration (frames, loads, coordinates) [rad/s², m/s²] and reaction (frames, loads, 6), moment
+    [N m] and force [N] on the reaction joint's parent, in ground.
+    """
 
     acceleration: Array
     reaction: Array
@@ -141,11 +115,11 @@ class Response:
 def response_to_loads(
     equations: EquationsOfMotion, wrenches: Array, generalised_forces: Array | float = 0.0
 ) -> Response:
-    """The response to each of many loads, linear in them: scale it, add it up, and reuse one geometry for all of them.
+    """The response to each of many loads. It is linear in them, so one geometry serves all scenarios.
 
     wrenches            (frames, loads, bodies, 6) moment about the ground origin [N m] and force [N] on each body, in
-                        ground; spatial.wrench_about_origin makes them of forces at points
-    generalised_forces  (frames, loads, coordinates), what acts on coordinates without being a wrench on a body [N, N m]
+                        ground; see rotations.wrench_about_origin for forces at points
+    generalised_forces  (frames, loads, coordinates), that act on coordinates and on no body [N, N m]
     """
     from solver.multibody.joint_loads import add_joint_loads
 
@@ -153,7 +127,7 @@ def response_to_loads(
     forces[...] = generalised_forces
     direct = np.empty((*wrenches.shape[:2], 6))
     wrenches = np.ascontiguousarray(wrenches).view()
-    wrenches.flags.writeable = False  # whether they came so or not: to the compiler they are of two types
+    wrenches.flags.writeable = False  # always, because the compiler treats read-only arrays as another type
     add_joint_loads(equations.tables.joints, equations.screws, equations.reaction_body, wrenches, forces, direct)
     direct[..., :3] -= cross(equations.reaction_point[:, None], direct[..., 3:])
     acceleration = forces @ equations.mobility
@@ -161,88 +135,57 @@ def response_to_loads(
     return Response(acceleration, reaction)
 
 
-def response_maps(
-    model: Model, equations: EquationsOfMotion, paths: PathState, forces: MuscleForces, wrenches: Array | None = None
-) -> ResponseMaps:
-    """The maps of the redundancy problem; wrenches (frames, bodies, 6) are loads that act besides muscles (a suit)."""
-    muscles = response_to_loads(equations, paths.wrench_per_tension, paths.mobility_per_tension)
-    actuators = _actuator_response(model, equations)
-    passive = forces.passive[..., None]
-    acceleration = equations.acceleration_unloaded + (muscles.acceleration * passive).sum(axis=1)
-    reaction = equations.reaction_unloaded + (muscles.reaction * passive).sum(axis=1)
-    if wrenches is not None:
-        worn = response_to_loads(equations, wrenches[:, None])
-        acceleration, reaction = acceleration + worn.acceleration[:, 0], reaction + worn.reaction[:, 0]
-    active = forces.active[..., None]
-    per_control = np.concatenate([muscles.acceleration * active, actuators.acceleration], axis=1)
-    reaction_per_control = np.concatenate([muscles.reaction * active, actuators.reaction], axis=1)
-    return ResponseMaps(
-        acceleration_at_rest=acceleration,
-        acceleration_per_control=np.swapaxes(per_control, 1, 2),
-        reaction_at_rest=reaction,
-        reaction_per_control=np.swapaxes(reaction_per_control, 1, 2),
-    )
-
-
 def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array:
     """λ (frames, rows) [N; N m for angles] under a generalised force f (frames, coordinates), in Simbody's sign."""
     return equations.multipliers_unloaded + rotate(equations.multiplier_per_force, generalised_force)
 
 
-def _weighed(model: Model, state: Postures, child: int, point: Array) -> tuple[Array, Array, Array, Array]:
-    """M (frames, u, u) and bias (frames, u); of the reaction that carries `child` and the bodies beyond it, about point
-    (frames, 3), the part per acceleration (frames, 6, u) and its bias (frames, 6).
-    """
+def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsTerms:
+    """M, c, and the reaction about point (frames, 3) that carries the body `child` and those beyond it."""
     from solver.multibody.masses import (
-        mass_matrix_and_bias,  # the compiler behind it takes a third of a second to import
+        DynamicsTerms,  # the compiler behind it takes a third of a second to import
+        mass_matrix_and_bias,
     )
 
     frames, count = state.coordinates.shape
-    tables = tables_of(model)
-    mass_matrix, bias_force = np.zeros((frames, count, count)), np.zeros((frames, count))
-    per_acceleration, reaction_bias = np.zeros((frames, 6, count)), np.zeros((frames, 6))
-    for passive in model.coordinate_forces:
-        bias_force[:, passive.coordinate] -= _own_force(passive, state)
-    mass_matrix_and_bias(
-        tables.bodies,
-        tables.moves,
-        np.array(model.gravity),
-        state.poses,
-        state.screws,
-        mass_matrix,
-        bias_force,
-        _carried(model, child),
-        point,
-        per_acceleration,
-        reaction_bias,
+    terms = DynamicsTerms(
+        mass_matrix=np.zeros((frames, count, count)),
+        bias_force=np.zeros((frames, count)),
+        reaction_per_acceleration=np.zeros((frames, 6, count)),
+        reaction_bias=np.zeros((frames, 6)),
     )
-    return mass_matrix, bias_force, per_acceleration, reaction_bias
+    for passive in model.coordinate_forces:
+        terms.bias_force[:, passive.coordinate] -= _passive_force(passive, state)
+    gravity, carried = np.array(model.gravity), _carried(model, child)
+    mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, terms)
+    return terms
 
 
-def _own_force(passive: CoordinateForce, state: Postures) -> Array:
+def _passive_force(passive: CoordinateForce, state: Postures) -> Array:
     q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
     force: Array = passive.force.derivatives(q)[0] + passive.resistance.derivatives(q)[0] * u
     return force
 
 
-def _inverse(matrix: Array, whose: str) -> Array:
-    inverse = _each_inverse(matrix)
+def _inverse(matrix: Array, term: str) -> Array:
+    inverse = _inverse_by_frame(matrix)
     magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
     is_singular = magnified > _SINGULAR
     if is_singular.all() and len(matrix):
-        raise ModelError(f"{whose} cannot be solved for: singular in all of {len(matrix)} postures")
+        sentence = f"{term} cannot be inverted: it is singular in all of {len(matrix)} postures"
+        raise ModelError(sentence, SolverCode.SINGULAR)
     inverse[is_singular] = np.nan
     return inverse
 
 
-def _each_inverse(matrix: Array) -> Array:
-    """Infinite where there is none."""
+def _inverse_by_frame(matrix: Array) -> Array:
+    """Inverses (frames, n, n); infinite for a singular matrix."""
     try:
         inverse: Array = np.linalg.inv(matrix)  # type: ignore[assignment]
     except np.linalg.LinAlgError:
         if len(matrix) == 1:
             return np.full_like(matrix, np.inf)
-        inverse = np.concatenate([_each_inverse(one[None]) for one in matrix])
+        inverse = np.concatenate([_inverse_by_frame(one[None]) for one in matrix])
     return inverse
 
 
@@ -253,11 +196,3 @@ def _carried(model: Model, body: int) -> Indices:
     for joint in model.joints:
         carried[joint.child] |= carried[joint.parent]
     return carried
-
-
-def _actuator_response(model: Model, equations: EquationsOfMotion) -> Response:
-    """That of each actuator's full control, a force on one coordinate: a row of P, times its size."""
-    driven = [actuator.coordinate for actuator in model.actuators]
-    strength = np.array([actuator.optimal_force for actuator in model.actuators])
-    acceleration = equations.mobility[:, driven] * strength[:, None]
-    return Response(acceleration, -acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2))

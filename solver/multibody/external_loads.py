@@ -1,4 +1,4 @@
-"""Forces from outside, as of a handle or a rope: over time, on bodies of a model, as OpenSim's ExternalForce."""
+"""External forces on bodies of a model over time, as OpenSim's ExternalForce: of a handle or a rope."""
 
 from __future__ import annotations
 

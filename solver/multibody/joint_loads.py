@@ -17,20 +17,20 @@ Array = NDArray[np.float64]
 
 @compiled_for_python
 def add_joint_loads(joints: Records, screws: Array, body: int, wrenches: Array, forces: Array, beyond: Array) -> None:
-    """Add what wrenches (frames, loads, bodies, 6) come to to the coordinates' forces (frames, loads, coordinates), and
-    fill beyond (frames, loads, 6) with all those on `body` and beyond it; screws as in kinematics.Postures.
+    """Add to forces (frames, loads, coordinates) those of wrenches (frames, loads, bodies, 6), and fill beyond (frames,
+    loads, 6) with the sum of the wrenches on `body` and the bodies beyond it; screws as in postures.Postures.
     """
     total = np.empty(wrenches.shape[2:])
     for frame in range(len(wrenches)):
         for load in range(wrenches.shape[1]):
-            _gather(joints, screws[frame], wrenches[frame, load], forces[frame, load], total)
+            _sum_inwards(joints, screws[frame], wrenches[frame, load], forces[frame, load], total)
             for i in range(6):
                 beyond[frame, load, i] = total[body, i]
 
 
 @compiled
-def _gather(joints: Records, screws: Array, wrenches: Array, forces: Array, total: Array) -> None:
-    """Of one load; leaves each body's wrench with those of all beyond it in total (bodies, 6)."""
+def _sum_inwards(joints: Records, screws: Array, wrenches: Array, forces: Array, total: Array) -> None:
+    """Of one load; fills total (bodies, 6) with the sum of the wrenches on a body and all bodies beyond it."""
     for body in range(len(total)):
         for i in range(6):
             total[body, i] = wrenches[body, i]

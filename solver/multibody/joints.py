@@ -1,4 +1,4 @@
-"""How a joint moves, in its parent frame: the child frame's pose, a screw for each of its speeds, and their bias.
+"""Kinematics of a joint in its parent frame: pose of the child frame, a screw for each speed, and their bias.
 
 Equations: Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 4; the scapulothoracic joint: Seth, Matias, Veloso,
 Delp, PLoS ONE 11(1):e0141028 (2016). Screws (w, v) are about the parent frame's origin.
@@ -18,9 +18,9 @@ from solver.vectors import ORIGIN, Vector, add, along, cross, read, scale, subtr
 
 Array = NDArray[np.float64]
 
-# Where a joint has moved: rotation of the child frame and its place in the parent frame, screws of the joint's speeds,
-# the bias (α, v̇) with u̇ = 0, and the parent frame itself in ground. Room to work: of six axes their value, slope, rate
-# and bend (f, f′, f′ u and f″ u²), and the axes of rotation as Simbody turns them for poses and for velocities.
+# State of a joint: rotation and position of the child frame in the parent frame, screws of the joint's speeds,
+# the bias (α, v̇) with u̇ = 0, and the parent frame itself in ground. Intermediate: of six axes value, slope, rate and
+# bend (f, f′, f′ u and f″ u²), and the axes of rotation as Simbody rotates them for poses and for velocities.
 MOVE = np.dtype(
     [
         ("rotation", np.float64, (3, 3)),
@@ -35,7 +35,7 @@ MOVE = np.dtype(
         ("spin_axes", np.float64, (3, 3)),
         ("base", np.float64, (3, 3)),
         ("base_place", np.float64, (3,)),
-        ("room", np.float64, (3, 3)),
+        ("product", np.float64, (3, 3)),
     ]
 )
 
@@ -49,9 +49,9 @@ def move_joint(joint: Record, functions: Functions, q: Array, u: Array, move: Re
     if joint["kind"] == AXES:
         _move_along_axes(joint, functions, q, u, move)
     elif joint["kind"] == BALL:
-        _move_freely(joint, q, u, move)
+        _move_ball(joint, q, u, move)
     else:
-        _glide(joint, q, u, move)
+        _move_scapulothoracic(joint, q, u, move)
 
 
 @compiled
@@ -104,8 +104,8 @@ def _move_along_axes(joint: Record, functions: Functions, q: Array, u: Array, mo
 
 @compiled
 def _turn_about_axes(joint: Record, move: Record) -> None:
-    """As Simbody does: for velocities an axis that nothing drives has no angle, even if its constant is one."""
-    rotation, spinning = move["rotation"], move["room"]
+    """As in Simbody: for velocities the angle of an undriven axis is zero, even if its function is another constant."""
+    rotation, spinning = move["rotation"], move["product"]
     _set_identity(rotation)
     _set_identity(spinning)
     for i in range(3):
@@ -120,9 +120,9 @@ def _turn_about_axes(joint: Record, move: Record) -> None:
 
 @compiled
 def _spin_change(move: Record, first: Vector, others: Vector) -> Vector:
-    """Angular acceleration at u̇ = 0, as Simbody's function-based mobilizer has it.
+    """Angular acceleration at u̇ = 0, as of Simbody's function-based mobilizer.
 
-    It carries the second axis along with the spin of the first coordinate, the third with that of all but the third.
+    It rotates the second axis with the spin of the first coordinate, the third with that of all but the third.
     That is exact where coordinates drive one rotation each, in order, and what OpenSim computes where they do not.
     """
     axes, rate, bend = move["turned_axes"], move["rate"], move["bend"]
@@ -133,7 +133,7 @@ def _spin_change(move: Record, first: Vector, others: Vector) -> Vector:
 
 
 @compiled
-def _move_freely(joint: Record, q: Array, u: Array, move: Record) -> None:
+def _move_ball(joint: Record, q: Array, u: Array, move: Record) -> None:
     """Body-fixed x-y-z angles with the angular velocity for speeds, and a place with its velocity, if it slides."""
     coordinates, screws = joint["coordinates"], move["screws"]
     _turn_by_angles(coordinates, q, move)
@@ -151,8 +151,8 @@ def _move_freely(joint: Record, q: Array, u: Array, move: Record) -> None:
 
 
 @compiled
-def _glide(joint: Record, q: Array, u: Array, move: Record) -> None:
-    """A frame that rolls its z axis along the normal n of an ellipsoid, then winging about an axis of its xy plane."""
+def _move_scapulothoracic(joint: Record, q: Array, u: Array, move: Record) -> None:
+    """A frame with z along the normal n of an ellipsoid at its origin, then winging about an axis in its xy plane."""
     coordinates, screws, radii = joint["coordinates"], move["screws"], read(joint["radii"])
     spin, winging = (u[coordinates[0]], u[coordinates[1]], u[coordinates[2]]), u[coordinates[3]]
     _turn_by_angles(coordinates, q, move)

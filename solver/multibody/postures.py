@@ -1,8 +1,8 @@
-"""Where the bodies are and how they move, for a batch of frames.
+"""Poses and velocities of the bodies, for a batch of frames.
 
 Velocities of bodies are kept as screws about the ground origin: (w, v) with w the angular velocity and v the velocity
-of the body's material point that is just at the ground origin. So one column per coordinate serves every body beyond
-its joint, and moments about the ground origin are their power partners. Equations: Featherstone, Rigid Body Dynamics
+of the body's material point at the ground origin. So one column per coordinate serves all bodies beyond its joint, and
+moments about the ground origin are power-conjugate to them. Equations: Featherstone, Rigid Body Dynamics
 Algorithms (2008), ch. 2 and 4; solver/multibody/joints.py has those of the joints, compiled.
 """
 
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import GROUND, AxisMotion, Model, ModelError
 from solver.multibody.rotations import angular_rates_change, angular_rates_matrix, cross, rotate
 from solver.multibody.tables import POSE, Records, tables_of
@@ -67,12 +68,13 @@ class Postures:
 
 
 def postures(model: Model, coordinates: Array, speeds: Array) -> Postures:
-    """The postures at coordinates q (frames, coordinates) and speeds u (frames, coordinates); nothing is assembled."""
+    """The postures at coordinates q (frames, coordinates) and speeds u (frames, coordinates), not assembled."""
     from solver.multibody.bodies import move_bodies  # the compiler behind it takes a third of a second to import
 
     expected = (len(coordinates), len(model.coordinates))
     if coordinates.shape != expected or speeds.shape != expected:
-        raise ModelError(f"expected q and u of shape {expected}, found {coordinates.shape} and {speeds.shape}")
+        sentence = f"expected q and u of shape {expected}, found {coordinates.shape} and {speeds.shape}"
+        raise ModelError(sentence, SolverCode.WRONG_SHAPE)
     q, u = np.array(coordinates, dtype=float, order="C"), np.array(speeds, dtype=float, order="C")
     tables = tables_of(model)
     poses, screws = np.zeros((len(q), len(model.bodies)), POSE), np.zeros((*q.shape, 6))
@@ -88,7 +90,7 @@ def jacobians(model: Model, state: Postures) -> Array:
 
 
 def points_in_ground(state: Postures, body: int, location: Array) -> Array:
-    """(frames, 3) where a point of a body, location (3,) in it, is in ground [m]."""
+    """(frames, 3) place in ground [m] of a point of a body, location (3,) in it."""
     return state.origin_in_ground[:, body] + state.rotation_to_ground[:, body] @ location
 
 
@@ -126,5 +128,5 @@ def rates_of_coordinates(model: Model, state: Postures) -> tuple[Array, Array]:
 
 
 def _turning(model: Model) -> list[list[int]]:
-    """Of each joint whose speeds are an angular velocity, its three angles."""
+    """The three angles of every joint whose speeds are an angular velocity."""
     return [list(j.motion.turning) for j in model.joints if not isinstance(j.motion, AxisMotion)]

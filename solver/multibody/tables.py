@@ -1,4 +1,4 @@
-"""A model's bodies, joints and functions as the compiled code reads them: rows of records."""
+"""Bodies, joints and functions of a model as records for the compiled code."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FUNCTION = np.dtype(
 
 BODY = np.dtype([("mass", np.float64), ("mass_center", np.float64, (3,)), ("inertia", np.float64, (3, 3))])
 
-# A body in a posture, as in kinematics.Postures; bias is that of its screw.
+# A body in a posture, as in postures.Postures; bias is that of its screw.
 POSE = np.dtype(
     [
         ("rotation", np.float64, (3, 3)),
@@ -88,7 +88,7 @@ class Tables(NamedTuple):
 
 @lru_cache(maxsize=32)
 def tables_of(model: Model) -> Tables:
-    """Of a model, which is frozen: they are made once."""
+    """Tables of a model; cached, because a model is frozen."""
     moving = [f for joint in model.joints if isinstance(joint.motion, AxisMotion) for f in joint.motion.functions]
     joints = np.zeros(len(model.joints), JOINT)
     first_function = 0

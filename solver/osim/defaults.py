@@ -1,4 +1,4 @@
-"""<defaults> of a model: what an object of a class is where its own element says nothing, as OpenSim reads them.
+"""<defaults> of a model: values of the properties that an object lacks, as OpenSim reads them.
 
 OpenSim makes each object of a file as a copy of its class's default, then reads what its element holds. So a property
 that the element lacks comes from the default, one that it holds replaces the default's as a whole, and an object within
@@ -15,7 +15,7 @@ from solver.osim.document import Element
 
 
 def with_defaults(model: Element) -> Element:
-    """The <Model> with every object complete, and without its <defaults>."""
+    """The <Model> with the defaults filled into every object, and without <defaults>."""
     defaults: dict[str, Element] = {}
     for element in model.members("defaults"):
         defaults.setdefault(element.tag, _completed(element, defaults))

@@ -1,16 +1,18 @@
-"""An OpenSim model file as elements with their line, so that a refusal names element and line."""
+"""An OpenSim file as elements with their lines, so that a refusal names element and line."""
 
 from __future__ import annotations
 
 import re
 import xml.parsers.expat
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_MODEL, read_regular
+from solver.errors import SolverCode
 from solver.model import ModelError
 
 Array = NDArray[np.float64]
@@ -38,12 +40,13 @@ class Element:
     def text(self) -> str:
         return "".join(self.pieces).strip()
 
-    def refusal(self, complaint: str) -> ModelError:
+    def refusal(self, complaint: str, code: SolverCode = SolverCode.MALFORMED) -> ModelError:
         title = f"{self.tag} {self.name}".strip()
-        return ModelError(f"{self.file.name}, line {self.line}: {title} {complaint}")
+        return ModelError(f"{self.file.name}, line {self.line}: {title} {complaint}", code)
 
     def unsupported(self, kind: str, supported: str) -> ModelError:
-        return self.refusal(f"is a {kind} the solver does not have; replace it ({supported}) or remove it")
+        complaint = f"is a {kind} that the solver does not support; replace it ({supported}) or remove it"
+        return self.refusal(complaint, SolverCode.UNSUPPORTED)
 
     def find(self, tag: str) -> Element | None:
         return next((child for child in self.children if child.tag == tag), None)
@@ -69,15 +72,15 @@ class Element:
         if found is None and default is None:
             raise self.refusal(f"has no <{tag}>")
         place, text = (found, found.text) if found is not None else (self, str(default))
-        values = place._values(text)
+        values = place.values(text)
         if len(values) != count:
             raise place.refusal(f"should hold {count} numbers, not {len(values)}")
         return values
 
     def series(self, tag: str) -> Array:
-        """Numbers, as many as there are."""
+        """All numbers of the element."""
         found = self.child(tag)
-        return found._values(found.text)
+        return found.values()
 
     def number(self, tag: str, default: str | None = None) -> float:
         return float(self.numbers(tag, 1, default)[0])
@@ -87,12 +90,15 @@ class Element:
         return found.text if found is not None else default
 
     def require(self, tag: str, expected: str) -> None:
-        """Refuses any other value of an option than the one the solver has, which is also OpenSim's default."""
+        """Refuse any value of an option but the one that the solver supports, which is also OpenSim's default."""
         found = self.find(tag)
         if found is not None and found.text != expected:
-            raise self.refusal(f"has <{tag}> {found.text}; the solver has only {expected}")
+            complaint = f"has <{tag}> {found.text}; the solver supports only {expected}"
+            raise self.refusal(complaint, SolverCode.UNSUPPORTED)
 
-    def _values(self, text: str) -> Array:
+    def values(self, text: str | None = None) -> Array:
+        """Numbers in a text, by default the element's own."""
+        text = self.text if text is None else text
         try:
             return np.array([float(word) for word in text.split()])
         except ValueError:
@@ -100,7 +106,7 @@ class Element:
 
 
 def as_utf8(raw: bytes) -> bytes:
-    """The file in the encoding that it declares, UTF-8, also where single bytes of it are Latin-1.
+    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1.
 
     OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares.
     """
@@ -115,7 +121,7 @@ def as_utf8(raw: bytes) -> bytes:
 
 
 def read_document(file: Path) -> Element:
-    """The root element of an XML file; ModelError where there is none."""
+    """The root element of an XML file. Raises ModelError for any other file."""
     top = Element(file, 0, "", {})
     stack = [top]
     parser = xml.parsers.expat.ParserCreate()
@@ -126,8 +132,9 @@ def read_document(file: Path) -> Element:
         nonlocal count
         count += 1
         if len(stack) > DEEPEST or count > MOST_ELEMENTS:
-            limits = f"more than {DEEPEST} elements within each other, or more than {MOST_ELEMENTS}"
-            raise ModelError(f"{file.name}, line {parser.CurrentLineNumber}: holds {limits}, as no model does")
+            limits = f"more than {DEEPEST} nested elements, or more than {MOST_ELEMENTS} elements"
+            sentence = f"{file.name}, line {parser.CurrentLineNumber}: has {limits}; give the file of a model"
+            raise ModelError(sentence, SolverCode.UNREADABLE_FILE)
         element = Element(file, parser.CurrentLineNumber, tag, attributes)
         stack[-1].children.append(element)
         stack.append(element)
@@ -139,10 +146,12 @@ def read_document(file: Path) -> Element:
     parser.EndElementHandler = lambda _tag: stack.pop()
     parser.CharacterDataHandler = text
     try:
-        parser.Parse(as_utf8(read_regular(file, LARGEST_MODEL)), True)
+        parser.ParseFile(BytesIO(as_utf8(read_regular(file, LARGEST_MODEL))))
     except OSError as error:
-        raise ModelError(f"cannot read {file}: {error.strerror}; check the path") from error
+        sentence = f"cannot read {file}: {error.strerror}; check the path"
+        raise ModelError(sentence, SolverCode.UNREADABLE_FILE) from error
     except xml.parsers.expat.ExpatError as error:
         complaint = xml.parsers.expat.ErrorString(error.code)
-        raise ModelError(f"{file.name} is not well-formed XML: {complaint} in line {error.lineno}") from error
+        sentence = f"{file.name} is not well-formed XML: {complaint} in line {error.lineno}"
+        raise ModelError(sentence, SolverCode.UNREADABLE_FILE) from error
     return top.children[0]

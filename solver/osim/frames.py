@@ -1,4 +1,4 @@
-"""Frames, bodies' and offset ones, and the coordinates: the names in an OpenSim file that the rest refers to."""
+"""Names in an OpenSim file to which other elements refer: bodies, offset frames and coordinates."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import Coordinate, Placement
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import Element
@@ -44,11 +45,13 @@ class Names:
             self.frames[path] = OffsetFrame(parent.body, placement)
 
     def frame(self, element: Element, socket: str, owner: str = "/") -> OffsetFrame:
-        """The frame that a socket of the component at the path `owner` names, by an absolute or a relative path."""
+        """The frame named by a socket of the component at the path `owner`, by an absolute or relative path."""
         name = element.child(socket).text
         path = posixpath.normpath(posixpath.join(owner, name))
         if path not in self.frames:
-            raise element.child(socket).refusal(f"of {element.tag} {element.name} names an unknown frame {name}")
+            raise element.child(socket).refusal(
+                f"of {element.tag} {element.name} names an unknown frame {name}", SolverCode.UNKNOWN_NAME
+            )
         return self.frames[path]
 
     def station(self, element: Element, socket: str, location: str) -> tuple[int, Array]:
@@ -62,4 +65,4 @@ class Names:
         for index, coordinate in enumerate(self.coordinates):
             if coordinate.name == name:
                 return index
-        raise element.refusal(f"names an unknown coordinate {name}")
+        raise element.refusal(f"names an unknown coordinate {name}", SolverCode.UNKNOWN_NAME)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import (
     Function,
     Sine,
@@ -32,7 +33,8 @@ def read_function(holder: Element) -> Function:
     if element.tag in _WITHOUT_CURVATURE:
         raise element.refusal(
             "has its slope for its curvature in OpenSim 4.6, so that accelerations are wrong there; write it as a "
-            "PolynomialFunction or a SimmSpline"
+            "PolynomialFunction or a SimmSpline",
+            SolverCode.UNSUPPORTED,
         )
     if element.tag not in _READERS:
         raise element.unsupported("function", ", ".join(_READERS))
@@ -69,7 +71,10 @@ def _step(element: Element) -> Function:
 
 def _natural_spline(element: Element) -> Function:
     if element.number("error_variance", "0") != 0.0:
-        raise element.refusal("smooths its points; the solver has only splines through them (error_variance 0)")
+        raise element.refusal(
+            "smooths its points; the solver supports only splines through them (error_variance 0)",
+            SolverCode.UNSUPPORTED,
+        )
     half_order = int(element.number("half_order"))
     return natural_spline(*_points(element, fewest=2 * half_order), half_order)
 

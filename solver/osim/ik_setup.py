@@ -1,7 +1,9 @@
-"""OpenSim's set-up of inverse kinematics: which markers and coordinates a motion is to follow, with which weights."""
+"""OpenSim's set-up of inverse kinematics, read and written: tasks for markers and coordinates with their weights."""
 
 from __future__ import annotations
 
+import os
+import xml.etree.ElementTree as Xml
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,18 +11,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import natural_spline
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
 from solver.motion import MotionError, read_table
 from solver.osim.document import Element, read_document
+from solver.osim.writer import VERSION, add, add_values
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class CoordinateTask:
-    """Weight [m²/rad²], and the value [rad or m] that the coordinate is pulled to: None from the coordinates' file."""
+    """Weight [m²/rad²] and target value [rad or m] of a coordinate; None takes the value from the coordinate file."""
 
     weight: float
     value: float | None
@@ -29,7 +33,7 @@ class CoordinateTask:
 
 @dataclass(frozen=True)
 class IkSetup:
-    """An InverseKinematicsTool. Names without a task are not followed; files are as the set-up names them.
+    """An InverseKinematicsTool. Names without a task are not tracked; files are as the set-up names them.
 
     time_range  first and last second that are solved
     """
@@ -49,8 +53,9 @@ class IkSetup:
         names = [name for name, weight in self.markers.items() if name in known and name in labels and weight > 0]
         if not names:
             raise ModelError(
-                f"no marker is followed: the set-up has {_listed(self.markers)}, the model {_listed(known)}, the "
-                f"markers' file {_listed(labels)}; make the names agree"
+                f"no marker is tracked: the set-up has {_listed(self.markers)}, the model {_listed(known)}, the "
+                f"markers' file {_listed(labels)}; make the names agree",
+                SolverCode.NO_MARKERS,
             )
         weights = np.array([self.markers[name] for name in names])
         followed = {name: task for name, task in self.coordinates.items() if task.weight > 0}
@@ -65,10 +70,16 @@ class IkSetup:
         if task.value is not None:
             return task.value
         if self.coordinate_file is None:
-            raise ModelError(f"the task of {name} takes its value from a file, and the set-up names none; name it")
+            raise ModelError(
+                f"the task of {name} takes its value from a file, and the set-up names none; name it",
+                SolverCode.MALFORMED,
+            )
         columns, table, in_degrees = read_table(self.coordinate_file)
         if name not in columns or len(table) < 4:
-            raise MotionError(f"{self.coordinate_file.name} should have a column {name} of four rows; add it")
+            raise MotionError(
+                f"{self.coordinate_file.name} should have a column {name} of four rows; add it",
+                SolverCode.MISSING_COLUMN,
+            )
         scale = np.pi / 180 if in_degrees and coordinate.motion == "rotation" else 1.0
         spline = natural_spline(table[:, 0], scale * table[:, columns.index(name)], 2)
         values: Array = spline.derivatives(time)[0]
@@ -76,16 +87,19 @@ class IkSetup:
 
 
 def read_ik_setup(path: Path) -> IkSetup:
-    """Read an InverseKinematicsTool; ModelError, with the line, for what is none or cannot be read."""
+    """Read an InverseKinematicsTool. Raises ModelError, with the line, for any other file."""
     tool = read_document(path).find("InverseKinematicsTool")
     if tool is None:
-        raise ModelError(f"{path.name} should hold an InverseKinematicsTool and does not; take OpenSim's set-up of it")
+        raise ModelError(
+            f"{path.name} should have an InverseKinematicsTool and has none; give OpenSim's set-up of one",
+            SolverCode.WRONG_DOCUMENT,
+        )
     return ik_setup_of(path, tool)
 
 
 def ik_setup_of(path: Path, tool: Element) -> IkSetup:
-    """Of the element of a file that holds an IKTaskSet: an InverseKinematicsTool, or a ScaleTool's MarkerPlacer."""
-    tasks = [task for task in tool.objects("IKTaskSet") if task.word("apply", "true") == "true"]
+    """Set-up of an element with an IKTaskSet: an InverseKinematicsTool, or the MarkerPlacer of a ScaleTool."""
+    tasks = [task for task in _task_objects(path, tool) if task.word("apply", "true") == "true"]
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")
     first, last = tool.numbers("time_range", 2, "-inf inf")
@@ -99,6 +113,75 @@ def ik_setup_of(path: Path, tool: Element) -> IkSetup:
     )
 
 
+def ik_setup_of_tasks(model: Model, tasks: TrackingTasks, model_file: Path) -> IkSetup:
+    """Set-up from tasks; marker weights are relative to the largest, which does not change the optimum.
+
+    Raises ValueError for targets of coordinates that change from frame to frame.
+    """
+    largest = float(tasks.weights.max(initial=0.0)) or 1.0
+    markers = {marker.name: weight / largest for marker, weight in zip(tasks.markers, tasks.weights, strict=True)}
+    coordinates = {}
+    for name, weight in tasks.coordinate_weights.items():
+        default = model.coordinates[model.coordinate_index(name)].default
+        target = np.asarray(tasks.coordinate_targets.get(name, default), dtype=np.float64)
+        if target.ndim:
+            raise ValueError(f"the target of {name} changes from frame to frame and cannot be written into a set-up")
+        coordinates[name] = CoordinateTask(weight, float(target))
+    return IkSetup((-np.inf, np.inf), markers, coordinates, model_file, None, None)
+
+
+def ik_setup_document(setup: IkSetup, folder: Path, output_motion: str = "") -> Xml.Element:
+    """The root of a document with an InverseKinematicsTool for OpenSim 4, to be stored in a folder.
+
+    Files are named from there. output_motion is the file that OpenSim will write.
+    """
+    root = Xml.Element("OpenSimDocument", Version=VERSION)
+    tool = add(root, "InverseKinematicsTool", "inverse_kinematics")
+    add_file(tool, "model_file", setup.model_file, folder)
+    add_values(tool, time_range=setup.time_range, output_motion_file=output_motion)
+    add_tasks(tool, setup)
+    add_file(tool, "marker_file", setup.marker_file, folder)
+    add_file(tool, "coordinate_file", setup.coordinate_file, folder)
+    return root
+
+
+def add_tasks(tool: Xml.Element, setup: IkSetup) -> None:
+    """The IKTaskSet of a tool, every task applied."""
+    objects = add(add(tool, "IKTaskSet", "tasks"), "objects")
+    for name, weight in setup.markers.items():
+        add_values(add(objects, "IKMarkerTask", name), apply="true", weight=weight)
+    for name, task in setup.coordinates.items():
+        kind = "default_value" if task.is_default else "from_file" if task.value is None else "manual_value"
+        made = add(objects, "IKCoordinateTask", name)
+        add_values(made, apply="true", weight=task.weight, value_type=kind)
+        if task.value is not None:
+            add_values(made, value=task.value)
+
+
+def add_file(tool: Xml.Element, tag: str, file: Path | None, folder: Path) -> None:
+    """Path of a file relative to the folder of the document, or OpenSim's "Unassigned"."""
+    if file is None:
+        add(tool, tag).text = "Unassigned"
+        return
+    try:
+        add(tool, tag).text = Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # on another drive of Windows
+        add(tool, tag).text = file.resolve().as_posix()
+
+
+def _task_objects(path: Path, tool: Element) -> list[Element]:
+    """Tasks in the tool, or in the file that it names."""
+    tasks = tool.find("IKTaskSet")
+    named = "" if tasks is None else tasks.attributes.get("file", "")
+    if not named:
+        return tool.objects("IKTaskSet")
+    root = read_document(path.parent / named)
+    found = root.find("IKTaskSet")
+    if found is None:
+        raise root.refusal(f"holds no IKTaskSet, which {path.name} takes from it; name a file that does")
+    return found.members("objects")
+
+
 def _coordinate_task(task: Element) -> CoordinateTask:
     kind, weight = task.word("value_type", "from_file"), task.number("weight", "0")
     if kind not in ("default_value", "manual_value", "from_file"):
@@ -108,7 +191,7 @@ def _coordinate_task(task: Element) -> CoordinateTask:
 
 
 def _file(path: Path, tool: Element, tag: str) -> Path | None:
-    """As the set-up names it, from the folder that it is in."""
+    """File named by the set-up, relative to the folder of the set-up."""
     named = tool.word(tag, "")
     return path.parent / named if named and named != "Unassigned" else None
 

@@ -1,4 +1,4 @@
-"""Joints with their coordinates, and what holds the model together besides them, in an OpenSim file."""
+"""Joints with their coordinates, and constraints, in an OpenSim file."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import Function, polynomial, scaled
 from solver.model import (
     NO_COORDINATE,
@@ -22,14 +23,14 @@ from solver.model import (
     ScapulothoracicMotion,
 )
 from solver.osim.document import Element
-from solver.osim.frames import Names
+from solver.osim.frames import Names, OffsetFrame
 from solver.osim.functions import read_function
 
 Array = NDArray[np.float64]
 Kind = Literal["rotation", "translation", "coupled"]
 
-# The axes of OpenSim's plain joints in the order of their coordinates: 0 to 2 turn about x, y, z, one after the other,
-# 3 to 5 slide along them.
+# Axes of OpenSim's elementary joints in the order of their coordinates: 0 to 2 are successive rotations about x, y, z,
+# 3 to 5 translations along them.
 _PLAIN = {
     "WeldJoint": (),
     "PinJoint": (2,),
@@ -44,19 +45,21 @@ _SIX_KINDS: list[Kind] = ["rotation", "rotation", "rotation", "translation", "tr
 _STILL, _DRIVEN = polynomial([0.0]), polynomial([0.0, 1.0])
 
 
-def read_joint(element: Element, names: Names) -> Joint:
-    """The joint; its coordinates and frames are added to the names."""
+def read_joint_frames(element: Element, names: Names) -> tuple[OffsetFrame, OffsetFrame]:
+    """Frames of a joint in its parent and in its child. Adds the frames that the joint owns to the names."""
     path = f"/jointset/{element.name}"
     names.add_offset_frames(element.members("frames"), path)
-    parent = names.frame(element, "socket_parent_frame", path)
-    child = names.frame(element, "socket_child_frame", path)
-    return Joint(
-        element.name, parent.body, child.body, parent.placement, child.placement, _motion(element, names.coordinates)
-    )
+    return names.frame(element, "socket_parent_frame", path), names.frame(element, "socket_child_frame", path)
+
+
+def read_joint(element: Element, parent: OffsetFrame, child: OffsetFrame, names: Names) -> Joint:
+    """The joint. Adds its coordinates to the names."""
+    motion = _motion(element, names.coordinates)
+    return Joint(element.name, parent.body, child.body, parent.placement, child.placement, motion)
 
 
 def read_lock(element: Element, names: Names) -> CoordinateLock | None:
-    """The constraint that a <Coordinate> puts on itself, if it is locked."""
+    """Constraint of a locked <Coordinate>; None if it is not locked."""
     if element.word("locked", "false") != "true":
         return None
     return CoordinateLock(element.name, names.coordinate(element, element.name), element.number("default_value", "0"))
@@ -76,11 +79,14 @@ def read_constraint(element: Element, names: Names) -> Constraint:
         return PointConstraint(element.name, body_1, body_2, location_1, location_2)
     leaders = element.child("independent_coordinate_names")
     if len(leaders.text.split()) != 1:
-        raise leaders.refusal(f"of {element.name} names '{leaders.text}'; the solver couples to one coordinate")
+        raise leaders.refusal(
+            f"of {element.name} names '{leaders.text}'; the solver supports one independent coordinate",
+            SolverCode.UNSUPPORTED,
+        )
     holder = element.child("coupled_coordinates_function")
     function = read_function(holder)
     if holder.find("Constant") is not None:
-        raise holder.refusal(f"of {element.name} is a constant, which follows nothing; lock the coordinate instead")
+        raise holder.refusal(f"of {element.name} is a constant; lock the coordinate instead", SolverCode.UNSUPPORTED)
     return CoordinateCoupler(
         name=element.name,
         dependent=names.coordinate(element, element.child("dependent_coordinate_name").text),
@@ -146,7 +152,9 @@ def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
 
 def _axis_function(axis: Element, driver: str) -> Function:
     if len(driver.split()) > 1:
-        raise axis.refusal(f"is driven by {driver}; the solver drives an axis by one coordinate")
+        raise axis.refusal(
+            f"is driven by {driver}; the solver supports one coordinate for an axis", SolverCode.UNSUPPORTED
+        )
     if not any(child.tag[0].isupper() for child in axis.children):
         return _DRIVEN if driver else _STILL
     function = read_function(axis)

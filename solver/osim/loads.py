@@ -1,4 +1,4 @@
-"""Forces from outside in OpenSim's files: an XML of ExternalLoads, and the .mot or .sto of columns that it names."""
+"""External loads in OpenSim's files: an XML file of ExternalLoads, and the .mot or .sto data file that it names."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import natural_spline, piecewise_linear
 from solver.model import GROUND, Model
 from solver.motion import MotionError, read_table
@@ -18,16 +19,16 @@ Array = NDArray[np.float64]
 
 
 def data_file(path: Path) -> Path:
-    """The file of columns that an ExternalLoads file names."""
+    """Path of the data file of an ExternalLoads file."""
     return _data_file(_loads(path))
 
 
 def read_external_loads(path: Path, model: Model, time: Array) -> tuple[ExternalForce, ...]:
-    """The forces of an ExternalLoads file at times (frames,) [s], those that are switched off left out.
+    """Forces of an ExternalLoads file at times (frames,) [s], without those that are switched off.
 
-    Between its rows the data file is interpolated as by OpenSim: by natural cubic splines, by straight lines where it
-    has fewer than four. ModelError, with the line, for a body or function that the model lacks; MotionError for data
-    that are missing or do not cover the times.
+    The data file is interpolated as by OpenSim: by natural cubic splines, or linearly if it has fewer than four rows.
+    Raises ModelError, with the line, for a body or function that the model lacks, MotionError if data are missing or
+    do not cover the times.
     """
     loads = _loads(path)
     forces = [element for element in loads.members("objects") if _is_applied(element)]
@@ -37,7 +38,7 @@ def read_external_loads(path: Path, model: Model, time: Array) -> tuple[External
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """The columns of a data file and the times at which they are wanted."""
+    """Columns of a data file, and the times at which they are evaluated."""
 
     name: str
     columns: list[str]
@@ -48,13 +49,17 @@ class _Data:
     def read(path: Path, time: Array) -> _Data:
         columns, table, _ = read_table(path)
         if columns[0] != "time" or not np.all(np.diff(table[:, 0]) > 0):
-            raise MotionError(f"{path.name} should begin with a column time that increases, and does not; check it")
+            raise MotionError(
+                f"{path.name} should begin with a column time that increases, and does not; check it",
+                SolverCode.MALFORMED_TABLE,
+            )
         first, last = table[[0, -1], 0]
         slight = 1e-9 * max(1.0, abs(last))
         if time[0] < first - slight or time[-1] > last + slight:
             raise MotionError(
                 f"{path.name} should cover the motion, {time[0]:g} to {time[-1]:g} s, and has {first:g} to {last:g} s; "
-                "cut the motion or take longer data"
+                "cut the motion or give longer data",
+                SolverCode.NOT_COVERED,
             )
         return _Data(path.name, columns, table, time)
 
@@ -77,7 +82,7 @@ def _loads(path: Path) -> Element:
     document = read_document(path)
     loads = document.find("ExternalLoads")
     if loads is None:
-        raise document.refusal("holds no ExternalLoads; give OpenSim's file of external loads")
+        raise document.refusal("has no ExternalLoads; give OpenSim's file of external loads", SolverCode.WRONG_DOCUMENT)
     return loads
 
 
@@ -88,7 +93,7 @@ def _is_applied(element: Element) -> bool:
 
 
 def _data_file(loads: Element) -> Path:
-    """Relative to the folder of the XML unless it is absolute; OpenSim on Windows writes backslashes."""
+    """Relative paths start at the folder of the XML file; OpenSim on Windows writes backslashes."""
     name = loads.word("datafile", "").replace("\\", "/")
     if not name:
         raise loads.refusal("names no <datafile>; add the file that holds the columns")
@@ -119,7 +124,7 @@ def _identifier(element: Element, what: str) -> str:
 
 
 def _body(element: Element, socket: str, model: Model) -> int:
-    """The body of that name or path; in OpenSim, too, nothing is the ground."""
+    """Index of the body of that name or path; an empty name is the ground, as in OpenSim."""
     name = element.word(socket, "").removeprefix("/bodyset/").removeprefix("/")
     names = [body.name for body in model.bodies]
     if name in names:
@@ -127,5 +132,6 @@ def _body(element: Element, socket: str, model: Model) -> int:
     if not name and socket != "applied_to_body":
         return GROUND
     raise element.refusal(
-        f"has the {socket} {name}, and the model {model.name} has {', '.join(names)}; take one of these"
+        f"has the {socket} {name}, and the model {model.name} has {', '.join(names)}; use one of these",
+        SolverCode.UNKNOWN_NAME,
     )

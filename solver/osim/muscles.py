@@ -95,9 +95,9 @@ def _millard_curves(element: Element) -> Curves:
 
 
 def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
-    """The curves that OpenSim computes with: damping in the fibre, or a rigid tendon, lets them reach zero.
+    """Curves as OpenSim uses them: with fibre damping or a rigid tendon they reach zero.
 
-    Otherwise it keeps the active force from zero, and the force at speed from being level at its ends.
+    Otherwise OpenSim keeps the active force above zero and the ends of the force-velocity curve sloped.
     """
     is_damped = element.number("fiber_damping", "0.1") >= LEAST_FIBER_DAMPING
     if is_damped or element.word("ignore_tendon_compliance", "false") == "true":

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import (
     AnyPathPoint,
     ConditionalPathPoint,
@@ -45,7 +46,7 @@ def read_surface(body: int, element: Element) -> WrapSurface:
         raise element.unsupported("wrap object", ", ".join(_SIDES))
     quadrant = element.word("quadrant", "all").lower().replace("unassigned", "all")
     if quadrant not in _SIDES[element.tag]:
-        raise element.refusal(f"has the quadrant {quadrant}; the solver has {', '.join(_SIDES[element.tag])}")
+        raise element.refusal(f"has the quadrant {quadrant}; the solver supports {', '.join(_SIDES[element.tag])}")
     rotation = rotation_body_fixed_xyz(element.numbers("xyz_body_rotation", 3, "0 0 0"))
     placement = Placement(rotation, element.numbers("translation", 3, "0 0 0"))
     kind, dimensions = _shape(element)
@@ -75,7 +76,9 @@ def _point(element: Element, names: Names) -> AnyPathPoint:
     frame = names.frame(element, "socket_parent_frame")
     drivers = {element.child(f"socket_{axis}_coordinate").text for axis in "xyz"}
     if len(drivers) != 1:
-        raise element.refusal("follows several coordinates; the solver's moving points follow one")
+        raise element.refusal(
+            "depends on several coordinates; the solver supports one for a moving path point", SolverCode.UNSUPPORTED
+        )
     coordinate = names.coordinate(element, drivers.pop())
     x, y, z = (read_function(element.child(f"{axis}_location")) for axis in "xyz")
     return MovingPathPoint(frame.body, frame.placement, coordinate, (x, y, z), names.coordinates[coordinate].range)
@@ -85,10 +88,12 @@ def _wrap(element: Element, surfaces: list[WrapSurface]) -> PathWrap:
     name = element.child("wrap_object").text
     names = [surface.name for surface in surfaces]
     if name not in names:
-        raise element.refusal(f"names an unknown wrap object {name}")
+        raise element.refusal(f"names an unknown wrap object {name}", SolverCode.UNKNOWN_NAME)
     first, last = (int(number) for number in element.numbers("range", 2, "-1 -1"))
     method = element.word("method", "hybrid")
     if method not in ("hybrid", "midpoint", "axial"):
-        raise element.refusal(f"has the method {method}; the solver has hybrid, midpoint and axial")
-    # The file counts points from 1; less is the path's own end.
+        raise element.refusal(
+            f"has the method {method}; the solver supports hybrid, midpoint and axial", SolverCode.UNSUPPORTED
+        )
+    # The file counts points from 1; a smaller number means the end of the path.
     return PathWrap(names.index(name), method, max(first, 1) - 1, last - 1 if last > 0 else None)  # type: ignore[arg-type]

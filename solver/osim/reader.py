@@ -1,20 +1,30 @@
-"""Reads an OpenSim 4 model file (.osim) into a Model, and refuses by name and line what the solver does not have."""
+"""Read an OpenSim model file (.osim); unsupported components are refused by name and line."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from scipy.constants import g
 
-from solver.model import GROUND, Body, Joint, Marker, Model, WrapSurface
+from solver.errors import SolverCode
+from solver.model import GROUND, Body, Marker, Model, WrapSurface
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
+from solver.osim.earlier_versions import as_version_4
 from solver.osim.forces import COORDINATE_FORCES, read_coordinate_force
-from solver.osim.frames import Names
-from solver.osim.joints import ensure_known_constraint, read_constraint, read_joint, read_lock
+from solver.osim.frames import Names, OffsetFrame
+from solver.osim.joints import (
+    ensure_known_constraint,
+    read_constraint,
+    read_joint,
+    read_joint_frames,
+    read_lock,
+)
 from solver.osim.muscles import read_actuator, read_muscle
 from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
@@ -22,25 +32,42 @@ from solver.osim.paths import read_surface
 T = TypeVar("T")
 
 
-def read_osim(path: str | Path) -> Model:
-    """The model in an OpenSim 4 file. ModelError, naming file and line, for whatever the solver would not reproduce."""
-    return read_osim_model(read_document(Path(path)))
+def read_osim(path: str | Path, *, ignore_forces: bool = False) -> Model:
+    """The model in an .osim file. Raises ModelError, with file and line, for anything the solver does not reproduce.
+
+    ignore_forces leaves out forces and controllers that the solver does not have (Model.left_out names them).
+    """
+    return read_osim_model(read_document(Path(path)), ignore_forces=ignore_forces)
 
 
-def read_osim_model(document: Element) -> Model:
-    """As read_osim, of the root of a document."""
+def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
+    """read_osim for the root element of a document."""
     if document.tag != "OpenSimDocument":
-        raise document.refusal("is not an OpenSim document; give an .osim file")
+        raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
+    model = document.child("Model")
+    model = with_defaults(as_version_4(model) if _is_earlier(document) else model)
+    left_out = _unsupported_forces(model) if ignore_forces else []
+    if left_out:
+        model = _without(model, left_out)
+    return replace(_model(model), left_out=tuple(f"{element.tag} {element.name}".strip() for element in left_out))
+
+
+OPENSIM_2, AFTER_OPENSIM_3, OPENSIM_4, LONGEST_VERSION = 20000, 30500, 40000, 9
+
+
+def _is_earlier(document: Element) -> bool:
+    """Whether OpenSim 2 or 3 wrote the document."""
     version = document.attributes.get("Version", "")
-    if not version.isdecimal() or len(version) > LONGEST_VERSION or int(version) < OPENSIM_4:
+    number = int(version) if version.isdecimal() and len(version) <= LONGEST_VERSION else 0
+    if number < OPENSIM_2 or AFTER_OPENSIM_3 <= number < OPENSIM_4:
         raise document.refusal(
-            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected {OPENSIM_4} (OpenSim 4) or later; "
-            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")'
+            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected one of OpenSim 2, 3 or 4; "
+            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")',
+            SolverCode.WRONG_DOCUMENT,
         )
-    return _model(with_defaults(document.child("Model")))
+    return number < OPENSIM_4
 
 
-OPENSIM_4, LONGEST_VERSION = 40000, 9
 _MUSCLES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
 _FORCES = (*_MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
 
@@ -60,9 +87,14 @@ def _model(element: Element) -> Model:
         surfaces += obstacles.among(partial(read_surface, index), body.objects("WrapObjectSet"))
         names.add_offset_frames(body.members("components"), path)
     bodies = (Body("ground", 0.0, np.zeros(3), np.zeros((3, 3))), *obstacles.among(_body, body_elements))
-    joints = obstacles.among(lambda joint: read_joint(joint, names), element.objects("JointSet"))
+    placed = obstacles.among(
+        lambda joint: _PlacedJoint(joint, *read_joint_frames(joint, names)), element.objects("JointSet")
+    )
     obstacles.ensure_none()
-    _check_tree(element, bodies, tuple(joints))
+    joints = obstacles.among(
+        lambda joint: read_joint(joint.element, joint.parent, joint.child, names), _root_first(element, bodies, placed)
+    )
+    obstacles.ensure_none()
 
     def read(kind: Callable[[Element, Names], T], tags: Sequence[str]) -> list[T]:
         return obstacles.among(lambda force: kind(force, names), [force for force in forces if force.tag in tags])
@@ -77,7 +109,7 @@ def _model(element: Element) -> Model:
     obstacles.ensure_none()
     return Model(
         name=element.name,
-        gravity=element.numbers("gravity", 3, "0 -9.80665 0"),
+        gravity=element.numbers("gravity", 3, f"0 {-g} 0"),
         bodies=bodies,
         coordinates=tuple(names.coordinates),
         joints=tuple(joints),
@@ -90,13 +122,27 @@ def _model(element: Element) -> Model:
     )
 
 
+def _unsupported_forces(model: Element) -> list[Element]:
+    """Forces that the solver does not have or that are switched off, and all controllers."""
+    forces = model.objects("ForceSet")
+    return model.objects("ControllerSet") + [
+        force for force in forces if force.tag not in _FORCES or force.word("appliesForce", "true") != "true"
+    ]
+
+
+def _without(element: Element, left_out: list[Element]) -> Element:
+    """The element without those, wherever they are in it."""
+    kept = [child for child in element.children if not any(child is other for other in left_out)]
+    return replace(element, children=[_without(child, left_out) for child in kept])
+
+
 def _marker(element: Element, names: Names) -> Marker:
     is_fixed = element.word("fixed", "false") == "true"
     return Marker(element.name, *names.station(element, "socket_parent_frame", "location"), is_fixed)
 
 
 def _refuse(element: Element) -> None:
-    raise element.refusal("is not something the solver has; remove it from the model")
+    raise element.refusal("is not supported by the solver; remove it from the model", SolverCode.UNSUPPORTED)
 
 
 def _ensure_known_force(element: Element) -> None:
@@ -105,15 +151,29 @@ def _ensure_known_force(element: Element) -> None:
     element.require("appliesForce", "true")
 
 
-def _check_tree(element: Element, bodies: tuple[Body, ...], joints: tuple[Joint, ...]) -> None:
-    placed = {GROUND}
-    for joint, its in zip(joints, element.objects("JointSet"), strict=True):
-        if joint.parent not in placed or joint.child in placed:
-            raise its.refusal("does not hang a new body on one already placed; the solver reads trees, root first")
-        placed.add(joint.child)
+@dataclass(frozen=True)
+class _PlacedJoint:
+    element: Element
+    parent: OffsetFrame
+    child: OffsetFrame
+
+
+def _root_first(element: Element, bodies: tuple[Body, ...], joints: list[_PlacedJoint]) -> list[_PlacedJoint]:
+    """The joints, each after the one that places its parent. Raises ModelError unless they are a tree on the ground."""
+    placed, ordered, left = {GROUND}, list[_PlacedJoint](), list(joints)
+    while left:
+        joint = next((joint for joint in left if joint.parent.body in placed), left[0])
+        if joint.parent.body not in placed or joint.child.body in placed:
+            raise joint.element.refusal(
+                "closes a loop of joints or is not connected to the ground; break the loop", SolverCode.UNSUPPORTED
+            )
+        left.remove(joint)
+        placed.add(joint.child.body)
+        ordered.append(joint)
     for index, body in enumerate(bodies):
         if index not in placed:
-            raise element.refusal(f"has no joint for body {body.name}")
+            raise element.refusal(f"has no joint for body {body.name}", SolverCode.NO_JOINT)
+    return ordered
 
 
 def _body(element: Element) -> Body:

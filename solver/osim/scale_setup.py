@@ -1,7 +1,8 @@
-"""OpenSim's set-up of scaling: which distances between markers, and which factors by hand, stretch which bodies."""
+"""OpenSim's set-up of scaling, read and written: distances between markers and manual factors of the bodies."""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as Xml
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import assemble
 from solver.model import Model, ModelError
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.document import Element, read_document
-from solver.osim.ik_setup import IkSetup, ik_setup_of
+from solver.osim.ik_setup import IkSetup, add_file, add_tasks, ik_setup_of
+from solver.osim.writer import VERSION, add, add_values
 
 Array = NDArray[np.float64]
 AXES = "XYZ"
@@ -21,7 +24,7 @@ AXES = "XYZ"
 
 @dataclass(frozen=True)
 class Measurement:
-    """Distances between markers, as pairs of names, and the axes (0, 1, 2) of each body that they stretch."""
+    """Distances between markers, as pairs of names, and the axes (0, 1, 2) of each body that they scale."""
 
     name: str
     pairs: tuple[tuple[str, str], ...]
@@ -37,12 +40,16 @@ class Measurement:
             for name in pair:
                 if name not in at or name not in seen:
                     where = f"the model {model.name}" if name not in at else "the markers' file"
-                    raise ModelError(f"measurement {self.name} needs the marker {name}, which {where} lacks; add it")
+                    raise ModelError(
+                        f"measurement {self.name} needs the marker {name}, which {where} lacks; add it",
+                        SolverCode.UNKNOWN_NAME,
+                    )
             apart = np.linalg.norm(seen[pair[0]] - seen[pair[1]], axis=1)
             if not np.isfinite(apart).any():
                 raise ModelError(
-                    f"measurement {self.name}: {' and '.join(pair)} are never seen together in the time range; choose "
-                    "another"
+                    f"measurement {self.name}: {' and '.join(pair)} are never visible together in the range; choose "
+                    "another",
+                    SolverCode.NOT_COVERED,
                 )
             ratios.append(float(np.nanmean(apart) / np.linalg.norm(at[pair[0]] - at[pair[1]])))
         return float(np.mean(ratios))
@@ -54,6 +61,7 @@ class ScaleSetup:
 
     order       of "measurements" and "manualScale", later ones overwrite;  manual: name of a body → its factors (3,)
     mass        of the scaled model [kg], None to keep what follows from the factors
+    marker_set_file  a MarkerSet whose markers the generic model gets first
     time_range  first and last second of the markers;  placement: the tasks that place markers, None for none
     """
 
@@ -66,6 +74,14 @@ class ScaleSetup:
     marker_file: Path | None
     model_file: Path | None
     placement: IkSetup | None
+    marker_set_file: Path | None = None
+
+    @property
+    def marker_names(self) -> frozenset[str]:
+        """Names of the markers in measurements and placement tasks."""
+        measured = {name for measurement in self.measurements for pair in measurement.pairs for name in pair}
+        placed = [] if self.placement is None else [name for name, weight in self.placement.markers.items() if weight]
+        return frozenset(measured | set(placed))
 
     def factors(self, model: Model, labels: Sequence[str], observed: Array) -> dict[str, Array]:
         """Name of a body → (3,) along its axes, of observed markers (frames, labels, 3) [m] within the time range.
@@ -91,10 +107,12 @@ class ScaleSetup:
 
 
 def read_scale_setup(path: Path) -> ScaleSetup:
-    """Read a ScaleTool; ModelError, with the line, for what is none or cannot be read."""
+    """Read a ScaleTool. Raises ModelError, with the line, for any other file."""
     tool = read_document(path).find("ScaleTool")
     if tool is None:
-        raise ModelError(f"{path.name} should hold a ScaleTool and does not; take OpenSim's set-up of it")
+        raise ModelError(
+            f"{path.name} should have a ScaleTool and has none; give OpenSim's set-up of one", SolverCode.WRONG_DOCUMENT
+        )
     scaler = tool.child("ModelScaler")
     order = tuple(scaler.word("scaling_order", "measurements manualScale").split())
     if set(order) - {"measurements", "manualScale"}:
@@ -115,7 +133,51 @@ def read_scale_setup(path: Path) -> ScaleSetup:
         _file(path, scaler, "marker_file"),
         _file(path, maker, "model_file") if maker is not None else None,
         ik_setup_of(path, placer) if placer is not None and is_placed else None,
+        _file(path, maker, "marker_set_file") if maker is not None else None,
     )
+
+
+def scale_setup_document(setup: ScaleSetup, folder: Path, output_model: str) -> Xml.Element:
+    """The root of a document with a ScaleTool for OpenSim 4, to be stored in a folder; files are named from there.
+
+    OpenSim does not scale the points that a constraint joins, so its body differs from ours there.
+    """
+    root = Xml.Element("OpenSimDocument", Version=VERSION)
+    tool = add(root, "ScaleTool", "scaling")
+    add_values(tool, mass=-1.0 if setup.mass is None else setup.mass)
+    maker = add(tool, "GenericModelMaker")
+    add_file(maker, "model_file", setup.model_file, folder)
+    add_file(maker, "marker_set_file", setup.marker_set_file, folder)
+    scaler = add(tool, "ModelScaler")
+    add_values(scaler, apply="true", scaling_order=" ".join(setup.order))
+    measurements = add(add(scaler, "MeasurementSet", "measurements"), "objects")
+    for measurement in setup.measurements:
+        _add_measurement(measurements, measurement)
+    manual = add(add(scaler, "ScaleSet", "factors"), "objects")
+    for body, factors in setup.manual.items():
+        add_values(add(manual, "Scale", body), scales=factors, segment=body, apply="true")
+    add_file(scaler, "marker_file", setup.marker_file, folder)
+    keeps = "true" if setup.keeps_masses else "false"
+    add_values(scaler, time_range=setup.time_range, preserve_mass_distribution=keeps, output_model_file=output_model)
+    if setup.placement is not None:
+        placer = add(tool, "MarkerPlacer")
+        add_values(placer, apply="true")
+        add_tasks(placer, setup.placement)
+        add_file(placer, "marker_file", setup.placement.marker_file or setup.marker_file, folder)
+        add_file(placer, "coordinate_file", setup.placement.coordinate_file, folder)
+        add_values(placer, time_range=setup.placement.time_range, output_model_file=output_model)
+    return root
+
+
+def _add_measurement(objects: Xml.Element, measurement: Measurement) -> None:
+    made = add(objects, "Measurement", measurement.name)
+    add_values(made, apply="true")
+    pairs = add(add(made, "MarkerPairSet"), "objects")
+    for pair in measurement.pairs:
+        add_values(add(pairs, "MarkerPair"), markers=" ".join(pair))
+    bodies = add(add(made, "BodyScaleSet"), "objects")
+    for body, axes in measurement.axes.items():
+        add_values(add(bodies, "BodyScale", body), axes=" ".join(AXES[axis] for axis in axes))
 
 
 def _measurement(element: Element) -> Measurement:

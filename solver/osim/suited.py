@@ -1,4 +1,4 @@
-"""The suit in an OpenSim document: cuffs as bodies, the cord a PathSpring, a BushingForce on each cuff that yields."""
+"""The suit in an OpenSim document: cuffs as bodies, the cord as a PathSpring, compliance as BushingForce."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
+from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
 from solver.model import Coordinate, Model, Placement
+from solver.osim.reader import OPENSIM_4
 from solver.osim.writer import add, add_axes, add_body, add_joint, add_path, add_path_point, add_values, objects_of
 from solver.suit.cord import direction_to_joint
 from solver.suit.scenarios import SuitScenario
@@ -22,7 +24,7 @@ REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not cl
 
 
 def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario) -> None:
-    """Add the suit as it is worn, at its last rest length, to the document of `model`; nothing that is there changes.
+    """Add the suit, at its last rest length, to the document of `model`; existing elements do not change.
 
     A cuff is a body with its mass, the cord's end its origin: welded where it is rigid, else free to shift along its
     holder's x, y, z (coordinates waist_cuff_x, …, zero at rest, held by the bushing). Where cuffs slip along the cord,
@@ -50,22 +52,31 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
 
 def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
     ensure_fits(suit, model)
+    if int(root.get("Version", "0")) < OPENSIM_4:
+        raise SuitError(
+            f"the model has the layout of OpenSim {root.get('Version', '0')[:1]}, and the suit is added in that of "
+            "OpenSim 4; open the model in OpenSim 4 and save it",
+            SolverCode.SUIT_NOT_WRITABLE,
+        )
     if suit.damping:
         raise SuitError(
             f"the suit's cord should have no damping to become a PathSpring, whose dissipation grows with the stretch, "
-            f"and has {suit.damping:g} N s/m; set exotendon.damping_n_s_per_m to 0 for the export"
+            f"and has {suit.damping:g} N s/m; set exotendon.damping_n_s_per_m to 0 for the export",
+            SolverCode.SUIT_NOT_WRITABLE,
         )
     for part, mass in zip(PARTS, suit.masses, strict=True):
         if mass.body != getattr(suit, part).body:
             raise SuitError(
                 f"the suit's masses.{part} should be on the body of exotendon.{part}, {getattr(suit, part).body}, to "
-                f"become one cuff and is on {mass.body}; move it"
+                f"become one cuff and is on {mass.body}; move it",
+                SolverCode.SUIT_NOT_WRITABLE,
             )
     taken = {element.get("name") for element in root.iter()} & {CORD, *(f"{part}_cuff" for part in PARTS)}
     if taken:
         raise SuitError(
             f"the model {model.name} should not wear a suit yet and has {', '.join(sorted(map(str, taken)))}; take the "
-            "bare model"
+            "bare model",
+            SolverCode.SUIT_NOT_WRITABLE,
         )
 
 

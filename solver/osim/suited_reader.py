@@ -1,7 +1,7 @@
-"""Reads a suited model back that solver/osim/suited.py wrote: the suit apart, the bare model as the reader takes it.
+"""Read a suited model written by solver/osim/suited.py: the suit, and the model without it.
 
-A cuff that yields is a body on a bushing, with three coordinates that no motion from markers has. So it is not solved
-as a body: its quasi-static equilibrium gives its force, as in an assessment.
+A compliant cuff is a body on a bushing, with three coordinates that a motion from markers does not have. Therefore it
+is not solved as a body: its quasi-static equilibrium gives its force, as in an assessment.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _named(element: Element, holder: str, name: str) -> Element | None:
 
 
 def _cuff(element: Element, name: str) -> tuple[SuitPoint, SuitMass]:
-    """Where the cord meets its holder, and its mass there."""
+    """Attachment of the cord to the body, and the mass there."""
     body, joint = _named(element, "BodySet", name), _named(element, "JointSet", f"{name}_joint")
     if body is None or joint is None:
         raise element.refusal(f"wears a {name} without its joint {name}_joint; export the suited model again")
@@ -106,7 +106,7 @@ def _isotropic(bushing: Element, tag: str) -> float:
 
 
 def _bare(element: Element) -> Element:
-    """The model without the suit."""
+    """The model element without the suit."""
     worn = {CORD, *CUFF_NAMES, *(f"{name}_{what}" for name in CUFF_NAMES for what in ("joint", "bushing"))}
     children = []
     for child in element.children:

@@ -1,7 +1,7 @@
-"""Writes a Model as an OpenSim 4 document, component by component as the reader takes them, numbers to the last digit.
+"""Write a Model as an OpenSim 4 document, with all digits, so that the reader returns the same model.
 
-What no reader of ours would bring back the same is refused by name: joints and points that follow more than straight
-lines, other muscles than Millard's, and springs of coordinates.
+Unsupported parts are refused by name: functions other than polynomials, muscles other than Millard's, and forces of
+coordinates.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import Function, PiecewisePolynomial
 from solver.functions.fibre import MillardCurves
 from solver.model import (
@@ -26,6 +27,7 @@ from solver.model import (
     CoordinateActuator,
     CoordinateLock,
     Joint,
+    Marker,
     Model,
     ModelError,
     MovingPathPoint,
@@ -45,10 +47,13 @@ AXES = ("rotation1", "rotation2", "rotation3", "translation1", "translation2", "
 
 
 def osim_document(model: Model) -> Xml.Element:
-    """The document's root. Raises ModelError for what the writer does not have."""
+    """The root of the document. Raises ModelError for anything the writer does not support."""
     if model.coordinate_forces:
         names = ", ".join(force.name for force in model.coordinate_forces)
-        raise ModelError(f"the writer of .osim has no forces of coordinates, and {model.name} has {names}; remove them")
+        raise ModelError(
+            f"the writer of .osim does not support forces of coordinates, and {model.name} has {names}; remove them",
+            SolverCode.NOT_WRITABLE,
+        )
     root = Xml.Element("OpenSimDocument", Version=VERSION)
     written = add(root, "Model", model.name)
     add_values(written, gravity=model.gravity)
@@ -69,9 +74,7 @@ def osim_document(model: Model) -> Xml.Element:
     for actuator in model.actuators:
         _add_actuator(objects_of(written, "ForceSet"), model.coordinates, actuator)
     for marker in model.markers:
-        made = add(objects_of(written, "MarkerSet"), "Marker", marker.name)
-        add_values(made, socket_parent_frame=frame_of(model.bodies, marker.body), location=marker.location)
-        add_values(made, fixed="true" if marker.is_fixed else "false")
+        add_marker(objects_of(written, "MarkerSet"), model.bodies, marker)
     return root
 
 
@@ -79,14 +82,20 @@ def add(parent: Xml.Element, tag: str, name: str = "") -> Xml.Element:
     return Xml.SubElement(parent, tag, {"name": name} if name else {})
 
 
+def add_marker(objects: Xml.Element, bodies: Sequence[Body], marker: Marker) -> None:
+    made = add(objects, "Marker", marker.name)
+    add_values(made, socket_parent_frame=frame_of(bodies, marker.body), location=marker.location)
+    add_values(made, fixed="true" if marker.is_fixed else "false")
+
+
 def add_values(parent: Xml.Element, **values: Any) -> None:
-    """A property each: text as it is, numbers with all their digits."""
+    """Add one element for every property: text as it is, numbers with all digits."""
     for tag, value in values.items():
         add(parent, tag).text = value if isinstance(value, str) else " ".join(map(repr, np.ravel(value).tolist()))
 
 
 def objects_of(model: Xml.Element, tag: str) -> Xml.Element:
-    """What holds the members of one of the model's sets, made where there is none."""
+    """The <objects> of one of the model's sets; created if missing."""
     found = model.find(tag)
     found = add(model, tag, tag.lower()) if found is None else found
     objects = found.find("objects")
@@ -103,7 +112,7 @@ def add_body(objects: Xml.Element, name: str, mass: float, mass_center: Array, i
 def add_joint(
     objects: Xml.Element, tag: str, name: str, sides: Sequence[tuple[str, Placement]], coordinates: Iterable[Coordinate]
 ) -> Xml.Element:
-    """A joint between a frame in each of two bodies, parent first, given by the body's path and the placement in it."""
+    """A joint between frames of two bodies, parent first, given by the body's path and the placement in it."""
     made = add(objects, tag, name)
     offsets = [f"{name}_{path.rsplit('/', 1)[-1]}" for path, _ in sides]
     add_values(made, socket_parent_frame=offsets[0], socket_child_frame=offsets[1])
@@ -130,7 +139,7 @@ def add_axes(joint: Xml.Element, axes: Array, drivers: Sequence[str], functions:
 
 
 def add_path(force: Xml.Element) -> Xml.Element:
-    """A path without points; returns what holds them."""
+    """Add a path without points; returns the element that holds its points."""
     return add(add(add(force, "GeometryPath", "path"), "PathPointSet"), "objects")
 
 
@@ -170,7 +179,10 @@ def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
 def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
     motion = joint.motion
     if not isinstance(motion, AxisMotion | ScapulothoracicMotion):
-        raise ModelError(f"the writer of .osim has no ball and free joints, and {model.name} has {joint.name}")
+        raise ModelError(
+            f"the writer of .osim does not support ball and free joints, and {model.name} has {joint.name}",
+            SolverCode.NOT_WRITABLE,
+        )
     sides = [
         (frame_of(model.bodies, joint.parent), joint.frame_in_parent),
         (frame_of(model.bodies, joint.child), joint.frame_in_child),
@@ -194,7 +206,9 @@ def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
 
 def _add_function(holder: Xml.Element, function: Function, where: str) -> None:
     if not isinstance(function, PiecewisePolynomial) or len(function.origins) > 1 or function.origins[0]:
-        raise ModelError(f"the writer of .osim has only polynomials, and that of {where} is none")
+        raise ModelError(
+            f"the writer of .osim supports only polynomials, and that of {where} is not one", SolverCode.NOT_WRITABLE
+        )
     if function.coefficients.shape[1] == 1:
         add_values(add(holder, "Constant", "function"), value=function.coefficients[0])
     elif function.coefficients.shape[1] == 2:
@@ -213,7 +227,8 @@ def _lock(written: Xml.Element, name: str, value: float) -> None:
 def _add_constraint(objects: Xml.Element, model: Model, constraint: Constraint) -> None:
     if not isinstance(constraint, PointConstraint):
         raise ModelError(
-            f"the writer of .osim has only point constraints and locks, and {model.name} has {constraint.name}"
+            f"the writer of .osim supports only point constraints and locks, and {model.name} has {constraint.name}",
+            SolverCode.NOT_WRITABLE,
         )
     add_values(
         add(objects, "PointConstraint", constraint.name),
@@ -247,7 +262,10 @@ def _add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
         ignore_tendon_compliance="true",
     )
     if not isinstance(muscle.curves, MillardCurves):
-        raise ModelError(f"the writer of .osim has only Millard's muscles, and {model.name} has {muscle.name}")
+        raise ModelError(
+            f"the writer of .osim supports only Millard's muscles, and {model.name} has {muscle.name}",
+            SolverCode.NOT_WRITABLE,
+        )
     for tag, options in MILLARD_OPTIONS.items():
         curve = add(made, tag, f"{muscle.name}_{tag}")
         add_values(curve, **{option: getattr(muscle.curves, field) for option, field in options.items()})
@@ -260,7 +278,8 @@ def _add_point(points: Xml.Element, model: Model, point: AnyPathPoint, name: str
         return
     if not isinstance(point, MovingPathPoint) or not np.array_equal(point.placement.rotation, np.eye(3)):
         raise ModelError(
-            f"the writer of .osim has fixed points and ones that move in a body's frame, and {name} is none"
+            f"the writer of .osim supports fixed points and ones that move in a body's frame, and {name} is neither",
+            SolverCode.NOT_WRITABLE,
         )
     made = add(points, "MovingPathPoint", name)
     coordinate = model.coordinates[point.coordinate].name

@@ -119,7 +119,7 @@ def add_square(matrix: Array, W: Scaling) -> None:
 
 @compiled
 def centred(s: Ray, ds: Ray, multiplier: Ray, change: Ray, W: Scaling, target: float) -> Ray:
-    """−s + W times what gives target − W⁻¹ ds ∘ W dλ in a product with Wλ: the corrector's aim, after a predictor."""
+    """−s + W x with Wλ ∘ x = target − W⁻¹ ds ∘ W dλ: the aim of the corrector after a predictor."""
     x, y = scaled((W[0], -W[1], -W[2], 1.0 / W[3]), ds), scaled(W, change)
     rest = (target - inner(x, y), -(x[0] * y[1] + y[0] * x[1]), -(x[0] * y[2] + y[0] * x[2]))
     return advance(scaled(W, quotient(scaled(W, multiplier), rest)), -1.0, s)

@@ -9,7 +9,7 @@ bounds and in c only.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -19,16 +19,20 @@ Array = NDArray[np.float64]
 
 VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
-LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is looked for
+LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is sought
 EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
 
 
-class ConicOutcome(Enum):
-    """What became of one problem; decided on residuals computed here, never on the solver's status alone."""
+class ConicOutcome(StrEnum):
+    """Outcome of one problem, decided on residuals computed here, never on the solver's status alone.
+
+    INFEASIBLE     no point within the bounds meets the equalities and the cone; a certificate was checked
+    NOT_CONVERGED  the solver stopped before its residuals were small
+    """
 
     SOLVED = "solved"
-    INFEASIBLE = "no point within the bounds meets the equalities and the cone; a certificate was checked"
-    NOT_CONVERGED = "the solver stopped before its residuals were small enough to believe"
+    INFEASIBLE = "infeasible"
+    NOT_CONVERGED = "not_converged"
 
 
 @dataclass(frozen=True)
@@ -96,26 +100,27 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
 
 
 def least_violation(problem: ConicProblem) -> Array:
-    """x (problems, n) that keep the bounds and leave the cone by as little as can be along its axis.
+    """x (problems, n) within the bounds that violate the cone least, along its axis.
 
-    Where there is no cone, or leaving it is not enough, equalities are missed as well; squares of the misses count.
+    Without a cone, or if that is not enough, equalities are violated as well; the sum of squares is minimised.
     """
     m, k = len(problem.equality_matrix), len(problem.cone_matrix)
     along_axis = np.eye(k, min(k, 1))
-    x = _with_misses(problem, np.zeros((m, min(k, 1))), along_axis)
-    lost = np.isnan(x).any(axis=1)
-    if lost.any():
-        misses = np.hstack([along_axis, np.zeros((k, m))])
-        x[lost] = _with_misses(problem, np.hstack([np.zeros((m, min(k, 1))), np.eye(m)]), misses)[lost]
+    x = _with_violations(problem, np.zeros((m, min(k, 1))), along_axis)
+    infeasible = np.isnan(x).any(axis=1)
+    if infeasible.any():
+        in_equalities = np.hstack([np.zeros((m, min(k, 1))), np.eye(m)])
+        in_cone = np.hstack([along_axis, np.zeros((k, m))])
+        x[infeasible] = _with_violations(problem, in_equalities, in_cone)[infeasible]
     return x
 
 
-def _with_misses(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> Array:
-    misses, problems = in_equalities.shape[1], len(problem.lower)
-    unbounded = np.full((problems, misses), np.inf)
+def _with_violations(problem: ConicProblem, in_equalities: Array, in_cone: Array) -> Array:
+    violations, problems = in_equalities.shape[1], len(problem.lower)
+    unbounded = np.full((problems, violations), np.inf)
     solution = solve_conic(
         ConicProblem(
-            weights=np.append(EFFORT_SHARE * problem.weights, np.ones(misses)),
+            weights=np.append(EFFORT_SHARE * problem.weights, np.ones(violations)),
             equality_matrix=np.hstack([problem.equality_matrix, in_equalities]),
             equality_target=problem.equality_target,
             lower=np.hstack([problem.lower, -unbounded]),
@@ -154,7 +159,7 @@ def _stacked_matrix(problem: ConicProblem, below: NDArray[np.bool_], above: NDAr
 
 def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds: int) -> Any:
     import clarabel
-    from scipy import sparse  # both take long to import, and few need them
+    from scipy import sparse  # both take long to import
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False

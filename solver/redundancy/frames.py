@@ -1,7 +1,7 @@
-"""Frame after frame of many scenarios, each from its neighbour's solution; compiled.
+"""Solve the frames of many scenarios in order, each from the solution of the previous frame; compiled.
 
-Newton's method from the multipliers of the frame before nearly always arrives. Where it does not, an interior point
-converges and Newton's method finishes, so that a solution does not depend on the starting point.
+Newton's method from the multipliers of the previous frame nearly always converges. Where it does not, an interior-point
+method converges and Newton's method finishes, so that a solution does not depend on the starting point.
 """
 
 from __future__ import annotations
@@ -11,152 +11,112 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
 from solver.dense import copy
-from solver.redundancy.interior_point import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, interior_point
-from solver.redundancy.newton import NEWTON_GOAL, conditions, newton
+from solver.redundancy.interior_point import interior_point
+from solver.redundancy.newton import NEWTON_GOAL, newton, optimality_errors
+from solver.redundancy.problem import (
+    BEYOND_RATE,
+    INFEASIBLE,
+    NOT_CONVERGED,
+    SOLVED,
+    VIOLATION_LIMIT,
+    FrameProblem,
+    SequenceProblem,
+    SequenceSolution,
+    WarmStart,
+)
 from solver.redundancy.workspace import FrameWorkspace
 
 Array = NDArray[np.float64]
-Codes = NDArray[np.int8]
 
-BEYOND_RATE = 3
-"""Outcome beside those of the interior point: infeasible within the bounds of the frame before, solved without them."""
-
-EFFORT_SHARE = 1e-6  # of effort against violation, where a problem is infeasible
+EFFORT_SHARE = 1e-6  # weight of effort relative to violation where a problem is infeasible
 
 
 @compiled_for_python
-def solve_frames(
-    q: Array,
-    M: Array,
-    R: Array,
-    t: Array,
-    equalities: int,
-    rise: Array,
-    fall: Array,
-    reach: Array,
-    guess: Array,
-    work: FrameWorkspace,
-    a: Array,
-    v: Array,
-    codes: Codes,
-) -> None:
-    """The problem of newton.py in each frame; q (n,), M (frames, m, n) and R (frames, m, m) are common to all
-    scenarios, t (scenarios, frames, m) is not. The first `equalities` rows are no cone's.
+def solve_frames(problem: SequenceProblem, start: WarmStart, work: FrameWorkspace, solution: SequenceSolution) -> None:
+    """Solve every frame of every scenario and fill solution; start is read, and left as the next frame needs it.
 
-    a in [0, 1] changes no faster than activation dynamics let it: rise and fall (n,) are the interval over the time
-    constants. reach (scenarios, 2, n), the next frame's bounds, and guess (scenarios, m), its multipliers, are read
-    and left behind. Fills a (scenarios, frames, n), v (scenarios, frames, m) and codes (scenarios, frames); where
-    INFEASIBLE, a violates rows by as little as possible.
+    Activations a in [0, 1] change no faster than first-order activation dynamics allow. Where the code is INFEASIBLE, a
+    is the point of least violation.
     """
-    for scenario in range(t.shape[0]):
-        (lower, upper), v0 = reach[scenario], guess[scenario]
-        for frame in range(t.shape[1]):
-            a1, v1 = a[scenario, frame], v[scenario, frame]
-            copy(v0, v1)
-            code = _solve_frame(q, M[frame], R[frame], t[scenario, frame], equalities, lower, upper, work, a1, v1)
-            codes[scenario, frame] = code
+    for scenario in range(problem.t.shape[0]):
+        (lower, upper), guess = start.bounds[scenario], start.multipliers[scenario]
+        for k in range(problem.t.shape[1]):
+            a, v = solution.a[scenario, k], solution.v[scenario, k]
+            copy(guess, v)
+            frame = FrameProblem(
+                problem.q, problem.M[k], problem.R[k], problem.t[scenario, k], problem.equalities, lower, upper
+            )
+            code = _solve_frame(frame, work, a, v)
+            solution.codes[scenario, k] = code
             if code in (SOLVED, BEYOND_RATE):
-                _reach(rise, fall, a1, lower, upper)
-                copy(v1, v0)
+                _set_rate_bounds(problem.rise, problem.fall, a, lower, upper)
+                copy(v, guess)
             else:
-                _widen(lower, upper)
+                _set_widest_bounds(lower, upper)
 
 
 @compiled
-def _solve_frame(
-    q: Array,
-    M: Array,
-    R: Array,
-    t: Array,
-    equalities: int,
-    lower: Array,
-    upper: Array,
-    work: FrameWorkspace,
-    a: Array,
-    v: Array,
-) -> int:
-    """Within the bounds, else within 0 and 1, which then stay in lower and upper, else missing rows by little."""
+def _solve_frame(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> int:
+    """Solve within the bounds; if infeasible, within 0 and 1, which stay in lower and upper; else least violation."""
     for attempt in range(2):
         if attempt:
-            _widen(lower, upper)
-        code = _solve(q, M, R, t, equalities, lower, upper, work, a, v)
+            _set_widest_bounds(problem.lower, problem.upper)
+        code = _solve(problem, work, a, v)
         if code != INFEASIBLE:
             return BEYOND_RATE if attempt and code == SOLVED else code
-    _miss_by_little(q, M, R, t, equalities, lower, upper, work, a, v)
+    _minimise_violation(problem, work, a, v)
     return INFEASIBLE
 
 
 @compiled
-def _miss_by_little(
-    q: Array,
-    M: Array,
-    R: Array,
-    t: Array,
-    equalities: int,
-    lower: Array,
-    upper: Array,
-    work: FrameWorkspace,
-    a: Array,
-    v: Array,
-) -> None:
-    """Leave the cone along its axis as little as possible; if there is none, or leaving it is not enough, miss
-    equalities as well.
+def _minimise_violation(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> None:
+    """Violate the cone along its axis as little as possible; without a cone, or if that is not enough, the equalities
+    as well.
 
-    What is missed is one more eliminated unknown of a row, in R, of weight 1 against the effort's share.
+    The violation of a row is one more eliminated unknown, in R, of weight 1 against the effort's share.
     """
-    cost, own, code = work.cost, work.own, INFEASIBLE
+    q, M, R, t, equalities, lower, upper = problem
+    cost, relaxed, code = work.cost, work.relaxed, INFEASIBLE
     for i in range(len(q)):
         cost[i] = EFFORT_SHARE * q[i]
     for i in range(len(t)):
         for j in range(len(t)):
-            own[i, j] = R[i, j] / EFFORT_SHARE
+            relaxed[i, j] = R[i, j] / EFFORT_SHARE
+    violable = FrameProblem(cost, M, relaxed, t, equalities, lower, upper)
     if equalities < len(t):
-        own[equalities, equalities] += 0.5
-        code = _solve(cost, M, own, t, equalities, lower, upper, work, a, v)
+        relaxed[equalities, equalities] += 0.5
+        code = _solve(violable, work, a, v)
     if code == INFEASIBLE:
         for i in range(equalities):
-            own[i, i] += 0.5
-        _solve(cost, M, own, t, equalities, lower, upper, work, a, v)
+            relaxed[i, i] += 0.5
+        _solve(violable, work, a, v)
     for i in range(len(v)):
         v[i] /= EFFORT_SHARE
 
 
 @compiled
-def _solve(
-    q: Array,
-    M: Array,
-    R: Array,
-    t: Array,
-    equalities: int,
-    lower: Array,
-    upper: Array,
-    work: FrameWorkspace,
-    a: Array,
-    v: Array,
-) -> int:
-    """One problem, v being a guess. The code rests on the errors of a and v as they are returned."""
-    for is_near in (False, True):
-        left = newton(q, M, R, t, equalities, lower, upper, work, a, v)
-        if left <= (VIOLATION_LIMIT if is_near else NEWTON_GOAL):
-            return SOLVED
-        if not is_near:
-            if interior_point(q, M, R, t, equalities, lower, upper, work, v) == INFEASIBLE:
-                return INFEASIBLE
-            copy(v, work.found)
-    copy(work.found, v)
-    left, _ = conditions(q, M, R, t, equalities, lower, upper, v, a, work.loose, work.error)
-    return SOLVED if left <= VIOLATION_LIMIT else NOT_CONVERGED
+def _solve(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> int:
+    """Solve one problem from the guess v. The code is decided on the errors of a and v as they are returned."""
+    if newton(problem, work.newton, a, v) <= NEWTON_GOAL:
+        return SOLVED
+    if interior_point(problem, work.interior, v) == INFEASIBLE:
+        return INFEASIBLE
+    if newton(problem, work.newton, a, v) <= VIOLATION_LIMIT:
+        return SOLVED
+    copy(work.interior.point.v, v)
+    error, _ = optimality_errors(problem, a, v, work.newton.free_inverse, work.newton.error)
+    return SOLVED if error <= VIOLATION_LIMIT else NOT_CONVERGED
 
 
 @compiled
-def _widen(lower: Array, upper: Array) -> None:
+def _set_widest_bounds(lower: Array, upper: Array) -> None:
     for i in range(len(lower)):
         lower[i], upper[i] = 0.0, 1.0
 
 
 @compiled
-def _reach(rise: Array, fall: Array, a: Array, lower: Array, upper: Array) -> None:
-    """What activations can become in one interval at no or full excitation."""
+def _set_rate_bounds(rise: Array, fall: Array, a: Array, lower: Array, upper: Array) -> None:
+    """Activations that one interval at no and at full excitation leads to (Thelen 2003)."""
     for i in range(len(a)):
         pace = 0.5 + 1.5 * a[i]
         lower[i] = max(a[i] - fall[i] * a[i] * pace, 0.0)

@@ -1,4 +1,4 @@
-"""The glenoid: the cone in which the humeral head must push, or it leaves the socket."""
+"""The glenoid cone: directions of the joint reaction for which the humeral head stays in the socket."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import Model, ModelError
 
 Array = NDArray[np.float64]
@@ -46,18 +47,20 @@ class GlenoidCone:
 def glenoid_cone(model: Model, aspect: float = 1.0, joint_name: str = JOINT) -> GlenoidCone:
     """The cone that the markers of head, glenoid centre and glenoid edge span (Belli et al. 2023, where aspect is 1).
 
-    Raises ModelError where a marker is missing or sits on a body that makes no cone, or the aspect is not positive.
+    Raises ModelError where a marker is missing or on the wrong body, or the aspect is not positive.
     """
     if not aspect > 0:
-        raise ModelError(f"the glenoid's aspect should be positive and is {aspect:g}; 1 makes the rim a circle")
+        sentence = f"the glenoid's aspect should be positive and is {aspect:g}; 1 makes the rim a circle"
+        raise ModelError(sentence, SolverCode.WRONG_GLENOID)
     joint = model.joint(joint_name)
     center, head, edge = (model.marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
     is_on_socket = center.body == edge.body == joint.parent
     is_on_head = head.body == joint.child and np.allclose(head.location, joint.frame_in_child.translation, atol=1e-6)
     if not (is_on_socket and is_on_head):
         raise ModelError(
-            f"the markers {CENTER_MARKER} and {EDGE_MARKER} should sit on {model.bodies[joint.parent].name} and "
-            f"{HEAD_MARKER} at the centre of the joint {joint_name}, and do not; move them or solve without the glenoid"
+            f"the markers {CENTER_MARKER} and {EDGE_MARKER} should be on {model.bodies[joint.parent].name} and "
+            f"{HEAD_MARKER} at the centre of the joint {joint_name}, and are not; move them or solve without the cone",
+            SolverCode.WRONG_GLENOID,
         )
     head_in_scapula = joint.frame_in_parent.translation
     axis, rim = _unit(center.location - head_in_scapula), _unit(edge.location - head_in_scapula)
@@ -84,7 +87,7 @@ def cone_rows(cone: GlenoidCone, rotation_to_ground: Array) -> Array:
 
 
 def contact_points(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -> Array:
-    """(frames, 2) where a reaction (frames, 3) in ground that goes through the head's centre meets the glenoid's plane.
+    """(frames, 2) contact point: where a reaction (frames, 3) in ground through the head's centre meets the glenoid.
 
     In metres from the glenoid's centre, along the edge's direction and across it; NaN where the reaction points away.
     """

@@ -1,4 +1,4 @@
-"""Householder reflections that make a triangle of each frame's rows; compiled."""
+"""Householder reflections that triangularise the rows of each frame; compiled."""
 
 from __future__ import annotations
 
@@ -43,13 +43,12 @@ def triangularise(triangles: Array, free: int, weighted: int) -> NDArray[np.int6
     return ranks
 
 
-# Columns are counted from 0 in these, by slices: then the compiler knows that no index is negative, and takes several
-# steps of a loop at once.
+# These functions slice columns so that indices start at 0: the compiler knows that none is negative, and vectorises.
 
 
 @compiled
 def _longest_column(rows: Array, sums: Array) -> tuple[int, float]:
-    """Which one it is, and its length."""
+    """Index of the longest column, and its length."""
     squares = sums[: rows.shape[1]]
     _clear(squares)
     for row in rows:
@@ -84,7 +83,7 @@ def _reflect(rows: Array, column: int, length: float, sums: Array) -> None:
 
 @compiled
 def _solve(rows: Array, free: int) -> None:
-    """Backwards, so that the triangle becomes the identity."""
+    """Back substitution, after which the triangle is the identity."""
     for k in range(free - 1, -1, -1):
         row = rows[k, k:]
         _divide(row, row[0])

@@ -1,35 +1,37 @@
-"""The muscle-redundancy problem: how the muscles share the work, frame by frame (Belli et al. 2023, "RMR").
+"""The muscle-redundancy problem: load sharing among the muscles, frame by frame (Belli et al. 2023, "RMR").
 
 With x = (activations of the muscles, controls of the actuators), in each frame
 
     minimise  Σ w x²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
 
 where q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics from one
-frame to the next. A has rank 14 in 17 rows: three combinations of accelerations are bound by the acromioclavicular
-constraint and no muscle reaches them. The part of q̈ − q̈₀ in the space of A's columns is met; what is left of it is
+frame to the next. A has rank 14 in 17 rows: the acromioclavicular constraint determines three combinations of
+accelerations, which no muscle changes. The projection of q̈ − q̈₀ onto the column space of A is satisfied; the rest is
 reported per frame as the equality residual.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import CoordinateActuator, Model, ModelError
+from solver.errors import SolverCode
+from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError
-from solver.multibody.dynamics import EquationsOfMotion, ResponseMaps, equations_of_motion, response_maps
+from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion
 from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame
-from solver.muscle import MuscleForces, muscle_forces
+from solver.muscle import MuscleForces, MuscleOutcome, join_outcomes, muscle_forces
 from solver.paths import PathMode, PathState, evaluate_paths
 from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_cone
 from solver.redundancy.reachability import idle_controls, is_met
-from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (given on to who solves)
+from solver.redundancy.response_maps import ResponseMaps, response_maps
+from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (part of this module's interface)
 from solver.redundancy.sequence import FrameSequence, solve_runs, solve_sequence, solve_sequence_with_clarabel
 
 if TYPE_CHECKING:
@@ -48,17 +50,17 @@ CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
 
 @dataclass(frozen=True)
 class RedundancyOptions:
-    """How effort is counted and what is asked for; the defaults are the published ones.
+    """Weights and constraints of the problem; the defaults are the published ones.
 
     has_glenoid_cone        keep the reaction inside the glenoid
     free_coordinates        accelerations that need not be tracked (published for shrugs: plane_elv, axial_rot)
     muscle_weight           w of each muscle
-    reserve_weight          w of the actuators that stand in for muscles
-    unweighted_coordinates  whose actuators cost nothing: what carries the thorax and the forearm
-    weights                 w by the name of a muscle, or of a coordinate for its actuator, where it is to be another
+    reserve_weight          w of the reserve actuators
+    unweighted_coordinates  whose actuators have no weight: those that carry the thorax and the forearm
+    weights                 w by the name of a muscle, or of a coordinate for its actuator, in place of the above
     glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
-    joint                   whose reaction it is
-    path_mode               how muscles lie on surfaces: as in OpenSim or as geodesics (docs/paths.md)
+    joint                   whose reaction is computed
+    path_mode               wrapping as in OpenSim or over geodesics (docs/paths.md)
     solver                  interior_point, compiled for this problem, or clarabel, its reference
     """
 
@@ -76,7 +78,7 @@ class RedundancyOptions:
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """A model going through a motion: everything that does not depend on who does the work."""
+    """A model in a motion: everything that does not depend on the activations."""
 
     kinematics: Kinematics
     state: Postures
@@ -84,6 +86,11 @@ class Mechanics:
     forces: MuscleForces
     equations: EquationsOfMotion
     maps: ResponseMaps
+
+    @property
+    def muscle_outcomes(self) -> NDArray[np.object_]:
+        """(frames, muscles) of MuscleOutcome."""
+        return join_outcomes(self.paths, self.forces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +101,7 @@ class RedundancyProblem:
     weights         (controls,);  reserves come after the muscles
     time_constants  (2, muscles) of activation and deactivation [s]
     acceleration_matrix  A (frames, tracked, controls);  acceleration_target  q̈ − q̈₀ (frames, tracked) [rad/s², m/s²]
-    tracked         (coordinates,) which accelerations are asked for
+    tracked         (coordinates,) whether the acceleration is tracked
     reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
     solver          as in RedundancyOptions
@@ -124,7 +131,7 @@ class RedundancyProblem:
 
 @dataclass(frozen=True, eq=False)
 class LoadResponse:
-    """What extra loads do at x = 0, per scenario and frame.
+    """Changes by additional loads at x = 0, per scenario and frame.
 
     acceleration  (scenarios, frames, coordinates) [rad/s², m/s²]
     reaction      (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
@@ -136,10 +143,9 @@ class LoadResponse:
 
 @dataclass(frozen=True, eq=False)
 class ScenarioSolutions:
-    """x (scenarios, frames, controls), NaN where infeasible or not finite, and how far each frame can be believed.
+    """x (scenarios, frames, controls), NaN where infeasible or not finite, with outcomes and residuals.
 
-    Where it is INFEASIBLE, residual, reaction and slack are those of the point that leaves the cone by the least; where
-    it is NOT_FINITE, NaN.
+    In INFEASIBLE frames residual, reaction and slack are those of the point of least violation, in NOT_FINITE ones NaN.
 
     outcomes           (scenarios, frames) of FrameOutcome
     equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
@@ -156,8 +162,8 @@ class ScenarioSolutions:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionSolution:
-    """Who did the work in a motion; activations, forces and reserves are NaN in frames that are INFEASIBLE, reaction,
-    residual and slack those of the point that leaves the glenoid by the least. Of NOT_FINITE frames nothing is known.
+    """Activations and forces in a motion. In INFEASIBLE frames activations, forces and reserves are NaN, and reaction,
+    residual and slack those of the point of least violation; in NOT_FINITE frames all are NaN.
 
     muscles            their names, in the order of every such axis
     time               (frames,) [s]
@@ -168,9 +174,10 @@ class MotionSolution:
     contact            (frames, 2) where it meets the glenoid's plane [m], as glenoid.contact_points; NaN where it does
                        not, or the model has no markers of the glenoid
     effort             (frames,) Σ w x²
-    equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²]; mostly what the constraint forbids
-    cone_slack         (frames,) how far the reaction is inside the glenoid [N], infinite where it was not asked for
+    equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²], mostly by the constraint
+    cone_slack         (frames,) distance of the reaction inside the cone [N], infinite without the glenoid constraint
     outcomes           (frames,) of FrameOutcome
+    muscle_outcomes    (frames, muscles) of MuscleOutcome: whether path and force of each muscle converged
     """
 
     muscles: tuple[str, ...]
@@ -185,11 +192,17 @@ class MotionSolution:
     equality_residual: Array
     cone_slack: Array
     outcomes: tuple[FrameOutcome, ...]
+    muscle_outcomes: NDArray[np.object_]
 
     @property
     def unsolved(self) -> int:
-        """How many frames did not come out SOLVED."""
+        """Number of frames that are not SOLVED."""
         return sum(outcome is not FrameOutcome.SOLVED for outcome in self.outcomes)
+
+    def frames_with(self, outcome: MuscleOutcome) -> NDArray[np.bool_]:
+        """(frames,) whether the path or the force of any muscle ended so."""
+        is_ended_so: NDArray[np.bool_] = (self.muscle_outcomes == outcome).any(axis=1)
+        return is_ended_so
 
     def __repr__(self) -> str:
         force = np.linalg.norm(self.reaction[:, 3:], axis=1)
@@ -215,10 +228,10 @@ def solve_motion(
     progress: Callable[[int, int], None] = lambda *_: None,
     loads: Sequence[ExternalForce] = (),
 ) -> MotionSolution:
-    """Activations of a whole motion under loads, sampled at its frames; progress(done, total) counts frames.
+    """Solve all frames of a motion under loads, sampled at its frames; progress(done, total) counts frames.
 
     Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
-    MotionError where the model can be evaluated in no frame.
+    MotionError where the model cannot be evaluated in any frame.
     """
     options = options or RedundancyOptions()
     mechanics = evaluate_motion(model, kinematics, loads=loads, joint=options.joint, path_mode=options.path_mode)
@@ -238,6 +251,7 @@ def solve_motion(
         equality_residual=solution.equality_residual[0],
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
+        muscle_outcomes=mechanics.muscle_outcomes,
     )
 
 
@@ -262,41 +276,19 @@ def evaluate_motion(
     if not is_finite.any():
         raise MotionError(
             f"the model {model.name} should have finite accelerations and has them in none of {len(is_finite)} "
-            f"postures, the first at {kinematics.time[0]:g} s; take another motion"
+            f"postures, the first at {kinematics.time[0]:g} s; use another motion",
+            SolverCode.NO_ACCELERATIONS,
         )
     return Mechanics(kinematics, state, paths, forces, equations, maps if is_finite.all() else maps.cleared(~is_finite))
 
 
-@dataclass(frozen=True)
-class Reserve:
-    """An actuator that gives optimal_force [N or N m] at x = 1, and keeps x within its limits."""
-
-    optimal_force: float
-    min_control: float = -np.inf
-    max_control: float = np.inf
-
-
-def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
-    """The model with such an actuator on each of these coordinates, by name.
-
-    It takes the place of the coordinate's actuator if there is one. Raises ModelError where there is no coordinate.
-    """
-    named = {model.coordinate_index(name): reserve for name, reserve in reserves.items()}
-    kept = tuple(actuator for actuator in model.actuators if actuator.coordinate not in named)
-    added = tuple(
-        CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, **vars(reserve))
-        for coordinate, reserve in named.items()
-    )
-    return replace(model, actuators=kept + added)
-
-
 def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOptions) -> RedundancyProblem:
-    """The problem of every frame, open to loads. ModelError for a model without muscles, or names it does not have.
+    """Build the problem of all frames, without loads. ModelError for a model without muscles, or for unknown names.
 
-    The columns of an actuator are zero where they are round-off, as on a locked coordinate; its control is 0 there.
+    Columns of an actuator that are round-off, as on a locked coordinate, are set to zero; its control is 0 there.
     """
     if not model.muscles:
-        raise ModelError(f"the model {model.name} should have muscles that share the work and has none; take another")
+        raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
     kinematics, maps = mechanics.kinematics, mechanics.maps
     tracked = np.ones(len(model.coordinates), dtype=bool)
     tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
@@ -338,13 +330,15 @@ def effort_weights(model: Model, options: RedundancyOptions) -> Array:
     if unknown:
         raise ModelError(
             f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
-            f"{model.name}, and is not; take a name from the model"
+            f"{model.name}, and is not; use a name of the model",
+            SolverCode.UNKNOWN_NAME,
         )
     usual = [options.muscle_weight] * len(model.muscles) + reserves
     weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
     if weights.min(initial=0.0) < 0.0:
         raise ModelError(
-            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares"
+            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares",
+            SolverCode.NEGATIVE_WEIGHT,
         )
     return weights
 
@@ -355,9 +349,9 @@ def solve_redundancy(
     progress: Callable[[int, int], None] = lambda *_: None,
     workers: int | None = None,
 ) -> ScenarioSolutions:
-    """Solve all frames in order, each scenario for itself; progress(done, total) counts frames.
+    """Solve all frames in order, scenarios independently; progress(done, total) counts frames.
 
-    workers share the scenarios, as many as there are processors unless a number is given; Clarabel always works alone.
+    Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one.
     """
     frames, coordinates = len(problem.time), len(problem.tracked)
     loads = loads or LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
@@ -384,15 +378,15 @@ def solve_redundancy(
     has_cone = problem.cone.shape[1] > 0
     slack = ray[..., 0] - np.hypot(ray[..., 1], ray[..., 2]) if has_cone else np.full(ray.shape[:2], np.inf)
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
-    claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
-    outcomes[claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
+    is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
+    outcomes[is_claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
     return ScenarioSolutions(controls, outcomes, np.abs(residual, out=residual).max(axis=-1), reaction, slack)
 
 
 def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction: Array) -> Array:
     try:
         glenoid = glenoid_cone(model, options.glenoid_aspect, options.joint)
-    except ModelError:  # a model without markers, which is solved without the cone
+    except ModelError:  # a model without glenoid markers, which is solved without the cone
         return np.full((len(reaction), 2), np.nan)
     return contact_points(glenoid, state.rotation_to_ground[:, glenoid.body], reaction[:, 3:])
 

@@ -1,12 +1,9 @@
-"""Newton's method on the conditions of optimality of one small problem, from a guess of its multipliers.
+"""Newton's method on the optimality conditions of the problem of one frame (problem.py), from a guess of v.
 
-    minimise  ½ Σ q a² + ½ v·R v   subject to   M a + R v − t = (0, s),   lower ≤ a ≤ upper,   s and λ in the cone
-
-v = (y, λ) are the multipliers of the equality rows and, where there is a cone, of its three rows, the last ones. R
-stands for unbounded unknowns that reduction.py eliminated; v·R v / 2 is their effort. Stationarity makes a function of
-v alone, a = Mᵀ v / q kept within its bounds. What remains are the equalities, and λ = projection of λ − s onto the
-cone: equations with kinks, for which Newton's method still converges fast (semismooth; Qi & Sun, Math. Program. 58,
-1993). From a neighbour's v it needs two or three steps and ends at rounding errors; from afar it may go astray.
+Stationarity makes a a function of v alone, a = Mᵀ v / q clamped to its bounds. What remains are the equalities, and
+λ = projection of λ − s onto the cone: equations with kinks, for which Newton's method still converges fast (semismooth;
+Qi & Sun, Math. Program. 58, 1993). From the previous frame's v it needs two or three steps and ends at round-off; from
+a distant v it may diverge.
 """
 
 from __future__ import annotations
@@ -19,47 +16,37 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.dense import columns_times, copy, divide, dot, factor, rows_times_rows
 from solver.redundancy.cone import Ray, project, project_rows
-from solver.redundancy.workspace import FrameWorkspace
+from solver.redundancy.problem import FrameProblem
+from solver.redundancy.workspace import NewtonWorkspace
 
 Array = NDArray[np.float64]
 
-NEWTON_GOAL = 1e-11
+NEWTON_GOAL = 1e-11  # norm of the errors at which it stops
 MOST_STEPS = 12
-SHORTEST_STEP = 0.05
+SHORTEST_STEP = 0.05  # of step halving
 
 
 @compiled
-def newton(
-    q: Array,
-    M: Array,
-    R: Array,
-    t: Array,
-    equalities: int,
-    lower: Array,
-    upper: Array,
-    work: FrameWorkspace,
-    a: Array,
-    v: Array,
-) -> float:
-    """Improve v; returns the size of what is left of the errors (infinite if it went astray), and a with it."""
-    loose, error, old, change, matrix = work.loose, work.error, work.old, work.change, work.matrix
-    size, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
+def newton(problem: FrameProblem, work: NewtonWorkspace, a: Array, v: Array) -> float:
+    """Improve v and fill a; returns the norm of the remaining errors, infinite if a step cannot be computed."""
+    (matrix, order, weighted), free_inverse, error, previous, change = work
+    size, ray = optimality_errors(problem, a, v, free_inverse, error)
     for _ in range(MOST_STEPS):
         if size <= NEWTON_GOAL:
             break
-        rows_times_rows(M, loose, R, work.weighted, matrix)
-        if equalities < len(t):
-            project_rows(matrix, equalities, ray)
-        if not factor(matrix, work.order):
+        rows_times_rows(problem.M, free_inverse, problem.R, weighted, matrix)
+        if problem.equalities < len(problem.t):
+            project_rows(matrix, problem.equalities, ray)
+        if not factor(matrix, order):
             return np.inf
-        divide(matrix, work.order, error)
+        divide(matrix, order, error)
         copy(error, change)
-        copy(v, old)
+        copy(v, previous)
         length, before = 1.0, size
         while True:
             for i in range(len(v)):
-                v[i] = old[i] - length * change[i]
-            size, ray = conditions(q, M, R, t, equalities, lower, upper, v, a, loose, error)
+                v[i] = previous[i] - length * change[i]
+            size, ray = optimality_errors(problem, a, v, free_inverse, error)
             if size < before or length < SHORTEST_STEP:
                 break
             length *= 0.5
@@ -67,33 +54,24 @@ def newton(
 
 
 @compiled
-def conditions(
-    q: Array,
-    M: Array,
-    R: Array,
-    t: Array,
-    equalities: int,
-    lower: Array,
-    upper: Array,
-    v: Array,
-    a: Array,
-    loose: Array,
-    error: Array,
+def optimality_errors(
+    problem: FrameProblem, a: Array, v: Array, free_inverse: Array, error: Array
 ) -> tuple[float, Ray]:
-    """Fill a of v, loose (1/q where a is within its bounds, else 0) and the rows' errors; gives their size, and λ − s.
+    """Fill a from v, error with the errors of the rows and free_inverse with 1/q where a is between its bounds, else 0;
+    returns the norm of the errors, and λ − s.
 
-    An equality's error is its gap, the cone's λ − projection of (λ − s).
+    The error of an equality is its residual, that of the cone λ − projection of (λ − s).
     """
+    q, M, R, t, p, lower, upper = problem
     columns_times(M, v, a)
     for i in range(len(q)):
         free = a[i] / q[i]
         a[i] = min(max(free, lower[i]), upper[i])
-        loose[i] = 1.0 / q[i] if a[i] == free else 0.0
+        free_inverse[i] = 1.0 / q[i] if a[i] == free else 0.0
     for i in range(len(t)):
         error[i] = dot(M[i], a) + dot(R[i], v) - t[i]
     ray = (0.0, 0.0, 0.0)
-    if equalities < len(t):
-        p = equalities
+    if p < len(t):
         ray = (v[p] - error[p], v[p + 1] - error[p + 1], v[p + 2] - error[p + 2])
         near = project(ray)
         for i in range(3):

@@ -1,7 +1,7 @@
-"""Which accelerations the controls reach, and what a solution leaves of them.
+"""Accelerations that the controls can produce, and the residual of a solution.
 
-With A x = b in each frame, b splits into a part in the space of A's columns, which a solution meets, and a part that no
-x reaches. The residual of a solution is orthogonal to every column of A; otherwise a control could still reduce it.
+With A x = b in each frame, b splits into its projection onto the column space of A, which a solution satisfies, and a
+rest that no x produces. The residual of a solution is orthogonal to all columns of A, or a control could reduce it.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ FRAMES_AT_ONCE = 100  # bounds the memory of many scenarios
 def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
     """(frames, controls) whose columns of A (frames, rows, controls) and of the reaction's A_F are round-off.
 
-    The actuator of a locked coordinate is one: the lock carries what it gives.
+    The actuator of a locked coordinate is one: the lock takes its force.
     """
     is_idle: NDArray[np.bool_] = np.logical_and(*(_is_round_off(part) for part in (matrix, reaction_matrix)))
     return is_idle
 
 
 def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
-    """(scenarios, frames) whether a residual A x − b (scenarios, frames, rows) is what no x reaches; size is |b|."""
+    """(scenarios, frames) whether no x reduces the residual A x − b (scenarios, frames, rows); size is |b|."""
     lengths = np.linalg.norm(matrix, axis=1, keepdims=True)
     along = np.swapaxes(matrix / np.where(lengths > 0, lengths, 1.0), 1, 2)
     unmet = np.empty(residual.shape[:2])

@@ -2,16 +2,16 @@
 
     minimise  Σ w x²   subject to   A x = b,   a within bounds,   C x + c in the cone,   x = (a, r, f)
 
-A x = b is restricted to the range of A: with constraints on accelerations, A has dependent rows, and what no x can
-reach is left out. f are the actuators without weight, r those with. Householder reflections,
+A x = b is restricted to the range of A: with constraints on accelerations A has dependent rows, and the part of b that
+no x produces is left out. f are the actuators without weight, r those with. Householder reflections,
 first along the columns of f, then along the longest column that remains, make of A an upper triangle
 
     Qᵀ A = ( U  F )    f = U⁻¹ (Qᵀ b − F (a, r)) whatever a and r are: f drops out with its rows
            ( 0  G )    equalities of a and r alone, as many as G has rank
            ( 0  0 )    unreachable
 
-and with f in its place the cone's rows become H (a, r) + h. The r that cost least are r = (M_r / 2w)ᵀ v, M = (G, H), so
-that of M (a, r) there remains M a + R v with R = M_r (2w)⁻¹ M_rᵀ, which is the form of newton.py. In the
+and with f in its place the cone's rows become H (a, r) + h. The r of least effort are r = (M_r / 2w)ᵀ v, M = (G, H), so
+that of M (a, r) there remains M a + R v with R = M_r (2w)⁻¹ M_rᵀ, the form of problem.py. In the
 published problem a, r and f are 33, 9 and 8, and v has 6 + 3 entries.
 """
 
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from solver.multibody.rotations import each_frame
 from solver.redundancy.householder import triangularise
+from solver.redundancy.problem import SequenceProblem
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 class Reduction:
     """The reduced problem of every frame, in m rows; the first `equalities` of them are G's, each scaled to length 1.
 
+    cost                   q (muscles,)
     is_free                (controls,) which of x are f
     rows                   M (frames, m, muscles);  effort R (frames, m, m)
     per_acceleration       (frames, m, tracked): t = this times b, less c in the cone's rows
@@ -40,6 +42,7 @@ class Reduction:
     """
 
     equalities: int
+    cost: Array
     is_free: NDArray[np.bool_]
     rows: Array
     effort: Array
@@ -48,11 +51,19 @@ class Reduction:
     free_per_effort: Array
     free_per_acceleration: Array
 
-    def targets(self, frames: slice, acceleration: Array, ray: Array) -> Array:
-        """t (scenarios, frames, m) of b (scenarios, frames, tracked) and c (scenarios, frames, k)."""
-        targets = each_frame(self.per_acceleration[frames], acceleration)
-        targets[..., self.equalities :] -= ray
-        return targets
+    def problem(self, frames: slice, acceleration: Array, ray: Array, rise: Array, fall: Array) -> SequenceProblem:
+        """The problems of these frames with b (scenarios, frames, tracked), c (scenarios, frames, k), rise and fall."""
+        t = each_frame(self.per_acceleration[frames], acceleration)
+        t[..., self.equalities :] -= ray
+        return SequenceProblem(
+            q=self.cost,
+            M=self.rows[frames],
+            R=self.effort[frames],
+            t=np.ascontiguousarray(t),
+            equalities=self.equalities,
+            rise=rise,
+            fall=fall,
+        )
 
     def controls(self, frames: slice, a: Array, v: Array, acceleration: Array) -> Array:
         """x (scenarios, frames, controls) of a (scenarios, frames, muscles), v (scenarios, frames, m) and b."""
@@ -68,7 +79,7 @@ class Reduction:
 def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Array) -> Reduction | None:
     """Reduce A (frames, tracked, controls) and C (frames, k, controls); weights w (controls,), muscles come first.
 
-    None where the structure is another: a muscle without weight, free actuators that A leaves undetermined, or frames
+    None for another structure: a muscle without weight, free actuators that A leaves undetermined, or frames
     of different rank.
     """
     is_free = weights == 0
@@ -89,6 +100,7 @@ def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Arra
     reserves = np.swapaxes(M[:, :, muscles:], 1, 2) / (2 * weights[~is_free][muscles:, None])
     return Reduction(
         equalities=rank - free,
+        cost=2 * weights[:muscles],
         is_free=is_free,
         rows=np.ascontiguousarray(M[:, :, :muscles]),
         effort=M[:, :, muscles:] @ reserves,

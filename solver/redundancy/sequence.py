@@ -1,9 +1,9 @@
-"""Solve the redundancy problem frame after frame; activation bounds start from the activations of the previous frame.
+"""Solve the redundancy problem frame by frame; activation bounds follow from the activations of the previous frame.
 
     minimise  Σ w x²   subject to   A x = b,   lower ≤ a ≤ upper,   C x + c in the cone {(s, v): s ≥ |v|}
 
-x = (activations a of the muscles, controls of the actuators). A x = b is restricted to the range of A; what no x can
-reach is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a (Thelen 2003).
+x = (activations a of the muscles, controls of the actuators). A x = b is restricted to the range of A; the part of
+b that no x produces is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a (Thelen 2003).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import StrEnum
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -20,37 +20,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.redundancy.conic import ConicOutcome, ConicProblem, least_violation, solve_conic
+from solver.redundancy.problem import (
+    BEYOND_RATE,
+    INFEASIBLE,
+    NOT_CONVERGED,
+    SOLVED,
+    Codes,
+    SequenceSolution,
+    WarmStart,
+)
 
 if TYPE_CHECKING:
     from solver.redundancy.reduction import Reduction
 
 Array = NDArray[np.float64]
 Outcomes = NDArray[np.object_]
-Codes = NDArray[np.int8]
 Progress = Callable[[int, int], None]
-Follow = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
+RunSolver = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
 
 RANK_TOLERANCE = 1e-9
 FRAMES_AT_ONCE = 100  # between two reports of progress
 PROCESSORS = os.cpu_count() or 1
 
 
-IN_THE_GLENOID = " and keep the joint reaction inside the glenoid"
-"""Further defects of an infeasible frame, with the glenoid constraint."""
+class FrameOutcome(StrEnum):
+    """Outcome of a frame; everything but SOLVED is counted and shown.
 
-
-class FrameOutcome(Enum):
-    """Outcome of a frame; everything but SOLVED is counted and shown."""
+    BEYOND_ACTIVATION_RATE  activations cannot change fast enough since the previous frame; solved without that limit
+    INFEASIBLE              no activations between 0 and 1 and controls within their limits give the accelerations and
+                            keep the joint reaction inside the glenoid; the point of least violation is given
+    NOT_CONVERGED           the solver stopped before its residuals were small; its last point is given
+    NOT_FINITE              the model has no finite accelerations in this posture; the frame is left out
+    """
 
     SOLVED = "solved"
-    BEYOND_ACTIVATION_RATE = (
-        "the muscles cannot change their activation fast enough since the last frame; solved without that limit"
-    )
-    INFEASIBLE = (
-        "no activations between 0 and 1 and controls within their limits give the accelerations" + IN_THE_GLENOID
-    )
-    NOT_CONVERGED = "the solver stopped before its residuals were small; its last point is given"
-    NOT_FINITE = "the model has no finite accelerations in this posture; the frame is left out"
+    BEYOND_ACTIVATION_RATE = "beyond_activation_rate"
+    INFEASIBLE = "infeasible"
+    NOT_CONVERGED = "not_converged"
+    NOT_FINITE = "not_finite"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +68,7 @@ class FrameSequence:
     cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
                 both scaled so that 1e-8 is small
     rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation
-    limits      (2, actuators) least and greatest control, infinite where there is none; None is none at all
+    limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
     """
 
     weights: Array
@@ -85,29 +92,30 @@ class FrameSequence:
 
 
 def solve_runs(
-    follow_run: Follow, sequence: FrameSequence, is_finite: NDArray[np.bool_], progress: Progress, workers: int | None
+    solve_run: RunSolver, sequence: FrameSequence, is_finite: NDArray[np.bool_], progress: Progress, workers: int | None
 ) -> tuple[Array, Outcomes]:
-    """x and outcomes as of follow. Frames that are not finite are left out: NaN, NOT_FINITE.
+    """x and outcomes of solve_run in each run of finite frames; the others are left out: NaN, NOT_FINITE.
 
     After such a frame activations start anywhere in their range, as after any frame that is not solved.
     """
     if is_finite.all():
-        return follow_run(sequence, progress, workers)
+        return solve_run(sequence, progress, workers)
     scenarios, frames = sequence.target.shape[:2]
     controls = np.full((scenarios, frames, len(sequence.weights)), np.nan)
-    outcomes = np.full((scenarios, frames), FrameOutcome.NOT_FINITE, dtype=object)
+    outcomes = np.empty((scenarios, frames), dtype=object)
+    outcomes.fill(FrameOutcome.NOT_FINITE)  # np.full would leave plain strings
     edges = np.flatnonzero(np.diff(is_finite, prepend=False, append=False))
     for start, end in edges.reshape(-1, 2).tolist():
         run, count = slice(start, end), partial(_count_from, progress, start, frames)
-        controls[:, run], outcomes[:, run] = follow_run(sequence.cut(run), count, workers)
+        controls[:, run], outcomes[:, run] = solve_run(sequence.cut(run), count, workers)
     return controls, outcomes
 
 
 def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | None = None) -> tuple[Array, Outcomes]:
-    """x (scenarios, frames, controls) and outcomes; x violates cone or equalities by as little as can be if INFEASIBLE.
+    """x (scenarios, frames, controls) and outcomes; x is the point of least violation where INFEASIBLE.
 
-    By the compiled solver, unless the problem has not the structure it needs (sharing/reduction.py): actuators without
-    limits, for one.
+    By the compiled solver, or by Clarabel if the problem does not have the structure that reduction.py needs, as with
+    limits of actuators.
     """
     if sequence.limits is not None and np.isfinite(sequence.limits).any():
         return solve_sequence_with_clarabel(sequence, progress)
@@ -127,7 +135,7 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
     ]
     progress(0, frames)
     with ThreadPoolExecutor(workers) as pool:
-        spread = pool.map if workers > 1 else map  # a live frame does not wait for a thread
+        spread = pool.map if workers > 1 else map  # a single scenario needs no thread
         for start in range(0, frames, FRAMES_AT_ONCE):
             end = min(start + FRAMES_AT_ONCE, frames)
             list(spread(_Share.solve, shares, [slice(start, end)] * workers))
@@ -139,9 +147,9 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
 def solve_sequence_with_clarabel(
     sequence: FrameSequence,
     progress: Progress,
-    workers: int | None = None,  # noqa: ARG001 (it works alone)
+    workers: int | None = None,  # noqa: ARG001 (it uses one thread)
 ) -> tuple[Array, Outcomes]:
-    """The same by Clarabel, frame by frame: slower by two orders of magnitude, and the reference."""
+    """solve_sequence by Clarabel, frame by frame: the reference, slower by two orders of magnitude."""
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
@@ -165,8 +173,9 @@ def solve_sequence_with_clarabel(
 
 
 class _Share:
-    """One worker's scenarios, where the last frame left them, and what it fills: controls (scenarios, frames, controls)
-    and codes (scenarios, frames).
+    """The scenarios of one worker, their warm start, and the views that it fills.
+
+    controls  (scenarios, frames, controls);  codes (scenarios, frames)
     """
 
     def __init__(
@@ -175,8 +184,9 @@ class _Share:
         self.sequence, self.reduction, self.scenarios = sequence, reduction, scenarios
         self.controls, self.codes = controls, codes
         muscles, count = len(sequence.rise), len(codes)
-        self.reach = np.tile([[0.0], [1.0]], (count, 1, muscles))
-        self.guess = np.zeros((count, reduction.rows.shape[1]))
+        self.start = WarmStart(
+            bounds=np.tile([[0.0], [1.0]], (count, 1, muscles)), multipliers=np.zeros((count, reduction.rows.shape[1]))
+        )
 
     def solve(self, frames: slice) -> None:
         from solver.redundancy.frames import solve_frames
@@ -184,34 +194,25 @@ class _Share:
 
         sequence, reduction = self.sequence, self.reduction
         b, c = sequence.target[self.scenarios, frames], sequence.cone_offset[self.scenarios, frames]
-        t = np.ascontiguousarray(reduction.targets(frames, b, c))
-        a, v, codes = np.empty((*t.shape[:2], len(sequence.rise))), np.empty(t.shape), np.empty(t.shape[:2], np.int8)
-        solve_frames(
-            2 * sequence.weights[: len(sequence.rise)],
-            reduction.rows[frames],
-            reduction.effort[frames],
-            t,
-            reduction.equalities,
-            sequence.rise,
-            sequence.fall,
-            self.reach,
-            self.guess,
-            allocate_frame(len(sequence.rise), t.shape[2]),
-            a,
-            v,
-            codes,
+        problem = reduction.problem(frames, b, c, sequence.rise, sequence.fall)
+        muscles, (scenarios, count, rows) = len(problem.q), problem.t.shape
+        solution = SequenceSolution(
+            a=np.empty((scenarios, count, muscles)),
+            v=np.empty((scenarios, count, rows)),
+            codes=np.empty((scenarios, count), np.int8),
         )
-        self.codes[:, frames], self.controls[:, frames] = codes, reduction.controls(frames, a, v, b)
+        solve_frames(problem, self.start, allocate_frame(muscles, rows), solution)
+        self.codes[:, frames] = solution.codes
+        self.controls[:, frames] = reduction.controls(frames, solution.a, solution.v, b)
 
 
-_OUTCOME_OF_CODE = np.array(  # in the order of the codes of sharing/frames.py
-    [
-        FrameOutcome.SOLVED,
-        FrameOutcome.INFEASIBLE,
-        FrameOutcome.NOT_CONVERGED,
-        FrameOutcome.BEYOND_ACTIVATION_RATE,
-    ]
-)
+_OUTCOME_OF_CODE = np.empty(4, dtype=object)
+_OUTCOME_OF_CODE[[SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE]] = [
+    FrameOutcome.SOLVED,
+    FrameOutcome.INFEASIBLE,
+    FrameOutcome.NOT_CONVERGED,
+    FrameOutcome.BEYOND_ACTIVATION_RATE,
+]
 
 
 def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) -> None:
@@ -219,7 +220,7 @@ def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) 
 
 
 def _determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
-    """w, but 1 for a control that moves nothing in these frames: without a weight it could take any value."""
+    """w, but 1 for a control without effect in these frames: without a weight its value would be undetermined."""
     is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
     return np.where(is_moving, weights, np.maximum(weights, 1.0))
 
@@ -241,7 +242,7 @@ def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Arra
 
 
 def _reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
-    """Bounds of activations after one interval at full or no excitation; the whole range after an unsolved frame."""
+    """Bounds of activations after one interval at full or no excitation; 0 and 1 after an unsolved frame."""
     lower, upper = _widest_bounds(sequence, len(controls))
     muscles = len(sequence.rise)
     a = controls[:, :muscles].clip(0, 1)
@@ -258,25 +259,26 @@ _KNOWN = {FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE}
 def _solve_frame(problem: ConicProblem, widest: tuple[Array, Array]) -> tuple[Array, Outcomes]:
     """Solve a frame; if only the activation rate makes it infeasible, solve without that limit and record it."""
     solution = solve_conic(problem)
-    controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes])
-    stuck = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
-    if not len(stuck):
+    controls, outcomes = solution.x, np.array([_FRAME_OUTCOME[outcome] for outcome in solution.outcomes], dtype=object)
+    infeasible = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
+    if not len(infeasible):
         return controls, outcomes
     unlimited = replace(
         problem,
-        equality_target=problem.equality_target[stuck],
-        lower=widest[0][stuck],
-        upper=widest[1][stuck],
-        cone_offset=problem.cone_offset[stuck],
+        equality_target=problem.equality_target[infeasible],
+        lower=widest[0][infeasible],
+        upper=widest[1][infeasible],
+        cone_offset=problem.cone_offset[infeasible],
     )
     again = solve_conic(unlimited)
-    controls[stuck] = again.x
-    for i, outcome in zip(stuck, again.outcomes, strict=True):
+    controls[infeasible] = again.x
+    for i, outcome in zip(infeasible, again.outcomes, strict=True):
         is_solved = outcome is ConicOutcome.SOLVED
         outcomes[i] = FrameOutcome.BEYOND_ACTIVATION_RATE if is_solved else _FRAME_OUTCOME[outcome]
-    lost = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
-    if len(lost):
-        controls[stuck] = np.where(np.isnan(controls[stuck]), least_violation(unlimited), controls[stuck])
+    remaining = np.flatnonzero(outcomes == FrameOutcome.INFEASIBLE)
+    if len(remaining):
+        found = controls[infeasible]
+        controls[infeasible] = np.where(np.isnan(found), least_violation(unlimited), found)
     return controls, outcomes
 
 

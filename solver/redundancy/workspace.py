@@ -1,4 +1,4 @@
-"""The memory that solving a frame takes, allocated once for all frames: what two threads allocate, both wait for."""
+"""Working memory of the compiled solver, allocated once for all frames: threads wait for each other's allocations."""
 
 from __future__ import annotations
 
@@ -12,46 +12,76 @@ from solver.dense import Order
 Array = NDArray[np.float64]
 
 
-class FrameWorkspace(NamedTuple):
-    """For n muscles and m rows.
+class RowSystem(NamedTuple):
+    """The linear system of a step: matrix (m, m), its pivot order (m,), and a row weighted by column (n,)."""
 
-    found (m,), cost (n,) and own (m, m) of frames.py
-    loose, weighted (n,), old and change (m,) of newton.py
-    a, inverse, pull, da, rest (n,), z, slack, dz, aim (2, n) and dv (m,) of interior_point.py
-    matrix (m, m), its order (m,) and error (m,) of both
-    """
-
-    cost: Array
-    own: Array
-    found: Array
-    loose: Array
-    weighted: Array
-    old: Array
-    change: Array
-    a: Array
-    inverse: Array
-    pull: Array
-    da: Array
-    rest: Array
-    z: Array
-    slack: Array
-    dz: Array
-    aim: Array
-    dv: Array
     matrix: Array
     order: Order
+    weighted: Array
+
+
+class NewtonWorkspace(NamedTuple):
+    """free_inverse (n,), error, previous and change (m,) of newton.py."""
+
+    system: RowSystem
+    free_inverse: Array
     error: Array
+    previous: Array
+    change: Array
+
+
+class Iterate(NamedTuple):
+    """A point of the interior-point method: a (n,), multipliers z (2, n) and v (m,), slack (2, n) of the bounds."""
+
+    a: Array
+    z: Array
+    v: Array
+    slack: Array
+
+
+class SearchDirection(NamedTuple):
+    """Changes of a, z and v along a full step from an Iterate."""
+
+    a: Array
+    z: Array
+    v: Array
+
+
+class InteriorWorkspace(NamedTuple):
+    """error (m,), inverse and gradient (n,), and aim (2, n) of interior_point.py."""
+
+    system: RowSystem
+    point: Iterate
+    step: SearchDirection
+    error: Array
+    inverse: Array
+    gradient: Array
+    aim: Array
+
+
+class FrameWorkspace(NamedTuple):
+    """For n muscles and m rows: cost (n,) and relaxed (m, m) of frames.py, and what the two methods need."""
+
+    cost: Array
+    relaxed: Array
+    newton: NewtonWorkspace
+    interior: InteriorWorkspace
 
 
 def allocate_frame(n: int, m: int) -> FrameWorkspace:
-    sizes: dict[str, tuple[int, ...]] = {
-        "own": (m, m),
-        "matrix": (m, m),
-        "z": (2, n),
-        "slack": (2, n),
-        "dz": (2, n),
-        "aim": (2, n),
-    }
-    sizes |= dict.fromkeys(("found", "old", "change", "dv", "error"), (m,))
-    arrays = {name: np.zeros(sizes.get(name, (n,))) for name in FrameWorkspace._fields if name != "order"}
-    return FrameWorkspace(order=np.zeros(m, np.int64), **arrays)
+    """Working memory for n muscles and m rows."""
+    system = RowSystem(matrix=np.zeros((m, m)), order=np.zeros(m, np.int64), weighted=np.zeros(n))
+    return FrameWorkspace(
+        cost=np.zeros(n),
+        relaxed=np.zeros((m, m)),
+        newton=NewtonWorkspace(system, np.zeros(n), np.zeros(m), np.zeros(m), np.zeros(m)),
+        interior=InteriorWorkspace(
+            system=system,
+            point=Iterate(np.zeros(n), np.zeros((2, n)), np.zeros(m), np.zeros((2, n))),
+            step=SearchDirection(np.zeros(n), np.zeros((2, n)), np.zeros(m)),
+            error=np.zeros(m),
+            inverse=np.zeros(n),
+            gradient=np.zeros(n),
+            aim=np.zeros((2, n)),
+        ),
+    )

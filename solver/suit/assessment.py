@@ -6,7 +6,8 @@ Cost is the sum of w a² over muscles and frames, relative to that of the suit w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -14,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters, by_site
-from solver.model import Model
-from solver.motion import Kinematics
-from solver.multibody.external_loads import ExternalForce
-from solver.redundancy.motion import FrameOutcome, RedundancyOptions
-from solver.suit.readouts import CurveReadouts, read_off_curves
+from solver.errors import SolverCode
+from solver.muscle import MuscleOutcome
+from solver.redundancy.motion import FrameOutcome
+from solver.suit.quantity import Quantity, bounds_of, quantity_of_draws
+from solver.suit.readouts import FIGURES, CurveReadouts, read_off_curves
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
     Condition,
+    LoadedMotion,
     ScenarioEffort,
     SuitedMotion,
     SuitScenario,
@@ -30,7 +32,7 @@ from solver.suit.scenarios import (
     solve_without_suit,
 )
 from solver.suit.suit import Suit, SuitError
-from solver.suit.uncertainty import DrawnScenarios, solve_draws
+from solver.suit.uncertainty import DrawnScenarios, DrawSettings, solve_draws
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,24 +41,16 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A number with its 95 % interval; None for a missing interval or number."""
-
-    value: float | None
-    ci95: tuple[float, float] | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class EffortCurve:
-    """One condition over the rest lengths, and what is read off it.
+    """One condition over the rest lengths, and its results.
 
     cuff          the arm cuff's name, None in the rigid condition
     cost          (rest lengths,) normalised cost of the muscles;  reserve_cost (rest lengths,) of the reserves
     activations   (frames, muscles) at the reference rest length
-    unsolved      (frame, rest length) pairs that did not come out solved
-    figures       name of a field of Readings → its figure, each with the unit given there
-    reduction     muscle or group of muscles → its figure of Readings.reduction
+    unsolved      (frame, rest length) pairs that are not SOLVED
+    figures       name of a field of CurveReadouts → its figure, with the unit given there
+    reduction     muscle or group of muscles → its figure of CurveReadouts.reduction
     """
 
     condition: Condition
@@ -78,16 +72,16 @@ class Comparison:
 
     @property
     def differ(self) -> bool | None:
-        """Whether the interval leaves out zero; None where nothing is known of it."""
+        """Whether the interval excludes zero; None without an interval."""
         interval = self.cost_difference.ci95
         return None if interval is None else not interval[0] <= 0 <= interval[1]
 
 
 @dataclass(frozen=True)
 class UncertaintySummary:
-    """How the intervals came about, and how far the thinner study of the draws is from the whole one.
+    """Settings of the draws, and the error of their decimation.
 
-    largest_difference  name of a field of Readings → largest |decimated − whole| over all conditions, NaN where one is
+    largest_difference  name of a field of CurveReadouts → largest |decimated − whole| over all conditions, or NaN
     """
 
     draws: int
@@ -99,16 +93,17 @@ class UncertaintySummary:
 class Assessment:
     """Effort saved by the suit in one motion; costs are relative to the suit with a slack cord, which is 1.
 
-    muscles         names, in the order of every such axis;  time (frames,) [s] of the activations
+    muscles         names, in the order of all such axes;  time (frames,) [s] of the activations
     rest_lengths    (rest lengths,) tried [m];  reference_rest_length [m]
     bare_body_cost  without the suit's masses
-    longest_cord    longest the cord's line becomes [m]; at a greater rest length it never pulls
+    longest_cord    greatest length of the cord's line [m]; at a greater rest length the cord is always slack
     waist_cuff      name of the cuff that yields at the waist, None for a rigid one
     slack           (frames, muscles) activations with a slack cord
     curves          rigid first, then each arm cuff in each condition
-    uncertainty        None where no cuff carries an uncertainty, or no draws were asked for
-    scenarios       whose frames were solved
-    outcomes        sentence of each FrameOutcome but SOLVED → (frame, scenario) pairs that ended so
+    uncertainty     None without draws, or where no cuff has an uncertainty
+    scenarios       number of scenarios that were solved
+    outcomes        each FrameOutcome but SOLVED that occurs → (frame, scenario) pairs that ended so
+    muscle_outcomes each MuscleOutcome but CONVERGED that occurs → frames in which a muscle ended so
     """
 
     muscles: tuple[str, ...]
@@ -123,7 +118,8 @@ class Assessment:
     comparisons: tuple[Comparison, ...]
     uncertainty: UncertaintySummary | None
     scenarios: int
-    outcomes: Mapping[str, int]
+    outcomes: Mapping[FrameOutcome, int]
+    muscle_outcomes: Mapping[MuscleOutcome, int]
 
     def __repr__(self) -> str:
         rows = self.to_dataframe().to_string(index=False, float_format="{:.4g}".format)
@@ -146,60 +142,62 @@ class Assessment:
 
     @property
     def unsolved(self) -> int:
-        """(frame, scenario) pairs that did not come out solved."""
+        """(frame, scenario) pairs that are not SOLVED."""
         return sum(self.outcomes.values())
 
 
 def assess(
-    model: Model,
-    kinematics: Kinematics,
+    motion: LoadedMotion,
     suit: Suit,
     cuffs: Iterable[CuffParameters],
     *,
     every: int = 1,
-    draws: int = 200,
-    draw_every: int = 20,
-    options: RedundancyOptions | None = None,
-    loads: Sequence[ExternalForce] = (),
+    draws: DrawSettings | None = None,
     progress: Progress = lambda *_: None,
 ) -> Assessment:
     """Evaluate the suit in every condition: rigid; shifted, yielding and both, with every arm cuff and the waist cuff.
 
-    Muscles are solved in every N-th frame, those of the drawn cuffs in every draw_every-th; progress(what, done, total)
-    counts them. External loads are sampled at all frames and act in every scenario, also with the slack cord. Raises
-    SuitError without an arm cuff, with two waist cuffs, for a suit that does not fit or whose cord never pulls;
-    MotionError for a motion that leaves the range of a joint.
+    Muscles are solved in every N-th frame; progress(what, done, total) counts frames. External loads act in every
+    scenario, also with the slack cord. The intervals hold the uncertainty of the cuffs and of the drawn motions; with
+    a count of 0 there are none. Raises SuitError without an arm cuff, with two waist cuffs, for a suit that does not
+    fit or whose cord is always slack; MotionError for a motion that leaves the range of a joint.
     """
+    draws = draws or DrawSettings()
     arms, waist = _arms_and_waist(cuffs)
-    worn = prepare_suited_motion(model, kinematics, suit, every, options, loads)
-    worn.ensure_pulls()
+    suited = prepare_suited_motion(motion, suit, every)
+    suited.ensure_pulls()
     scenarios = _scenarios(suit, arms, waist)
-    slack, efforts = solve_scenarios(worn, scenarios, lambda *count: progress("solving muscles", *count))
-    bare = solve_without_suit(worn, slack)
-    readouts = _read(worn, slack, scenarios, efforts)
+    slack, efforts = solve_scenarios(suited, scenarios, partial(progress, "solving muscles"))
+    bare = solve_without_suit(suited, slack)
+    readouts = _read(suited, slack, scenarios, efforts)
     drawn = None
-    if draws and any(cuff.covariance.any() for cuff in (waist, *arms) if cuff):
-        decimated = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
-        spans = {_place(w): _span(suit, w, reading) for w, reading in zip(scenarios, readouts, strict=True)}
-        drawn = solve_draws(decimated, waist, arms, draws, spans, lambda *count: progress("varying cuffs", *count))
+    if draws.count and (draws.motions or any(cuff.covariance.any() for cuff in (waist, *arms) if cuff)):
+        decimated = [
+            prepare_suited_motion(replace(motion, kinematics=kinematics), suit, draws.every)
+            for kinematics in (motion.kinematics, *draws.motions)
+        ]
+        span = _all_tried if draws.motions else _around_optimum
+        spans = {_place(w): span(suit, w, reading) for w, reading in zip(scenarios, readouts, strict=True)}
+        drawn = solve_draws(decimated, waist, arms, draws.count, spans, partial(progress, "varying cuffs"))
     everything = [slack, bare, *efforts]
     return Assessment(
-        muscles=model.muscle_names,
-        time=worn.problem.time,
+        muscles=motion.model.muscle_names,
+        time=suited.problem.time,
         rest_lengths=suit.rest_lengths,
         reference_rest_length=suit.reference_rest_length,
         bare_body_cost=float(bare.muscles[0]),
-        longest_cord=worn.slack_rest_length(scenarios[0]),
+        longest_cord=suited.slack_rest_length(scenarios[0]),
         waist_cuff=waist.name if waist else None,
         slack=slack.activations[0],
         curves=tuple(
-            _curve(worn.measured, scenario, effort, reading, drawn)
+            _curve(suited.measured, scenario, effort, reading, drawn)
             for scenario, effort, reading in zip(scenarios, efforts, readouts, strict=True)
         ),
         comparisons=_comparisons(arms, scenarios, readouts, drawn),
         uncertainty=_uncertainty(scenarios, readouts, drawn),
         scenarios=sum(len(effort.muscles) for effort in everything),
         outcomes=_outcomes(everything),
+        muscle_outcomes=_muscle_outcomes(suited),
     )
 
 
@@ -208,27 +206,28 @@ def _arms_and_waist(cuffs: Iterable[CuffParameters]) -> tuple[list[CuffParameter
     if not arms or len(waists) > 1:
         found = ", ".join(f"{cuff.name} ({cuff.site})" for cuff in (*arms, *waists)) or "none"
         raise SuitError(
-            f"an assessment needs arm cuffs and at most one waist cuff and has {found}; fit what is missing"
+            f"an assessment needs arm cuffs and at most one waist cuff and has {found}; fit what is missing",
+            SolverCode.NO_ARM_CUFF,
         )
     return arms, waists[0] if waists else None
 
 
 def _scenarios(suit: Suit, arms: list[CuffParameters], waist: CuffParameters | None) -> list[SuitScenario]:
-    """Rigid first, then each cuff in each condition; the reference rest length comes after those tried."""
+    """Rigid first, then all cuffs in all conditions; the reference rest length is the last."""
     lengths = np.append(suit.rest_lengths, suit.reference_rest_length)
     yielding = [SuitScenario(condition, waist, arm, lengths) for arm in arms for condition in CUFF_CONDITIONS]
     return [SuitScenario("rigid", None, None, lengths), *yielding]
 
 
 def _read(
-    worn: SuitedMotion, slack: ScenarioEffort, scenarios: Sequence[SuitScenario], efforts: Sequence[ScenarioEffort]
+    suited: SuitedMotion, slack: ScenarioEffort, scenarios: Sequence[SuitScenario], efforts: Sequence[ScenarioEffort]
 ) -> list[CurveReadouts]:
-    """Readings of every wearing; migration is seen against the same cuffs before they slipped."""
+    """Readouts of all scenarios; the effect of migration is relative to the same cuffs without it."""
     rigid, *others = zip(scenarios, efforts, strict=True)
-    readouts = list(read_off_curves(worn, slack, {"rigid": rigid}).values())
+    readouts = list(read_off_curves(suited, slack, {"rigid": rigid}).values())
     for cuff in range(0, len(others), len(CUFF_CONDITIONS)):
         own = dict(zip(CUFF_CONDITIONS, others[cuff : cuff + len(CUFF_CONDITIONS)], strict=True))
-        readouts += list(read_off_curves(worn, slack, {"rigid": rigid, **own}).values())[1:]
+        readouts += list(read_off_curves(suited, slack, {"rigid": rigid, **own}).values())[1:]
     return readouts
 
 
@@ -236,15 +235,20 @@ def _place(scenario: SuitScenario) -> tuple[Condition, str | None]:
     return scenario.condition, scenario.arm.name if scenario.arm else None
 
 
-def _span(suit: Suit, scenario: SuitScenario, reading: CurveReadouts) -> tuple[float, float]:
-    """Rest lengths that hold the optimum and its permissible error, and those of cuffs that are somewhat different,
-    each with what the cuffs have slipped.
+def _all_tried(suit: Suit, scenario: SuitScenario, _: CurveReadouts) -> tuple[float, float]:
+    """All rest lengths and what the cuffs have slipped: another motion moves the optimum by centimetres."""
+    first, last = suit.rest_lengths[[0, -1]].tolist()
+    return first + scenario.migration, last + scenario.migration
+
+
+def _around_optimum(suit: Suit, scenario: SuitScenario, reading: CurveReadouts) -> tuple[float, float]:
+    """Rest lengths around the optimum, wide enough for its permissible error and for cuffs that differ somewhat; the
+    migration of the cuffs is added.
     """
     length, width = float(reading.rest_length[0]), float(reading.permissible_error[0])
-    first, last = length - width, length + width
     if np.isnan(length + width):
-        first, last = suit.rest_lengths[[0, -1]].tolist()
-    return first + scenario.migration, last + scenario.migration
+        return _all_tried(suit, scenario, reading)
+    return length - width + scenario.migration, length + width + scenario.migration
 
 
 def _curve(
@@ -255,8 +259,9 @@ def _curve(
     drawn: DrawnScenarios | None,
 ) -> EffortCurve:
     condition, cuff = _place(scenario)
-    versions = drawn.readouts[condition, cuff] if drawn and cuff else None
-    names = [field.name for field in fields(CurveReadouts) if field.name != "reduction"]
+    versions = drawn.readouts[condition, cuff] if drawn else None
+    if versions is not None and len(versions.at_reference) == 1:  # rigid cuffs in a motion without doubt
+        versions = None
     return EffortCurve(
         condition=condition,
         cuff=cuff,
@@ -265,24 +270,18 @@ def _curve(
         activations=effort.activations[-1],
         unsolved=effort.unsolved,
         figures={
-            name: _figure(getattr(reading, name)[0], getattr(versions, name) if versions else None) for name in names
+            name: quantity_of_draws(
+                getattr(reading, name)[0],
+                getattr(versions, name) if versions else None,
+                bounds_of(versions, name) if versions else None,
+            )
+            for name in FIGURES
         },
         reduction={
-            name: _figure(reading.reduction[0, i], versions.reduction[:, i] if versions else None)
+            name: quantity_of_draws(reading.reduction[0, i], versions.reduction[:, i] if versions else None)
             for i, name in enumerate(measured)
         },
     )
-
-
-def _figure(value: float, versions: Array | None) -> Quantity:
-    """versions (1 + draws,): of the fitted cuffs, then of the drawn ones, on fewer frames than the value."""
-    if np.isnan(value):
-        return Quantity(None)
-    if versions is None or np.isnan(versions).any():
-        return Quantity(float(value))
-    low, high = np.quantile(versions[1:] - versions[0], [0.025, 0.975])
-    # Where every other cuff makes it larger, as a lowest cost, the draws alone would leave the value itself out.
-    return Quantity(float(value), (float(value + min(low, 0.0)), float(value + max(high, 0.0))))
 
 
 def _comparisons(
@@ -297,7 +296,7 @@ def _comparisons(
         versions = None
         if drawn:
             versions = drawn.readouts["both", a].at_reference - drawn.readouts["both", b].at_reference
-        compared.append(Comparison((a, b), _figure(cost[a] - cost[b], versions)))
+        compared.append(Comparison((a, b), quantity_of_draws(cost[a] - cost[b], versions)))
     return tuple(compared)
 
 
@@ -317,7 +316,12 @@ def _uncertainty(
     return UncertaintySummary(drawn.count, drawn.every, largest)
 
 
-def _outcomes(efforts: Sequence[ScenarioEffort]) -> dict[str, int]:
+def _outcomes(efforts: Sequence[ScenarioEffort]) -> dict[FrameOutcome, int]:
     together = np.concatenate([effort.outcomes.ravel() for effort in efforts])
-    counts = {outcome.value: int((together == outcome).sum()) for outcome in FrameOutcome}
-    return {sentence: count for sentence, count in counts.items() if count and sentence != FrameOutcome.SOLVED.value}
+    counts = {outcome: int((together == outcome).sum()) for outcome in FrameOutcome}
+    return {outcome: count for outcome, count in counts.items() if count and outcome is not FrameOutcome.SOLVED}
+
+
+def _muscle_outcomes(suited: SuitedMotion) -> dict[MuscleOutcome, int]:
+    counts = {outcome: int((suited.muscle_outcomes == outcome).any(axis=1).sum()) for outcome in MuscleOutcome}
+    return {outcome: count for outcome, count in counts.items() if count and outcome is not MuscleOutcome.CONVERGED}

@@ -1,8 +1,8 @@
-"""Forces of a suit on the bodies: cord tension and cuff displacement, frame by frame.
+"""Forces of a suit on the bodies: cord tension and cuff displacement in all frames.
 
 In every frame cord tension and cuff stiffness are in quasi-static equilibrium; the damping force of a cuff is added. A
-migrated cuff has another rest place: closer to the shoulder along the line of pull, which leaves the line and slackens
-the cord by the migration, or along the bone.
+migrated cuff has another rest position: closer to the shoulder along the line of pull, which slackens the cord by the
+migration and does not move its line, or along the bone.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters, cuff_force
+from solver.errors import SolverCode
 from solver.model import Model
 from solver.multibody.postures import Postures, points_in_ground
 from solver.multibody.rotations import rotate
@@ -28,7 +29,7 @@ ALONG_THE_BONE = np.array([0.0, 1.0, 0.0])  # the long axis of humerus and thora
 
 @dataclass(frozen=True, eq=False)
 class CordLine:
-    """The cord over a motion, in ground [m], and the rotations of the bodies that the cuffs hold on to.
+    """The cord over a motion, in ground [m], and the rotations of the bodies that carry the cuffs.
 
     anchors            (frames, 2, 3) waist and arm, cuffs unloaded and in place
     shoulder           (frames, 3)
@@ -53,7 +54,7 @@ class SuitForces:
     """Forces of the suit on the bodies, in ground; the leading axis is the rest length.
 
     tension       (rest lengths, all frames) of the cord [N]
-    displacement  (rest lengths, frames, 2, 3) of the waist and arm cuff from where they rest [m]
+    displacement  (rest lengths, frames, 2, 3) of the waist and arm cuff from their rest position [m]
     points        (rest lengths, frames, 3, 3) waist, arm, shoulder [m]
     forces        (rest lengths, frames, 3, 3) on the body at each of them [N]
     """
@@ -65,7 +66,7 @@ class SuitForces:
 
 
 def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> CordLine:
-    """Where the cord runs in each posture; raises ModelError where a point's body is not in the model."""
+    """The line of the cord in all postures; raises ModelError where a point's body is not in the model."""
     waist, shoulder, arm = (
         points_in_ground(postures, model.body_index(point.body), point.location)
         for point in (suit.waist, suit.shoulder, suit.arm)
@@ -80,7 +81,7 @@ def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> 
 
 
 def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
-    """The cord after migration of the cuffs, None a rigid one; only this function uses the migration direction.
+    """The cord after migration of the cuffs, None for a rigid one; only this function uses the migration direction.
 
     Raises SuitError for a migration beyond the shoulder point.
     """
@@ -97,7 +98,7 @@ def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
 
 
 def direction_to_joint(point: SuitPoint) -> Array:
-    """Where a cuff slips along the bone: the direction (3,), in its body, towards the body's origin."""
+    """Direction (3,) of migration along the bone, in its body: towards the body's origin."""
     direction: Array = -np.sign(point.location @ ALONG_THE_BONE) * ALONG_THE_BONE
     return direction
 
@@ -114,8 +115,8 @@ def suit_forces(
 ) -> SuitForces:
     """Forces of the suit at each rest length (rest lengths,) [m], in every N-th frame of the line.
 
-    cuffs are those at waist and arm, None a rigid one; is_shifted moves them by their migration, yields lets them give
-    way. Raises SuitError where a cuff is no spring or does not find its equilibrium in one of all frames.
+    cuffs are those at waist and arm, None for a rigid one; is_shifted applies their migration, yields their compliance.
+    Raises SuitError where a cuff has no positive stiffness, or no equilibrium in a frame.
     """
     _ensure_springs(cuffs)
     rest = (with_migration(suit, line, cuffs) if is_shifted else line).anchors
@@ -153,7 +154,8 @@ def _ensure_springs(cuffs: Cuffs) -> None:
         if cuff and not (0 < cuff.stiffness < np.inf and np.isfinite([cuff.damping, cuff.migration]).all()):
             raise SuitError(
                 f"the cuff {cuff.name} should have a stiffness above 0 and finite damping and migration and has "
-                f"{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; fit it again or leave it out"
+                f"{cuff.stiffness:g} N/m, {cuff.damping:g} N s/m and {cuff.migration:g} m; refit or leave it out",
+                SolverCode.WRONG_CUFF,
             )
 
 
@@ -163,16 +165,17 @@ def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
         if slipped >= nearest:
             raise SuitError(
                 f"the {part} cuff should slip by less than {nearest:.3g} m, its distance to the shoulder point, and "
-                f"has a migration of {slipped:g} m; check it"
+                f"has a migration of {slipped:g} m; check it",
+                SolverCode.CUFF_BEYOND_SHOULDER,
             )
 
 
 def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
     """Displacements q (rest lengths, frames, 2, 3) where k q = T d for both cuffs; span (frames, 2, 3) to the shoulder.
 
-    A cuff whose spring is the same in all directions moves along the cord d, so cord and cuffs are springs in series:
-    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so there is no other equilibrium. None is found
-    where a cuff would be drawn over the shoulder point.
+    A cuff with the same stiffness in all directions moves along the cord d, so cord and cuffs are springs in series:
+    T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so the equilibrium is unique. There is
+    none where a cuff would be pulled beyond the shoulder point.
     """
     compliance = 1 / cuff_stiffness
     reach = np.linalg.norm(span, axis=-1, keepdims=True)
@@ -190,13 +193,14 @@ def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_st
         softest = float(cuff_stiffness.min())
         raise SuitError(
             f"the cuffs should come to rest within {EQUILIBRIUM_RESIDUAL:g} N and {largest:.3g} N remain: one of "
-            f"{softest:g} N/m is drawn over the shoulder point; check the cuffs' stiffness and the rest lengths"
+            f"{softest:g} N/m is drawn over the shoulder point; check the cuffs' stiffness and the rest lengths",
+            SolverCode.CUFFS_NOT_AT_REST,
         )
     return q
 
 
 def _cord_tension(suit: Suit, length: Array, rest_length: Array, interval: float) -> Array:
-    """A spring and a damper that pull while the cord is taut and never push."""
+    """Spring and damper in parallel; zero while the cord is slack, never negative."""
     stretch = length - rest_length
     rate = _rate(length, interval, suit.rate)
     taut: Array = np.where(stretch > 0, np.maximum(suit.stiffness * stretch + suit.damping * rate, 0.0), 0.0)

@@ -1,4 +1,4 @@
-"""Where a cost curve over the rest length is lowest, and how far one may be off."""
+"""Minimum of a cost curve over the rest length, and its permissible error."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ class CurveMinimum:
     """The best rest length [m], the normalised cost there, and the full width [m] in which 90 % of the saving is kept.
 
     All NaN where the best of the lengths tried is the first or the last; the width also where it goes beyond them.
+    edge is −1 where it is the first, 1 where it is the last, 0 otherwise.
     """
 
     rest_length: float
     cost: float
     width: float
+    edge: int = 0
 
 
 def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
@@ -30,8 +32,10 @@ def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
     from scipy.interpolate import CubicSpline  # slow to import, and needed only here
 
     best = int(np.argmin(cost))
-    if np.isnan(cost).any() or best in {0, len(cost) - 1}:
+    if np.isnan(cost).any():
         return CurveMinimum(NOWHERE, NOWHERE, NOWHERE)
+    if best in {0, len(cost) - 1}:
+        return CurveMinimum(NOWHERE, NOWHERE, NOWHERE, edge=1 if best else -1)
     spline = CubicSpline(rest_lengths, cost)
     flat = spline.derivative().roots(extrapolate=False)
     length = float(flat[np.argmin(spline(flat))])

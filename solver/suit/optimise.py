@@ -14,19 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.model import Model
-from solver.motion import Kinematics
-from solver.multibody.external_loads import ExternalForce
-from solver.redundancy.motion import RedundancyOptions
-from solver.suit.scenarios import Condition, SuitedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import (
+    Condition,
+    LoadedMotion,
+    SuitedMotion,
+    SuitScenario,
+    prepare_suited_motion,
+    solve_scenarios,
+)
 from solver.suit.suit import Suit, SuitError
-from solver.suit.uncertainty import SEED, draw_cuff
+from solver.suit.uncertainty import SEED, DrawSettings, draw_cuff
 
 Array = NDArray[np.float64]
 Freedom = Literal["stiffness", "waist", "shoulder", "arm"]
 Pair = tuple[CuffParameters | None, CuffParameters | None]
 
-# one step of the search, and how many of them it may go
+# one step of the search, and the most steps from the start
 REST_LENGTH_STEP = 0.02  # m; from half the suit's shortest to its longest
 STIFFNESS_STEP, MOST_STIFFNESS_STEPS = np.log(1.2), 8.0  # a factor of 4.3 either way
 POINT_STEP, MOST_POINT_STEPS = 0.01, 5.0  # m
@@ -35,7 +38,7 @@ TRIES_PER_FREEDOM = 80
 
 
 class SearchOutcome(StrEnum):
-    """How a search for a suit ended: at its precision, or at its limit of tries."""
+    """Outcome of a search for a suit: at its precision, or at its limit of evaluations."""
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not_converged"
@@ -43,10 +46,10 @@ class SearchOutcome(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class SuitCandidate:
-    """A suit whose reference rest length is the one to wear, and its normalised cost.
+    """A suit at its reference rest length, and its normalised cost.
 
     cost      with the fitted cuffs, muscles solved in all selected frames
-    drawn     (draws,) with the drawn cuffs, in every draw_every-th frame; empty without draws
+    drawn     (draws,) with the drawn cuffs, in the frames of the draws; empty without draws
     at_limit  parameters at the limit of the search
     outcome   of the search that found it
     """
@@ -69,37 +72,34 @@ class OptimisedSuit:
 
 
 def optimise_suit(
-    model: Model,
-    kinematics: Kinematics,
+    motion: LoadedMotion,
     suit: Suit,
-    waist: CuffParameters | None,
-    arm: CuffParameters,
+    cuffs: tuple[CuffParameters | None, CuffParameters],
     condition: Condition = "both",
     free: Sequence[Freedom] = (),
     *,
-    draws: int = 50,
-    draw_every: int = 20,
-    options: RedundancyOptions | None = None,
-    loads: Sequence[ExternalForce] = (),
+    draws: DrawSettings | None = None,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> OptimisedSuit:
-    """Search by Nelder and Mead's simplex on every draw_every-th frame, from the suit's reference rest length.
+    """Search by the simplex method of Nelder and Mead, from the suit's reference rest length, with a waist cuff, None a
+    rigid one, and an arm cuff.
 
-    Raises as prepare_suited_motion, and if the cord never pulls. A candidate that cannot be worn or solved has infinite
-    cost.
+    Muscles are solved in every draws.every-th frame, 50 draws of the cuffs by default; motions are not drawn. Raises as
+    prepare_suited_motion, and if the cord never pulls. A candidate that cannot be solved has infinite cost.
     """
-    decimated = prepare_suited_motion(model, kinematics, suit, draw_every, options, loads)
+    draws, (waist, arm) = draws or DrawSettings(count=50), cuffs
+    decimated = prepare_suited_motion(motion, suit, draws.every)
     decimated.ensure_pulls()
     search = _Search(decimated, condition, tuple(free), progress)
-    pairs = _drawn_pairs(waist, arm, draws if condition != "rigid" else 0)
+    pairs = _drawn_pairs(waist, arm, draws.count if condition != "rigid" else 0)
     fitted = search.best(pairs[:1])
     robust = search.best(pairs[1:]) if len(pairs) > 1 else fitted
-    whole = prepare_suited_motion(model, kinematics, suit, 1, options, loads)
+    whole = prepare_suited_motion(motion, suit)
     start, best, safe = (
         SuitCandidate(
             suit=candidate,
             cost=float(_costs(whole, candidate, condition, pairs[:1])[0]),
-            drawn=_costs(search.worn, candidate, condition, pairs[1:]),
+            drawn=_costs(search.suited, candidate, condition, pairs[1:]),
             at_limit=at_limit,
             outcome=outcome,
         )
@@ -117,13 +117,13 @@ def _drawn_pairs(waist: CuffParameters | None, arm: CuffParameters, draws: int) 
     return list(zip(waists, draw_cuff(arm, draws, generator), strict=True))
 
 
-def _costs(worn: SuitedMotion, suit: Suit, condition: Condition, pairs: Sequence[Pair]) -> Array:
+def _costs(suited: SuitedMotion, suit: Suit, condition: Condition, pairs: Sequence[Pair]) -> Array:
     """(pairs,) normalised cost at the suit's reference rest length; infinite where a frame cannot be solved."""
     if not pairs:
         return np.zeros(0)
     length = np.array([suit.reference_rest_length])
     scenarios = [SuitScenario(condition, *(pair if condition != "rigid" else (None, None)), length) for pair in pairs]
-    _, efforts = solve_scenarios(worn.with_suit(suit), scenarios)
+    _, efforts = solve_scenarios(suited.with_suit(suit), scenarios)
     costs = np.concatenate([effort.muscles for effort in efforts])
     costs[np.isnan(costs)] = np.inf
     return costs
@@ -134,13 +134,13 @@ class _Search:
 
     def __init__(
         self,
-        worn: SuitedMotion,
+        suited: SuitedMotion,
         condition: Condition,
         free: tuple[Freedom, ...],
         progress: Callable[[str, int, int], None],
     ) -> None:
-        self.worn, self.condition, self.free, self.progress = worn, condition, free, progress
-        start = worn.suit
+        self.suited, self.condition, self.free, self.progress = suited, condition, free, progress
+        start = suited.suit
         lengths = (start.rest_lengths[[0, -1]] * [0.5, 1.0] - start.reference_rest_length) / REST_LENGTH_STEP
         self.bounds = [(float(lengths[0]), float(lengths[1]))]
         for freedom in free:
@@ -149,7 +149,7 @@ class _Search:
         self.tried = 0
 
     def best(self, pairs: Sequence[Pair]) -> tuple[Suit, tuple[str, ...], SearchOutcome]:
-        """The suit of least mean cost over these pairs of cuffs, what of it is at its bounds, and the outcome."""
+        """The suit of least mean cost over these pairs of cuffs, the parameters at their bounds, and the outcome."""
         from scipy.optimize import minimize  # slow to import, and needed only here
 
         def mean_cost(steps: Array) -> float:
@@ -171,12 +171,12 @@ class _Search:
         self.progress("trying suits", self.tried, 2 * TRIES_PER_FREEDOM * len(self.bounds))
         self.tried += 1
         try:
-            return float(_costs(self.worn, self._suit(steps), self.condition, pairs).mean())
+            return float(_costs(self.suited, self._suit(steps), self.condition, pairs).mean())
         except SuitError:
             return np.inf
 
     def _suit(self, steps: Array) -> Suit:
-        suit, rest = self.worn.suit, iter(steps[1:])
+        suit, rest = self.suited.suit, iter(steps[1:])
         changed = replace(suit, reference_rest_length=suit.reference_rest_length + REST_LENGTH_STEP * float(steps[0]))
         for freedom in self.free:
             if freedom == "stiffness":

@@ -1,4 +1,4 @@
-"""Results of a cost curve: the numbers of the assessment's tables."""
+"""Results of a cost curve: the figures of the assessment's tables."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ Solved = tuple[SuitScenario, ScenarioEffort]
 """A scenario and its effort; the last rest length is the reference, the others are those tried."""
 
 IDLE = 1e-9
-"""Mean activation up to which a muscle does nothing: of nothing, nothing can be saved."""
+"""Mean activation below which a muscle counts as inactive and has no reduction."""
 
 UNMIGRATED: dict[Condition, Condition] = {"shift": "rigid", "both": "visco_elastic"}
-"""The same cuffs in the same suit before they have slipped."""
+"""Condition → the same cuffs without migration."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurveReadouts:
-    """Numbers off n versions of one curve, each (n,), NaN where there is no such number.
+    """Results of n versions of one curve, (n,) each, NaN where there is none.
 
     at_reference       normalised cost at the suit's reference rest length
     rest_length        where the cost is lowest [m];  lowest_cost there
     permissible_error  full width in which 90 % of the best saving is kept [m]
-    to_slack           from the best rest length to where the cord never pulls [m]
+    to_slack           from the best rest length to that at which the cord is always slack [m]
     cord_force         largest tension at the reference rest length [N]
-    cord_force_lost    share of it that migration has taken, against the same cuffs before they slipped
-    cost_per_migration normalised cost added at the reference rest length per metre that the arm cuff has slipped [1/m]
+    cord_force_lost    share of it lost by migration, relative to the same cuffs before it
+    cost_per_migration normalised cost added at the reference rest length per metre of migration of the arm cuff [1/m]
+    bounds             (n, 4) side of the lengths tried at which the cost is lowest (−1, 1), and what rest_length,
+                       lowest_cost and to_slack are there; the optimum lies there or beyond; else (0, NaN, NaN, NaN)
     reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see SuitedMotion
     """
 
@@ -44,18 +46,25 @@ class CurveReadouts:
     cord_force: Array
     cord_force_lost: Array
     cost_per_migration: Array
+    bounds: Array
     reduction: Array
 
 
+FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in {"bounds", "reduction"})
+"""Fields with one number for each version."""
+
+
 def read_off_curves(
-    worn: SuitedMotion, slack: ScenarioEffort, solved: Mapping[Condition, Solved]
+    suited: SuitedMotion, slack: ScenarioEffort, solved: Mapping[Condition, Solved]
 ) -> dict[Condition, CurveReadouts]:
     """One version of each curve, from one set of cuffs in all conditions, or from rigid ones alone."""
-    return {condition: _read(worn, slack, curve, _unmigrated(solved, condition)) for condition, curve in solved.items()}
+    return {
+        condition: _read(suited, slack, curve, _unmigrated(solved, condition)) for condition, curve in solved.items()
+    }
 
 
 def stacked(readouts: Sequence[CurveReadouts]) -> CurveReadouts:
-    """Versions of a curve, one behind the other."""
+    """The versions of several curves, concatenated."""
     return CurveReadouts(
         **{f.name: np.concatenate([getattr(part, f.name) for part in readouts]) for f in fields(CurveReadouts)}
     )
@@ -65,7 +74,7 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
     return solved[UNMIGRATED[condition]] if condition in UNMIGRATED else None
 
 
-def _read(worn: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
+def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
     scenario, effort = solved
     force, cost = effort.cord_force[-1], effort.muscles[-1]
     force_before = cost_before = np.nan
@@ -73,16 +82,22 @@ def _read(worn: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated:
         _, before = unmigrated
         force_before, cost_before = before.cord_force[-1], before.muscles[-1]
     lowest = find_minimum(scenario.rest_lengths[:-1], effort.muscles[:-1])
+    bounds = np.array([0.0, np.nan, np.nan, np.nan])
+    if lowest.edge:
+        place = -2 if lowest.edge > 0 else 0  # the last is the reference
+        length = scenario.rest_lengths[place]
+        bounds = np.array([lowest.edge, length, effort.muscles[place], suited.slack_rest_length(scenario) - length])
     slipped = scenario.arm.migration if scenario.arm else 0.0
-    mean, mean_slack = worn.mean_activation(effort.activations[-1]), worn.mean_activation(slack.activations[0])
+    mean, mean_slack = suited.mean_activation(effort.activations[-1]), suited.mean_activation(slack.activations[0])
     return CurveReadouts(
         at_reference=np.array([cost]),
         rest_length=np.array([lowest.rest_length]),
         lowest_cost=np.array([lowest.cost]),
         permissible_error=np.array([lowest.width]),
-        to_slack=np.array([worn.slack_rest_length(scenario) - lowest.rest_length]),
+        to_slack=np.array([suited.slack_rest_length(scenario) - lowest.rest_length]),
         cord_force=np.array([force]),
         cord_force_lost=np.array([1 - force / force_before]),
         cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),
+        bounds=bounds[None],
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
     )

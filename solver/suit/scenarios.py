@@ -1,19 +1,20 @@
-"""A model wearing a suit through a motion: what all scenarios share, and what each costs the muscles.
+"""A model with a suit in a motion: what all scenarios share, and the muscle effort of each.
 
 Geometry and response maps are computed once; a scenario (condition, cuffs, rest length) only changes the loads on the
-bodies. The cuffs follow every frame of the motion, also where muscles are solved in every N-th only.
+bodies. Cuffs are evaluated in all frames of the motion, also where muscles are solved in every N-th only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
+from solver.errors import SolverCode
 from solver.model import Model
 from solver.motion import Kinematics, MotionError, decimate
 from solver.multibody.dynamics import Response, response_to_loads
@@ -63,8 +64,18 @@ class SuitScenario:
 
     @property
     def migration(self) -> float:
-        """How far both cuffs together have moved for good in this condition [m]."""
+        """Migration of both cuffs together in this condition [m]."""
         return sum(cuff.migration for cuff in self.cuffs if cuff and self.is_shifted)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedMotion:
+    """A model and its motion under external loads, sampled at all frames, and how its muscles are solved."""
+
+    model: Model
+    kinematics: Kinematics
+    loads: Sequence[ExternalForce] = ()
+    options: RedundancyOptions = field(default_factory=RedundancyOptions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +96,14 @@ class ScenarioEffort:
 
     @property
     def unsolved(self) -> int:
-        """(rest length, frame) pairs that did not come out solved."""
+        """(rest length, frame) pairs that are not SOLVED."""
         return int((self.outcomes != FrameOutcome.SOLVED).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class SuitedMotion:
     """Everything that no scenario changes: the model with the suit's masses, and the postures of all frames, of which
-    the muscles are solved in every N-th.
+    the muscles are solved in every N-th; muscle_outcomes (solved frames, muscles) of MuscleOutcome.
     """
 
     model: Model
@@ -103,6 +114,7 @@ class SuitedMotion:
     problem: RedundancyProblem
     bare_problem: RedundancyProblem
     per_unit_wrench: Response
+    muscle_outcomes: NDArray[np.object_]
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -127,11 +139,12 @@ class SuitedMotion:
             if length >= longest:
                 raise SuitError(
                     f"the suit's {key} should start below {longest:.4g} m, the longest that the cord's line becomes in "
-                    f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter"
+                    f"this motion, and is {length:g} m, so that the cord is slack in all frames; make it shorter",
+                    SolverCode.CORD_SLACK,
                 )
 
     def slack_rest_length(self, scenario: SuitScenario) -> float:
-        """The rest length from which on the cord never pulls in this motion [m]: the longest that its line becomes."""
+        """The rest length above which the cord is always slack in this motion [m]: the greatest length of its line."""
         line = with_migration(self.suit, self.line, scenario.cuffs) if scenario.is_shifted else self.line
         return float(line.length.max())
 
@@ -148,76 +161,70 @@ class SuitedMotion:
         )
 
 
-def prepare_suited_motion(
-    model: Model,
-    kinematics: Kinematics,
-    suit: Suit,
-    every: int = 1,
-    options: RedundancyOptions | None = None,
-    loads: Sequence[ExternalForce] = (),
-) -> SuitedMotion:
-    """Evaluate the motion with the suit on the model, under external loads sampled at all frames of the motion.
+def prepare_suited_motion(motion: LoadedMotion, suit: Suit, every: int = 1) -> SuitedMotion:
+    """Evaluate the motion with the suit on the model; muscles are to be solved in every N-th frame.
 
     Raises SuitError if the suit does not fit the model, MotionError if the motion leaves the range of a joint.
-    A cord that never pulls is found by ensure_pulls.
+    ensure_pulls raises for a cord that is always slack.
     """
-    options = options or RedundancyOptions()
+    model, kinematics, options = motion.model, motion.kinematics, motion.options
     ensure_fits(suit, model)
     _ensure_within_ranges(model, kinematics)
-    worn = with_suit_masses(model, suit)
-    state = postures(worn, kinematics.positions, kinematics.speeds)
-    loads = [load.decimate(every) for load in loads]
+    suited = with_suit_masses(model, suit)
+    state = postures(suited, kinematics.positions, kinematics.speeds)
+    loads = [load.decimate(every) for load in motion.loads]
     bare = evaluate_motion(
         model, decimate(kinematics, every), loads=loads, joint=options.joint, path_mode=options.path_mode
     )
-    mechanics = evaluate_motion(worn, bare.kinematics, bare.paths, loads, options.joint)
+    mechanics = evaluate_motion(suited, bare.kinematics, bare.paths, loads, options.joint)
     return SuitedMotion(
-        model=worn,
+        model=suited,
         suit=suit,
         postures=state,
-        line=cord_line(suit, worn, state, kinematics.interval),
+        line=cord_line(suit, suited, state, kinematics.interval),
         every=every,
-        problem=build_redundancy(worn, mechanics, options),
+        problem=build_redundancy(suited, mechanics, options),
         bare_problem=build_redundancy(model, bare, options),
-        per_unit_wrench=_per_unit_wrench(worn, suit, mechanics),
+        per_unit_wrench=_per_unit_wrench(suited, suit, mechanics),
+        muscle_outcomes=mechanics.muscle_outcomes,
     )
 
 
 def solve_scenarios(
-    worn: SuitedMotion,
+    suited: SuitedMotion,
     scenarios: Sequence[SuitScenario],
     progress: Callable[[int, int], None] = lambda *_: None,
     workers: int | None = None,
 ) -> tuple[ScenarioEffort, list[ScenarioEffort]]:
-    """The effort with a slack cord, then that of every wearing; all scenarios of a frame are solved together.
+    """The effort with a slack cord, then that of the scenarios; all scenarios of a frame are solved together.
 
-    workers are the threads that share them, as many as there are processors unless a number is given.
+    Scenarios are divided among workers (threads), by default as many as processors.
     """
-    loads, cord_forces = [_no_load(worn)], [np.zeros(1)]
+    loads, cord_forces = [_no_load(suited)], [np.zeros(1)]
     for scenario in scenarios:
-        forces = worn.forces(scenario)
-        loads.append(_load(worn, forces))
+        forces = suited.forces(scenario)
+        loads.append(_load(suited, forces))
         cord_forces.append(forces.tension.max(axis=1))
     together = LoadResponse(
         acceleration=np.concatenate([load.acceleration for load in loads]),
         reaction=np.concatenate([load.reaction for load in loads]),
     )
-    solution = solve_redundancy(worn.problem, together, progress, workers)
-    slack = float(_effort(worn.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
+    solution = solve_redundancy(suited.problem, together, progress, workers)
+    slack = float(_effort(suited.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
     ends = np.cumsum([len(load.acceleration) for load in loads])
     first, *others = (
-        _effort(worn.problem, solution, slice(begin, end), cord_force, slack)
+        _effort(suited.problem, solution, slice(begin, end), cord_force, slack)
         for begin, end, cord_force in zip([0, *ends[:-1]], ends, cord_forces, strict=True)
     )
     return first, others
 
 
-def solve_without_suit(worn: SuitedMotion, slack: ScenarioEffort, workers: int | None = None) -> ScenarioEffort:
+def solve_without_suit(suited: SuitedMotion, slack: ScenarioEffort, workers: int | None = None) -> ScenarioEffort:
     """The effort of the body without the suit's masses, over that of the slack suit."""
-    solution = solve_redundancy(worn.bare_problem, workers=workers)
-    activations = slack.activations[0, worn.problem.is_finite]
-    slack_cost = float((_muscle_weights(worn.problem) * activations**2).sum())
-    return _effort(worn.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
+    solution = solve_redundancy(suited.bare_problem, workers=workers)
+    activations = slack.activations[0, suited.problem.is_finite]
+    slack_cost = float((_muscle_weights(suited.problem) * activations**2).sum())
+    return _effort(suited.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
 
 
 def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
@@ -230,7 +237,8 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
         raise MotionError(
             f"the motion should keep {coordinate.name} between {lowest[worst] * scale:g} and "
             f"{highest[worst] * scale:g}{unit}, its range in the model, and is at "
-            f"{kinematics.positions[frame, worst] * scale:g}{unit} at {kinematics.time[frame]:g} s; leave that part out"
+            f"{kinematics.positions[frame, worst] * scale:g}{unit} at {kinematics.time[frame]:g} s; leave it out",
+            SolverCode.OUT_OF_RANGE,
         )
 
 
@@ -243,17 +251,17 @@ def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response
     return response_to_loads(mechanics.equations, units.reshape(len(units), -1, len(model.bodies), 6))
 
 
-def _no_load(worn: SuitedMotion) -> LoadResponse:
-    response = worn.per_unit_wrench
+def _no_load(suited: SuitedMotion) -> LoadResponse:
+    response = suited.per_unit_wrench
     return LoadResponse(np.zeros_like(response.acceleration[None, :, 0]), np.zeros_like(response.reaction[None, :, 0]))
 
 
-def _load(worn: SuitedMotion, forces: SuitForces) -> LoadResponse:
+def _load(suited: SuitedMotion, forces: SuitForces) -> LoadResponse:
     wrench = wrench_about_origin(forces.points, forces.forces)
     wrench = wrench.reshape(*wrench.shape[:2], -1)
     return LoadResponse(
-        acceleration=np.einsum("sfk,fkc->sfc", wrench, worn.per_unit_wrench.acceleration),
-        reaction=np.einsum("sfk,fkc->sfc", wrench, worn.per_unit_wrench.reaction),
+        acceleration=np.einsum("sfk,fkc->sfc", wrench, suited.per_unit_wrench.acceleration),
+        reaction=np.einsum("sfk,fkc->sfc", wrench, suited.per_unit_wrench.reaction),
     )
 
 

@@ -19,7 +19,7 @@ from documents import validation
 from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, read_regular
 from documents.validation import Section, Whole, describe_error
-from solver.errors import SolverError
+from solver.errors import SolverCode, SolverError
 from solver.model import Model
 from solver.point_mass import with_point_mass
 
@@ -37,6 +37,8 @@ BUNDLED_SUIT = Path(__file__).with_name("suit.toml")
 
 class SuitError(SolverError):
     """A suit that the model cannot wear; the text is the sentence for the user."""
+
+    general_code = SolverCode.SUIT
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +88,13 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
     try:
         document = parse_toml(read_regular(path, LARGEST_SUIT))
     except (OSError, PlainDataError) as error:
-        raise SuitError(f"{path} should be a suit in TOML and cannot be read ({error}); correct it") from error
+        raise SuitError(
+            f"{path} should be a suit in TOML and cannot be read ({error}); correct it", SolverCode.SUIT_FILE
+        ) from error
     try:
         table = _SuitTable.model_validate(document)
     except ValidationError as error:
-        raise SuitError(f"{path}: {describe_error(error)}; correct it") from error
+        raise SuitError(f"{path}: {describe_error(error)}; correct it", SolverCode.SUIT_KEY) from error
     cord, lengths = table.exotendon, table.rest_lengths_m
     return Suit(
         waist=cord.waist.point(),
@@ -123,9 +127,9 @@ def suit_toml(suit: Suit) -> str:
     for part in PARTS:
         point = getattr(suit, part)
         lines += ["", f"[exotendon.{part}]", f"body = {_quoted(point.body)}", f"point_m = {point.location.tolist()}"]
-    for part, worn in zip(PARTS, suit.masses, strict=True):
-        lines += ["", f"[masses.{part}]", f"body = {_quoted(worn.body)}", f"mass_kg = {worn.mass!r}"]
-        lines += [f"center_m = {worn.center.tolist()}", f"inertia_kg_m2 = {worn.inertia.tolist()}"]
+    for part, cuff_mass in zip(PARTS, suit.masses, strict=True):
+        lines += ["", f"[masses.{part}]", f"body = {_quoted(cuff_mass.body)}", f"mass_kg = {cuff_mass.mass!r}"]
+        lines += [f"center_m = {cuff_mass.center.tolist()}", f"inertia_kg_m2 = {cuff_mass.inertia.tolist()}"]
     lines += ["", "[groups]"]
     lines += [f"{_quoted(name)} = [{', '.join(map(_quoted, members))}]" for name, members in suit.groups.items()]
     return "\n".join(lines) + "\n"
@@ -135,29 +139,31 @@ def ensure_fits(suit: Suit, model: Model) -> None:
     """Raises SuitError where a part of the suit is on a body, or a group has a muscle, that the model does not have."""
     bodies, muscles = [body.name for body in model.bodies], model.muscle_names
     places = [(f"exotendon.{part}", getattr(suit, part).body) for part in PARTS]
-    places += [(f"masses.{part}", worn.body) for part, worn in zip(PARTS, suit.masses, strict=False)]
+    places += [(f"masses.{part}", cuff_mass.body) for part, cuff_mass in zip(PARTS, suit.masses, strict=False)]
     for where, body in places:
         if body not in bodies:
             raise SuitError(
                 f"the suit's {where} is on the body {body}, which the model {model.name} does not have; it has "
-                f"{', '.join(bodies)}"
+                f"{', '.join(bodies)}",
+                SolverCode.SUIT_BODY,
             )
     for group, members in suit.groups.items():
         unknown = [name for name in members if name not in muscles]
         if unknown:
             raise SuitError(
                 f"the suit's groups.{group} names {', '.join(unknown)}, which the model {model.name} does not have; "
-                f"it has {', '.join(muscles)}"
+                f"it has {', '.join(muscles)}",
+                SolverCode.SUIT_MUSCLE,
             )
 
 
 def with_suit_masses(model: Model, suit: Suit) -> Model:
     """The model with the suit's masses lumped into its bodies; the bare body stays as it is."""
-    for worn in suit.masses:
-        model = with_point_mass(model, worn.body, worn.mass, worn.center)
-        index = model.body_index(worn.body)
+    for cuff_mass in suit.masses:
+        model = with_point_mass(model, cuff_mass.body, cuff_mass.mass, cuff_mass.center)
+        index = model.body_index(cuff_mass.body)
         body = model.bodies[index]
-        loaded = replace(body, inertia=body.inertia + np.diag(worn.inertia))
+        loaded = replace(body, inertia=body.inertia + np.diag(cuff_mass.inertia))
         model = replace(model, bodies=(*model.bodies[:index], loaded, *model.bodies[index + 1 :]))
     return model
 

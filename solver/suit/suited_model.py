@@ -1,4 +1,4 @@
-"""A model that wears a suit at one rest length, as a file holds it, and what the suit does to it in a motion."""
+"""A model with a suit at one rest length, as a file holds it, and the suit's forces in a motion."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from solver.suit.suit import PARTS, Suit, with_suit_masses
 
 CORD = "exotendon"
 CUFF_NAMES = tuple(f"{part}_cuff" for part in PARTS)
-"""What a file calls them."""
+"""Their names in a file."""
 
 
 @dataclass(frozen=True, eq=False)
 class SuitedModel:
-    """The bare model and its suit, worn at the reference rest length; a cuff at waist or arm that is None is rigid."""
+    """The bare model and its suit at the reference rest length; a cuff at waist or arm that is None is rigid."""
 
     bare: Model
     suit: Suit
@@ -36,7 +36,7 @@ class SuitedModel:
     def loads(self, kinematics: Kinematics, every: int = 1) -> tuple[ExternalForce, ...]:
         """Forces on the bodies of waist, arm and shoulder in every N-th frame; the cuffs follow all frames.
 
-        Raises SuitError where a cuff does not find its equilibrium.
+        Raises SuitError where a cuff has no equilibrium.
         """
         suit, bodies = self.suit, [body.name for body in self.bare.bodies]
         state = postures(self.bare, kinematics.positions, kinematics.speeds)

@@ -1,6 +1,6 @@
 """The point of an ellipsoid or an ellipse closest to a given one (Eberly, in Graphics Gems IV, p. 113).
 
-Newton stops where OpenSim 4.6 stops, short of round-off, because a wrapping plane depends on the iterate.
+Newton's method stops where OpenSim 4.6 stops, before round-off, because the wrapping plane depends on the iterate.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ANY_AXIS = -1
 def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int, code: Codes) -> Vector:
     """The point of the ellipsoid with semi-axes a closest to `point`; all of order 1.
 
-    flat_axis  stay in the plane where this coordinate keeps its value (0 in practice); ANY_AXIS: nowhere in particular
+    flat_axis  stay in the plane where this coordinate keeps its value (0 in practice); ANY_AXIS: in no plane
     code       (1,) set to NOT_CONVERGED where Newton's method does not end
     """
     axis = _flat_axis(a, point) if flat_axis == ANY_AXIS else flat_axis
@@ -39,7 +39,7 @@ def closest_on_ellipsoid(a: Vector, point: Vector, flat_axis: int, code: Codes) 
 
 @compiled
 def closest_to_each(a: Vector, points: Array, t: Array, feet: Array, code: Codes) -> None:
-    """The same for each of points (3, n), bit for bit, several times as fast. Fills feet (3, n), with t (n,)."""
+    """closest_on_ellipsoid for points (3, n), bit for bit, several times as fast. Fills feet (3, n), with t (n,)."""
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
     _find_multipliers(a, points, t, code)
     for i in range(t.size):
@@ -116,8 +116,9 @@ def _closest_in_space(a: Vector, point: Vector, code: Codes) -> Vector:
 
 @compiled
 def _find_multipliers(a: Vector, points: Array, t: Array, code: Codes) -> None:
-    """For each of points (3, n), away from the coordinate planes, the t (n,) with which a² x / (t + a²) is closest.
-    All take their Newton steps together, so that the compiler can put several into one instruction.
+    """For points x (3, n) away from the coordinate planes, the t (n,) for which a² x / (t + a²) is closest.
+
+    Newton steps are taken for all points at once, so that the compiler can vectorise them.
     """
     aa, bb, cc = a[0] * a[0], a[1] * a[1], a[2] * a[2]
     for i in range(t.size):

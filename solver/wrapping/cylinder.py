@@ -1,7 +1,7 @@
 """A path over a cylinder, as in OpenSim 4.6 (WrapCylinder): two tangents and the spiral between them.
 
-The axis is z of the surface's frame. OpenSim slides the tangent points along the axis until the tangents meet the
-spiral smoothly, by a rule that need not converge: the rule is kept, so that the lengths are the same.
+The axis is z of the surface's frame. OpenSim adjusts the tangent points along the axis until the path is smooth there,
+by a rule that need not converge. The rule is kept, so that the lengths are the same.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from solver.vectors import (
     unit,
 )
 from solver.wrapping.path_tables import NOT_CONVERGED, Codes
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, nearest_on_lines, side
+from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WRAPPED, WrapResult, nearest_on_lines, side
 from solver.wrapping.sphere import nearest_pair
 
 AXIS = (0.0, 0.0, 1.0)
@@ -33,48 +33,50 @@ MOST_ADJUSTMENTS = 100
 OVERSHOOT = 1.5
 ALONG_THE_AXIS = 5e-7
 
-Tangents = tuple[Vector, Vector, bool, bool]
-"""Tangent points, whether the apex between them is the far one, whether the spiral goes the long way round."""
+Tangents = tuple[Vector, Vector, bool, float]
+"""Tangent points, whether the apex between them is the far one, and the signed angle of the spiral between them."""
 
 
 @compiled
 def wrap_cylinder(
-    start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int, is_alone: bool, code: Codes
-) -> Contact:
-    """Lay the segment from start to end over a cylinder [m].
+    start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int, surfaces: int, code: Codes
+) -> WrapResult:
+    """Wrap the segment from start to end over a cylinder [m].
 
     axis, allowed  the path must stay where coordinate `axis` has the sign `allowed`; 0 allows all sides
-    is_alone       the path has no other surface: OpenSim then does without the sliding
-    code           (1,) set to NOT_CONVERGED where the sliding does not end
+    surfaces       number of surfaces of the path: if it is 1, OpenSim does not adjust the tangent points
+    code           (1,) set to NOT_CONVERGED where the adjustment does not end
     """
     if _radial_square(start) < radius * radius or _radial_square(end) < radius * radius:
-        return INSIDE, ORIGIN, ORIGIN, 0.0
-    answer = _answer(start, end, radius, length, axis, allowed)
-    if answer == FREE:
-        return FREE, ORIGIN, ORIGIN, 0.0
-    r1, r2, is_far, is_long = _tangents(start, end, radius, axis, allowed)
-    r1, r2 = _slide_into_plane(start, end, r1, r2, _apex(start, end, radius, is_far))
+        return INSIDE_RADIUS, ORIGIN, ORIGIN, 0.0
+    action = _wrap_action(start, end, radius, length, axis, allowed)
+    if action == NO_WRAP:
+        return NO_WRAP, ORIGIN, ORIGIN, 0.0
+    r1, r2, is_far, angle = _tangents(start, end, radius, axis, allowed)
+    near, far = _apexes(start, end, radius)
+    r1, r2 = _slide_into_plane(start, end, r1, r2, far if is_far else near)
     if abs(r1[2]) > length / 2.0 and abs(r2[2]) > length / 2.0:
-        return FREE, ORIGIN, ORIGIN, 0.0
-    r1, r2, on_surface = _spiral(start, end, r1, r2, radius, is_long, is_alone, code)
-    return answer, r1, r2, on_surface
+        return NO_WRAP, ORIGIN, ORIGIN, 0.0
+    adjustments = 0 if surfaces == 1 else MOST_ADJUSTMENTS
+    r1, r2, on_surface = _spiral(start, end, r1, r2, radius, angle, adjustments, code)
+    return action, r1, r2, on_surface
 
 
 @compiled
-def _answer(start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int) -> int:
+def _wrap_action(start: Vector, end: Vector, radius: float, length: float, axis: int, allowed: int) -> int:
     top, bottom = (0.0, 0.0, 0.5 * length), (0.0, 0.0, -0.5 * length)
     near, fraction, on_axis = nearest_on_lines(start, end, bottom, top)
     gap = subtract(near, on_axis)
     is_hit = dot(gap, gap) < radius * radius and 0.0 < fraction < 1.0
     if allowed == 0:
-        return MANDATORY if is_hit else FREE
+        return MANDATORY_WRAP if is_hit else NO_WRAP
     if side(start[axis]) != allowed and side(end[axis]) != allowed:
-        return POSSIBLE
+        return WRAPPED
     if is_hit:
-        return MANDATORY
+        return MANDATORY_WRAP
     if side(start[axis]) != side(end[axis]) and side(near[axis]) != allowed:
-        return POSSIBLE
-    return FREE
+        return WRAPPED
+    return NO_WRAP
 
 
 @compiled
@@ -83,7 +85,7 @@ def _tangents(start: Vector, end: Vector, radius: float, axis: int, allowed: int
     end_a, end_b = _tangent_points(end, radius)
     if allowed == 0:
         r1, r2 = nearest_pair(_radial(start_a), _radial(start_b), _radial(end_a), _radial(end_b))
-        return (r1[0], r1[1], start[2]), (r2[0], r2[1], end[2]), False, False
+        return (r1[0], r1[1], start[2]), (r2[0], r2[1], end[2]), False, _angle_about_axis(r1, r2)
 
     angle_ab = _angle(_radial(start_a), _radial(end_b))
     angle_ba = _angle(_radial(start_b), _radial(end_a))
@@ -99,13 +101,14 @@ def _tangents(start: Vector, end: Vector, radius: float, axis: int, allowed: int
         takes_ab = a_on
     r1, r2 = (start_a, end_b) if takes_ab else (start_b, end_a)
     is_far = nothing_on or takes_ab == ab_is_wider
-    pull = add(subtract(r1, start), subtract(r2, end))
-    return r1, r2, is_far, dot(add(_radial(r1), _radial(r2)), pull) < 0.0
+    pull, angle = add(subtract(r1, start), subtract(r2, end)), _angle_about_axis(r1, r2)
+    is_long = dot(add(_radial(r1), _radial(r2)), pull) < 0.0
+    return r1, r2, is_far, angle - 2.0 * pi if is_long else angle
 
 
 @compiled
 def _tangent_points(point: Vector, radius: float) -> tuple[Vector, Vector]:
-    """The two points at the height of `point` where tangents from it touch."""
+    """The two tangent points of lines from `point` at its height."""
     foot = (0.0, 0.0, point[2])
     outwards = unit(_radial(point))
     reach = radius * (radius / norm(_radial(point)))
@@ -115,16 +118,15 @@ def _tangent_points(point: Vector, radius: float) -> tuple[Vector, Vector]:
 
 
 @compiled
-def _apex(start: Vector, end: Vector, radius: float, is_far: bool) -> Vector:
-    """The point of the surface over which the path bends."""
+def _apexes(start: Vector, end: Vector, radius: float) -> tuple[Vector, Vector]:
+    """The nearer and the farther of the two points of the surface over which the path may bend."""
     start_distance, end_distance = norm(_radial(start)), norm(_radial(end))
     middle = along(start, start_distance / (start_distance + end_distance), subtract(end, start))
     centre = (0.0, 0.0, middle[2])
     normal = unit(cross(unit(subtract(start, centre)), unit(subtract(end, centre))))
     towards = unit(cross(AXIS, normal))
     one, other = along(centre, radius, towards), along(centre, -radius, towards)
-    one_is_nearer = distance(middle, one) < distance(middle, other)
-    return one if one_is_nearer != is_far else other
+    return (one, other) if distance(middle, one) < distance(middle, other) else (other, one)
 
 
 @compiled
@@ -136,7 +138,7 @@ def _slide_into_plane(start: Vector, end: Vector, r1: Vector, r2: Vector, apex: 
     offset = dot(normal, start)
     z1 = (offset - normal[0] * r1[0] - normal[1] * r1[1]) / normal[2]
     z2 = (offset - normal[0] * r2[0] - normal[1] * r2[1]) / normal[2]
-    # OpenSim takes the foot of `end` on the axis for the axis' direction; at z = 0 it has none and nothing is measured.
+    # OpenSim takes the foot of `end` on the axis for the direction of the axis. At z = 0 it is zero, and nothing moves.
     has_direction = abs(end[2]) >= SMALLEST_LENGTH
     at_1, at_2 = (z1, z2) if has_direction else (start[2], start[2])
     if abs(at_1 - end[2]) < abs(start[2] - end[2]):
@@ -148,21 +150,20 @@ def _slide_into_plane(start: Vector, end: Vector, r1: Vector, r2: Vector, apex: 
 
 @compiled
 def _spiral(
-    start: Vector, end: Vector, r1: Vector, r2: Vector, radius: float, is_long: bool, is_alone: bool, code: Codes
+    start: Vector, end: Vector, r1: Vector, r2: Vector, radius: float, angle: float, adjustments: int, code: Codes
 ) -> tuple[Vector, Vector, float]:
-    """The tangent points slid until the tangents run into the spiral, and the spiral's length."""
-    angle = atan2(r1[0] * r2[1] - r1[1] * r2[0], r1[0] * r2[0] + r1[1] * r2[1])
-    if is_long:
-        angle = 2.0 * pi - angle
+    """The tangent points after at most `adjustments` steps along the axis, which make the tangents continue into the
+    spiral, and the length of the spiral.
+    """
     rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
     pieces, step, first, last = 0, 0.0, r1, r1
-    for _ in range(0 if is_alone else MOST_ADJUSTMENTS):
+    for _ in range(adjustments):
         if not length / PIECE >= 2.0:
             break
         if int(length / PIECE) != pieces:
             pieces = int(length / PIECE)
             step = 1.0 / pieces
-            first, last = _turned(r1, step * angle, is_long), _turned(r1, (1.0 - step) * angle, is_long)
+            first, last = _turned(r1, step * angle), _turned(r1, (1.0 - step) * angle)
         r1, has_moved_1 = _adjust(start, r1, (first[0], first[1], r1[2] + step * rise))
         # As OpenSim does: the spiral already starts at the moved r1, its rise is still the old one.
         r2, has_moved_2 = _adjust(end, r2, (last[0], last[1], r1[2] + (1.0 - step) * rise))
@@ -170,7 +171,7 @@ def _spiral(
             break
         rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
     else:
-        if not is_alone:
+        if adjustments > 0:
             code[0] = NOT_CONVERGED
     return r1, r2, length
 
@@ -182,7 +183,7 @@ def _spiral_length(arc: float, rise: float) -> float:
 
 @compiled
 def _adjust(point: Vector, tangent: Vector, spiral: Vector) -> tuple[Vector, bool]:
-    """Slide `tangent` along the axis if the line from `point` kinks there before it goes on to `spiral`."""
+    """Slide `tangent` along the axis if the path from `point` to `spiral` has a kink there."""
     arriving, leaving = unit(subtract(tangent, point))[2], unit(subtract(spiral, tangent))[2]
     # The angles differ by at least as much as their cosines, which spares most of the arc cosines.
     is_kinked = abs(arriving - leaving) > 1.001 * SMOOTH_ENOUGH or abs(acos(arriving) - acos(leaving)) > SMOOTH_ENOUGH
@@ -196,14 +197,20 @@ def _adjust(point: Vector, tangent: Vector, spiral: Vector) -> tuple[Vector, boo
 
 
 @compiled
-def _turned(point: Vector, angle: float, is_backwards: bool) -> Vector:
-    c, s = cos(angle), -sin(angle) if is_backwards else sin(angle)
+def _turned(point: Vector, angle: float) -> Vector:
+    c, s = cos(angle), sin(angle)
     return c * point[0] - s * point[1], s * point[0] + c * point[1], point[2]
 
 
 @compiled
 def _radial(point: Vector) -> Vector:
     return (point[0], point[1], 0.0)
+
+
+@compiled
+def _angle_about_axis(a: Vector, b: Vector) -> float:
+    """From a to b, −π to π."""
+    return atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
 
 
 @compiled

@@ -1,8 +1,8 @@
 """A path over an ellipsoid, as in OpenSim 4.6 (WrapEllipsoid): in one plane through both ends.
 
-The plane is found from a point c of the surface that the path ought to pass; the tangent points lie in that plane and
-the path between them is the plane's cut through the ellipsoid. Everything happens in lengths scaled so that the
-semi-axes average 1. Searches stop early, by OpenSim's rules, so that the lengths are the same.
+The plane is found from a point c of the surface near which the path should pass; the tangent points lie in that plane
+and the path between them is its section with the ellipsoid. Lengths are scaled so that the semi-axes average 1.
+Searches stop early, by OpenSim's rules, so that the lengths are the same.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from solver.vectors import (
 )
 from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
 from solver.wrapping.path_tables import AXIAL, MIDPOINT, Codes
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, Contact, pierces, side
+from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WrapResult, pierces, side
 from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
 
 SAME_DIRECTION = 1e-4
@@ -41,31 +41,34 @@ BLADES = 300
 CHORD = 0.001
 MOST_CHORDS = 499
 
+Plane = tuple[Vector, float]
+"""Normal ν and offset o of the points x with ν·x + o = 0."""
 
-def fan_room() -> Array:
-    """Arguments of _fan_direction: starts and ends of its blades, and the multipliers of the ends."""
+
+def allocate_fan() -> Array:
+    """Working memory of _fan_direction: starts and ends of its blades, and the multipliers of the ends."""
     return np.empty((7, BLADES - 2))
 
 
 @compiled
 def wrap_ellipsoid(
     start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int, fan: Array, code: Codes
-) -> Contact:
-    """Lay the segment from start to end over an ellipsoid with these semi-axes [m] along the axes of its frame.
+) -> WrapResult:
+    """Wrap the segment from start to end over an ellipsoid with these semi-axes [m] along the axes of its frame.
 
     method         HYBRID, MIDPOINT or AXIAL: how c is chosen
     axis, allowed  c must lie where coordinate `axis` has the sign `allowed`; 0 allows all sides
-    fan            a fan_room()
+    fan            as of allocate_fan()
     code           (1,) set to NOT_CONVERGED where an iteration reaches its limit of rounds
     """
     factor = 3.0 / (radii[0] + radii[1] + radii[2])
     p1, p2, a = scale(factor, start), scale(factor, end), scale(factor, radii)
     if level(p1, a) < -ON_THE_SURFACE or level(p2, a) < -ON_THE_SURFACE:
-        return INSIDE, ORIGIN, ORIGIN, 0.0
+        return INSIDE_RADIUS, ORIGIN, ORIGIN, 0.0
     backwards = subtract(p1, p2)
     is_pierced, l1, l2 = pierces(divide(backwards, a), divide(p2, a), 1.0)
     if abs(dot(unit(p1), unit(p2)) - 1.0) < SAME_DIRECTION or not is_pierced:
-        return FREE, ORIGIN, ORIGIN, 0.0
+        return NO_WRAP, ORIGIN, ORIGIN, 0.0
 
     r1, r2 = along(p2, l1, backwards), along(p2, l2, backwards)
     c, fan_weight, crosses_between = _passing_point(r1, r2, unit(backwards), a, method, fan, code)
@@ -78,8 +81,8 @@ def wrap_ellipsoid(
     offset = -dot(normal, c)
     r1 = tangent_point(r1, p1, a, normal, offset, code)
     r2 = tangent_point(r2, p2, a, normal, offset, code)
-    length = _length_in_plane(r1, r2, p1, p2, a, normal, offset, factor, allowed != 0)
-    return MANDATORY, scale(1.0 / factor, r1), scale(1.0 / factor, r2), length / factor
+    length = _length_in_plane(r1, r2, p1, p2, a, (normal, offset), factor, allowed)
+    return MANDATORY_WRAP, scale(1.0 / factor, r1), scale(1.0 / factor, r2), length / factor
 
 
 @compiled
@@ -136,7 +139,7 @@ def _fan_direction(r1: Vector, inner: Vector, a: Vector, work: Array, code: Code
 
 @compiled
 def _on_the_allowed_side(c: Vector, a: Vector, axis: int, fan_weight: float, code: Codes) -> tuple[Vector, Vector]:
-    """c mirrored to the other side, and where the search for tangents starts; a fan's c is drawn towards the middle."""
+    """c mirrored to the other side, and the start of the search for tangents; a fan's c is moved towards the middle."""
     mirrored = (
         -c[0] if axis == 0 else c[0],
         -c[1] if axis == 1 else c[1],
@@ -150,28 +153,20 @@ def _on_the_allowed_side(c: Vector, a: Vector, axis: int, fan_weight: float, cod
 
 @compiled
 def _length_in_plane(
-    r1: Vector,
-    r2: Vector,
-    p1: Vector,
-    p2: Vector,
-    a: Vector,
-    normal: Vector,
-    offset: float,
-    factor: float,
-    may_go_round: bool,
+    r1: Vector, r2: Vector, p1: Vector, p2: Vector, a: Vector, plane: Plane, factor: float, allowed: int
 ) -> float:
-    """Length of the chords of about 1 mm that follow the cut from r1 to r2."""
+    """Length of the chords of about 1 mm that follow the section with the plane from r1 to r2."""
     straight = distance(r1, r2)
     if straight / factor < CHORD:
         return straight
     chords = min(int(straight / factor / CHORD), MOST_CHORDS)
-    centre = _plane_on_axis(normal, offset)
+    centre = _plane_on_axis(plane)
     x = unit(subtract(r1, centre))
     towards = unit(subtract(r2, centre))
     angle = acos(dot(x, towards))
     y = cross(unit(cross(x, towards)), x)
     length, first, last = _chords(distance(r1, centre), distance(r2, centre), angle, chords, centre, x, y, a)
-    if may_go_round and chords > 1:
+    if allowed != 0 and chords > 1:
         leaves = dot(subtract(p1, r1), subtract(first, r1)) > 0.0 or dot(subtract(p2, r2), subtract(last, r2)) > 0.0
         if leaves:
             angle = -(2.0 * pi - angle)
@@ -180,8 +175,9 @@ def _length_in_plane(
 
 
 @compiled
-def _plane_on_axis(normal: Vector, offset: float) -> Vector:
+def _plane_on_axis(plane: Plane) -> Vector:
     """Where the plane meets the coordinate axis that is closest to its normal."""
+    normal, offset = plane
     nx, ny, nz = abs(normal[0]), abs(normal[1]), abs(normal[2])
     if nx >= ny and nx >= nz:
         return -offset / normal[0], 0.0, 0.0

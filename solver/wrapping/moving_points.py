@@ -1,4 +1,4 @@
-"""Points that move in their bodies, or come and go, as a coordinate has it; compiled."""
+"""Path points that move in their bodies, or exist only in a range, with a coordinate; compiled."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver.multibody.tables import Functions, pack_functions
 from solver.vectors import ORIGIN, Array, add, read, turn, write
 from solver.wrapping.path_tables import CHANGE, Records
 
-WITHIN = 1e-5  # OpenSim keeps a conditional point so far beyond its range
+RANGE_TOLERANCE = 1e-5  # OpenSim keeps a conditional point this far beyond its range
 NO_FUNCTION = -1
 
 # As in model.MovingPathPoint and ConditionalPathPoint; the latter stays at its translation and has no function.
@@ -33,37 +33,37 @@ MOVER = np.dtype(
 
 
 class MovingPoints(NamedTuple):
-    """The points (MOVER) and their functions."""
-
-    points: Records
-    functions: Functions
-
-
-def pack_moving_points(paths: Sequence[Path], postures: Postures, stops_at_ends: bool = False) -> Records:
-    """(frames, points) of CHANGE, for those points of the paths that are not fixed.
+    """The points (MOVER) and their functions.
 
     stops_at_ends  whether a point that is held at an end of its range does not move either; OpenSim's does
     """
-    movers = _movers(tuple(paths))
+
+    points: Records
+    functions: Functions
+    stops_at_ends: bool
+
+
+def pack_moving_points(paths: Sequence[Path], postures: Postures, *, stops_at_ends: bool = False) -> Records:
+    """(frames, points) of CHANGE, for the points of the paths that are not fixed; stops_at_ends as in MovingPoints."""
+    movers = MovingPoints(*_movers(tuple(paths)), stops_at_ends)
     changes = np.zeros((len(postures.coordinates), len(movers.points)), CHANGE)
-    place_points(movers.points, movers.functions, postures.coordinates, stops_at_ends, changes)
+    place_points(movers, postures.coordinates, changes)
     return changes
 
 
 @compiled_for_python
-def place_points(
-    movers: Records, functions: Functions, coordinates: Array, stops_at_ends: bool, changes: Records
-) -> None:
-    """Fill changes (frames, points) at coordinates (frames, coordinates); stops_at_ends as in pack_changes."""
+def place_points(movers: MovingPoints, coordinates: Array, changes: Records) -> None:
+    """Fill changes (frames, points) at coordinates (frames, coordinates)."""
+    points, functions, stops_at_ends = movers
     for frame in range(len(changes)):
-        for k in range(len(movers)):
-            mover, change = movers[k], changes[frame, k]
+        for k in range(len(points)):
+            mover, change = points[k], changes[frame, k]
             rotation, translation = mover["rotation"], read(mover["translation"])
             q, first = coordinates[frame, mover["coordinate"]], mover["first_function"]
             if first == NO_FUNCTION:
                 write(change["location"], translation)
                 change["coordinate"] = NO_COORDINATE
-                change["is_there"] = mover["lowest"] - WITHIN <= q <= mover["highest"] + WITHIN
+                change["is_there"] = mover["lowest"] - RANGE_TOLERANCE <= q <= mover["highest"] + RANGE_TOLERANCE
                 continue
             held = min(max(q, mover["lowest"]), mover["highest"])
             for i in range(3):
@@ -77,7 +77,7 @@ def place_points(
 
 
 @lru_cache(maxsize=32)
-def _movers(paths: tuple[Path, ...]) -> MovingPoints:
+def _movers(paths: tuple[Path, ...]) -> tuple[Records, Functions]:
     changing = [point for path in paths for point in path.points if not isinstance(point, PathPoint)]
     moving = [function for point in changing if isinstance(point, MovingPathPoint) for function in point.functions]
     movers, first = np.zeros(len(changing), MOVER), 0
@@ -89,4 +89,4 @@ def _movers(paths: tuple[Path, ...]) -> MovingPoints:
             row["rotation"], row["translation"] = point.placement.rotation, point.placement.translation
             row["first_function"] = first
             first += len(point.functions)
-    return MovingPoints(movers, pack_functions(moving))
+    return movers, pack_functions(moving)

@@ -1,8 +1,8 @@
-"""A path over its surfaces, as OpenSim 4.6 lays it (GeometryPath): each surface in turn, until the length settles.
+"""A path over its surfaces as in OpenSim 4.6 (GeometryPath): each surface in turn, until the length converges.
 
-OpenSim keeps the place in ground that a tangent point had when it was first used in a posture, although later sweeps
-move the point in its body. Lengths and directions of force come from the kept places, points of application and the
-wrapping itself from the latest ones: `ground` and `location` of a node. The results are OpenSim's only so.
+OpenSim caches the place in ground of a tangent point at its first use in a posture, although later sweeps move the
+point in its body. Lengths and directions of force use the cached places, points of application and the wrapping itself
+the latest ones: `ground` and `location` of a node. Only so are the results those of OpenSim.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from solver.wrapping.path_tables import (
     Record,
     Records,
 )
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact
+from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WRAPPED, WrapResult
 from solver.wrapping.sphere import wrap_sphere
 from solver.wrapping.workspace import WrapWorkspace
 
 MOST_SWEEPS = 8
-SETTLED = 0.0005
+CONVERGED_LENGTH = 0.0005  # m
 
 
 @compiled
 def wrap_path(
     points: Records, wraps: Records, bodies: Records, changes: Records, work: WrapWorkspace
 ) -> tuple[int, float]:
-    """Lay one path (POINT, WRAP) in one posture (BODY, CHANGE).
+    """Wrap one path (POINT, WRAP) in one posture (BODY, CHANGE).
 
     Afterwards the first `count` entries of work.sequence are the nodes in order along it; returns count and the length
     [m].
@@ -57,19 +57,19 @@ def wrap_path(
     length = inf
     is_swapped = False
     for sweep in range(MOST_SWEEPS if len(wraps) > 1 else 1):
-        first_answer, second_answer = FREE, FREE
+        first_action, second_action = NO_WRAP, NO_WRAP
         for position in range(len(wraps)):
             k = 1 - position if is_swapped and position < 2 else position
             node = len(points) + 2 * k
-            count, answer = _try_surface(wraps[k], node, len(wraps) == 1, bodies, work, count)
+            count, action = _wrap_over_surface(wraps[k], node, len(wraps), bodies, work, count)
             if position == 0:
-                first_answer = answer
+                first_action = action
             elif position == 1:
-                second_answer = answer
+                second_action = action
         previous, length = length, _length(bodies, nodes, sequence, count)
-        if abs(length - previous) < SETTLED:
+        if abs(length - previous) < CONVERGED_LENGTH:
             break
-        if sweep == 0 and len(wraps) > 1 and first_answer == FREE and second_answer == INSIDE:
+        if sweep == 0 and len(wraps) > 1 and first_action == NO_WRAP and second_action == INSIDE_RADIUS:
             is_swapped = True
             count = _remove_tangent_points(len(points), sequence, count)
     else:
@@ -80,7 +80,7 @@ def wrap_path(
 
 @compiled
 def points_and_wraps(tables: PathTables, path: int) -> tuple[Records, Records]:
-    """Those of one path."""
+    """Path points and wraps of one path."""
     points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
     return points, tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
 
@@ -130,28 +130,28 @@ def place_path_points(points: Records, wraps: Records, changes: Records, nodes: 
 
 
 @compiled
-def _try_surface(
-    wrap: Record, node: int, is_alone: bool, bodies: Records, work: WrapWorkspace, count: int
+def _wrap_over_surface(
+    wrap: Record, node: int, surfaces: int, bodies: Records, work: WrapWorkspace, count: int
 ) -> tuple[int, int]:
-    """Wrap the path over one surface again, if the wrap is mandatory or the detour is the shortest.
+    """Wrap the path over one surface again, if the wrap is mandatory or the length increase is the least.
 
-    Returns the number of nodes of the path, and the last result of the surface.
+    Returns the number of nodes of the path, and the last wrap action of the surface.
     """
     nodes, sequence = work.nodes, work.sequence
     count = _remove_tangent_points(node, sequence, count)
-    last_answer = FREE
+    last_action = NO_WRAP
     behind, r1, r2, on_surface, least_detour = -1, ORIGIN, ORIGIN, 0.0, inf
     for k in range(*_range_on_path(wrap, nodes, sequence, count)):
         start, end = sequence[k], sequence[k + 1]
         if _is_over_surface(nodes, start, end):
             continue
-        answer, s1, s2, length = _lay_segment(wrap, is_alone, bodies, nodes[start], nodes[end], work)
-        last_answer = answer
-        if answer == MANDATORY:
+        action, s1, s2, length = _wrap_segment(wrap, surfaces, bodies, nodes[start], nodes[end], work)
+        last_action = action
+        if action == MANDATORY_WRAP:
             behind, r1, r2, on_surface = k, s1, s2, length
             break
-        if answer == POSSIBLE:
-            # Asking for the detour keeps the places of both ends for this posture, as in OpenSim.
+        if action == WRAPPED:
+            # Computing the detour caches the places of both ends for this posture, as in OpenSim.
             a, b = place_in_ground(bodies, nodes, start), place_in_ground(bodies, nodes, end)
             t1, t2 = to_ground(bodies, wrap["body"], s1), to_ground(bodies, wrap["body"], s2)
             detour = distance(a, t1) + length + distance(b, t2) - distance(a, b)
@@ -162,12 +162,12 @@ def _try_surface(
         write(nodes[node + 1]["location"], r2)
         nodes[node + 1]["on_surface"] = on_surface
         count = _insert_tangent_points(node, sequence, count, behind)
-    return count, last_answer
+    return count, last_action
 
 
 @compiled
 def _range_on_path(wrap: Record, nodes: Records, sequence: Indices, count: int) -> tuple[int, int]:
-    """Positions in the sequence of the first and the last of those points of the path between which it may wrap."""
+    """Positions in the sequence of the first and the last path point between which the path may wrap."""
     first, last = count - 1, 0
     for k in range(count):
         is_point = nodes[sequence[k]]["surface"] == NO_SURFACE
@@ -179,20 +179,20 @@ def _range_on_path(wrap: Record, nodes: Records, sequence: Indices, count: int) 
 
 
 @compiled
-def _lay_segment(
-    wrap: Record, is_alone: bool, bodies: Records, start: Record, end: Record, work: WrapWorkspace
-) -> Contact:
-    """Lay the segment between two nodes over a surface; the tangent points are in the surface's body."""
+def _wrap_segment(
+    wrap: Record, surfaces: int, bodies: Records, start: Record, end: Record, work: WrapWorkspace
+) -> WrapResult:
+    """Wrap the segment between two nodes over a surface; the tangent points are in the surface's body."""
     p1, p2 = _to_surface(wrap, bodies, start), _to_surface(wrap, bodies, end)
     size, axis, allowed = read(wrap["dimensions"]), wrap["axis"], wrap["allowed"]
     if wrap["kind"] == ELLIPSOID:
-        answer, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, work.fan, work.code)
+        action, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, work.fan, work.code)
     elif wrap["kind"] == SPHERE:
-        answer, r1, r2, length = wrap_sphere(p1, p2, size[0], axis, allowed)
+        action, r1, r2, length = wrap_sphere(p1, p2, size[0], axis, allowed)
     else:
-        answer, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, is_alone, work.code)
+        action, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, surfaces, work.code)
     rotation, translation = wrap["rotation"], read(wrap["translation"])
-    return answer, add(turn(rotation, r1), translation), add(turn(rotation, r2), translation), length
+    return action, add(turn(rotation, r1), translation), add(turn(rotation, r2), translation), length
 
 
 @compiled

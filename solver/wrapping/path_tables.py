@@ -1,4 +1,4 @@
-"""Paths and bodies as the compiled code reads them: rows of records, few arrays to hand from function to function."""
+"""Paths and bodies as records for the compiled code."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import (
     AnyPathPoint,
     Model,
@@ -39,8 +40,8 @@ FIXED = -1
 # A point of a path: fixed in its body, or the one in column `changes` of the posture's CHANGE; that is −1 if fixed.
 POINT = np.dtype([("body", np.int64), ("changes", np.int64), ("location", np.float64, (3,))])
 
-# A point in a posture that differs from posture to posture: where it is in its body, how it moves there per unit of the
-# speed of a coordinate (−1: it does not), and whether it belongs to the path.
+# A moving or conditional path point in a posture: its location in its body, the derivative of that by a coordinate (−1:
+# none), and whether it belongs to the path.
 CHANGE = np.dtype(
     [
         ("location", np.float64, (3,)),
@@ -79,9 +80,9 @@ BODY = np.dtype(
     ]
 )
 
-# What a path can go through: its points, then two tangent points for each of its wraps. `location` is the latest place
-# in the body, `ground` the place in ground at the first use in this posture, if it is_placed; `on_surface`, at a second
-# tangent point, is the length of the path over the surface before it. `slope` is how a coordinate moves a point.
+# Points of a path: its path points, then two tangent points for each of its wraps. `location` is the latest place in
+# the body, `ground` the place in ground at the first use in this posture, if it is_placed; `on_surface`, at the second
+# tangent point, is the length of the path over the surface. `slope` is the derivative of a location by its coordinate.
 NODE = np.dtype(
     [
         ("body", np.int64),
@@ -106,8 +107,8 @@ class PathTables(NamedTuple):
 
 
 class PathResults(NamedTuple):
-    """What lay_all fills: lengths and speeds (frames, paths), and what must be zero before, wrenches (frames, paths,
-    bodies, 6) and mobilities (frames, paths, coordinates); as paths.PathState. codes (frames, paths) are outcomes.
+    """Results of all paths, as in paths.PathState: lengths, speeds and outcome codes (frames, paths); wrenches (frames,
+    paths, bodies, 6) and mobilities (frames, paths, coordinates), which must be zero before.
     """
 
     lengths: Array
@@ -119,7 +120,7 @@ class PathResults(NamedTuple):
 
 @lru_cache(maxsize=32)
 def pack_paths(model: Model, paths: tuple[Path, ...]) -> PathTables:
-    """Raises ModelError where a path refers to what the model has not: compiled code would read beyond its arrays."""
+    """Raises ModelError for an index outside the model: compiled code would read beyond its arrays."""
     for k, path in enumerate(paths):
         _check(model, k, path)
     changes = count()
@@ -145,18 +146,22 @@ def pack_bodies(postures: Postures) -> Records:
 
 def _check(model: Model, k: int, path: Path) -> None:
     if len(path.points) < 2:
-        raise ModelError(f"path {k} has {len(path.points)} points, expected at least 2: its beginning and its end")
+        sentence = f"path {k} has {len(path.points)} points, expected at least 2: its beginning and its end"
+        raise ModelError(sentence, SolverCode.WRONG_PATH)
     for point in path.points:
         if not 0 <= point.body < len(model.bodies):
             known = f"{model.name} has the bodies 0 to {len(model.bodies) - 1}"
-            raise ModelError(f"path {k} has a point on body {point.body}, but {known}; ask Model.body_index")
+            sentence = f"path {k} has a point on body {point.body}, but {known}; use Model.body_index"
+            raise ModelError(sentence, SolverCode.WRONG_PATH)
         if not isinstance(point, PathPoint) and not 0 <= point.coordinate < len(model.coordinates):
             known = f"{model.name} has the coordinates 0 to {len(model.coordinates) - 1}"
-            raise ModelError(f"path {k} moves with coordinate {point.coordinate}, but {known}")
+            sentence = f"path {k} moves with coordinate {point.coordinate}, but {known}; use Model.coordinate_index"
+            raise ModelError(sentence, SolverCode.WRONG_PATH)
     for wrap in path.wraps:
         if not 0 <= wrap.surface < len(model.surfaces):
             known = f"{model.name} has {len(model.surfaces)} surfaces"
-            raise ModelError(f"path {k} wraps over surface {wrap.surface}, but {known}, counted from 0")
+            sentence = f"path {k} wraps over surface {wrap.surface}, but {known}, counted from 0"
+            raise ModelError(sentence, SolverCode.WRONG_PATH)
 
 
 def _starts(counts: Sequence[int]) -> Indices:

@@ -1,4 +1,4 @@
-"""A straight segment meets a surface: what may come of it, and the geometry the surfaces share.
+"""A straight segment and a wrap surface: the wrap action, and geometry that the surfaces share.
 
 Points are vectors of three in the surface's own frame [m].
 """
@@ -10,14 +10,14 @@ from math import nan, sqrt
 from solver.compiled import compiled
 from solver.vectors import Vector, along, cross, dot, norm, subtract, unit
 
-# Results of a surface. A mandatory wrap ends the search; of several possible ones the shortest detour is taken.
-INSIDE = -1
-FREE = 0
-POSSIBLE = 1
-MANDATORY = 2
+# Wrap actions, as in OpenSim. A mandatory wrap ends the search; of several others the least length increase is taken.
+INSIDE_RADIUS = -1
+NO_WRAP = 0
+WRAPPED = 1
+MANDATORY_WRAP = 2
 
-Contact = tuple[int, Vector, Vector, float]
-"""Answer, the two tangent points, length of the path between them on the surface."""
+WrapResult = tuple[int, Vector, Vector, float]
+"""Wrap action, the two tangent points, length of the path between them on the surface."""
 
 ROUND_OFF = 2e-13
 

@@ -6,24 +6,24 @@ from math import acos, asin, cos, pi, sin
 
 from solver.compiled import compiled
 from solver.vectors import ORIGIN, Vector, add, along, cross, dot, norm, scale, subtract, unit
-from solver.wrapping.segment import FREE, INSIDE, MANDATORY, POSSIBLE, Contact, pierces, side
+from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WRAPPED, WrapResult, pierces, side
 
 THROUGH_THE_CENTRE = 1e-5
 
 
 @compiled
-def wrap_sphere(start: Vector, end: Vector, radius: float, axis: int, allowed: int) -> Contact:
-    """Lay the segment from start to end over a sphere about the origin [m].
+def wrap_sphere(start: Vector, end: Vector, radius: float, axis: int, allowed: int) -> WrapResult:
+    """Wrap the segment from start to end over a sphere about the origin [m].
 
     axis, allowed  the path must stay where coordinate `axis` has the sign `allowed`; 0 allows all sides
     """
     if norm(start) < radius or norm(end) < radius:
-        return INSIDE, ORIGIN, ORIGIN, 0.0
+        return INSIDE_RADIUS, ORIGIN, ORIGIN, 0.0
     backwards = subtract(start, end)
     normal = cross(unit(backwards), unit(end))
-    # Through the centre every plane is as good as another: OpenSim takes its previous answer, which we have not.
+    # Through the centre all planes are equal: OpenSim takes its previous result, which is not available here.
     if not pierces(backwards, end, radius * radius)[0] or norm(normal) < THROUGH_THE_CENTRE:
-        return FREE, ORIGIN, ORIGIN, 0.0
+        return NO_WRAP, ORIGIN, ORIGIN, 0.0
 
     normal = unit(normal)
     start_a, start_b = _tangent_points(start, normal, radius)
@@ -32,13 +32,13 @@ def wrap_sphere(start: Vector, end: Vector, radius: float, axis: int, allowed: i
     if allowed == 0 or (start_is_allowed and end_is_allowed):
         r1, r2 = nearest_pair(start_a, start_b, end_a, end_b)
         length = radius * acos(dot(unit(r1), unit(r2)))
-        return (POSSIBLE if allowed == 0 else MANDATORY), r1, r2, length
+        return (WRAPPED if allowed == 0 else MANDATORY_WRAP), r1, r2, length
 
     r1, r2, goes_round = _pair_on_the_allowed_side(start, end, start_a, start_b, end_a, end_b, axis, allowed)
     angle = acos(dot(unit(r1), unit(r2)))
     if goes_round:
         angle = -(2.0 * pi - angle)  # the sign is OpenSim's
-    return (MANDATORY if start_is_allowed or end_is_allowed else POSSIBLE), r1, r2, radius * angle
+    return (MANDATORY_WRAP if start_is_allowed or end_is_allowed else WRAPPED), r1, r2, radius * angle
 
 
 @compiled
@@ -57,7 +57,7 @@ def nearest_pair(a1: Vector, b1: Vector, a2: Vector, b2: Vector) -> tuple[Vector
 
 @compiled
 def _tangent_points(point: Vector, normal: Vector, radius: float) -> tuple[Vector, Vector]:
-    """The two points where tangents from `point`, in the plane through the origin with this normal, touch."""
+    """The two tangent points of lines from `point` in the plane through the origin with this normal."""
     inwards = unit(scale(-1.0, point))
     sideways = cross(normal, inwards)
     distance = norm(point)
@@ -80,7 +80,7 @@ def _pair_on_the_allowed_side(
     axis: int,
     allowed: int,
 ) -> tuple[Vector, Vector, bool]:
-    """The tangent points for a path that keeps to one side, and whether it goes the long way round to do so."""
+    """The tangent points of a path on the allowed side, and whether it takes the longer arc."""
     inwards = unit(scale(-1.0, add(start, end)))
     start_takes_a = dot(unit(start_a), inwards) > dot(unit(start_b), inwards)
     end_takes_a = dot(unit(end_a), inwards) > dot(unit(end_b), inwards)

@@ -1,12 +1,12 @@
-"""Where a line from a point outside touches an ellipsoid, within a plane: OpenSim 4.6's damped least squares.
+"""Tangent point on an ellipsoid of a line from a point outside, within a plane: OpenSim 4.6's damped least squares.
 
 Unknowns are r and d; with n = 2 r / a² (the surface's normal at r) the residuals are
 
     e₀ = ν·r + o      r in the plane          e₂ = n·r + d     r in the tangent plane n·x + d = 0
     e₁ = Σ(r/a)² − 1  r on the ellipsoid      e₃ = n·p + d     the outside point p in it too
 
-The search stops at |e|² ≤ 1e-8, far from round-off, so the steps themselves are part of the result: a bad step is kept,
-a good one is doubled once too often and taken back.
+The search stops at |e|² ≤ 1e-8, far from round-off, so the result depends on the steps themselves: a step that does not
+reduce |e|² is kept, and one that does is doubled until it no longer does and the last doubling is undone.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def level(point: Vector, a: Vector) -> float:
 
 @compiled
 def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: float, code: Codes) -> Vector:
-    """The point of the ellipsoid in the plane normal·x + offset = 0 whose tangent passes p, from `guess` on.
+    """The point of the ellipsoid in the plane normal·x + offset = 0 whose tangent passes through p, from `guess`.
 
     code (1,) is set to NOT_CONVERGED where its residuals stay large.
     """
@@ -50,11 +50,11 @@ def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: f
             break
         n, m = _gradient(r, aa), _gradient(p, aa)
         descent = _descent(normal, n, m, e)
-        reach = _reach(r, p) / SHORTENING
+        step_scale = _step_scale(r, p) / SHORTENING
         step = (0.0, 0.0, 0.0, 0.0)
         before = now
         for _ in range(MOST_TRIALS):
-            step = _damped_step(normal, n, m, descent, damping, reach)
+            step = _damped_step(normal, n, m, descent, damping, step_scale)
             r, d = _moved(r, d, step, 1.0)
             before, now = now, _square(_residuals(r, d, p, a, aa, normal, offset))
             damping *= 4.0
@@ -70,7 +70,7 @@ def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: f
             before, now = now, _square(_residuals(r, d, p, a, aa, normal, offset))
         r, d = _moved(r, d, step, -stretch)
         e = _residuals(r, d, p, a, aa, normal, offset)
-    if _square(e) > SMALL_ENOUGH:
+    if not _square(e) <= SMALL_ENOUGH:
         code[0] = NOT_CONVERGED
     return r
 
@@ -92,8 +92,8 @@ def _square(e: Four) -> float:
 
 
 @compiled
-def _reach(r: Vector, p: Vector) -> float:
-    """Below 1 where p, r and the centre are nearly in line: the tangent point hardly moves there."""
+def _step_scale(r: Vector, p: Vector) -> float:
+    """Below 1 where p, r and the centre are nearly collinear: the tangent point hardly moves there."""
     cosine = dot(unit(subtract(p, r)), unit(p))
     return 1.0 - cosine**100.0 if cosine > 0.1 else 1.0
 
@@ -116,8 +116,8 @@ def _descent(normal: Vector, n: Vector, m: Vector, e: Four) -> Four:
 
 
 @compiled
-def _damped_step(normal: Vector, n: Vector, m: Vector, descent: Four, damping: float, reach: float) -> Four:
-    """reach · H⁻¹ descent, with H = D Dᵀ and its diagonal raised by 1 + damping; by Cholesky without square roots."""
+def _damped_step(normal: Vector, n: Vector, m: Vector, descent: Four, damping: float, step_scale: float) -> Four:
+    """step_scale · H⁻¹ descent, with H = D Dᵀ and its diagonal times 1 + damping; by Cholesky without square roots."""
     raised = 1.0 + damping
     h00 = (normal[0] * normal[0] + 5.0 * n[0] * n[0] + m[0] * m[0]) * raised
     h11 = (normal[1] * normal[1] + 5.0 * n[1] * n[1] + m[1] * m[1]) * raised
@@ -145,4 +145,4 @@ def _damped_step(normal: Vector, n: Vector, m: Vector, descent: Four, damping: f
     x2 = y2 / d2 - l32 * x3
     x1 = y1 / d1 - l21 * x2 - l31 * x3
     x0 = y0 / h00 - l10 * x1 - l20 * x2 - l30 * x3
-    return reach * x0, reach * x1, reach * x2, reach * x3
+    return step_scale * x0, step_scale * x1, step_scale * x2, step_scale * x3

@@ -1,6 +1,6 @@
 """Lengthening speed and forces of a muscle path, as in OpenSim 4.6 (GeometryPath); compiled, for all paths.
 
-The tangent points count as fixed in their bodies: for exact tangents their sliding changes the length in second order
+Tangent points are taken as fixed in their bodies: for exact tangents their sliding changes the length in second order
 only. OpenSim's tangents are not exact, so the forces are not quite the derivative of the length.
 """
 
@@ -29,8 +29,9 @@ from solver.wrapping.workspace import WrapWorkspace
 def evaluate_wrapped_paths(
     tables: PathTables, poses: Records, changes: Records, rates: Array, work: WrapWorkspace, results: PathResults
 ) -> None:
-    """Lay every path in every frame: poses (frames, bodies) of BODY, changes (frames, points) of CHANGE, rates (frames,
-    coordinates).
+    """Evaluate every path in every frame.
+
+    poses (frames, bodies) of BODY, changes (frames, points) of CHANGE, rates (frames, coordinates)
     """
     for frame in range(len(poses)):
         bodies, u = poses[frame], rates[frame]
@@ -40,14 +41,14 @@ def evaluate_wrapped_paths(
             count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes[frame], work)
             results.codes[frame, path] = work.code[0]
             results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
-            _pull(
+            _apply_tensions(
                 bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
             )
 
 
 @compiled
 def path_speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int) -> float:
-    """How fast a path [m/s] lengthens that goes through the first `count` nodes of the sequence, at rates u."""
+    """Lengthening speed [m/s] of the path through the first `count` nodes of the sequence, at speeds u."""
     speed = 0.0
     if count == 0:
         return speed
@@ -65,7 +66,7 @@ def path_speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices,
 
 @compiled
 def apply_tension(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
-    """Add a force at a node to the wrenches (bodies, 6) and to what pulls at a coordinate that moves the node."""
+    """Add a force at a node to the wrenches (bodies, 6), and to the force on a coordinate that moves the node."""
     body = nodes[k]["body"]
     moment = cross(to_ground(bodies, body, read(nodes[k]["location"])), force)
     for i in range(3):
@@ -89,8 +90,10 @@ def _velocity(bodies: Records, rates: Array, nodes: Records, k: int) -> Vector:
 
 
 @compiled
-def _pull(bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array) -> None:
-    """Add what a tension of 1 does: force only between different bodies, on the straight pieces."""
+def _apply_tensions(
+    bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array
+) -> None:
+    """Add the forces of a tension of 1 N: only between different bodies, along the straight segments."""
     for k in range(count - 1):
         start, end = sequence[k], sequence[k + 1]
         if nodes[start]["body"] == nodes[end]["body"]:

@@ -1,4 +1,4 @@
-"""The memory that laying a path takes, allocated once for all paths and frames."""
+"""Working memory for wrapping paths, allocated once for all paths and frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.vectors import Array
-from solver.wrapping.ellipsoid import fan_room
+from solver.wrapping.ellipsoid import allocate_fan
 from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Records
 
 
@@ -22,4 +22,4 @@ class WrapWorkspace(NamedTuple):
 
 def allocate_wrap(tables: PathTables) -> WrapWorkspace:
     longest = int((np.diff(tables.first_point) + 2 * np.diff(tables.first_wrap)).max(initial=0))
-    return WrapWorkspace(np.zeros(longest, NODE), np.zeros(longest, np.int64), fan_room(), np.zeros(1, np.int8))
+    return WrapWorkspace(np.zeros(longest, NODE), np.zeros(longest, np.int64), allocate_fan(), np.zeros(1, np.int8))

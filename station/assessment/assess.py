@@ -1,22 +1,26 @@
-"""Cuffs → suit on a model → assessment.json, in lines that read like the picture in the README."""
+"""Assess a suit: cuffs → suit on a model → assessment.json."""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fitting.seal import Standing
-from fitting.wearable_cuff import WearableCuff
+from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
 from solver.redundancy.motion import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
+from solver.suit.scenarios import LoadedMotion
+from solver.suit.uncertainty import DrawSettings
+from solver.uncertainty.total import BASES, TotalUncertainty
 from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
+    cuff_remarks,
     ensure_folder,
     read_cuffs_to_wear,
     standing_of_cuffs,
@@ -30,21 +34,30 @@ from station.assessment.assessment_json import (
     plain_cuffs,
     plain_emg,
 )
+from station.assessment.case import read_case
+from station.assessment.decision_json import plain_decision, undecided_by_fit
 from station.assessment.emg import MeasuredReduction
 from station.assessment.findings import findings
+from station.assessment.people_run import PeopleRun, assess_people
+from station.assessment.total_json import PEOPLE_FILE, people_table, plain_total
 from station.checksums import write_checksums
 from station.progress import Progress, silent
+from station.subject.measured_cord import compare_cord
+from station.subject.subject_json import plain_subject, subject_inputs
 from station.versions import solving_versions
 from station.whole_file import write_whole
 
-BESIDE_FRAMES, BESIDE_REST_LENGTHS = 40, 16
-"""How much is solved of the motion that stands beside the assessed one."""
+OTHER_FRAMES, OTHER_REST_LENGTHS = 40, 16
+"""Frames and rest lengths that are solved of the other motion."""
 
 
 @dataclass(frozen=True)
 class AssessedSuit:
-    """The cuffs worn, an assessment, a short one of another motion (its name first) or None, measured EMG, what went
-    in, and how the cuffs' file stood to what was recorded of it.
+    """Assessment of the cuffs, and a shorter one of another motion (its name first) or None.
+
+    emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
+    subject the wearer whose body and motion were assessed, None without one; total the results for drawn people, None
+    without a budget of uncertainty.
     """
 
     cuffs: tuple[WearableCuff, ...]
@@ -53,10 +66,17 @@ class AssessedSuit:
     emg: tuple[MeasuredReduction, ...]
     inputs: dict[str, str]
     cuffs_standing: Standing
+    subject: dict[str, Any] | None = None
+    total: TotalUncertainty | None = None
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether the cuffs file has changed since it was recorded, or a recording of the wearer is not whole."""
+        return self.cuffs_standing.is_break or not (self.subject is None or self.subject["is_whole"])
 
     @property
     def origin(self) -> DataOrigin:
-        """Of the cuffs' data: simulated if any of them is."""
+        """Origin of the cuffs' data: simulated if any of them is."""
         return DataOrigin.joined(fit.origin for fit in self.cuffs)
 
 
@@ -67,55 +87,89 @@ def assess_cuffs(
     most_frames: int | None = None,
     most_rest_lengths: int | None = None,
     draws: int = 200,
+    people: PeopleRun | None = None,
     progress: Progress = silent,
 ) -> AssessedSuit:
-    """Cuff parameters → suit on a model → assessment, and a short one of another motion beside it.
+    """Assess the cuffs in a suit on a model, and more briefly for another motion; with `people`, on drawn people, too.
 
-    most_frames and most_rest_lengths bound what is solved, evenly spread; None is the whole motion, all of the suit's.
-    draws is how often the cuffs are drawn from the covariance of their fit.
+    most_frames and most_rest_lengths limit the frames and rest lengths, evenly spaced; None: all of them. draws is the
+    number of draws of the cuffs from the covariance of their fit.
     """
-    model = inputs.read_model()
-    kinematics, suit = inputs.read_motion(model), inputs.read_suit(most_rest_lengths)
+    case = read_case(inputs, most_rest_lengths, progress)
+    model, kinematics, suit = case.model, case.kinematics, case.suit
     emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
     options = RedundancyOptions(path_mode=inputs.paths)
     beside = None
-    other = inputs.read_beside(model)
-    if other is not None:  # the short one first: what is wrong with its motion is told at once
-        what, loaded, moving = other
-        every = math.ceil(len(moving.time) / min(most_frames or BESIDE_FRAMES, BESIDE_FRAMES))
-        short = inputs.read_suit(BESIDE_REST_LENGTHS)
-        count = partial(_count_beside, progress)
-        beside = what, assess(loaded, moving, short, worn, every=every, draws=0, options=options, progress=count)
+    other = None if case.subject else inputs.read_other_motion(model)
+    if other is not None:  # the shorter one first: a fault of its motion is reported at once
+        name, loaded, other_motion = other
+        every = math.ceil(len(other_motion.time) / min(most_frames or OTHER_FRAMES, OTHER_FRAMES))
+        short = inputs.read_suit(OTHER_REST_LENGTHS)
+        count = partial(_report_other, progress)
+        motion, undrawn = LoadedMotion(loaded, other_motion, options=options), DrawSettings(count=0)
+        beside = name, assess(motion, short, worn, every=every, draws=undrawn, progress=count)
+    moving = LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics), options)
     assessment = assess(
-        model,
-        kinematics,
+        moving,
         suit,
         worn,
         every=1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames),
-        draws=draws,
-        options=options,
-        loads=inputs.read_loads(model, kinematics),
+        draws=DrawSettings(count=draws, motions=case.drawn),
         progress=progress,
     )
-    fits = tuple(cuffs[each.name] for each in worn)
-    return AssessedSuit(fits, assessment, beside, emg, inputs.hashes(), standing_of_cuffs(inputs.cuffs, fits))
+    fits = tuple(cuffs[cuff.name] for cuff in worn)
+    standing = standing_of_cuffs(inputs.cuffs, fits)
+    total = None if people is None else assess_people(people, case, moving, worn, assessment, progress)
+    hashes = inputs.hashes() | ({} if people is None else {"budget": people.name})
+    if inputs.subject is None or case.subject is None:
+        return AssessedSuit(fits, assessment, beside, emg, hashes, standing, total=total)
+    cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
+    subject = plain_subject(case.subject, case.spread, cord)
+    hashes |= subject_inputs(inputs.subject, case.subject)
+    return AssessedSuit(fits, assessment, beside, emg, hashes, standing, subject, total)
 
 
-def _count_beside(progress: Progress, what: str, done: int, total: int) -> None:
-    """The stages of the other motion have names of their own."""
-    progress(f"{what}, other motion", done, total)
+def _report_other(progress: Progress, stage: str, done: int, total: int) -> None:
+    """Report progress of the other motion under separate names."""
+    progress(f"{stage}, other motion", done, total)
 
 
-def assess_file(inputs: AssessmentInputs, output: Path, draws: int = 200, progress: Progress = silent) -> AssessedSuit:
-    """cuffs.json → assessment.json and activations.csv in the output folder."""
+def assess_file(
+    inputs: AssessmentInputs,
+    output: Path,
+    draws: int = 200,
+    people: PeopleRun | None = None,
+    progress: Progress = silent,
+) -> AssessedSuit:
+    """cuffs.json → assessment.json and activations.csv in the output folder, and people.csv if people are drawn."""
     ensure_folder(output)
-    assessed = assess_cuffs(read_cuffs_to_wear(inputs.cuffs, inputs.chosen), inputs, draws=draws, progress=progress)
+    cuffs = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
+    assessed = assess_cuffs(cuffs, inputs, draws=draws, people=people, progress=progress)
     write_assessment(assessed, output)
     return assessed
 
 
+def sentences_on(assessed: AssessedSuit, cuffs: Path) -> list[str]:
+    """The decision, remarks on the cuffs of this file, and findings on the suit and on the wearer."""
+    on_subject = assessed.subject["findings"] if assessed.subject else ()
+    return [
+        *decision_sentences(assessed),
+        *cuff_remarks(cuffs, assessed.cuffs),
+        *map(str, findings(assessed.assessment, assessed.total)),
+        *(f"{finding['text']} [{finding['code']}]" for finding in on_subject),
+    ]
+
+
+def decision_sentences(assessed: AssessedSuit) -> list[str]:
+    """Which cuff to choose at the reference rest length, and with each at its own best one."""
+    plain = _plain_decision(assessed)
+    entries = [plain[basis] for basis in BASES]
+    settle = [entry["settle"] for entry in entries if entry.get("settle")]
+    return list(dict.fromkeys(entry["text"] for entry in (*entries, *settle)))
+
+
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
-    """assessment.json and, for the figures, activations.csv."""
+    """Write assessment.json and, for the figures of the report, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
     plain: dict[str, Any] = {
         "format": FORMAT,
@@ -124,14 +178,32 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
         **plain_assessment(assessed.assessment),
     }
     if assessed.beside:
-        what, other = assessed.beside
-        plain["beside"] = {"motion": what, **plain_assessment(other)}
-    plain["findings"] = findings(assessed.assessment)
+        name, other = assessed.beside
+        plain["beside"] = {"motion": name, **plain_assessment(other)}
+    found = findings(assessed.assessment, assessed.total)
+    plain["findings"] = list(map(str, found))
+    plain["finding_codes"] = [asdict(finding) for finding in found]
+    plain["decision"] = _plain_decision(assessed)
+    if assessed.total is not None:
+        plain["total_uncertainty"] = plain_total(assessed.total)
     plain["emg"] = plain_emg(assessed.emg)
+    if assessed.subject is not None:
+        plain["subject"] = assessed.subject
     plain["inputs"] = assessed.inputs
     plain["inputs_checked"] = {"cuffs": assessed.cuffs_standing}
     plain["versions"] = solving_versions()
     AssessmentDocument.model_validate(plain)
     write_whole(folder / ASSESSMENT_FILE, json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
-    write_checksums(folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE)
+    written = [folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE]
+    if assessed.total is not None:
+        write_whole(folder / PEOPLE_FILE, people_table(assessed.total))
+        written.append(folder / PEOPLE_FILE)
+    write_checksums(*written)
+
+
+def _plain_decision(assessed: AssessedSuit) -> dict[str, Any]:
+    total = assessed.total
+    if total is None:
+        return undecided_by_fit()
+    return plain_decision(total, assessed.assessment.reference_rest_length)

@@ -1,4 +1,4 @@
-"""The schema of assessment.json, and its reader: complete and of the types that the report draws, or refused."""
+"""The schema of assessment.json, which checks what is written and read; published in docs/schemas."""
 
 from __future__ import annotations
 
@@ -6,23 +6,30 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
 from documents.validation import describe_error
+from station.assessment.decision_json import DecisionEntry
+from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
+from station.assessment.total_json import TotalUncertaintyEntry
 from station.errors import StationError
+from station.format_0 import upgrade
+from station.messages.codes import AssessmentCode
+from station.subject.subject_document import SubjectDocument
 
 RIGID = "rigid"
-FORMAT = 1
+FORMAT: Literal[1] = 1
+"""It rises where a key changes its meaning, not where one is added."""
 
 
 class AssessmentFileError(StationError):
-    """An assessment.json that cannot be used; one sentence says where and what was expected."""
+    """An assessment.json or activations.csv that cannot be used."""
 
 
 def read_activations(path: Path) -> pd.DataFrame:
-    """The table beside it. Raises AssessmentFileError for one that is cut, or is another."""
+    """activations.csv. Raises AssessmentFileError for a table that is incomplete, or another one."""
     try:
         with open_regular(path) as file:
             table = pd.read_csv(file, keep_default_na=False, na_values=["nan"])
@@ -34,65 +41,75 @@ def read_activations(path: Path) -> pd.DataFrame:
         raise AssessmentFileError(f"{path} has the columns {found}, expected condition, cuff, time_s and muscles")
     for name in ("time_s", *muscles):
         if not pd.api.types.is_numeric_dtype(table[name]):
-            raise AssessmentFileError(f"{path} holds something else than numbers under {name}; make it again")
+            raise AssessmentFileError(f"{path}, column {name}, holds values that are not numbers; make it again")
     return table
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(strict=True)
+class SeriesEntry(StrictEntry):
+    """A number for every rest length; null where frames have no solution."""
 
-
-class _Number(_Strict):
-    value: float | None
-    ci95: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
-
-
-class _Known(_Number):
-    value: float
-
-
-class _Series(_Strict):
     value: Annotated[list[float | None], Field(min_length=1)]
 
 
-class _Lengths(_Strict):
+class RestLengthsEntry(StrictEntry):
+    """The rest lengths that were solved."""
+
     value: Annotated[list[float], Field(min_length=1)]
 
 
-class _Optimum(_Strict):
-    rest_length_m: _Number
-    normalised_cost: _Number
-    permissible_error_m: _Number
+class OptimumEntry(StrictEntry):
+    """The best rest length, the effort there, and the width that keeps 90 % of the saving."""
+
+    rest_length_m: NumberEntry
+    normalised_cost: NumberEntry
+    permissible_error_m: NumberEntry
 
 
-class _Unsolved(_Strict):
-    count: _Known
+class UnsolvedEntry(StrictEntry):
+    """Frames without a regular solution: their number, and by outcome in outcome_codes."""
+
+    count: KnownNumberEntry
+    outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
 
 
-class _Emg(_Strict):
+class MeasuredReductionEntry(StrictEntry):
+    """A measured reduction of muscle activity."""
+
     muscle: str
-    reduction_percent: _Number
-    sd_percent: _Number
+    reduction_percent: NumberEntry
+    sd_percent: NumberEntry
 
 
-class _Inputs(_Strict):
+class AssessmentInputsEntry(StrictEntry):
+    """Names of the input files, with their SHA-256."""
+
     model: str
     motion: str
     suit: str
     cuffs: str
+    subject: str | None = None
+    budget: str | None = None
 
 
-class _Suited(_Strict):
-    """What an assessment and the one beside it share; figures that stand by cuff and condition are checked apart."""
+class AssessedFindingEntry(StrictEntry):
+    """A finding: its code, and the figures of its sentence."""
 
-    reference_rest_length_m: _Known
-    bare_body_cost: _Number
-    longest_cord_m: _Number
-    rest_lengths_m: _Lengths
+    code: Annotated[AssessmentCode, Field(strict=False)]
+    figures: dict[str, float | str] = Field(default_factory=dict)
+
+
+class AssessedMotionEntry(StrictEntry):
+    """The results for one motion; figures by cuff and condition are checked separately."""
+
+    reference_rest_length_m: KnownNumberEntry
+    bare_body_cost: NumberEntry
+    longest_cord_m: NumberEntry
+    rest_lengths_m: RestLengthsEntry
     waist_cuff: str | None
-    frames: _Known
-    scenarios: _Known
-    unsolved: _Unsolved
+    frames: KnownNumberEntry
+    scenarios: KnownNumberEntry
+    unsolved: UnsolvedEntry
+    muscle_outcome_codes: dict[str, KnownNumberEntry] = Field(default_factory=dict)
     at_rigid_optimum: dict[str, Any]
     optimum: dict[str, Any]
     cost: dict[str, Any]
@@ -103,30 +120,33 @@ class _Suited(_Strict):
     cost_per_arm_migration_per_m: dict[str, Any]
 
 
-class _Beside(_Suited):
+class OtherMotionEntry(AssessedMotionEntry):
+    """A shorter assessment of another motion, for comparison."""
+
     motion: str
 
 
-class AssessmentDocument(_Suited):
-    """assessment.json: what the suit with these cuffs does for the muscles. SI, with the unit in the key.
+class AssessmentDocument(AssessedMotionEntry):
+    """assessment.json: muscle effort in a suit with these cuffs. SI, with the unit in the key."""
 
-    A file without "format" is of an older station; it is read as format 1, whose keys mean the same.
-    """
-
-    format: Literal[1] = 1
-    inputs: _Inputs
-    findings: list[str]
-    emg: list[_Emg]
-    cuffs: dict[str, dict[str, _Number | str | list[str] | None]] = Field(default_factory=dict)
-    beside: _Beside | None = None
+    format: Literal[1]
+    inputs: AssessmentInputsEntry
+    findings: Annotated[list[str], Field(description="finding_codes in sentences")]
+    finding_codes: list[AssessedFindingEntry] = Field(default_factory=list)
+    decision: DecisionEntry | None = None
+    total_uncertainty: TotalUncertaintyEntry | None = None
+    emg: list[MeasuredReductionEntry]
+    cuffs: dict[str, dict[str, NumberEntry | str | list[str] | None]] = Field(default_factory=dict)
+    beside: OtherMotionEntry | None = None
+    subject: SubjectDocument | None = None
 
 
 _BY_CONDITION: dict[str, TypeAdapter[Any]] = {
-    "cost": TypeAdapter(_Series),
-    "optimum": TypeAdapter(_Optimum),
-    "muscle_reduction": TypeAdapter(dict[str, _Number]),
+    "cost": TypeAdapter(SeriesEntry),
+    "optimum": TypeAdapter(OptimumEntry),
+    "muscle_reduction": TypeAdapter(dict[str, NumberEntry]),
     **{
-        key: TypeAdapter(_Number)
+        key: TypeAdapter(NumberEntry)
         for key in (
             "at_rigid_optimum",
             "optimum_to_slack_m",
@@ -136,13 +156,13 @@ _BY_CONDITION: dict[str, TypeAdapter[Any]] = {
         )
     },
 }
-"""Key → what stands under "rigid", and under every condition of every arm cuff."""
+"""Key → type of the entry for "rigid", and for every condition of every arm cuff."""
 SHOWN: Literal["both"] = "both"
-"""The condition that every arm cuff is drawn in."""
+"""The condition that is drawn for every arm cuff."""
 
 
 def read_assessment(path: Path) -> dict[str, Any]:
-    """The file as plain data. Raises AssessmentFileError, with the key, for what `station assess` would not write."""
+    """The file as plain data. Raises AssessmentFileError, with the key, for any other file."""
     try:
         plain = read_json(path)
     except OSError as error:
@@ -152,38 +172,43 @@ def read_assessment(path: Path) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise _refusal(path, "", plain, "expected an object")
     try:
-        read = AssessmentDocument.model_validate(plain)
+        plain = upgrade(plain)
+        document = AssessmentDocument.model_validate(plain)
     except ValidationError as error:
         raise _malformed(path, describe_error(error)) from error
     for part, where in ((plain, ""), (plain.get("beside"), "beside.")):
         if part is not None:
             _check_conditions(path, part, where)
-    _check_muscles(path, plain, [row.muscle for row in read.emg])
+    _check_muscles(path, plain, [row.muscle for row in document.emg])
     return plain
 
 
 def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
-    """All keys have the same arm cuffs in the same conditions, and a cost for every rest length."""
+    """All keys must have the same arm cuffs in the same conditions, and a cost for every rest length."""
     conditions = {cuff: _conditions(cuff, entry) for cuff, entry in plain["cost"].items()}
     if RIGID not in conditions:
         raise _refusal(path, f"{where}cost", plain["cost"], "expected rigid cuffs among it")
     for key, kind in _BY_CONDITION.items():
         if plain[key].keys() != conditions.keys():
             raise _refusal(path, where + key, list(plain[key]), f"expected the cuffs {', '.join(conditions)}")
-        for cuff, its in conditions.items():
+        for cuff, expected in conditions.items():
             place = f"{where}{key}.{cuff}"
             entry = plain[key].get(cuff)
-            found = {"": entry} if cuff == RIGID else entry
-            if not isinstance(found, dict) or found.keys() != set(its) or (cuff != RIGID and SHOWN not in found):
-                raise _refusal(path, place, entry, f"expected {', '.join(its or (SHOWN,)) or 'an entry'}")
-            for condition in its:
+            entries = {"": entry} if cuff == RIGID else entry
+            if (
+                not isinstance(entries, dict)
+                or entries.keys() != set(expected)
+                or (cuff != RIGID and SHOWN not in entries)
+            ):
+                raise _refusal(path, place, entry, f"expected {', '.join(expected or (SHOWN,)) or 'an entry'}")
+            for condition in expected:
                 try:
-                    kind.validate_python(found[condition])
+                    kind.validate_python(entries[condition])
                 except ValidationError as error:
                     fault = describe_error(error, context=f"{place}.{condition}".strip("."))
                     raise _malformed(path, fault) from error
-                if key == "cost" and len(found[condition]["value"]) != len(plain["rest_lengths_m"]["value"]):
-                    raise _refusal(path, place, found[condition], "expected a cost for every rest length")
+                if key == "cost" and len(entries[condition]["value"]) != len(plain["rest_lengths_m"]["value"]):
+                    raise _refusal(path, place, entries[condition], "expected a cost for every rest length")
 
 
 def _conditions(cuff: str, entry: Any) -> tuple[str, ...]:
@@ -191,18 +216,18 @@ def _conditions(cuff: str, entry: Any) -> tuple[str, ...]:
 
 
 def _check_muscles(path: Path, plain: dict[str, Any], measured: list[str]) -> None:
-    """Every reduction has the muscles that are drawn: those of EMG, or all of the rigid cuffs'."""
+    """Every reduction must have the muscles that are drawn: those of the EMG file, or all muscles of the rigid case."""
     reductions = plain["muscle_reduction"]
     names = measured or list(reductions[RIGID])
     for cuff in plain["cost"]:
-        found = reductions[cuff] if cuff == RIGID else reductions[cuff][SHOWN]
-        if missing := [name for name in names if name not in found]:
-            raise _refusal(path, f"muscle_reduction.{cuff}", list(found), f"expected {missing[0]} among them")
+        reduction = reductions[cuff] if cuff == RIGID else reductions[cuff][SHOWN]
+        if missing := [name for name in names if name not in reduction]:
+            raise _refusal(path, f"muscle_reduction.{cuff}", list(reduction), f"expected {missing[0]} among them")
 
 
 def _refusal(path: Path, where: str, found: Any, expected: str) -> AssessmentFileError:
-    what = f"{where} is {shortened(found)}" if where else f"the document is {shortened(found)}"
-    return _malformed(path, f"{what}, {expected}")
+    fault = f"{where or 'the document'} is {shortened(found)}, {expected}"
+    return _malformed(path, fault)
 
 
 def _malformed(path: Path, fault: str) -> AssessmentFileError:

@@ -1,4 +1,4 @@
-"""What goes into an assessment: the files, read, checked against each other, and named with their hashes."""
+"""Input files of an assessment: read, checked against each other, and named with their hashes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.cuffs_file import read_cuffs
-from fitting.interval_covariance import with_interval_covariance
+from fitting.cuffs.cuffs_file import read_cuffs
+from fitting.cuffs.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff, with_interval_covariance
 from fitting.laws.model_class import SLIP
-from fitting.seal import Standing
-from fitting.wearable_cuff import KNOWN_LAW, NotIdentified, WearableCuff
+from fitting.results.seal import Standing
 from solver.cuff import CuffParameters
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError, differentiate, read_motion
@@ -21,33 +20,36 @@ from solver.paths import PathMode
 from solver.point_mass import with_point_mass
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
 from station.assessment.emg import MeasuredReduction, read_emg
-from station.assessment.sources import loads_of, model_of, motion_of, named_hash, named_hashes
 from station.checksums import standing_of
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
+from station.messages.codes import InputCode
+from station.messages.message import Message
+from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes
 
 RIGID = "rigid"
-HELD_WEIGHT = 2.0  # kg in the hand, where the bundled motion stands beside itself
+HELD_MASS = 2.0  # kg in the hand, if both the assessed and the other motion are the bundled one
 
 
 class InputError(StationError):
-    """Files that do not make an assessment; one sentence."""
+    """Files that do not make an assessment."""
 
 
 class UnknownCuff(InputError):
-    """The command names a cuff that the file does not hold."""
+    """The command names a cuff that is not in the file."""
 
     exit_code = WRONG_USAGE
 
 
 @dataclass(frozen=True)
 class AssessmentInputs:
-    """The files of an assessment; what is None or "bundled" comes with the station.
+    """The files of an assessment; None or "bundled" stands for a file of the station.
 
-    chosen  names of the cuffs to wear besides the waist's, empty for all of them
-    beside  another motion to show beside the assessed one, without loads
-    paths   how muscles lie on surfaces (docs/paths.md)
-    external_loads  OpenSim's file of them, which bear on the motion
+    chosen  names of the cuffs to wear in addition to the waist cuff, empty for all of them
+    beside  another motion for comparison, without loads
+    paths   path mode of the muscles (docs/paths.md)
+    external_loads  OpenSim file of external loads on the motion
+    subject folder of the wearer's own pose and motion trials, which then give body and motion
     """
 
     cuffs: Path
@@ -59,6 +61,7 @@ class AssessmentInputs:
     chosen: tuple[str, ...] = ()
     paths: PathMode = "opensim"
     external_loads: Path | None = None
+    subject: Path | None = None
 
     def read_model(self) -> Model:
         return model_of(self.model)
@@ -70,7 +73,7 @@ class AssessmentInputs:
         return loads_of(self.external_loads, model, kinematics.time)
 
     def read_suit(self, most_rest_lengths: int | None = None) -> Suit:
-        """The suit, where asked for with fewer rest lengths over the same span."""
+        """The suit, with at most this number of rest lengths over the same range."""
         suit = read_suit(self.suit)
         if most_rest_lengths is None or len(suit.rest_lengths) <= most_rest_lengths:
             return suit
@@ -80,8 +83,8 @@ class AssessmentInputs:
     def read_emg(self, model: Model, suit: Suit) -> tuple[MeasuredReduction, ...]:
         return tuple(read_emg(self.emg, (*model.muscle_names, *suit.groups))) if self.emg else ()
 
-    def read_beside(self, model: Model) -> tuple[str, Model, Kinematics] | None:
-        """Another motion and what to call it; without one given, the bundled raise, with a weight if it is assessed."""
+    def read_other_motion(self, model: Model) -> tuple[str, Model, Kinematics] | None:
+        """Name, model and kinematics of the other motion; by default the bundled raise, or that with a mass."""
         if self.beside is not None:
             return self.beside.name, model, differentiate(read_motion(self.beside, model))
         try:
@@ -89,89 +92,84 @@ class AssessmentInputs:
             if self.motion is not None:
                 return "bundled raise of the arm", model, kinematics
             hand = model.bodies[model.body_index("hand")]
-            loaded = with_point_mass(model, "hand", HELD_WEIGHT, hand.mass_center)
-        except (ModelError, MotionError):  # someone's own model, which the bundled motion does not fit
+            loaded = with_point_mass(model, "hand", HELD_MASS, hand.mass_center)
+        except (ModelError, MotionError):  # the bundled motion does not fit every model
             return None
-        return f"bundled raise of the arm with {HELD_WEIGHT:g} kg in the hand", loaded, kinematics
+        return f"bundled raise of the arm with {HELD_MASS:g} kg in the hand", loaded, kinematics
 
     def hashes(self) -> dict[str, str]:
-        """Role → "name SHA-256", or a name alone for what comes with the station."""
+        """Role → "name SHA-256", or a name alone for a file of the station."""
         files = {"cuffs": self.cuffs, "suit": self.suit, "emg": self.emg, "beside": self.beside}
         named = {role: named_hash(path) for role, path in files.items() if path}
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 
 def standing_of_cuffs(path: Path, cuffs: Iterable[WearableCuff]) -> Standing:
-    """How the file stands to what was recorded of it; figures given by hand in these cuffs explain a change."""
-    found = {fit.standing for fit in cuffs}
-    if Standing.CHANGED in found:
+    """Check of the file against its recorded hash; figures given by hand in these cuffs explain a change."""
+    standings = {cuff.standing for cuff in cuffs}
+    if Standing.CHANGED in standings:
         return Standing.CHANGED
-    return Standing.BY_HAND if Standing.BY_HAND in found else standing_of(path)
+    return Standing.BY_HAND if Standing.BY_HAND in standings else standing_of(path)
 
 
 def cuff_remarks(path: Path, cuffs: Iterable[WearableCuff]) -> list[str]:
-    """What a reader of a result must know of the cuffs that went into it, in sentences."""
+    """Remarks on the cuffs that a reader of the result must know."""
     cuffs = tuple(cuffs)
-    said = [f"cuff {fit.name}: {remark}" for fit in cuffs for remark in fit.remarks]
+    remarks = [f"cuff {cuff.name}: {remark}" for cuff in cuffs for remark in cuff.remarks]
     if standing_of_cuffs(path, cuffs) is Standing.CHANGED:
-        said.append(f"{path} has changed since it was recorded; fit the session again, or see `station verify`")
-    return said
+        remarks.append(f"{path} has changed since it was recorded; fit the session again, or see `station verify`")
+    return remarks
 
 
 def ensure_folder(output: Path) -> None:
-    """Before anything is solved. Raises InputError where results have no place to go."""
+    """Raise InputError, before anything is solved, if results cannot be written to output."""
     if output.exists() and not output.is_dir():
-        raise InputError(f"{output} should be a folder to write into and is a file; give another --output")
+        raise InputError(Message(InputCode.OUTPUT_IS_FILE, {"path": str(output)}))
 
 
 def worn_cuffs(cuffs: dict[str, WearableCuff], chosen: tuple[str, ...]) -> list[CuffParameters]:
-    """The chosen cuffs, or all, and the waist's. Raises InputError for one that is missing, or of another law."""
+    """The chosen cuffs, or all, and the waist cuff. Raises InputError for one that is missing, or of another law."""
     missing = [name for name in chosen if name not in cuffs]
     if missing:
-        raise UnknownCuff(
-            f"the cuffs file should hold {', '.join(missing)} and holds {', '.join(cuffs) or 'none'}; fit it or choose "
-            "another"
-        )
+        figures = {"missing": ", ".join(missing), "known": ", ".join(cuffs) or "none"}
+        raise UnknownCuff(Message(InputCode.UNKNOWN_CUFF, figures))
     worn = chosen_cuffs(cuffs, chosen)
-    for fit in worn:
-        if fit.name == RIGID:
-            raise InputError(f"a cuff is called {RIGID}, as is the suit with cuffs that do not yield; rename it")
-        _ensure_is_worn(fit)
-    return [with_interval_covariance(fit) for fit in worn]
+    for cuff in worn:
+        if cuff.name == RIGID:
+            raise InputError(Message(InputCode.CUFF_NAMED_RIGID, {"name": RIGID}))
+        _ensure_law(cuff)
+    return [with_interval_covariance(cuff) for cuff in worn]
 
 
 def chosen_cuffs(cuffs: Mapping[str, WearableCuff], chosen: tuple[str, ...]) -> list[WearableCuff]:
-    """Those of the chosen cuffs, or of all, and the waist's."""
-    return [fit for fit in cuffs.values() if not chosen or fit.name in chosen or fit.site == "waist"]
+    """The chosen cuffs, or all, and the waist cuff."""
+    return [cuff for cuff in cuffs.values() if not chosen or cuff.name in chosen or cuff.site == "waist"]
 
 
 def wearable(cuffs: Mapping[str, WearableCuff]) -> tuple[dict[str, WearableCuff], dict[str, str]]:
-    """The cuffs that can be worn, and of the others by name why not."""
+    """The cuffs that can be worn, and the reason for each of the others by name."""
     left_out = {}
-    for name, fit in cuffs.items():
+    for name, cuff in cuffs.items():
         try:
-            worn_cuffs({name: fit}, ())
+            worn_cuffs({name: cuff}, ())
         except (NotIdentified, InputError) as error:
             left_out[name] = str(error)
-    return {name: fit for name, fit in cuffs.items() if name not in left_out}, left_out
+    return {name: cuff for name, cuff in cuffs.items() if name not in left_out}, left_out
 
 
 def read_cuffs_to_wear(path: Path, chosen: tuple[str, ...] = ()) -> dict[str, WearableCuff]:
-    """Reads cuffs.json; of the cuffs that worn_cuffs would take, raises InputError for a law that no suit wears."""
+    """Read cuffs.json. Raises InputError if one of the chosen cuffs has a law that no suit wears."""
     cuffs = read_cuffs(path)
     for cuff in chosen_cuffs(cuffs, chosen):
-        _ensure_is_worn(cuff)
+        _ensure_law(cuff)
     return cuffs
 
 
-def _ensure_is_worn(cuff: WearableCuff) -> None:
-    """Raises InputError where a cuff's law, or the class of its trials (fitting/laws/model_class.py), is a richer one.
+def _ensure_law(cuff: WearableCuff) -> None:
+    """Raise InputError if the law of the cuff, or the model class of its trials, has more than a spring and a damper.
 
-    A cuff that slips is no other law: the suit wears its migration.
+    Slip is no extension of the law: the suit wears its migration.
     """
     if set(cuff.law) - {SLIP}:
-        raise InputError(
-            f"the cuff {cuff.name} has the law {' + '.join(cuff.law)}, and the suit wears cuffs of the law {KNOWN_LAW} "
-            f"only, which F = k x + c ẋ describes; where that will do, write {cuff.name} with its k, c and migration "
-            "alone into a cuffs file"
-        )
+        figures = {"cuff": cuff.name, "law": " + ".join(cuff.law), "known": KNOWN_LAW}
+        raise InputError(Message(InputCode.RICHER_LAW, figures))

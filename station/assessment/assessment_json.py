@@ -1,4 +1,4 @@
-"""assessment.json: every number as {"value", "ci95"}, its unit in the key; and the table of activations beside it."""
+"""Results as the plain data of assessment.json, every number as {"value", "ci95"}, and as the table activations.csv."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.seal import Standing
+from fitting.cuffs.wearable_cuff import QUANTITIES, WearableCuff
+from fitting.results.seal import Standing
 from fitting.uncertainty import Estimate
-from fitting.wearable_cuff import QUANTITIES, WearableCuff
-from solver.suit.assessment import Assessment, EffortCurve, Quantity
+from solver.suit.assessment import Assessment, EffortCurve
+from solver.suit.quantity import Quantity
 from station.assessment.emg import MeasuredReduction
+from station.assessment.outcomes import FRAME_SENTENCES
 
 Plain = dict[str, Any]
 
@@ -24,11 +26,11 @@ CURVE_KEYS = {
     "cord_force_lost": "cord_force_lost_to_migration",
     "cost_per_migration": "cost_per_arm_migration_per_m",
 }
-"""Field of Readings → key, for the numbers that stand beside the cost at the reference and the optimum."""
+"""Field of CurveReadouts → key, for the numbers other than the effort at the reference and the optimum."""
 
 
 def plain_assessment(assessment: Assessment) -> Plain:
-    """Numbers by arm cuff and condition; lists of numbers are one number each, {"value": […], "ci95": null}."""
+    """Numbers by arm cuff and condition; a list of numbers is one entry, {"value": […], "ci95": null}."""
 
     def by_cuff(entry: Callable[[EffortCurve], Any]) -> Plain:
         nested: Plain = {}
@@ -48,8 +50,12 @@ def plain_assessment(assessment: Assessment) -> Plain:
             lambda curve: {muscle: _number(figure) for muscle, figure in curve.reduction.items()}
         ),
         "comparisons": [
-            {"cuffs": list(each.cuffs), "cost_difference": _number(each.cost_difference), "differ": each.differ}
-            for each in assessment.comparisons
+            {
+                "cuffs": list(comparison.cuffs),
+                "cost_difference": _number(comparison.cost_difference),
+                "differ": comparison.differ,
+            }
+            for comparison in assessment.comparisons
         ],
         "waist_cuff": assessment.waist_cuff,
         "rest_lengths_m": _list(assessment.rest_lengths),
@@ -60,19 +66,21 @@ def plain_assessment(assessment: Assessment) -> Plain:
         "scenarios": known(assessment.scenarios),
         "unsolved": {
             "count": known(assessment.unsolved),
-            "outcomes": {sentence: known(count) for sentence, count in assessment.outcomes.items()},
+            "outcomes": {FRAME_SENTENCES[outcome]: known(count) for outcome, count in assessment.outcomes.items()},
+            "outcome_codes": {outcome: known(count) for outcome, count in assessment.outcomes.items()},
             "by_condition": by_cuff(lambda curve: known(curve.unsolved)),
         },
+        "muscle_outcome_codes": {outcome: known(count) for outcome, count in assessment.muscle_outcomes.items()},
     }
 
 
 def known(value: float) -> Plain:
-    """A number that has no interval; null where it is not finite."""
+    """A number without an interval; null if it is not finite."""
     return {"value": value if np.isfinite(value) else None, "ci95": None}
 
 
 def activations_table(assessment: Assessment) -> str:
-    """CSV: condition, cuff, time, then a column per muscle, at the reference rest length; the slack cord first."""
+    """CSV: condition, cuff, time, then a column per muscle, at the reference rest length; first with a slack cord."""
     parts = [("slack", "", assessment.slack)]
     parts += [(curve.condition, curve.cuff or "", curve.activations) for curve in assessment.curves]
     lines = [",".join(["condition", "cuff", "time_s", *assessment.muscles])]
@@ -90,7 +98,7 @@ def plain_emg(measured: Sequence[MeasuredReduction]) -> list[Plain]:
 
 
 def plain_cuffs(cuffs: Sequence[WearableCuff]) -> Plain:
-    """What was worn, as it was measured; a figure that was given has no interval."""
+    """Parameters of the cuffs; a figure that was given by hand has no interval."""
 
     def number(estimate: Estimate | None) -> Plain:
         if estimate is None:
@@ -98,21 +106,21 @@ def plain_cuffs(cuffs: Sequence[WearableCuff]) -> Plain:
         return _number(Quantity(estimate.value, estimate.ci95 if estimate.ci95[0] < estimate.ci95[1] else None))
 
     return {
-        fit.name: {
-            "site": fit.site,
-            "origin": fit.origin,
+        cuff.name: {
+            "site": cuff.site,
+            "origin": cuff.origin,
             **{
-                key: {**number(getattr(fit, name)), "source": Standing.BY_HAND if name in fit.given else "fit"}
+                key: {**number(getattr(cuff, name)), "source": Standing.BY_HAND if name in cuff.given else "fit"}
                 for name, key in QUANTITIES.items()
             },
-            **_plain_assumed(fit),
+            **_plain_assumed(cuff),
         }
-        for fit in cuffs
+        for cuff in cuffs
     }
 
 
 def _plain_assumed(cuff: WearableCuff) -> Plain:
-    """What was assumed to make the cuff wearable, in a sentence and by its codes."""
+    """Assumptions that were needed to wear the cuff, as a sentence and as codes."""
     if not cuff.assumed:
         return {}
     return {"assumed": "; ".join(map(str, cuff.assumed)), "assumed_codes": [note.code for note in cuff.assumed]}
@@ -143,7 +151,8 @@ def _uncertainty(assessment: Assessment) -> Plain | None:
 
 
 def _number(figure: Quantity) -> Plain:
-    return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None}
+    censored = {"censored": figure.censored.value} if figure.censored else {}
+    return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None, **censored}
 
 
 def _list(values: NDArray[np.float64]) -> Plain:

@@ -1,4 +1,4 @@
-"""The solver's compilation, once on a machine: ahead in a second process, and as a stage of the progress."""
+"""Compile the solver's kernels ahead in a second process, and show compilation as a stage of the progress."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ COMMAND = (sys.executable, "-m", "solver.compile_ahead", "--with-parent")
 
 
 class CompilationAhead:
-    """A context manager: a second process compiles from its start on, and ends with it at the latest.
+    """A context manager: a second process compiles during it.
 
-    This module imports little, so that the process can be started before what else a verb needs is imported. A failure
-    costs time only: what is not compiled is compiled where it is needed.
+    This module imports little, so that the process starts before the other imports of a verb. A failure only costs
+    time: a kernel that is not compiled is compiled at its first use.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -63,7 +63,7 @@ class CompilationAhead:
         child, self._child = self._child, None
         if child is None:
             return
-        child.kill()  # what it has written to the disk is whole
+        child.kill()  # kernels on the disk are complete
         child.wait()
         if self._reader is not None:
             self._reader.join()
@@ -72,12 +72,12 @@ class CompilationAhead:
                 pipe.close()
 
     def _report(self, counts: Iterable[str], progress: Progress) -> None:
-        """Where all is on disk already there is nothing to show."""
+        """Show progress unless all kernels are on the disk already."""
         is_shown = False
         for line in counts:
             try:
-                counted = json.loads(line)
-                ready, total = int(counted["ready"]), int(counted["kernels"])
+                count = json.loads(line)
+                ready, total = int(count["ready"]), int(count["kernels"])
             except (ValueError, TypeError, KeyError):
                 continue
             self._is_complete = ready == total
@@ -88,7 +88,7 @@ class CompilationAhead:
 
 @contextmanager
 def compilation_shown(progress: Progress) -> Iterator[None]:
-    """While kernels may be compiled in this process: that is a stage of its own, in place of a warning for each."""
+    """Show compilation in this process as a separate stage, instead of a warning per kernel."""
     from solver.compile_ahead import KERNELS, CompilationCount  # the compiler behind it takes long to import
 
     has_begun = False

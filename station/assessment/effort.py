@@ -1,10 +1,10 @@
-"""effort.toml → what effort costs: weights of muscles and of actuators, and reserves of one's own.
+"""Read effort.toml: weights of muscles and actuators, and reserve actuators.
 
     reserve_weight = 10.0
-    unweighted_coordinates = ["elbow_flexion", "pro_sup"]     # whose actuators cost nothing
+    unweighted_coordinates = ["elbow_flexion", "pro_sup"]     # whose actuators have no weight
     [weights]                                                 # single muscles, or coordinates for their actuators
     DeltoideusScapula_M = 2.0
-    [reserves]                                                # in place of the coordinate's actuator, if it has one
+    [reserves]                                                # replaces the actuator of the coordinate, if it has one
     shoulder_elv = { optimal_force = 20.0, min_control = -1.0, max_control = 1.0 }
 
 Weights multiply squares of activations and controls; a control of 1 gives the optimal force, in N m or N.
@@ -22,7 +22,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import describe_error
 from solver.model import Model
-from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, with_reserves
+from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions
+from solver.redundancy.reserves import Reserve, with_reserves
 from station.config import ConfigError
 
 Weight = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -46,7 +47,7 @@ class EffortWeights(_Table):
     reserves: dict[str, ReserveTable] = Field(default_factory=dict)
 
     def applied(self, model: Model, options: RedundancyOptions) -> tuple[Model, RedundancyOptions]:
-        """The model with these reserves and the options with these weights. ModelError for a name it does not have."""
+        """The model with these reserves and the options with these weights. Raises ModelError for an unknown name."""
         if "unweighted_coordinates" in self.model_fields_set:
             for name in self.unweighted_coordinates:
                 model.coordinate_index(name)
@@ -62,7 +63,7 @@ class EffortWeights(_Table):
 
 
 def read_effort(path: Path) -> EffortWeights:
-    """Reads effort.toml. Raises ConfigError in one sentence."""
+    """Read effort.toml. Raises ConfigError."""
     try:
         return EffortWeights.model_validate(read_toml(path))
     except OSError as error:

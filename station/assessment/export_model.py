@@ -1,4 +1,4 @@
-"""Suit and cuffs → SUITED.osim, a model in which users of OpenSim find the suit worn."""
+"""Export suit and cuffs as an .osim model with the suit, for OpenSim."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from solver.osim.writer import osim_document
 from solver.suit.scenarios import Condition, SuitScenario
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, UnknownCuff, cuff_remarks, read_cuffs_to_wear, worn_cuffs
-from station.assessment.sources import BUNDLED, model_of
+from station.messages.codes import InputCode
+from station.messages.message import Message
+from station.sources import BUNDLED, model_of
 from station.whole_file import write_whole
 
 
 @dataclass(frozen=True)
 class SuitToExport:
-    """What is worn by which model; without a cuffs.json both cuffs are rigid, rest_length [m] None is the suit's."""
+    """Model, suit and cuffs; without a cuffs.json both cuffs are rigid, rest_length [m] None is that of the suit."""
 
     model: str = "bundled"
     suit: Path = BUNDLED_SUIT
@@ -31,17 +33,17 @@ class SuitToExport:
 
 
 def write_suited_model(worn: SuitToExport, output: Path) -> list[str]:
-    """Write the .osim; a user's own model keeps all it has. Returns remarks on the cuffs, which the file holds, too.
+    """Write the .osim; a model from a file keeps all its content. Returns remarks on the cuffs, which are in the file.
 
-    Raises as the readers do, and where they do not fit.
+    Raises the errors of the readers, and InputError if the files do not fit together.
     """
     suit = read_suit(worn.suit)
     if worn.rest_length is not None:
         suit = replace(suit, reference_rest_length=worn.rest_length)
     model = model_of(worn.model)
     root = osim_document(model) if worn.model == BUNDLED else _document(Path(worn.model))
-    wearing, remarks = _wearing(worn, suit.reference_rest_length)
-    add_suit(root, model, suit, wearing)
+    scenario, remarks = _scenario(worn, suit.reference_rest_length)
+    add_suit(root, model, suit, scenario)
     for remark in reversed(remarks):
         root.insert(0, Xml.Comment(f" {remark.replace('--', '-')} "))
     Xml.indent(root, "\t")
@@ -49,13 +51,13 @@ def write_suited_model(worn: SuitToExport, output: Path) -> list[str]:
     return remarks
 
 
-def _wearing(worn: SuitToExport, rest_length: float) -> tuple[SuitScenario, list[str]]:
+def _scenario(worn: SuitToExport, rest_length: float) -> tuple[SuitScenario, list[str]]:
     lengths = np.array([rest_length])
     if worn.cuffs is None:
         if worn.cuff is not None:
-            raise UnknownCuff(f"the cuff {worn.cuff} needs a cuffs.json that holds it; name one by --cuffs")
+            raise UnknownCuff(Message(InputCode.NO_CUFFS_FILE, {"cuff": worn.cuff}))
         if worn.condition not in (None, "rigid"):
-            raise InputError(f"the condition {worn.condition} needs cuffs, and none are given; name a cuffs.json")
+            raise InputError(Message(InputCode.CONDITION_WITHOUT_CUFFS, {"condition": str(worn.condition)}))
         return SuitScenario("rigid", None, None, lengths), []
     chosen = (worn.cuff,) if worn.cuff else ()
     fits = read_cuffs_to_wear(worn.cuffs, chosen)
@@ -63,12 +65,12 @@ def _wearing(worn: SuitToExport, rest_length: float) -> tuple[SuitScenario, list
     arms, waists = ([cuff for cuff in cuffs if cuff.site == site] for site in ("arm", "waist"))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"
-        raise InputError(f"a suited model wears one arm cuff and there are {names}; choose one by --cuff")
+        raise InputError(Message(InputCode.ONE_ARM_CUFF, {"names": names}))
     remarks = cuff_remarks(worn.cuffs, (fits[cuff.name] for cuff in cuffs))
     return SuitScenario(worn.condition or "both", waists[0] if waists else None, arms[0], lengths), remarks
 
 
 def _document(path: Path) -> Xml.Element:
-    """The file's root with the comments of its author."""
+    """The root element of the file, including comments."""
     builder = Xml.TreeBuilder(insert_comments=True)
     return Xml.fromstring(as_utf8(path.read_bytes()), Xml.XMLParser(target=builder))  # noqa: S314  (read_osim has read it)

@@ -1,150 +1,197 @@
-"""What an assessment found, in sentences: how cuffs compare, which to choose, and how sure all of it is."""
+"""Findings of an assessment: which cuff to choose, how the cuffs compare, and how certain the figures are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from solver.muscle import MuscleOutcome
 from solver.redundancy.motion import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
-from station.interval import between, digits_of, rounded
+from solver.uncertainty.total import TotalUncertainty
+from station.interval import digits_of, rounded
+from station.messages.codes import AssessmentCode
+from station.messages.message import Figures, Message
 
-MOST_FOR_RESERVES = 0.1  # of the slack suit's cost; the published motions need less than 0.01
-CONSEQUENCE = {
-    FrameOutcome.INFEASIBLE: (
-        "; their cost is unknown, and so is every number that would need it: take a lighter load, or leave that part "
-        "of the motion out"
-    ),
-    FrameOutcome.NOT_CONVERGED: "; costs hold it, and are not to be believed",
-    FrameOutcome.NOT_FINITE: "; no cost includes them",
+RELEVANT_DIFFERENCE = 0.02
+"""Smallest difference of the effort, relative to that with a slack cord, that is taken to matter."""
+LARGE_RESERVES = 0.1
+"""Effort of the reserve actuators relative to that with a slack cord; the published motions need less than 0.01."""
+OUTCOMES = {
+    FrameOutcome.BEYOND_ACTIVATION_RATE: AssessmentCode.RATE_EXCEEDED,
+    FrameOutcome.INFEASIBLE: AssessmentCode.INFEASIBLE,
+    FrameOutcome.NOT_CONVERGED: AssessmentCode.NOT_CONVERGED,
+    FrameOutcome.NOT_FINITE: AssessmentCode.NOT_FINITE,
+}
+MUSCLE_OUTCOMES = {
+    MuscleOutcome.PATH_NOT_CONVERGED: AssessmentCode.PATH_NOT_CONVERGED,
+    MuscleOutcome.CURVE_NOT_CONVERGED: AssessmentCode.CURVE_NOT_CONVERGED,
 }
 
+Finding = Message[AssessmentCode]
 
-def findings(assessment: Assessment) -> list[str]:
-    """Sentences for the terminal and the report, the advice first."""
+
+def findings(assessment: Assessment, total: TotalUncertainty | None = None) -> list[Finding]:
+    """The findings for terminal and report, the least effort first. Cuffs are compared with the intervals of the total
+    uncertainty where it is known, otherwise with those of the fit.
+    """
+    if total is not None:
+        assessment = replace(assessment, comparisons=_with_total(assessment.comparisons, total))
     return [
         _choice(assessment),
-        *(_compared(each, assessment.reference_rest_length) for each in assessment.comparisons),
-        *_at_their_best(assessment),
-        *_beyond_what_was_tried(assessment),
-        _uncertainty(assessment.uncertainty),
-        *_lost_and_gained(assessment),
+        *(_comparison(comparison, assessment.reference_rest_length) for comparison in assessment.comparisons),
+        *_best_rest_lengths(assessment),
+        *_rest_lengths_outside_range(assessment),
+        _intervals(assessment.uncertainty) if total is None else _total(total),
+        *_cord_and_migration(assessment),
         *_reserves(assessment),
-        *(_unsolved(assessment, outcome) for outcome in FrameOutcome if outcome.value in assessment.outcomes),
+        *_unsolved_frames(assessment),
+        *_unconverged_muscles(assessment),
     ]
 
 
-def _choice(assessment: Assessment) -> str:
-    """The arm cuff that leaves most of the saving once it has slipped and while it yields."""
-    cost = {curve.cuff: curve.figures["at_reference"].value for curve in assessment.curves if curve.condition == "both"}
-    known = {cuff: value for cuff, value in cost.items() if cuff and value is not None}
+def _with_total(comparisons: Iterable[Comparison], total: TotalUncertainty) -> tuple[Comparison, ...]:
+    """The comparisons with the intervals of the drawn people, which are of the same pairs."""
+    intervals = {pair.cuffs: pair.ci95 for pair in total.decisions["at_reference"].pairs}
+    return tuple(
+        replace(comparison, cost_difference=replace(comparison.cost_difference, ci95=intervals.get(comparison.cuffs)))
+        for comparison in comparisons
+    )
+
+
+def _total(total: TotalUncertainty) -> Finding:
+    figures: Figures = {"people": total.people, "solved": total.solved, "every": total.every}
+    return Message(AssessmentCode.INTERVALS_TOTAL, figures)
+
+
+def _choice(assessment: Assessment) -> Finding:
+    """The arm cuff with the least effort, with migration and compliance."""
+    efforts = {
+        curve.cuff: curve.figures["at_reference"].value for curve in assessment.curves if curve.condition == "both"
+    }
+    known = {cuff: effort for cuff, effort in efforts.items() if cuff and effort is not None}
     if not known:
-        return "No cuff can be chosen: frames of every one stayed unsolved."
+        return Message(AssessmentCode.NO_CHOICE)
     best = min(known, key=lambda cuff: known[cuff])
-    words = (
-        f"Choose {best}: shifted and yielding it costs the muscles {known[best]:.3f} of what the slack suit does, at "
-        f"{assessment.reference_rest_length:.2f} m"
-    )
+    figures: Figures = {"cuff": best, "effort": known[best], "at_m": assessment.reference_rest_length}
     if len(known) == 1:
-        return f"{words}; there is no other cuff to compare it with."
-    rivals = [
-        next(name for name in each.cuffs if name != best)
-        for each in assessment.comparisons
-        if best in each.cuffs and each.differ is False
+        return Message(AssessmentCode.ONLY_CUFF, figures)
+    equivalent = [
+        next(name for name in comparison.cuffs if name != best)
+        for comparison in assessment.comparisons
+        if best in comparison.cuffs and _is_equivalent(comparison)
     ]
-    if rivals:
-        return f"{words}; but {' and '.join(rivals)} cannot be told apart from it."
-    return f"{words}, the least of {', '.join(known)}."
+    if equivalent:
+        rivals: Figures = {"equivalent": " and ".join(equivalent), "relevant_percent": 100 * RELEVANT_DIFFERENCE}
+        return Message(AssessmentCode.EQUIVALENT, {**figures, **rivals})
+    return Message(AssessmentCode.LEAST_EFFORT, {**figures, "cuffs": ", ".join(known)})
 
 
-def _compared(each: Comparison, rest_length: float) -> str:
-    (a, b), value = each.cuffs, each.cost_difference.value
-    if value is None:
-        return f"{a} and {b} cannot be compared: frames stayed unsolved."
-    digits = digits_of(each.cost_difference.ci95, otherwise=3)
-    words = f"{a} costs {rounded(abs(value), digits)} {'more' if value > 0 else 'less'} than {b} at {rest_length:.2f} m"
-    if each.cost_difference.ci95 is None:
-        return f"{words}; how sure that is was not determined."
-    interval = f"95 % interval {between(each.cost_difference.ci95, 1.0 if value > 0 else -1.0, digits)}"
-    return f"{words} ({interval}): the two {'differ' if each.differ else 'cannot be told apart'}."
-
-
-def _at_their_best(assessment: Assessment) -> Iterator[str]:
-    """What a cuff loses at one rest length, a cord of its own may bring back."""
-    figures = {curve.cuff: curve.figures for curve in assessment.curves if curve.condition == "both"}
-    best = [
-        f"{cuff} {each['lowest_cost'].value:.3f} at {each['rest_length'].value:.3f} m"
-        for cuff, each in figures.items()
-        if each["lowest_cost"].value is not None and each["rest_length"].value is not None
-    ]
-    if best:
-        yield f"With a cord of its own best rest length, shifted and yielding, it is {', '.join(best)}."
-
-
-def _beyond_what_was_tried(assessment: Assessment) -> Iterator[str]:
-    """What a dash means where every frame was solved."""
-    solved = [curve.figures for curve in assessment.curves if not np.isnan(curve.cost).any()]
-    if any(each[name].value is None for each in solved for name in ("rest_length", "permissible_error")):
-        first, last = assessment.rest_lengths[[0, -1]]
-        yield (
-            "A dash in place of a best rest length, or of its width, says that it lies beyond those tried, "
-            f"{first:.2f} to {last:.2f} m."
-        )
-
-
-def _uncertainty(uncertainty: UncertaintySummary | None) -> str:
-    if uncertainty is None:
-        return "Intervals were not determined: no cuff carries an uncertainty, or no draws were asked for."
-    off = uncertainty.largest_difference
-    words = f"Intervals come from {uncertainty.draws} draws of the cuffs on every {uncertainty.every}th frame"
-    if np.isnan(list(off.values())).any():
-        return f"{words}; what that thinning alone changes is not known of all figures."
-    return (
-        f"{words}; that thinning alone changes costs by up to {max(off['at_reference'], off['lowest_cost']):.4f}, best "
-        f"rest lengths by up to {1e3 * off['rest_length']:.1f} mm and permissible errors by up to "
-        f"{1e3 * off['permissible_error']:.1f} mm."
+def _is_equivalent(comparison: Comparison) -> bool:
+    """Whether the difference is known, and not significant or too small to matter."""
+    value = comparison.cost_difference.value
+    return comparison.differ is False or (
+        comparison.differ is True and value is not None and abs(value) < RELEVANT_DIFFERENCE
     )
 
 
-def _lost_and_gained(assessment: Assessment) -> Iterator[str]:
-    """What migration takes, cuff by cuff, and how far from its optimum the rigid suit stops helping."""
+def _comparison(comparison: Comparison, rest_length: float) -> Finding:
+    (first, second), difference = comparison.cuffs, comparison.cost_difference
+    if difference.value is None:
+        return Message(AssessmentCode.NOT_COMPARED, {"first": first, "second": second})
+    digits = digits_of(difference.ci95, 100.0, otherwise=1)
+    figures: Figures = {
+        "first": first,
+        "second": second,
+        "at_m": rest_length,
+        "difference_percent": _signed(100 * difference.value, digits),
+    }
+    if difference.ci95 is None:
+        return Message(AssessmentCode.WITHOUT_INTERVAL, figures)
+    low, high = (_signed(100 * end, digits) for end in difference.ci95)
+    figures = {**figures, "low_percent": low, "high_percent": high}
+    if not comparison.differ:
+        return Message(AssessmentCode.NOT_DISTINGUISHED, figures)
+    if abs(difference.value) < RELEVANT_DIFFERENCE:
+        return Message(AssessmentCode.NOT_RELEVANT, {**figures, "relevant_percent": 100 * RELEVANT_DIFFERENCE})
+    return Message(AssessmentCode.DIFFERENT, figures)
+
+
+def _signed(number: float, digits: int) -> str:
+    text = rounded(number, digits)
+    return text if text.startswith("-") or not number else f"+{text}"
+
+
+def _best_rest_lengths(assessment: Assessment) -> Iterator[Finding]:
+    """The effort with the best rest length of every cuff."""
+    for curve in assessment.curves:
+        effort, rest_length = curve.figures["lowest_cost"].value, curve.figures["rest_length"].value
+        if curve.condition == "both" and curve.cuff and effort is not None and rest_length is not None:
+            figures: Figures = {"cuff": curve.cuff, "effort": effort, "at_m": rest_length}
+            yield Message(AssessmentCode.BEST_REST_LENGTH, figures)
+
+
+def _rest_lengths_outside_range(assessment: Assessment) -> Iterator[Finding]:
+    """Explains a dash in the tables although every frame was solved."""
+    solved = [curve.figures for curve in assessment.curves if not np.isnan(curve.cost).any()]
+    if any(figures[name].value is None for figures in solved for name in ("rest_length", "permissible_error")):
+        first, last = assessment.rest_lengths[[0, -1]]
+        yield Message(AssessmentCode.OUTSIDE_RANGE, {"first_m": float(first), "last_m": float(last)})
+
+
+def _intervals(uncertainty: UncertaintySummary | None) -> Finding:
+    if uncertainty is None:
+        return Message(AssessmentCode.NO_INTERVALS)
+    change = uncertainty.largest_difference
+    figures: Figures = {"draws": uncertainty.draws, "every": uncertainty.every}
+    if np.isnan(list(change.values())).any():
+        return Message(AssessmentCode.INTERVALS_UNVERIFIED, figures)
+    changes: Figures = {
+        "effort": max(change["at_reference"], change["lowest_cost"]),
+        "rest_length_mm": 1e3 * change["rest_length"],
+        "permissible_error_mm": 1e3 * change["permissible_error"],
+    }
+    return Message(AssessmentCode.INTERVALS, {**figures, **changes})
+
+
+def _cord_and_migration(assessment: Assessment) -> Iterator[Finding]:
+    """Force of the cord with rigid cuffs, and the cost of migration cuff by cuff."""
     rigid, *others = assessment.curves
-    waist = " and the waist" if assessment.waist_cuff else ""
     to_slack, force = rigid.figures["to_slack"].value, rigid.figures["cord_force"].value
     if to_slack is not None and force is not None:
-        yield (
-            f"With rigid cuffs the cord pulls with up to {force:.0f} N, and is slack throughout at a rest length "
-            f"{100 * to_slack:.1f} cm above the best one."
-        )
+        yield Message(AssessmentCode.CORD_FORCE, {"force_n": force, "slack_cm": 100 * to_slack})
     for curve in others:
         lost, per_metre = curve.figures["cord_force_lost"].value, curve.figures["cost_per_migration"].value
         if curve.condition == "shift" and lost is not None and per_metre is not None:
-            yield (
-                f"The migration of {curve.cuff}{waist} takes {100 * lost:.0f} % of the cord's largest force and "
-                f"{per_metre:.1f} percentage points of cost per centimetre that {curve.cuff} slips."
-            )
+            figures: Figures = {
+                "cuff": str(curve.cuff),
+                "cuffs": f"{curve.cuff} and the waist cuff" if assessment.waist_cuff else str(curve.cuff),
+                "lost_percent": 100 * lost,
+                "percent_per_cm": per_metre,
+            }
+            yield Message(AssessmentCode.MIGRATION_COST, figures)
 
 
-def _reserves(assessment: Assessment) -> Iterator[str]:
-    """What stands in for muscles is not in the costs; it should be little."""
+def _reserves(assessment: Assessment) -> Iterator[Finding]:
+    """The effort of the reserve actuators, which replace muscles; it should be small."""
     nearest = int(np.argmin(np.abs(assessment.rest_lengths - assessment.reference_rest_length)))
-    parts = [float(curve.reserve_cost[nearest]) for curve in assessment.curves]
-    if np.isnan(parts).any():
+    efforts = [float(curve.reserve_cost[nearest]) for curve in assessment.curves]
+    if np.isnan(efforts).any():
         return
-    added = f"at {assessment.rest_lengths[nearest]:.2f} m"
-    if max(parts) > MOST_FOR_RESERVES:
-        yield (
-            f"The muscles do not do this work: reserve actuators, which are in none of these costs, would add up to "
-            f"{max(parts):.3g} {added}; take a lighter load or another motion."
-        )
-    else:
-        yield f"Reserve actuators, which are in none of these costs, would add at most {max(parts):.4f} {added}."
+    code = AssessmentCode.RESERVES_LARGE if max(efforts) > LARGE_RESERVES else AssessmentCode.RESERVES_SMALL
+    yield Message(code, {"effort": max(efforts), "at_m": float(assessment.rest_lengths[nearest])})
 
 
-def _unsolved(assessment: Assessment, outcome: FrameOutcome) -> str:
-    frames = len(assessment.time) * assessment.scenarios
-    return (
-        f"{assessment.outcomes[outcome.value]} of {frames} frames of all scenarios together did not come out as they "
-        f"should: {outcome.value}{CONSEQUENCE.get(outcome, '')}."
-    )
+def _unsolved_frames(assessment: Assessment) -> Iterator[Finding]:
+    all_frames = len(assessment.time) * assessment.scenarios
+    for outcome, code in OUTCOMES.items():
+        if outcome in assessment.outcomes:
+            yield Message(code, {"frames": assessment.outcomes[outcome], "all_frames": all_frames})
+
+
+def _unconverged_muscles(assessment: Assessment) -> Iterator[Finding]:
+    for outcome, code in MUSCLE_OUTCOMES.items():
+        if outcome in assessment.muscle_outcomes:
+            yield Message(code, {"frames": assessment.muscle_outcomes[outcome], "all_frames": len(assessment.time)})

@@ -1,4 +1,4 @@
-"""cuffs.json → optimum.json and suit.toml: the cord that saves most, as fitted and on average over the draws."""
+"""Optimise a suit: cuffs.json → optimum.json and suit.toml, with the fitted cuffs and on average over the draws."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 from recordings.manifest import DataOrigin
 from solver.cuff import by_site
 from solver.suit.optimise import Freedom, OptimisedSuit, SuitCandidate, optimise_suit
-from solver.suit.scenarios import Condition
+from solver.suit.scenarios import Condition, LoadedMotion
 from solver.suit.suit import PARTS, Suit, suit_toml
+from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
     InputError,
@@ -23,6 +24,8 @@ from station.assessment.assessment_inputs import (
 )
 from station.assessment.assessment_json import known
 from station.checksums import write_checksums
+from station.messages.codes import InputCode
+from station.messages.message import Message
 from station.progress import Progress, silent
 from station.versions import solving_versions
 from station.whole_file import write_whole
@@ -36,28 +39,25 @@ def optimise_file(
     draws: int = 50,
     progress: Progress = silent,
 ) -> OptimisedSuit:
-    """Search for one arm cuff in one condition; writes optimum.json, and the suits found, for `assess --suit`.
+    """Optimise for one arm cuff in one condition; write optimum.json, and the suits as files for `assess --suit`.
 
-    suit.toml is the best with the fitted cuffs, robust_suit.toml that on average over the draws, if there are any.
+    suit.toml is the best with the fitted cuffs, robust_suit.toml the best on average over the draws, if there are any.
     """
     ensure_folder(output)
     cuffs = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
     arms, waists = by_site(worn_cuffs(cuffs, inputs.chosen))
     if len(arms) != 1 or len(waists) > 1:
         names = ", ".join(cuff.name for cuff in arms) or "none"
-        raise InputError(f"a suit is optimised for one arm cuff at a time and there are {names}; choose one by --cuff")
+        raise InputError(Message(InputCode.ONE_ARM_CUFF, {"names": names}))
     model = inputs.read_model()
     kinematics, suit = inputs.read_motion(model), inputs.read_suit()
-    found = optimise_suit(
-        model,
-        kinematics,
+    optimised = optimise_suit(
+        LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics)),
         suit,
-        waists[0] if waists else None,
-        arms[0],
+        (waists[0] if waists else None, arms[0]),
         condition,
         free,
-        draws=draws,
-        loads=inputs.read_loads(model, kinematics),
+        draws=DrawSettings(count=draws),
         progress=progress,
     )
     plain = {
@@ -65,36 +65,40 @@ def optimise_file(
         "origin": DataOrigin.joined(cuffs[cuff.name].origin for cuff in (*arms, *waists)),
         "cuff": arms[0].name,
         "free": ["rest_length", *free],
-        **_plain_suits(found),
+        **_plain_suits(optimised),
         "remarks": cuff_remarks(inputs.cuffs, (cuffs[cuff.name] for cuff in (*arms, *waists))),
         "inputs": inputs.hashes(),
         "versions": solving_versions(),
     }
     write_whole(output / "optimum.json", json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    _write_suit(output / "suit.toml", found.fitted, f"the best of {found.tried} suits tried with {arms[0].name}")
-    if draws := found.robust.drawn.size:
-        _write_suit(output / "robust_suit.toml", found.robust, f"the best on average over {draws} draws of the cuffs")
-    written = ("optimum.json", "suit.toml", *(("robust_suit.toml",) if found.robust.drawn.size else ()))
+    _write_suit(
+        output / "suit.toml", optimised.fitted, f"the best of {optimised.tried} suits tried with {arms[0].name}"
+    )
+    if draws := optimised.robust.drawn.size:
+        _write_suit(
+            output / "robust_suit.toml", optimised.robust, f"the best on average over {draws} draws of the cuffs"
+        )
+    written = ("optimum.json", "suit.toml", *(("robust_suit.toml",) if optimised.robust.drawn.size else ()))
     write_checksums(*(output / name for name in written))
-    return found
+    return optimised
 
 
-def _write_suit(path: Path, tried: SuitCandidate, which: str) -> None:
-    origin = f"# A suit found by `station optimise`: {which}; optimum.json says more."
+def _write_suit(path: Path, tried: SuitCandidate, description: str) -> None:
+    origin = f"# Suit of `station optimise`: {description}; details are in optimum.json."
     write_whole(path, f"{origin}\n\n{suit_toml(tried.suit)}")
 
 
-def _plain_suits(found: OptimisedSuit) -> dict[str, Any]:
+def _plain_suits(optimised: OptimisedSuit) -> dict[str, Any]:
     return {
-        "start": _plain(found.start),
-        "optimum": _plain(found.fitted),
-        "robust_optimum": _plain(found.robust),
-        "suits_tried": known(found.tried),
+        "start": _plain(optimised.start),
+        "optimum": _plain(optimised.fitted),
+        "robust_optimum": _plain(optimised.robust),
+        "suits_tried": known(optimised.tried),
     }
 
 
 def _plain(tried: SuitCandidate) -> dict[str, Any]:
-    """Cost with the fitted cuffs on all frames; the draws' are on fewer, so they have a value of their own."""
+    """Cost with the fitted cuffs on all frames; the cost of the draws is on fewer frames, and has its own value."""
     numbers: dict[str, Any] = {**_cord(tried.suit), "normalised_cost": known(tried.cost)}
     numbers["at_limit"] = list(tried.at_limit)
     numbers["outcome"] = tried.outcome

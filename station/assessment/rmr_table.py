@@ -1,7 +1,7 @@
-"""What rmr found as one table, a row per frame: .csv, .sto as OpenSim reads it, or .parquet.
+"""The solution of rmr as one table, a row per frame: .csv, .sto as OpenSim reads it, or .parquet.
 
-Activations stand under the names of their muscles, as in OpenSim's and the published files; everything else begins with
-what it is and its unit: force_n.TRIlong, reserve_n_m.elbow_actuator, reaction_force_n.x.
+Activations have the names of their muscles, as in OpenSim and the published files; every other column begins with
+quantity and unit: force_n.TRIlong, reserve_n_m.elbow_actuator, reaction_force_n.x.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.motion import write_table
+from solver.muscle import MuscleOutcome
 from station.assessment.rmr import STATUS, SolvedMotion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
+from station.messages.codes import InputCode
+from station.messages.message import Message
 from station.whole_file import drafted
 
 Array = NDArray[np.float64]
@@ -25,7 +28,7 @@ SUFFIXES = (".csv", ".sto", ".parquet")
 
 
 class TableError(StationError):
-    """The table cannot be written so; one sentence."""
+    """The table cannot be written in this format."""
 
     exit_code = WRONG_USAGE
 
@@ -40,15 +43,15 @@ class Column:
 
 
 def ensure_writable(path: Path) -> None:
-    """Raises TableError for a name that says no format, before anything is computed."""
+    """Raise TableError for a name without a known suffix, before anything is computed."""
     if path.suffix not in SUFFIXES:
-        raise TableError(f"the output should end in {', '.join(SUFFIXES)} and is {path.name}; choose one of these")
+        raise TableError(Message(InputCode.TABLE_FORMAT, {"name": path.name, "suffixes": ", ".join(SUFFIXES)}))
 
 
 def write_solved(path: Path, solved: SolvedMotion) -> str | None:
-    """Write all columns with the notes beside them, in the format that the suffix names; a .sto holds finite numbers.
+    """Write all columns and the notes, in the format of the suffix; a .sto holds finite numbers only.
 
-    Returns a sentence on what a .sto had to leave out, None where that is nothing.
+    Returns a sentence on the columns and frames that a .sto leaves out, None if there are none.
     """
     ensure_writable(path)
     columns = tuple(solved_columns(solved))
@@ -64,30 +67,32 @@ def write_solved(path: Path, solved: SolvedMotion) -> str | None:
     notes = {**solved.notes, "left_out": left_out} if left_out else solved.notes
     with drafted(path) as draft:
         write_table(draft, names, time[is_kept], values[is_kept], notes)
-    return f"{path.name} leaves out {left_out}, where OpenSim would stop reading" if left_out else None
+    return f"{path.name} leaves out {left_out}: OpenSim reads finite numbers only" if left_out else None
 
 
 def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
-    """Activations, forces, reserves, joint reaction and where it meets the glenoid, residuals and status."""
-    model, found = solved.model, solved.solution
+    """Activations, forces, reserves, joint reaction and its contact point on the glenoid, residuals and status."""
+    model, solution = solved.model, solved.solution
     muscles = model.muscle_names
-    yield from _columns(muscles, "1", found.activations)
-    yield from _columns([f"force_n.{name}" for name in muscles], "N", found.muscle_forces)
-    yield from _columns([f"passive_force_n.{name}" for name in muscles], "N", found.passive_forces)
-    for actuator, values in zip(model.actuators, found.reserves.T, strict=True):
+    yield from _columns(muscles, "1", solution.activations)
+    yield from _columns([f"force_n.{name}" for name in muscles], "N", solution.muscle_forces)
+    yield from _columns([f"passive_force_n.{name}" for name in muscles], "N", solution.passive_forces)
+    for actuator, values in zip(model.actuators, solution.reserves.T, strict=True):
         unit = reserve_unit(solved, actuator.coordinate)
         yield Column(f"reserve_{_suffix(unit)}.{actuator.name}", unit, values)
-    yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", found.reaction[:, :3])
-    yield from _columns([f"reaction_force_n.{axis}" for axis in "xyz"], "N", found.reaction[:, 3:])
-    yield from _columns(["contact_m.along_edge", "contact_m.across"], "m", found.contact)
-    yield Column("effort", "1", found.effort)
-    yield Column("equality_residual", "rad/s² or m/s²", found.equality_residual)
-    yield Column("cone_slack_n", "N", found.cone_slack)
-    yield Column("status", "code", np.array([float(STATUS.index(outcome)) for outcome in found.outcomes]))
+    yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", solution.reaction[:, :3])
+    yield from _columns([f"reaction_force_n.{axis}" for axis in "xyz"], "N", solution.reaction[:, 3:])
+    yield from _columns(["contact_m.along_edge", "contact_m.across"], "m", solution.contact)
+    yield Column("effort", "1", solution.effort)
+    yield Column("equality_residual", "rad/s² or m/s²", solution.equality_residual)
+    yield Column("cone_slack_n", "N", solution.cone_slack)
+    yield Column("status", "code", np.array([float(STATUS.index(outcome)) for outcome in solution.outcomes]))
+    unconverged = (solution.muscle_outcomes != MuscleOutcome.CONVERGED).sum(axis=1)
+    yield Column("muscles_not_converged", "1", unconverged.astype(float))
 
 
 def reserve_unit(solved: SolvedMotion, coordinate: int) -> str:
-    """Of the actuator of a coordinate; one that is neither angle nor distance has none of its own."""
+    """Unit of the actuator of a coordinate; "1" for a coordinate that is neither angle nor distance."""
     return {"rotation": "N m", "translation": "N", "coupled": "1"}[solved.model.coordinates[coordinate].motion]
 
 
@@ -102,7 +107,7 @@ def _stack(columns: tuple[Column, ...]) -> Array:
 def _finite(
     columns: tuple[Column, ...], is_solved: NDArray[np.bool_], time: Array
 ) -> tuple[tuple[Column, ...], NDArray[np.bool_], str]:
-    """The columns that are finite in all solved frames, which frames are finite in these, and what else there was."""
+    """The columns that are finite in all solved frames, the frames that are finite in these, and the rest as a text."""
     kept = tuple(column for column in columns if np.isfinite(column.values[is_solved]).all())
     is_kept: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(_stack(kept)), axis=1)
     dropped = [column.name for column in columns if column not in kept]
@@ -123,8 +128,8 @@ def _write_parquet(path: Path, solved: SolvedMotion, columns: tuple[Column, ...]
     time = Column("time", "s", solved.solution.time)
     kinds = {"code": pa.int8()}
     fields = [
-        pa.field(each.name, kinds.get(each.unit, pa.float64()), metadata={"unit": each.unit})
-        for each in (time, *columns)
+        pa.field(column.name, kinds.get(column.unit, pa.float64()), metadata={"unit": column.unit})
+        for column in (time, *columns)
     ]
-    arrays = [pa.array(each.values.astype("int8" if each.unit == "code" else float)) for each in (time, *columns)]
+    arrays = [pa.array(column.values.astype("int8" if column.unit == "code" else float)) for column in (time, *columns)]
     parquet.write_table(pa.table(arrays, schema=pa.schema(fields, metadata=dict(solved.notes))), path)

@@ -1,4 +1,4 @@
-"""A view that looks on from a thread of its own: what it has no time for is dropped, oldest first, and counted."""
+"""A view with its own thread; when it falls behind, the oldest items are dropped and counted."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Self
 from recordings.samples import Item
 from station.bench.snapshot import Snapshot
 
-LEAVE_S = 5.0
-"""Wall seconds that leaving waits for a view that is stuck."""
+JOIN_TIMEOUT_S = 5.0
+"""Wall seconds to wait at the end for a view that is stuck."""
 
 
 class BackgroundView(ABC):
-    """A context manager around a trial. offer() and show() return at once, whatever the thread is doing."""
+    """A context manager around a trial. offer() and show() return at once, even while the thread is busy."""
 
     def __init__(self, name: str, refresh_s: float, backlog: int) -> None:
         self.dropped = 0
@@ -34,13 +34,13 @@ class BackgroundView(ABC):
     def show(self, snapshot: Snapshot) -> None: ...
 
     @abstractmethod
-    def _take(self, item: Item) -> None:
-        """Takes one item, in the view's own thread."""
+    def _handle(self, item: Item) -> None:
+        """Take one item, in the thread of the view."""
 
     def _refresh(self) -> None:
-        """Takes all that came since the last time."""
+        """Take all items since the last refresh."""
         while self._backlog:
-            self._take(self._backlog.popleft())
+            self._handle(self._backlog.popleft())
 
     def _run(self) -> None:
         while not self._stop.wait(self._refresh_s):
@@ -55,4 +55,4 @@ class BackgroundView(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop.set()
-        self._thread.join(LEAVE_S)
+        self._thread.join(JOIN_TIMEOUT_S)

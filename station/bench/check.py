@@ -1,64 +1,83 @@
-"""What is plugged in, does it answer, at which rate, what the sync line says, which labels are there, is there disk."""
+"""Check the bench: devices, rates, force at rest and calibration, level of the sync line, labels, disk space."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
 from queue import Empty
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from fitting.calibration import full_scale
+from fitting.trial.calibration import full_scale
 from recordings.samples import DeviceIdentity, Samples, Stream
 from station.bench.devices import devices_for
 from station.bench.disk import bytes_free, bytes_needed
-from station.bench.feed import Delivered, DeviceFeed, FeedQueue, Gone, Opened
+from station.bench.feed import DeviceFailed, DeviceFeed, DeviceOpened, FeedMessage, FeedQueue
 from station.bench.trial_recorder import MakeDevices
 from station.clock import Clock, RealClock
 from station.config import StationConfig
+from station.messages.codes import CheckCode
+from station.messages.message import Figures, Message
 
 REST_PART_OF_CAPACITY = 0.02
-"""What an empty hook may read; as much as the zero may drift within a trial."""
+"""Largest force with an empty hook, as a fraction of the capacity; as much as the zero may drift within a trial."""
+RATE_TOLERANCE = 0.1
+SATURATION = 0.99
+"""Fraction of full scale from which a reading counts as saturated."""
 OPEN_S = 5.0
 LISTEN_S = 1.5
 
 
 @dataclass(frozen=True)
-class Line:
-    """One line of the check: what was looked at, whether it is as it should be, what was found.
+class CheckResult:
+    """One line of the check: subject, result, and whether it is as expected.
 
-    is_doubtful: nothing is known to be wrong, but it could not be checked or may not be right.
+    is_doubtful: no fault is known, but the subject could not be checked or may be wrong.
     """
 
     subject: str
+    message: Message[CheckCode]
     is_good: bool = field(kw_only=True)
-    found: str
     is_doubtful: bool = field(default=False, kw_only=True)
 
+    @property
+    def found(self) -> str:
+        return str(self.message)
 
-class Answers:
-    """What the devices said while they were listened to."""
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "subject": self.subject,
+            "is_good": self.is_good,
+            "found": self.found,
+            "is_doubtful": self.is_doubtful,
+            "code": self.message.code.value,
+            "figures": dict(self.message.figures),
+        }
 
-    def __init__(self, clock: Clock) -> None:
-        self.errors: dict[str, str] = {}
+
+class DeviceSurvey:
+    """Streams, rates and values of the devices while the check reads them."""
+
+    def __init__(self) -> None:
+        self.errors: dict[str, Message[CheckCode]] = {}  # by device
         self.streams: dict[str, Stream] = {}
         self.identities: dict[str, DeviceIdentity] = {}
-        self._clock = clock
         self._count: dict[str, int] = {}
-        self._span: dict[str, tuple[int, int]] = {}
+        self._span_ns: dict[str, tuple[int, int]] = {}
         self._last_value: dict[str, float] = {}
         self._force: list[NDArray[np.float64]] = []
 
-    def take(self, message: Opened | Delivered | Gone) -> None:
-        if isinstance(message, Gone):
-            self.errors[message.device] = str(message.error)
-        elif isinstance(message, Opened):
+    def handle(self, message: FeedMessage) -> None:
+        if isinstance(message, DeviceFailed):
+            self.errors[message.device] = Message(CheckCode.DEVICE_ERROR, {"text": str(message.error)})
+        elif isinstance(message, DeviceOpened):
             self.streams |= {stream.name: stream for stream in message.streams}
             self.identities[message.device] = message.identity
         else:
@@ -67,20 +86,20 @@ class Answers:
                     self._add(item)
 
     def rate_hz(self, stream: str) -> float:
-        """Samples a second by the device's own clock."""
-        first, last = self._span.get(stream, (0, 0))
+        """Samples per second of the device's own clock."""
+        first, last = self._span_ns.get(stream, (0, 0))
         return (self._count[stream] - 1) / ((last - first) * 1e-9) if last > first else 0.0
 
     def force(self) -> NDArray[np.float64]:
-        """(n,) all that came of /force, in its device's unit."""
+        """(n,) all samples of /force, in the unit of its device."""
         return np.concatenate([np.zeros(0), *self._force])
 
     def last_value(self, stream: str) -> float | None:
         return self._last_value.get(stream)
 
     def _add(self, samples: Samples) -> None:
-        first = self._span.get(samples.stream, (int(samples.device_time_ns[0]), 0))[0]
-        self._span[samples.stream] = first, int(samples.device_time_ns[-1])
+        first = self._span_ns.get(samples.stream, (int(samples.device_time_ns[0]), 0))[0]
+        self._span_ns[samples.stream] = first, int(samples.device_time_ns[-1])
         self._count[samples.stream] = self._count.get(samples.stream, 0) + len(samples.values)
         self._last_value[samples.stream] = float(samples.values[-1].flat[0])
         if samples.stream == "/force":
@@ -95,151 +114,158 @@ def check_bench(
     *,
     as_json: bool = False,
 ) -> int:
-    """Prints what was found, with the room on the folder's disk; returns 0 when all is as it should be, else 1."""
-    with Console(stderr=True).status("listening to the devices"):
-        lines = look_at_bench(config, folder, make_devices)
-    return show_lines(lines, console, as_json=as_json)
+    """Print the results, including the space on the folder's disk; return 0 if all are good, else 1."""
+    with Console(stderr=True).status("reading the devices"):
+        results = inspect_bench(config, folder, make_devices)
+    return show_results(results, console, as_json=as_json)
 
 
-def show_lines(lines: Sequence[Line], console: Console | None = None, *, as_json: bool = False) -> int:
-    """Prints them; returns 0 when all is as it should be, else 1."""
+def show_results(results: Sequence[CheckResult], console: Console | None = None, *, as_json: bool = False) -> int:
+    """Print them; return 0 if all are good, else 1."""
     if as_json:
-        print(json.dumps([asdict(line) for line in lines], indent=2, ensure_ascii=False))
+        print(json.dumps([result.to_json() for result in results], indent=2, ensure_ascii=False))
     else:
-        table = Table("", "what", "found")
-        for line in lines:
-            grade = "[red]no[/]" if not line.is_good else "[yellow]?[/]" if line.is_doubtful else "[green]ok[/]"
-            table.add_row(grade, line.subject, line.found)
+        table = Table("", "subject", "result")
+        for result in results:
+            grade = "[red]no[/]" if not result.is_good else "[yellow]?[/]" if result.is_doubtful else "[green]ok[/]"
+            table.add_row(grade, result.subject, result.found)
         (console or Console()).print(table)
-    return 0 if all(line.is_good for line in lines) else 1
+    return 0 if all(result.is_good for result in results) else 1
 
 
-def look_at_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[Line]:
-    """Opens the devices, listens for some seconds and says what is as it should be and what is not."""
-    answers, names = listen(config, folder, RealClock(), make_devices)
+def inspect_bench(config: StationConfig, folder: Path, make_devices: MakeDevices = devices_for) -> list[CheckResult]:
+    """Open the devices, read them for LISTEN_S and compare what they send with the configuration."""
+    survey, devices = survey_devices(config, folder, RealClock(), make_devices)
     return [
-        *_device_lines(answers, names),
-        *_force_line(answers, config),
-        calibration_line(config, datetime.now(UTC).date()),
-        *_sync_line(answers, config),
-        *_label_lines(answers, config),
-        _disk_line(folder, bytes_needed(answers.streams.values(), config, folder, None)),
+        *(_check_device(survey, device) for device in devices),
+        *(_check_rate(survey, stream) for stream in survey.streams.values()),
+        *_check_force(survey, config),
+        check_calibration(config, datetime.now(UTC).date()),
+        *_check_sync(survey, config),
+        *_check_labels(survey, config),
+        _check_disk(folder, bytes_needed(survey.streams.values(), config, folder, None)),
     ]
 
 
-def calibration_line(config: StationConfig, today: date) -> Line:
-    """How old the load cell's calibration is, and whether it is still current."""
+def check_calibration(config: StationConfig, today: date) -> CheckResult:
+    """Age of the load cell's calibration, and whether it is still valid."""
     cell, subject = config.load_cell, "calibration of the load cell"
     if cell.calibrated_on is None or cell.due_on is None:
-        words = "its date is not known; write load_cell.calibrated_on from its certificate"
-        return Line(subject, words, is_good=True, is_doubtful=True)
+        return CheckResult(subject, Message(CheckCode.CALIBRATION_UNKNOWN), is_good=True, is_doubtful=True)
     age = (today - cell.calibrated_on).days
-    number = f" of {cell.serial_number}" if cell.serial_number else ""
-    words = f"certificate{number} of {cell.calibrated_on}, {age} days old, due on {cell.due_on}"
-    if age < 0:
-        return Line(subject, f"{words}: it is in the future; correct load_cell.calibrated_on", is_good=False)
-    is_current = today < cell.due_on
-    return Line(subject, words + ("" if is_current else "; have it calibrated"), is_good=is_current)
+    figures: Figures = {
+        "serial_number": f"of {cell.serial_number} " if cell.serial_number else "",
+        "calibrated_on": str(cell.calibrated_on),
+        "age_days": age,
+        "due_on": str(cell.due_on),
+    }
+    code = CheckCode.CALIBRATION_VALID if today < cell.due_on else CheckCode.CALIBRATION_DUE
+    code = CheckCode.CALIBRATION_IN_FUTURE if age < 0 else code
+    return CheckResult(subject, Message(code, figures), is_good=code is CheckCode.CALIBRATION_VALID)
 
 
-def listen(
+def survey_devices(
     config: StationConfig, folder: Path, clock: Clock, make_devices: MakeDevices, listen_s: float = LISTEN_S
-) -> tuple[Answers, list[str]]:
-    """What the devices say in so many wall seconds after all of them have opened, and the devices' names."""
-    inbox, answers = FeedQueue(), Answers(clock)
+) -> tuple[DeviceSurvey, list[str]]:
+    """Read all devices for listen_s wall seconds after the last of them has opened; also the names of the devices."""
+    inbox, survey = FeedQueue(), DeviceSurvey()
     feeds = [DeviceFeed(device, inbox) for device in make_devices(config, None, clock, folder)]
     for feed in feeds:
         feed.start()
-    settled: set[str] = set()
+    answered: set[str] = set()
     open_until, listen_until = clock.wall_s() + OPEN_S, float("inf")
     while clock.wall_s() < min(open_until, listen_until):
         try:
             message = inbox.get(timeout=0.05)
         except Empty:
             continue
-        answers.take(message)
-        settled.add(message.device)
-        if len(settled) == len(feeds) and listen_until == float("inf"):
+        survey.handle(message)
+        answered.add(message.device)
+        if len(answered) == len(feeds) and listen_until == float("inf"):
             listen_until = clock.wall_s() + listen_s
             open_until = listen_until
     for feed in feeds:
         feed.ask_to_stop()
     for feed in feeds:
         feed.has_ended(1.0)
-        if feed.device.name not in settled:
-            answers.errors[feed.device.name] = f"{feed.device.name} did not answer within {OPEN_S:g} s"
-    return answers, [feed.device.name for feed in feeds]
+        if feed.device.name not in answered:
+            figures: Figures = {"device": feed.device.name, "timeout_s": OPEN_S}
+            survey.errors[feed.device.name] = Message(CheckCode.NO_ANSWER, figures)
+    return survey, [feed.device.name for feed in feeds]
 
 
-def _device_lines(answers: Answers, names: Sequence[str]) -> list[Line]:
-    lines = [
-        Line(name, answers.errors.get(name) or _answer(answers, name), is_good=name not in answers.errors)
-        for name in names
-    ]
-    for stream in answers.streams.values():
-        rate = answers.rate_hz(stream.name)
-        if stream.name == "/markers" and rate == 0:
-            words = f"no frames: no capture is running (nominal {stream.rate_hz:g} Hz)"
-            lines.append(Line(stream.name, words, is_good=True, is_doubtful=True))
-        else:
-            good = abs(rate - stream.rate_hz) <= 0.1 * stream.rate_hz
-            lines.append(
-                Line(stream.name, f"{rate:.1f} samples/s, nominal {stream.rate_hz:g}; {stream.source}", is_good=good)
-            )
-    return lines
+def _check_device(survey: DeviceSurvey, device: str) -> CheckResult:
+    """Whether the device answers, and how it identifies itself."""
+    if device in survey.errors:
+        return CheckResult(device, survey.errors[device], is_good=False)
+    identity = survey.identities.get(device)
+    text = f": {identity.text}" if identity is not None and identity.text else ""
+    is_simulated = identity is not None and identity.is_simulated
+    code = CheckCode.ANSWERS_SIMULATED if is_simulated else CheckCode.ANSWERS
+    return CheckResult(device, Message(code, {"identity": text}), is_good=True)
 
 
-def _answer(answers: Answers, name: str) -> str:
-    """That it answers, and what it says of itself."""
-    identity = answers.identities.get(name)
-    if identity is None:
-        return "answers"
-    words = f"answers: {identity.text}" if identity.text else "answers"
-    return f"{words}; it says that it is SIMULATED" if identity.is_simulated else words
+def _check_rate(survey: DeviceSurvey, stream: Stream) -> CheckResult:
+    rate = survey.rate_hz(stream.name)
+    if stream.name == "/markers" and rate == 0:
+        message = Message(CheckCode.NO_CAPTURE, {"nominal_hz": stream.rate_hz})
+        return CheckResult(stream.name, message, is_good=True, is_doubtful=True)
+    figures: Figures = {"rate_hz": rate, "nominal_hz": stream.rate_hz, "source": stream.source}
+    is_good = abs(rate - stream.rate_hz) <= RATE_TOLERANCE * stream.rate_hz
+    return CheckResult(stream.name, Message(CheckCode.RATE, figures), is_good=is_good)
 
 
-def _force_line(answers: Answers, config: StationConfig) -> list[Line]:
-    """With nothing pulling this is the zero, which every fit leaves free; a cell at its end cannot be fitted."""
-    raw, cell = answers.force(), config.calibration()
+def _check_force(survey: DeviceSurvey, config: StationConfig) -> list[CheckResult]:
+    """The force with an empty hook is the zero, a free parameter of every fit; a saturated cell cannot be fitted."""
+    raw, cell = survey.force(), config.calibration()
     if not len(raw):
         return []
-    unit = answers.streams["/force"].unit
     limit = full_scale(cell, config.daq.force_range_v if cell.source == "daq" else float("inf"))
     newtons = cell.polarity * cell.newtons_per_unit * raw
-    good = float(np.abs(raw).max()) < 0.99 * limit
-    words = f"{newtons.mean():+.2f} N, scatter {newtons.std():.2f} N"
+    figures: dict[str, float | str] = {"mean_n": float(newtons.mean()), "sd_n": float(newtons.std())}
+    is_good = float(np.abs(raw).max()) < SATURATION * limit
     most = REST_PART_OF_CAPACITY * config.load_cell.capacity_n
-    is_loaded = good and abs(float(newtons.mean())) > most
-    if not good:
-        words += f"; saturated at {limit:.4g} {unit}, check the wiring"
-    elif is_loaded:
-        words += f", expected within ±{most:.1f} N with the hook empty; unload the rope or correct the amplifier's zero"
-    return [Line("force at rest", words, is_good=good, is_doubtful=is_loaded)]
+    is_loaded = is_good and abs(float(newtons.mean())) > most
+    code = CheckCode.LOADED if is_loaded else CheckCode.AT_REST
+    if is_loaded:
+        figures["limit_n"] = most
+    elif not is_good:
+        code, figures = CheckCode.SATURATED, {**figures, "limit": limit, "unit": survey.streams["/force"].unit}
+    return [CheckResult("force at rest", Message(code, figures), is_good=is_good, is_doubtful=is_loaded)]
 
 
-def _sync_line(answers: Answers, config: StationConfig) -> list[Line]:
-    level = answers.last_value("/sync")
+def _check_sync(survey: DeviceSurvey, config: StationConfig) -> list[CheckResult]:
+    level, threshold = survey.last_value("/sync"), config.sync.threshold_v
     if level is None:
         return []
-    good = level < config.sync.threshold_v
-    advice = "" if good else "; expected low until a capture starts: stop the capture or check the polarity"
-    return [Line("sync line", f"{level:z.2f} V, threshold {config.sync.threshold_v:g} V{advice}", is_good=good)]
+    code = CheckCode.SYNC_LOW if level < threshold else CheckCode.SYNC_HIGH
+    message = Message(code, {"level_v": level, "threshold_v": threshold})
+    return [CheckResult("sync line", message, is_good=level < threshold)]
 
 
-def _label_lines(answers: Answers, config: StationConfig) -> list[Line]:
-    if "/markers" not in answers.streams:
+def _check_labels(survey: DeviceSurvey, config: StationConfig) -> list[CheckResult]:
+    if "/markers" not in survey.streams:
         return []
-    there = set(answers.streams["/markers"].labels)
-    lines = []
-    for name, cuff in config.cuffs.items():
-        missing = sorted({*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers} - there)
-        found = f"missing {', '.join(missing)}; there are {', '.join(sorted(there))}" if missing else "all labels there"
-        lines.append(Line(f"markers of cuff {name}", found, is_good=not missing))
-    return lines
+    present = set(survey.streams["/markers"].labels)
+    expected = {
+        f"markers of cuff {name}": {*cuff.anchor_markers, *cuff.cuff_markers, *cuff.rope_markers}
+        for name, cuff in config.cuffs.items()
+    }
+    if config.body is not None:
+        expected |= {"markers of the body": {*config.body.markers}, "markers of the suit": {*config.body.suit_markers}}
+    results = []
+    for subject, labels in expected.items():
+        missing = sorted(labels - present)
+        message = Message(CheckCode.LABELS_PRESENT)
+        if missing:
+            figures: Figures = {"missing": ", ".join(missing), "present": ", ".join(sorted(present))}
+            message = Message(CheckCode.LABELS_MISSING, figures)
+        results.append(CheckResult(subject, message, is_good=not missing))
+    return results
 
 
-def _disk_line(folder: Path, needed: float) -> Line:
+def _check_disk(folder: Path, needed: float) -> CheckResult:
     free = bytes_free(folder)
-    where = folder.resolve() if folder == Path() else folder
-    words = f"{free / 1e9:.1f} GB free for {where}, the plan needs {needed / 1e9:.2f} GB"
-    return Line("disk", words, is_good=free >= needed)
+    shown = folder.resolve() if folder == Path() else folder
+    figures: Figures = {"free_gb": free / 1e9, "folder": str(shown), "needed_gb": needed / 1e9}
+    return CheckResult("disk", Message(CheckCode.DISK, figures), is_good=free >= needed)

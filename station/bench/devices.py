@@ -1,49 +1,66 @@
-"""Which devices a configuration asks for."""
+"""The devices of a configuration."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from drivers.capture_note import CaptureNote
 from drivers.catalogue import make_device
 from drivers.device import Device
-from recordings.manifest import BounceRig, CuffSite
+from drivers.nidaq import AnalogInput
+from recordings.manifest import BodyMarkers, TrialSubject
+from station.body_config import EmgSection
 from station.clock import Clock
 from station.config import StationConfig
 
 CAPTURE_NOTE = ".capture"
-"""In the session's folder while QTM captures for it."""
+"""File in the session's folder while QTM captures for it."""
 
 
-def devices_for(
-    config: StationConfig, subject: CuffSite | BounceRig | None, clock: Clock, folder: Path
-) -> list[Device]:
+def devices_for(config: StationConfig, subject: TrialSubject | None, clock: Clock, folder: Path) -> list[Device]:
     """The devices of one trial, not yet opened; the markers of its subject must be among the labels.
 
-    The session's folder tells them what a recorder that was killed has left running.
+    EMG and further analog inputs are included for a trial of the wearer, and without a subject. A note in the
+    session's folder shows the drivers whether a killed recorder left a capture running.
     """
-    devices = [_daq(config, clock), _mocap(config, subject, clock, folder)]
-    return [*devices, _indicator(config, clock)] if config.load_cell.source == "serial" else devices
+    is_of_wearer = subject is None or isinstance(subject, BodyMarkers)
+    devices = [
+        _daq(config, clock, _wearer_inputs(config) if is_of_wearer else ()),
+        _mocap(config, subject, clock, folder),
+    ]
+    if config.load_cell.source == "serial":
+        devices.append(_indicator(config, clock))
+    if is_of_wearer and config.emg is not None and config.emg.source == "lsl":
+        devices.append(_emg_outlet(config.emg, clock))
+    return devices
 
 
-def load_cell_for(
-    config: StationConfig, _subject: CuffSite | BounceRig | None, clock: Clock, _folder: Path
-) -> list[Device]:
-    """The device that reads the load cell, alone: weighing needs no mocap system, and gives nobody cause to capture."""
+def load_cell_for(config: StationConfig, _subject: TrialSubject | None, clock: Clock, _folder: Path) -> list[Device]:
+    """Only the device that reads the load cell: a known mass needs no mocap system."""
     return [_indicator(config, clock) if config.load_cell.source == "serial" else _daq(config, clock)]
 
 
-def _daq(config: StationConfig, clock: Clock) -> Device:
+def _wearer_inputs(config: StationConfig) -> list[AnalogInput]:
+    emg = config.emg
+    channels = emg.daq_channels.items() if emg else ()
+    return [
+        *(AnalogInput("/emg", name, channel.input, emg.range_v) for name, channel in channels if emg),
+        *(AnalogInput("/analog", name, section.input, section.range_v) for name, section in config.analog.items()),
+    ]
+
+
+def _daq(config: StationConfig, clock: Clock, wearer_inputs: Sequence[AnalogInput] = ()) -> Device:
     daq = config.daq
+    force = AnalogInput("/force", "force", daq.force_channel, daq.force_range_v)
+    sync = AnalogInput("/sync", "sync", daq.sync_channel, daq.sync_range_v)
+    bench = (force, sync) if config.load_cell.source == "daq" else (sync,)
     return make_device(
         "nidaq",
         device=daq.device,
         grpc_target=daq.grpc_target,
-        force_channel=daq.force_channel if config.load_cell.source == "daq" else None,
-        sync_channel=daq.sync_channel,
-        force_range_v=daq.force_range_v,
-        sync_range_v=daq.sync_range_v,
+        inputs=(*bench, *wearer_inputs),
         sample_rate_hz=daq.sample_rate_hz,
         start=daq.start,
         timeout_scale=clock.timeout_scale,
@@ -51,7 +68,7 @@ def _daq(config: StationConfig, clock: Clock) -> Device:
     )
 
 
-def _mocap(config: StationConfig, subject: CuffSite | BounceRig | None, clock: Clock, folder: Path) -> Device:
+def _mocap(config: StationConfig, subject: TrialSubject | None, clock: Clock, folder: Path) -> Device:
     mocap = config.mocap
     return make_device(
         "qualisys",
@@ -73,6 +90,18 @@ def _indicator(config: StationConfig, clock: Clock) -> Device:
         port=cell.port,
         baud_rate=cell.baud_rate,
         line_format=cell.line_format,
+        **_times(clock),
+    )
+
+
+def _emg_outlet(emg: EmgSection, clock: Clock) -> Device:
+    return make_device(
+        "lsl",
+        stream=emg.stream,
+        channels={name: channel.input for name, channel in emg.channels.items()},
+        sync_channel=emg.sync_channel,
+        unit=emg.unit,
+        timeout_scale=clock.timeout_scale,
         **_times(clock),
     )
 

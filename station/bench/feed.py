@@ -1,4 +1,4 @@
-"""One thread per device: opens it, reads it, passes on what comes, and closes it again."""
+"""One thread per device: opens it, reads it, passes on its samples and events, and closes it."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from recordings.samples import DeviceIdentity, Item, Stream
 READ_TIMEOUT_S = 0.1
 POLL_S = 0.02
 MOST_WAITING = 2000
-"""Messages that may wait for the daemon: at twenty a second from each of three devices half a minute."""
+"""Messages that may wait for the recorder: half a minute at twenty per second from each of three devices."""
 
 
 @dataclass(frozen=True)
-class Opened:
+class DeviceOpened:
     device: str
     streams: tuple[Stream, ...]
     identity: DeviceIdentity
 
 
 @dataclass(frozen=True)
-class Delivered:
+class ItemsReceived:
     device: str
     items: Sequence[Item]
 
 
 @dataclass(frozen=True)
-class Gone:
+class DeviceFailed:
     device: str
     error: DeviceError
 
 
-Message = Opened | Delivered | Gone
+FeedMessage = DeviceOpened | ItemsReceived | DeviceFailed
 
 
-class FeedQueue(Queue[Message]):
-    """What the feeds have delivered and the daemon has not taken, of bounded length.
+class FeedQueue(Queue[FeedMessage]):
+    """Bounded queue of messages from the feeds to the recorder.
 
-    While it is full the devices are not read: samples wait in the drivers, which count what they have no room for.
+    While it is full the devices are not read: samples wait in the drivers, which count what they cannot hold.
     """
 
     def __init__(self) -> None:
@@ -51,9 +51,9 @@ class FeedQueue(Queue[Message]):
 
 
 class DeviceFeed:
-    """Owns the only thread that touches a device, so that a call that never returns blocks nobody else.
+    """Owns the only thread that uses a device, so that a call that never returns blocks no other device.
 
-    The thread is a daemon thread: a device that is frozen for ever is left behind when the process ends.
+    The thread is a daemon thread: a device that hangs is abandoned when the process ends.
     """
 
     def __init__(self, device: Device, inbox: FeedQueue) -> None:
@@ -71,7 +71,7 @@ class DeviceFeed:
         self._thread.start()
 
     def request_capture(self, *, start: bool) -> None:
-        """Asks the device to start or stop the common capture; done by its own thread between two reads."""
+        """Ask the device to start or stop the common capture; its own thread does so between two reads."""
         device = self.device
         if isinstance(device, CaptureControl):
             self._requests.put(device.start_capture if start else device.stop_capture)
@@ -80,33 +80,34 @@ class DeviceFeed:
         self._stop.set()
 
     def has_ended(self, within_s: float) -> bool:
-        """Whether the thread ended (device closed) within so many wall seconds."""
+        """Whether the thread ends (device closed) within `within_s` wall seconds."""
         self._thread.join(within_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
         try:
             self.device.open()
-            self._deliver(Opened(self.device.name, self.device.streams, self.device.identity))
+            self._deliver(DeviceOpened(self.device.name, self.device.streams, self.device.identity))
             self._serve()
-            self._carry_out_requests()
+            self._execute_requests()
         except DeviceError as error:
-            self._deliver(Gone(self.device.name, error))
-        except Exception as error:  # a fault of the driver itself must end the trial in a sentence, not hang it
-            self._deliver(Gone(self.device.name, DeviceLost(f"{self.device.name}: {type(error).__name__}: {error}")))
+            self._deliver(DeviceFailed(self.device.name, error))
+        except Exception as error:  # a bug in a driver must end the trial with a message, not hang it
+            lost = DeviceLost(f"{self.device.name}: {type(error).__name__}: {error}")
+            self._deliver(DeviceFailed(self.device.name, lost))
         finally:
             self._close()
 
     def _serve(self) -> None:
-        """Reads until it is asked to stop."""
+        """Read until asked to stop."""
         while not self._stop.is_set():
-            self._carry_out_requests()
+            self._execute_requests()
             items = self.device.read(READ_TIMEOUT_S)
             if items:
-                self._deliver(Delivered(self.device.name, items))
+                self._deliver(ItemsReceived(self.device.name, items))
 
-    def _deliver(self, message: Message) -> None:
-        """Waits for room; when the feed is stopped and the inbox is full, the message is dropped."""
+    def _deliver(self, message: FeedMessage) -> None:
+        """Wait for space in the queue; if the feed is stopped meanwhile, drop the message."""
         while True:
             try:
                 return self._inbox.put(message, timeout=READ_TIMEOUT_S)
@@ -114,7 +115,7 @@ class DeviceFeed:
                 if self._stop.is_set():
                     return None
 
-    def _carry_out_requests(self) -> None:
+    def _execute_requests(self) -> None:
         while True:
             try:
                 request = self._requests.get_nowait()
@@ -126,11 +127,11 @@ class DeviceFeed:
         try:
             self.device.close()
         except DeviceError as error:
-            self._deliver(Gone(self.device.name, error))
+            self._deliver(DeviceFailed(self.device.name, error))
 
 
 class Feeds:
-    """The devices of one trial, each read as fast as it delivers."""
+    """The devices of one trial, read as fast as they deliver."""
 
     def __init__(self, devices: Sequence[Device]) -> None:
         self._inbox = FeedQueue()
@@ -140,12 +141,12 @@ class Feeds:
         for feed in self.feeds:
             feed.start()
 
-    def poll(self) -> list[Message]:
-        """What came while the devices open."""
-        return self.take()
+    def poll(self) -> list[FeedMessage]:
+        """Messages that arrive while the devices open."""
+        return self.receive()
 
-    def take(self) -> list[Message]:
-        """Everything that has come; waits a moment for the first of it."""
+    def receive(self) -> list[FeedMessage]:
+        """All messages that have arrived; waits POLL_S for the first."""
         messages = []
         try:
             messages.append(self._inbox.get(timeout=POLL_S))
@@ -155,15 +156,15 @@ class Feeds:
             return messages
 
     def finish_requests(self) -> None:
-        """Nothing to do: the devices carry out what they were asked while they are closed."""
+        """Nothing to do: the devices execute their requests before they close."""
 
     def release(self, within_s: float) -> list[str]:
-        """Closes the devices; returns the names of those that did not close within `within_s` wall seconds."""
+        """Close the devices; return the names of those that did not close within `within_s` wall seconds."""
         return end_feeds(self.feeds, within_s)
 
 
 def end_feeds(feeds: Sequence[DeviceFeed], within_s: float, meanwhile: Callable[[], None] = lambda: None) -> list[str]:
-    """Asks all to stop and waits `within_s` wall seconds; returns the names of devices that are still running."""
+    """Ask all feeds to stop and wait `within_s` wall seconds; return the names of devices that are still running."""
     for feed in feeds:
         feed.ask_to_stop()
     deadline = time.monotonic() + within_s

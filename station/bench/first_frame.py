@@ -1,4 +1,4 @@
-"""Whether a capture's frames came from its first one on: QTM numbers them from 1 at the capture's start."""
+"""Check that the frames of a capture are complete from its first one: QTM numbers them from 1 at the start."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from recordings.samples import Event, Loss, Samples, Stream
 
 LATENESS = 0.1
-"""Part of the time since the edge, and seconds besides, by which both clocks may disagree about it."""
+"""Disagreement of both clocks about the time since the edge: this fraction of it, plus as many seconds."""
 
 
-class FirstFrame:
-    """Watches for the first block of /markers that belongs to a capture.
+class FirstFrameCheck:
+    """Finds the first block of /markers of a capture, and the frames that are missing before it.
 
-    Frames whose numbers run on from before the edge (live preview that knows of no capture) tell nothing by their
-    number: what is missing among them the driver sees.
+    Frames whose numbers continue from before the edge (a live preview without a capture) carry no such information;
+    the driver counts what is missing among them.
     """
 
     def __init__(self, streams: Sequence[Stream]) -> None:
@@ -23,17 +23,17 @@ class FirstFrame:
         self._is_awaited = True
         self._first: Samples | None = None
 
-    def edge(self, host_ns: int) -> Loss | None:
-        """The capture began at this moment of the host's clock [UTC, ns]; its frames may have been here sooner."""
+    def set_edge(self, host_ns: int) -> Loss | None:
+        """The capture began at this host time [UTC, ns]; its frames may have arrived before the edge."""
         self._edge_host_ns = host_ns
         return self._missed()
 
-    def follow(self, event: Event) -> None:
-        """Numbers that start again are those of a capture."""
+    def handle_event(self, event: Event) -> None:
+        """Frame numbers that restart belong to a capture."""
         self._is_awaited |= event.kind in ("numbering_restarted", "capture_replaced")
 
-    def feed(self, block: Samples) -> Loss | None:
-        """Takes a block with at least one frame; what should have come before it, once that is known."""
+    def update(self, block: Samples) -> Loss | None:
+        """Take a block with at least one frame; return the frames that are missing before it, once they are known."""
         if not self._is_awaited:
             return None
         self._is_awaited, self._first = False, block

@@ -1,7 +1,7 @@
-"""A known mass on the load cell before and after a session: read it, keep the reading, say whether it is right.
+"""Check the load cell with a known mass before and after a session, and keep the reading.
 
-`station check --known-mass 0` reads the empty cell, `--known-mass 2` two kilograms on it; a shunt does as well, as the
-mass that it stands for. The session's fit uses the readings (fitting/mass_checks.py).
+`station check --known-mass 0` reads the empty cell, `--known-mass 2` two kilograms on it; a shunt is entered as the
+mass that it represents. The fit of the session uses the readings (fitting/trial/mass_checks.py).
 """
 
 from __future__ import annotations
@@ -10,13 +10,16 @@ from pathlib import Path
 
 from rich.console import Console
 
-from fitting.mass_checks import CHECKS_FILE, MassCheckError, evaluate_reading, read_checks
-from station.bench.check import Line, listen, show_lines
+from fitting.results.codes import FitErrorCode
+from fitting.trial.mass_checks import CHECKS_FILE, MassCheckError, evaluate_reading, read_checks
+from station.bench.check import CheckResult, show_results, survey_devices
 from station.bench.devices import load_cell_for
 from station.bench.trial_recorder import MakeDevices
 from station.clock import RealClock
 from station.config import StationConfig
 from station.journal import append_line
+from station.messages.codes import CheckCode
+from station.messages.message import Message
 
 LISTEN_S = 3.0
 
@@ -31,25 +34,23 @@ def check_known_mass(
     as_json: bool = False,
     listen_s: float = LISTEN_S,
 ) -> int:
-    """Reads the cell, keeps the reading in the folder, prints it; returns 0 if it is as it should be, else 1."""
-    answers, _ = listen(config, folder, RealClock(), make_devices, listen_s)
+    """Read the cell, keep the reading in the folder, print it; return 0 if it is within the tolerance, else 1."""
+    survey, _ = survey_devices(config, folder, RealClock(), make_devices, listen_s)
     cell = config.calibration()
     zeros = [check for check in read_checks(folder) if check.mass == 0]
     zero = zeros[-1] if zeros and mass > 0 else None
     try:
-        check = evaluate_reading(cell.polarity * cell.newtons_per_unit * answers.force(), mass, zero)
+        check = evaluate_reading(cell.polarity * cell.newtons_per_unit * survey.force(), mass, zero)
     except MassCheckError as error:
-        errors = "; ".join(answers.errors.values())
-        raise MassCheckError(
-            f"{error}: {errors}" if errors else f"{error}; see with `station check` whether its device answers"
-        ) from error
+        errors = "; ".join(map(str, survey.errors.values()))
+        device_errors = {"device_errors": errors} if errors else {}
+        raise MassCheckError(FitErrorCode.CHECK_SHORT, {**error.reason.figures, **device_errors}) from error
     figures = {"mass_kg": mass, "expected_n": check.expected, "found_n": check.found, "u_n": check.sd}
     append_line(folder / CHECKS_FILE, "known_mass", **figures, zero_n=check.zero)
     tolerance = check.tolerance(cell.gain_relative_sd, config.load_cell.capacity_kg)
-    good = abs(check.found - check.expected) <= tolerance
-    text = f"{check.found:.2f} ± {check.sd:.2f} N, expected {check.expected:.2f} ± {tolerance:.2f} N"
-    if mass and zero is None:
-        text += "; the zero is in it, run with --known-mass 0 on the empty cell first"
-    elif not good:
-        text += "; check the mass, load_cell.capacity_kg, full_scale_v and polarity"
-    return show_lines([Line(f"{mass:g} kg on the load cell", text, is_good=good)], console, as_json=as_json)
+    is_good = abs(check.found - check.expected) <= tolerance
+    code = CheckCode.MASS_RIGHT if is_good else CheckCode.MASS_WRONG
+    code = CheckCode.MASS_WITHOUT_ZERO if mass and zero is None else code
+    shown = {"found_n": check.found, "sd_n": check.sd, "expected_n": check.expected, "tolerance_n": tolerance}
+    result = CheckResult(f"{mass:g} kg on the load cell", Message(code, shown), is_good=is_good)
+    return show_results([result], console, as_json=as_json)

@@ -1,42 +1,43 @@
-"""Signs that the station's computer is too slow for its devices: what it took too late, and what it did not take."""
+"""Detect that the station's computer is too slow for its devices: late reads and overwritten samples."""
 
 from __future__ import annotations
 
 from recordings.samples import Event, Item, Loss
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 
 OVERWRITTEN = ("overrun", "queue_overflow")
-"""Causes of a Loss that only a reader who comes too late has."""
+"""Causes of a Loss that only a late reader produces."""
 LATE_S = 1.0
-"""Station seconds from a sample's arrival at the driver to its recording; usual are 0.02."""
+"""Station seconds from the arrival of a sample at the driver to its recording; usually 0.02."""
 
 
-class Overload:
-    """Judges each item of a trial that is recorded."""
+class OverloadMonitor:
+    """Checks every recorded item of a trial."""
 
     def __init__(self) -> None:
         self._overwritten = 0
-        self._latest_s = 0.0
-        self._was_told = False
+        self._longest_wait_s = 0.0
+        self._is_reported = False
 
-    def feed(self, item: Item, now_ns: int) -> str:
-        """The first sign of an overload as a sentence, else ""."""
+    def update(self, item: Item, now_ns: int) -> tuple[Message[TrialCode], ...]:
+        """The messages of the first overload of the trial; empty before and afterwards."""
         if isinstance(item, Loss) and item.cause in OVERWRITTEN:
             self._overwritten += item.count
         elif not isinstance(item, Event):
-            self._latest_s = max(self._latest_s, (now_ns - item.host_time_ns) * 1e-9)
-        if self._was_told or not self.sentence:
-            return ""
-        self._was_told = True
-        return self.sentence
+            self._longest_wait_s = max(self._longest_wait_s, (now_ns - item.host_time_ns) * 1e-9)
+        messages = self.messages
+        if self._is_reported or not messages:
+            return ()
+        self._is_reported = True
+        return messages
 
     @property
-    def sentence(self) -> str:
-        """What an overload cost so far; "" where there was none."""
-        costs = []
+    def messages(self) -> tuple[Message[TrialCode], ...]:
+        """The cost of the overload so far; empty if there was none."""
+        found = []
         if self._overwritten:
-            costs.append(f"{self._overwritten} samples were overwritten before it read them")
-        if self._latest_s > LATE_S:
-            costs.append(f"samples waited {self._latest_s:.1f} s until it recorded them")
-        if not costs:
-            return ""
-        return f"this computer is too slow: {' and '.join(costs)}; close other programs, or take a faster one"
+            found.append(Message(TrialCode.OVERWRITTEN, {"samples": self._overwritten}))
+        if self._longest_wait_s > LATE_S:
+            found.append(Message(TrialCode.LATE, {"late_s": self._longest_wait_s}))
+        return tuple(found)

@@ -1,4 +1,4 @@
-"""Where a trial may be recorded: measured and simulated data never share a session's folder."""
+"""Folders that a trial may be recorded into: measured and simulated data are never mixed in one session."""
 
 from __future__ import annotations
 
@@ -11,21 +11,40 @@ from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin
 from recordings.reader import read_manifest
 from recordings.samples import DeviceIdentity
+from station.messages.codes import RefusalCode
+from station.messages.message import Message
 
 SIMULATED_FOLDER = "simulated"
 """Sessions of simulated data are recorded below a folder of this name."""
 
 
-def why_not_here(folder: Path, devices: Sequence[DeviceIdentity]) -> str:
-    """Why what these devices send cannot be recorded into the folder, in a sentence; "" if it can."""
+def check_folder(folder: Path, devices: Sequence[DeviceIdentity]) -> Message[RefusalCode] | None:
+    """Reason why samples of these devices cannot be recorded into the folder; None if they can."""
     is_simulated = DataOrigin.of_devices(devices) is DataOrigin.SIMULATED
     if is_simulated and not is_for_simulated(folder):
-        place = folder.parent / SIMULATED_FOLDER / folder.name
-        return (
-            f"{who_is_simulated(devices)}, and {folder} is not below a folder called {SIMULATED_FOLDER}; give "
-            f"--session {place}, or start the console with --simulated"
-        )
-    return why_mixed(folder, devices)
+        figures = {
+            "devices": ", ".join(device.name for device in devices if device.is_simulated),
+            "folder": str(folder),
+            "simulated_folder": SIMULATED_FOLDER,
+            "place": str(folder.parent / SIMULATED_FOLDER / folder.name),
+        }
+        return Message(RefusalCode.SIMULATED_DEVICES, figures)
+    return check_origin(folder, devices)
+
+
+def check_origin(folder: Path, devices: Sequence[DeviceIdentity]) -> Message[RefusalCode] | None:
+    """Reason why the trial would mix measured and simulated data in one folder; None if it would not."""
+    origin = DataOrigin.of_devices(devices)
+    if origin is DataOrigin.UNKNOWN:
+        return None
+    for path in sorted(folder.glob("*.mcap")):
+        present = origin_of(path)
+        if present is origin:
+            return None
+        if present is not DataOrigin.UNKNOWN:
+            figures = {"folder": str(folder), "present": present, "file": path.name, "origin": origin}
+            return Message(RefusalCode.MIXED_ORIGIN, figures)
+    return None
 
 
 def is_for_simulated(folder: Path) -> bool:
@@ -34,31 +53,12 @@ def is_for_simulated(folder: Path) -> bool:
 
 
 def rehearsal_folder() -> Path:
-    """A folder for any devices, of which nothing is kept; its parent is to be deleted with it."""
+    """A temporary folder for any devices; delete its parent afterwards."""
     return Path(tempfile.mkdtemp(prefix="rehearsal-")) / SIMULATED_FOLDER
 
 
-def why_mixed(folder: Path, devices: Sequence[DeviceIdentity]) -> str:
-    """Why the trial would mix measured and simulated data in one folder; "" if it would not."""
-    origin = DataOrigin.of_devices(devices)
-    if origin is DataOrigin.UNKNOWN:
-        return ""
-    for path in sorted(folder.glob("*.mcap")):
-        there = origin_of(path)
-        if there is not DataOrigin.UNKNOWN:
-            words = f"{folder} holds {there} data ({path.name}), and this trial's would be {origin}"
-            return "" if there is origin else f"{words}; give a session's folder of its own"
-    return ""
-
-
-def who_is_simulated(devices: Sequence[DeviceIdentity]) -> str:
-    """A clause that names the devices."""
-    names = [device.name for device in devices if device.is_simulated]
-    return f"{names[0]} says that it is simulated" if len(names) == 1 else f"{' and '.join(names)} say: simulated"
-
-
 def origin_of(path: Path) -> DataOrigin:
-    """Of a recording; unknown where its manifest cannot be read."""
+    """Origin of a recording; unknown if its manifest cannot be read."""
     with suppress(RecordingError, OSError):
         return read_manifest(path).origin
     return DataOrigin.UNKNOWN

@@ -1,4 +1,4 @@
-"""The simulated bench: served on the configuration's ports for any client, or as a child process that goes with us."""
+"""The simulated bench: served on the configured ports for any client, or as a child process of the station."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from recordings.manifest import TestKind
-from station.bench.typed_faults import handle_commands_in_thread
+from station.bench.typed_commands import execute_commands_in_thread
 from station.config import StationConfig, parse_config
 from station.end_signals import end_signals
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
-from station.protocol import CUFF_TESTS
+from station.messages.message import Message
+from station.messages.setup_codes import SimulationCode
+from station.protocol import CUFF_TESTS, TrialSpec
 
 if TYPE_CHECKING:
     from drivers.simulators.world import World
 
 NI_PORT = 31763
-"""Where NI's own gRPC device server listens unless told otherwise."""
+"""Default port of NI's gRPC device server."""
 QTM_PORT, DISCOVERY_PORT = 22223, 22226
-"""QTM's own, over TCP and UDP."""
+"""Default ports of QTM, TCP and UDP."""
 LOOPBACK = ("127.0.0.1", "localhost")
 PROBE_TIMEOUT_S = 2.0
-
-
 SWING_MARGIN_S = 6.0
-"""What a page needs beyond a swing to know that it began and that it lasted."""
+"""Seconds beyond a swing for the guide to detect its begin and its end."""
 
 
 class SimulationError(StationError):
-    """The simulated bench did not start or did not answer; one sentence."""
+    """The simulated bench did not start or did not answer."""
 
 
 class WrongTrial(SimulationError):
@@ -48,12 +47,12 @@ class WrongTrial(SimulationError):
 class SimulatedBench:
     """A context manager; the child ends with its standard input, so it never outlives this process.
 
-    speed None: the simulated world goes on as fast as an attached station handles it, and only then.
+    speed None: the simulated world advances as fast as an attached station handles it, and only then.
     """
 
     def __init__(self, settings: dict[str, Any], speed: float | None, seed: int) -> None:
         self.ready: dict[str, Any] = {}
-        self._request = {**settings, "speed": speed, "seed": seed}
+        self._settings = {**settings, "speed": speed, "seed": seed}
         self._child: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> SimulatedBench:
@@ -65,28 +64,28 @@ class SimulatedBench:
             encoding="utf-8",
         )
         try:
-            self.ready = self.tell(self._request)
+            self.ready = self.request(self._settings)
         except BaseException:
             self.close()
             raise
         return self
 
-    def tell(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Sends one request and returns the answer. Raises SimulationError if it is refused or nobody answers."""
+    def request(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Send one request and return the answer. Raises SimulationError if it is refused or not answered."""
         child = self._child
         if child is None or child.stdin is None or child.stdout is None:
-            raise SimulationError("the simulated bench is not running")
+            raise SimulationError(Message(SimulationCode.NOT_RUNNING))
         try:
             child.stdin.write(json.dumps(request) + "\n")
             child.stdin.flush()
         except OSError as error:
-            raise SimulationError(f"the simulated bench ended with code {child.poll()}") from error
+            raise _ended(child.poll()) from error
         line = child.stdout.readline()
         if not line:
-            raise SimulationError(f"the simulated bench ended with code {child.wait(5)}")
+            raise _ended(child.wait(5))
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
-            raise SimulationError(f"the simulated bench refused: {answer['error']}")
+            raise SimulationError(Message(SimulationCode.REFUSED, {"reason": str(answer["error"])}))
         return answer
 
     def __exit__(
@@ -95,7 +94,7 @@ class SimulatedBench:
         self.close()
 
     def close(self) -> None:
-        """Ends the child by closing its standard input; kills it if it has not gone within 5 s."""
+        """End the child by closing its standard input; kill it if it has not ended within 5 s."""
         child, self._child = self._child, None
         if child is None:
             return
@@ -111,38 +110,48 @@ class SimulatedBench:
 
     @property
     def clock_port(self) -> int:
-        """Where a BenchClock attaches."""
+        """Port of the clock that a BenchClock attaches to."""
         return int(self.ready["ports"]["clock"])
 
-    def pointed_at(self, config: StationConfig) -> StationConfig:
-        """The configuration with the addresses of this bench in the place of its own."""
+    def configure(self, config: StationConfig) -> StationConfig:
+        """The configuration with the addresses of this bench."""
         data = config.model_dump(mode="json")
         data["daq"]["grpc_target"] = f"127.0.0.1:{self.ready['ports']['ni']}"
         data["mocap"] |= {"host": "127.0.0.1", "port": self.ready["ports"]["qtm"]}
+        if config.emg is not None and config.emg.source == "lsl":
+            data["emg"] = None  # an outlet is on the wall's time, and a simulated bench has none
         return parse_config(data, "the simulated bench")
 
 
 def simulator_settings(config: StationConfig) -> dict[str, Any]:
-    """[simulation] of the configuration, with what follows from its other sections; what [simulation] says wins."""
+    """Settings of the simulator from all sections of the configuration; [simulation] overrides the others."""
     daq, cell = config.daq, config.load_cell
-    follows: dict[str, Any] = {
-        "wiring": {"device": daq.device, "force_channel": daq.force_channel, "sync_channel": daq.sync_channel},
+    emg = config.emg.daq_channels if config.emg else {}
+    derived: dict[str, Any] = {
+        "wiring": {
+            "device": daq.device,
+            "force_channel": daq.force_channel,
+            "sync_channel": daq.sync_channel,
+            "emg": {name: channel.model_dump() for name, channel in emg.items()},
+        },
         "amplifier": {"capacity_kg": cell.capacity_kg, "full_scale_v": cell.full_scale_v},
         "protocol": {"repeats": config.protocol.repeats, "static": {"hold_s": config.protocol.hold_s + 1.0}},
         "serial": {"line_format": cell.line_format},
         "mocap": {"password": config.mocap.password},
     }
     if config.protocol.step_masses_kg:
-        follows["protocol"]["static"]["step_masses_kg"] = config.protocol.step_masses_kg
+        derived["protocol"]["static"]["step_masses_kg"] = config.protocol.step_masses_kg
     if config.bounce is not None:
-        follows["bounce"] = {"mass_kg": config.bounce.mass_kg, "marker": config.bounce.marker}
-    return _laid_over(follows, config.simulation)
+        derived["bounce"] = {"mass_kg": config.bounce.mass_kg, "marker": config.bounce.marker}
+    if config.body is not None:
+        derived["person"] = {"pose_s": config.body.pose_s + 1.0, "raises": {"cycles": config.body.cycles}}
+    return _merge(derived, config.simulation)
 
 
 def practice_settings(config: StationConfig) -> dict[str, Any]:
-    """The same for a console's own bench: the station starts the captures, and hands follow the page step by step."""
+    """The same for a bench of the console: the station starts captures, and simulated hands follow the cues."""
     swing_s = config.protocol.swing_s + SWING_MARGIN_S
-    settings = _laid_over({"protocol": {"dynamic": {"swing_s": swing_s}}}, simulator_settings(config))
+    settings = _merge({"protocol": {"dynamic": {"swing_s": swing_s}}}, simulator_settings(config))
     return {**settings, "operator": {"capture": "remote", "hands": "led"}}
 
 
@@ -150,17 +159,17 @@ def serve_until_stopped(
     config: StationConfig,
     speed: float,
     seed: int,
+    trial: TrialSpec | None = None,
     *,
-    cuff: str | None = None,
-    test: TestKind | None = None,
+    in_turn: bool = False,
     fault_plan: Path | None = None,
 ) -> None:
-    """Serves the devices on the configuration's ports until Ctrl-C or SIGTERM; says on stderr what each capture plays.
+    """Serve the devices on the configured ports until Ctrl-C or SIGTERM; stderr shows the trial of every capture.
 
-    Lines on standard input are faults that happen now, and masses to hang on the load cell (typed_faults.py).
+    Lines on standard input are faults that happen now, and masses to hang on the load cell (typed_commands.py).
 
-    test chooses one trial for all captures, instead of the plan in its order; cuff alone its tests, in turn. Raises
-    SimulationError where the settings, the fault plan or a port cannot be used.
+    All captures play this trial, or with in_turn the tests of its cuff; without a trial they play the plan in its
+    order. Raises SimulationError if the settings, the fault plan or a port cannot be used.
     """
     from drivers.simulators.bench import Bench
     from drivers.simulators.faults import read_fault_plan
@@ -174,53 +183,57 @@ def serve_until_stopped(
         ports["ports"] |= {"serial": _port(config.load_cell.port, 0), "clock": clock_port(config)}
         if config.mocap.port == QTM_PORT:
             ports["ports"]["discovery"] = DISCOVERY_PORT
-        settings = settings_from_dict(_laid_over(ports, simulator_settings(config)))
+        settings = settings_from_dict(_merge(ports, simulator_settings(config)))
         with Bench(settings, speed, seed, read_fault_plan(fault_plan) if fault_plan else ()) as bench:
             world = bench.world
-            _select(world, cuff, test)
-            _say(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
-            _say(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
-            _say(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
-            _say(f"clock at 127.0.0.1:{bench.ports['clock']}, for `station record --speed`")
-            _say(
+            if trial is not None:
+                _select(world, trial)
+            _log(f"NI gRPC device server at 127.0.0.1:{bench.ports['ni']} ({config.daq.device})")
+            _log(f"QTM real-time server at 127.0.0.1:{bench.ports['qtm']}")
+            _log(f"serial indicator at socket://127.0.0.1:{bench.ports['serial']}")
+            _log(f"clock at 127.0.0.1:{bench.ports['clock']}, for `station record --speed`")
+            _log(
                 "stop with Ctrl-C; `hang 2` hangs 2 kg on the load cell, a line such as `ni unplug for_s=2` is a fault"
             )
-            handle_commands_in_thread(sys.stdin, world, _say)
-            _tell_captures(world, stopped, in_turn=cuff is not None and test is None)
+            execute_commands_in_thread(sys.stdin, world, _log)
+            _report_captures(world, stopped, in_turn=in_turn and trial is not None)
     except (ValueError, OSError, RuntimeError) as error:
-        raise SimulationError(f"the devices cannot be simulated: {error}") from error
+        raise SimulationError(Message(SimulationCode.NOT_POSSIBLE, {"reason": str(error)})) from error
 
 
-def _select(world: World, cuff: str | None, test: TestKind | None) -> None:
+def _ended(exit_code: int | None) -> SimulationError:
+    return SimulationError(Message(SimulationCode.ENDED, {"exit_code": str(exit_code)}))
+
+
+def _select(world: World, trial: TrialSpec) -> None:
+    cuff = trial.cuff or world.trial.cuff if trial.test in CUFF_TESTS else None
     try:
-        if test == "bounce":
-            world.select_trial(None, test)
-        elif cuff is not None or test is not None:
-            world.select_trial(cuff or world.trial.cuff, test or CUFF_TESTS[0])
+        world.select_trial(cuff, trial.test, trial.condition)
     except ValueError as error:
-        raise WrongTrial(f"the devices cannot be simulated: {error}") from error
+        raise WrongTrial(Message(SimulationCode.NOT_POSSIBLE, {"reason": str(error)})) from error
 
 
-def _tell_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> None:
-    """Says what each capture plays. in_turn: when one is over, the cuff's other test is set up."""
-    told, is_over = 0, True
+def _report_captures(world: World, stopped: threading.Event, *, in_turn: bool) -> None:
+    """Log the trial of every capture. in_turn: after a capture, select the other test of the cuff."""
+    reported, is_over = 0, True
     while not stopped.wait(0.2):
         capture = world.capture
         if capture is None:
             continue
-        if capture.number > told:
-            told, is_over = capture.number, False
-            _say(f"capture {told}: {capture.trial.cuff or 'load cell'}, {capture.trial.test}")
+        if capture.number > reported:
+            reported, is_over = capture.number, False
+            played = capture.trial
+            _log(f"capture {reported}: {played.cuff or played.condition or 'no cuff'}, {played.test}")
         elif in_turn and not is_over and world.now() > capture.end:
             is_over = True
             done = CUFF_TESTS.index(capture.trial.test)
             world.select_trial(capture.trial.cuff, CUFF_TESTS[1 - done])
 
 
-def serves_simulated(config: StationConfig) -> bool:
+def is_served_by_simulator(config: StationConfig) -> bool:
     """Whether the devices of this configuration are those of a `station simulate` on this machine.
 
-    Its clock, beside the DAQ's server, is asked where its devices answer.
+    The clock of the simulator, next to the DAQ's server, reports the ports of its devices.
     """
     target, _, ni_port = (config.daq.grpc_target or "").rpartition(":")
     if target not in LOOPBACK or config.mocap.host not in LOOPBACK:
@@ -236,27 +249,27 @@ def serves_simulated(config: StationConfig) -> bool:
 
 
 def clock_port(config: StationConfig) -> int:
-    """Where `station simulate` serves its clock: beside the DAQ's server, unless [simulation.ports] says otherwise."""
-    beside = _port(config.daq.grpc_target, NI_PORT)
-    port = config.simulation.get("ports", {}).get("clock", beside + 1 if beside else 0)
+    """Port of the clock of `station simulate`: the one after the DAQ's server, unless [simulation.ports] sets it."""
+    daq_port = _port(config.daq.grpc_target, NI_PORT)
+    port = config.simulation.get("ports", {}).get("clock", daq_port + 1 if daq_port else 0)
     if not isinstance(port, int):
-        raise SimulationError(f"simulation.ports.clock is {port!r}, expected a port's number")
+        raise SimulationError(Message(SimulationCode.WRONG_PORT, {"port": repr(port)}))
     return port
 
 
-def _port(address: str | None, otherwise: int) -> int:
+def _port(address: str | None, default: int) -> int:
     """The TCP port at the end of "host:port" or "socket://host:port"; a serial line of this machine has none."""
     digits = (address or "").rpartition(":")[2]
-    return int(digits) if digits.isdigit() else otherwise
+    return int(digits) if digits.isdigit() else default
 
 
-def _laid_over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    both = {**below, **above}
-    for key in below.keys() & above.keys():
-        if isinstance(below[key], dict) and isinstance(above[key], dict):
-            both[key] = _laid_over(below[key], above[key])
-    return both
+def _merge(defaults: dict[str, Any], overrides: dict[str, Any]) -> dict[str, Any]:
+    merged = {**defaults, **overrides}
+    for key in defaults.keys() & overrides.keys():
+        if isinstance(defaults[key], dict) and isinstance(overrides[key], dict):
+            merged[key] = _merge(defaults[key], overrides[key])
+    return merged
 
 
-def _say(words: str) -> None:
-    print(words, file=sys.stderr, flush=True)
+def _log(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

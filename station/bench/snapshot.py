@@ -1,4 +1,4 @@
-"""One trial at one moment, for views."""
+"""State of one trial at one moment, for views."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from recordings.samples import Stream
+from station.messages.codes import TrialCode
+from station.messages.message import Message, join_sentences
 
 
 class TrialState(Enum):
@@ -17,15 +19,19 @@ class TrialState(Enum):
     FAILED = "failed"
 
 
+OPENING = (Message(TrialCode.OPENING),)
+
+
 @dataclass(frozen=True)
 class Snapshot:
     """left_s: station seconds until the time-out of an armed trial; 0 in other states.
 
-    edge_device_ns is the time of the sync edge on the clock of /sync, None before it.
+    messages are the state, and what will keep the trial from being accepted. edge_device_ns is the time of the sync
+    edge on the clock of /sync, None before it.
     """
 
     state: TrialState
-    sentence: str
+    messages: tuple[Message[TrialCode], ...] = OPENING
     sync_level_v: float | None = None
     waited_s: float = 0.0
     recorded_s: float = 0.0
@@ -34,3 +40,7 @@ class Snapshot:
     streams: tuple[Stream, ...] = ()
     left_s: float = 0.0
     edge_device_ns: int | None = None
+
+    @property
+    def sentence(self) -> str:
+        return join_sentences(self.messages)

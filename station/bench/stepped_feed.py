@@ -1,6 +1,6 @@
-"""Devices read in rounds: the clock moves one step, every device is read to the end of it, then the station goes on.
+"""Read devices in rounds: the clock advances one step, every device is read to its end, then the station continues.
 
-What arrives in a step bears the time of its end, whatever the threads of a busy machine did meanwhile.
+Items of a step carry the time of its end, independent of the scheduling of threads on a busy machine.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import numpy as np
 from drivers.device import Device, Received, StreamingDevice
 from drivers.errors import DeviceLost
 from recordings.samples import Item, Samples
-from station.bench.feed import Delivered, DeviceFeed, FeedQueue, Message, end_feeds
+from station.bench.feed import DeviceFeed, FeedMessage, FeedQueue, ItemsReceived, end_feeds
 from station.clock import SteppedClock
 
 ROUND_TIMEOUT_S = 60.0
-"""Wall seconds after which a device that does not finish a round is left behind; time goes on without it."""
+"""Wall seconds after which a device that does not finish a round is abandoned; time advances without it."""
 PENDING_INTERVAL_S = 0.05
-"""Wall seconds between two questions whether a device owes a reply, which comes only as time goes on."""
+"""Wall seconds between two queries whether a device has a pending reply, which arrives only as time advances."""
 OPENING_INTERVAL_S = 0.005
 POLL_INTERVAL_S = 0.0005
-"""Wall seconds between two looks at a connection on which more has to come."""
+"""Wall seconds between two reads of a connection with more data to come."""
 
 Sent = Mapping[int, int | None]
 
 
 class SteppedFeed(DeviceFeed):
-    """A feed whose thread reads the device once a round, to the last byte that was sent until then."""
+    """A feed whose thread reads the device once per round, up to the last byte that was sent in it."""
 
     def __init__(self, device: Device) -> None:
         self.inbox = FeedQueue()
@@ -49,9 +49,9 @@ class SteppedFeed(DeviceFeed):
         return not self._requests.empty()
 
     def begin_round(self, sent: Sent | None) -> None:
-        """Reads all that was sent; None: carries out what was requested, and reads nothing.
+        """Read everything that was sent; None: execute the requests, and read nothing.
 
-        Nothing happens while the round before is not over.
+        Without effect while the previous round is not over.
         """
         if self._is_idle.is_set():
             self._sent = sent
@@ -65,8 +65,8 @@ class SteppedFeed(DeviceFeed):
         super().ask_to_stop()
         self._has_round.set()
 
-    def collect(self) -> list[Message]:
-        """What it has delivered and nobody has taken."""
+    def collect(self) -> list[FeedMessage]:
+        """Messages that were delivered and not collected yet."""
         messages = []
         while True:
             try:
@@ -81,9 +81,9 @@ class SteppedFeed(DeviceFeed):
             if self._stop.is_set():
                 return
             if self._sent is None:
-                self._carry_out_requests()
-            elif items := list(_joined(self._read_round(self._sent))):
-                self._deliver(Delivered(self.device.name, items))
+                self._execute_requests()
+            elif items := list(_join_blocks(self._read_round(self._sent))):
+                self._deliver(ItemsReceived(self.device.name, items))
             self._is_idle.set()
 
     def _read_round(self, sent: Sent) -> list[Item]:
@@ -95,7 +95,7 @@ class SteppedFeed(DeviceFeed):
         return items
 
     def _has_all(self, sent: Sent) -> bool:
-        """Whether everything that was sent on this connection has come; a closed one must be noticed first."""
+        """Whether everything that was sent on this connection has arrived; a closed one must be noticed first."""
         received = self.received
         if received is None or received.port not in sent:
             return True
@@ -115,8 +115,8 @@ class SteppedFeeds:
         for feed in self.feeds:
             feed.start()
 
-    def poll(self) -> list[Message]:
-        """What came while the devices open. Time goes on only where all that are not open yet wait for it."""
+    def poll(self) -> list[FeedMessage]:
+        """Messages that arrive while the devices open. Time advances only if all devices still opening wait for it."""
         messages = self._collect()
         self._opening -= {message.device for message in messages}
         if not messages:
@@ -125,8 +125,8 @@ class SteppedFeeds:
                 self._clock.step()
         return messages
 
-    def take(self) -> list[Message]:
-        """Everything that comes within the next step, device by device. Raises DeviceLost where the bench is gone."""
+    def receive(self) -> list[FeedMessage]:
+        """All messages of the next step, device by device. Raises DeviceLost if the simulated bench has ended."""
         connections = [feed.received for feed in self.feeds]  # read once: a connection may end at any time
         sent = self._clock.step([connection.port for connection in connections if connection is not None])
         self._make_round([feed for feed in self.feeds if feed.has_requests], None)
@@ -134,24 +134,24 @@ class SteppedFeeds:
         return self._collect()
 
     def finish_requests(self) -> None:
-        """Lets what was asked of the devices happen: a capture that is stopped ends with its frame, and says so."""
+        """Execute the requests: a stopped capture ends with its current frame, and reports its end."""
         try:
-            self.take()
-            self.take()
+            self.receive()
+            self.receive()
         except DeviceLost:
             return
 
     def release(self, within_s: float) -> list[str]:
-        """Closes the devices; returns the names of those that did not close within `within_s` wall seconds."""
+        """Close the devices; return the names of those that did not close within `within_s` wall seconds."""
         return end_feeds(self.feeds, within_s, meanwhile=self._step_while_pending)
 
     def _make_round(self, feeds: Sequence[SteppedFeed], sent: Sent | None) -> None:
-        """Requests first: what a device is asked to do must not depend on how far another one is read."""
+        """Run a round. Requests get a round of their own: they must not depend on how far other devices are read."""
         for feed in feeds:
             feed.begin_round(sent)
-        give_up_s = time.monotonic() + ROUND_TIMEOUT_S
-        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.monotonic() < give_up_s:
-            # Only as many may be left behind as there are devices that reply when time goes on.
+        deadline_s = time.monotonic() + ROUND_TIMEOUT_S
+        while (busy := [feed for feed in feeds if not feed.is_round_over(0.0)]) and time.monotonic() < deadline_s:
+            # At most as many feeds may stay busy as there are devices whose reply needs time to advance.
             if not busy[0].is_round_over(PENDING_INTERVAL_S) and len(busy) <= self._clock.pending_devices():
                 return
 
@@ -162,30 +162,30 @@ class SteppedFeeds:
         except DeviceLost:
             return
 
-    def _collect(self) -> list[Message]:
+    def _collect(self) -> list[FeedMessage]:
         return [message for feed in self.feeds for message in feed.collect()]
 
 
-def _joined(items: Sequence[Item]) -> Iterator[Item]:
-    """Blocks of one stream that follow each other and arrived at the same time become one."""
+def _join_blocks(items: Sequence[Item]) -> Iterator[Item]:
+    """Join consecutive blocks of one stream that arrived at the same time."""
     waiting: list[Samples] = []
     for item in items:
         if waiting and not (isinstance(item, Samples) and _continues(waiting[-1], item)):
-            yield _concatenated(waiting)
+            yield _concatenate(waiting)
             waiting = []
         if isinstance(item, Samples):
             waiting.append(item)
         else:
             yield item
     if waiting:
-        yield _concatenated(waiting)
+        yield _concatenate(waiting)
 
 
 def _continues(first: Samples, second: Samples) -> bool:
     return (first.stream, first.host_time_ns) == (second.stream, second.host_time_ns)
 
 
-def _concatenated(blocks: Sequence[Samples]) -> Samples:
+def _concatenate(blocks: Sequence[Samples]) -> Samples:
     if len(blocks) == 1:
         return blocks[0]
     return Samples(

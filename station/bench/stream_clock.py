@@ -8,8 +8,8 @@ from recordings.samples import Samples
 class StreamClock:
     """Time of the last sample of one stream on the host's clock.
 
-    The offset between the two clocks is that of the block with the least delay. A backlog therefore shows as a last
-    sample that lies in the past, although blocks keep arriving.
+    The offset between the two clocks is that of the block with the least delay. With a backlog, the last sample
+    therefore lies in the past although blocks keep arriving.
     """
 
     def __init__(self) -> None:

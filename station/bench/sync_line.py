@@ -1,4 +1,4 @@
-"""The 5 V sync line as it comes in: its level now, every edge, and every glitch that is none."""
+"""The 5 V sync line, block by block: its level, its edges and its glitches."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from recordings.samples import Samples
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 
 GLITCH_NS = 5_000_000
-"""A level that is left again sooner was never reached: nothing starts with it, and nothing ends."""
+"""A level that lasts less is a glitch: it neither starts nor ends a trial."""
 
 
 @dataclass(frozen=True)
 class Edge:
-    """A crossing of the threshold, named by the first sample on its far side; is_glitch: the line was back at once."""
+    """A crossing of the threshold at the first sample beyond it; is_glitch: the line returned within GLITCH_NS."""
 
     rising: bool
     sample_number: int
@@ -24,21 +26,18 @@ class Edge:
     is_glitch: bool = False
 
 
-def wrong_polarity(fell: Edge) -> str:
-    """What a fall says that came where a rise was expected."""
-    return (
-        f"the sync line fell from {fell.from_v:.2f} V to {fell.to_v:.2f} V where a rise was expected; "
-        "set the sync output of the mocap system to active high (or swap the two wires)"
-    )
+def wrong_polarity(fall: Edge) -> Message[TrialCode]:
+    """The message for a falling edge where a rising one was expected."""
+    return Message(TrialCode.WRONG_POLARITY, {"from_v": fall.from_v, "to_v": fall.to_v})
 
 
 class SyncLine:
-    """Follows /sync block by block. level_v is the last sample's voltage, None before the first."""
+    """Level and edges of /sync. level_v is the voltage of the last sample, None before the first."""
 
     def __init__(self, threshold_v: float) -> None:
         self.threshold_v = threshold_v
         self.level_v: float | None = None
-        self._unsettled: Edge | None = None  # the line may yet come back, in this block or the next
+        self._unsettled: Edge | None = None  # the line may still return, in this block or the next
 
     @property
     def is_high(self) -> bool:
@@ -46,45 +45,40 @@ class SyncLine:
 
     @property
     def has_settled(self) -> bool:
-        """Whether the level has lasted too long for a glitch."""
+        """Whether the level has lasted longer than a glitch."""
         return self._unsettled is None
 
-    def why_no_rise(self, fell: Edge | None) -> str:
-        """What may have kept a capture's start from showing; fell is the latest fall."""
-        level = "unknown" if self.level_v is None else f"{self.level_v:z.2f} V"
-        if fell is not None:
-            return f"; {wrong_polarity(fell)}"
-        if self.is_high:
-            return (
-                f": the sync line stands at {level} since arming, expected below {self.threshold_v:g} V until the "
-                "capture starts; stop the running capture or check the line's polarity"
-            )
-        return (
-            f": the sync line stands at {level}, expected a rise above {self.threshold_v:g} V when the capture starts; "
-            "check that the capture was started and that the sync cable is plugged in"
-        )
+    def missing_edge(self, timeout_s: float, fall: Edge | None) -> Message[TrialCode]:
+        """The message for a time-out without a rising edge; fall is the latest unexplained falling edge."""
+        if fall is not None:
+            figures = {"timeout_s": timeout_s, "from_v": fall.from_v, "to_v": fall.to_v}
+            return Message(TrialCode.NO_SYNC_EDGE_FELL, figures)
+        if self.level_v is None:
+            return Message(TrialCode.NO_SYNC_EDGE_NO_SAMPLES, {"timeout_s": timeout_s})
+        code = TrialCode.NO_SYNC_EDGE_HIGH if self.is_high else TrialCode.NO_SYNC_EDGE_LOW
+        return Message(code, {"timeout_s": timeout_s, "level_v": self.level_v, "threshold_v": self.threshold_v})
 
-    def feed(self, samples: Samples) -> list[Edge]:
-        """What this block settles, in order: edges whose level has lasted, and glitches, each of which was two edges.
+    def update(self, samples: Samples) -> list[Edge]:
+        """Take a block; return the edges and glitches that it settles, in order. A glitch is two crossings.
 
-        An edge shortly before the end of a block is told with the next one.
+        An edge within GLITCH_NS of the end of a block is returned with the next block.
         """
-        told: list[Edge] = []
+        settled: list[Edge] = []
         for edge in self._crossings(samples):
             before, self._unsettled = self._unsettled, edge
             if before is not None and edge.device_time_ns - before.device_time_ns < GLITCH_NS:
-                told.append(replace(before, is_glitch=True))
+                settled.append(replace(before, is_glitch=True))
                 self._unsettled = None
             elif before is not None:
-                told.append(before)
+                settled.append(before)
         latest_ns = int(samples.device_time_ns[-1]) if len(samples.device_time_ns) else 0
         if self._unsettled is not None and latest_ns - self._unsettled.device_time_ns >= GLITCH_NS:
-            told.append(self._unsettled)
+            settled.append(self._unsettled)
             self._unsettled = None
-        return told
+        return settled
 
     def _crossings(self, samples: Samples) -> list[Edge]:
-        """Of the threshold in this block, also one between the block before and this one."""
+        """Crossings of the threshold in this block, also one between the previous block and this one."""
         volts = samples.values[:, 0].astype(np.float64)
         if not len(volts):
             return []

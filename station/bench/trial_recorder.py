@@ -1,4 +1,4 @@
-"""Records one trial: opens the devices, hands what they deliver to the trial and the views, closes everything."""
+"""Record one trial: open the devices, pass their items to the trial and the views, close everything."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Protocol
+from typing import Any, Protocol
 
 from drivers.device import Device
-from drivers.errors import DeviceLost, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from recordings.errors import RecordingError
-from recordings.manifest import BounceRig, CuffSite, DataOrigin, Manifest, TrialOutcome
+from recordings.manifest import DataOrigin, TrialOutcome, TrialSubject
 from recordings.samples import DeviceIdentity, Item
 from recordings.writer import RecordingWriter
 from station.bench.devices import devices_for
-from station.bench.disk import DiskWatch, bytes_free, bytes_needed
-from station.bench.feed import Delivered, Feeds, Gone, Opened
-from station.bench.session_folder import why_mixed
+from station.bench.disk import DiskMonitor, bytes_free, bytes_needed
+from station.bench.feed import DeviceFailed, DeviceOpened, Feeds, ItemsReceived
+from station.bench.session_folder import check_origin
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.stepped_feed import SteppedFeeds
-from station.bench.trial_order import start_after_all_in
+from station.bench.trial_order import start_time_after_all
 from station.bench.trial_rules import POST_ROLL_S, TrialRules
 from station.bench.trial_state_machine import TrialStateMachine
 from station.checksums import write_checksums
@@ -32,23 +32,25 @@ from station.clock import Clock, SteppedClock
 from station.config import StationConfig
 from station.errors import StationError
 from station.file_lock import locked
+from station.manifest import make_manifest
+from station.messages.codes import RefusalCode, TrialCode
+from station.messages.message import Message, join_sentences
 from station.protocol import TrialSpec
-from station.versions import installed_versions
-from station.windows_names import why_path_too_long
+from station.windows_names import check_path_length
 
 OPEN_TIMEOUT_S = 15.0
-"""Wall seconds for all devices to open; they should take less than 4, a driver that hangs must not hold us for ever."""
+"""Wall seconds for all devices to open; usually less than 4. A driver that hangs must not block the recorder."""
 CLOSE_TIMEOUT_S = 2.0
 LOCK = ".recording.lock"
-"""In the session's folder, from its first trial on."""
+"""File in the session's folder, from its first trial on."""
 
 
 class TrialRefused(StationError):
-    """The trial cannot begin: another one runs, or there is no room for it. One sentence."""
+    """The trial cannot begin."""
 
 
 class View(Protocol):
-    """Looks on. Must return at once and never raise; may drop what it has no time for, and says how much."""
+    """Shows a running trial. Must return at once and never raise; may drop items if it counts them."""
 
     def offer(self, item: Item) -> None: ...
 
@@ -57,18 +59,32 @@ class View(Protocol):
 
 @dataclass(frozen=True)
 class TrialResult:
-    """What became of one trial; path is None when nothing was recorded."""
+    """Outcome of one trial; path is None when nothing was recorded, messages give the reason of its end."""
 
     path: Path | None
     accepted: bool = field(kw_only=True)
     lost_samples: int
-    sentence: str
+    messages: tuple[Message[TrialCode], ...]
     origin: DataOrigin = DataOrigin.UNKNOWN
 
+    @property
+    def sentence(self) -> str:
+        return join_sentences(self.messages)
 
-WhyNotHere = Callable[[Path, Sequence[DeviceIdentity]], str]
-"""Session's folder and what its devices say of themselves → why they may not be recorded into it, or ""."""
-MakeDevices = Callable[[StationConfig, CuffSite | BounceRig | None, Clock, Path], list[Device]]
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "path": None if self.path is None else str(self.path),
+            "accepted": self.accepted,
+            "lost_samples": self.lost_samples,
+            "sentence": self.sentence,
+            "codes": [asdict(message) for message in self.messages],
+            "origin": self.origin.value,
+        }
+
+
+CheckFolder = Callable[[Path, Sequence[DeviceIdentity]], Message[RefusalCode] | None]
+"""Session's folder and identities of the devices → reason why they may not be recorded into it, or None."""
+MakeDevices = Callable[[StationConfig, TrialSubject | None, Clock, Path], list[Device]]
 
 
 class TrialRecorder:
@@ -81,28 +97,31 @@ class TrialRecorder:
         views: Sequence[View] = (),
         make_devices: MakeDevices = devices_for,
         post_roll_s: float = POST_ROLL_S,
-        why_not_here: WhyNotHere = why_mixed,
+        check_folder: CheckFolder = check_origin,
     ) -> None:
         self._config, self._clock, self._views, self._make_devices = config, clock, views, make_devices
-        self._post_roll_s, self._why_not_here = post_roll_s, why_not_here
-        self._stops_asked = 0
-        self._marks_asked: SimpleQueue[None] = SimpleQueue()
-        self.left_behind: list[str] = []  # devices whose thread never came back
+        self._post_roll_s, self._check_folder = post_roll_s, check_folder
+        self._stops_requested = 0
+        self._marks_requested: SimpleQueue[None] = SimpleQueue()
+        self.abandoned: list[str] = []  # devices whose thread did not end
 
     def stop(self) -> None:
-        """Once: ends the trial cleanly. Twice: at once."""
-        self._stops_asked += 1
+        """End the trial: cleanly at the first call, at once at the second."""
+        self._stops_requested += 1
 
     def mark(self) -> None:
-        """Marks this moment in the trial that is being recorded."""
-        self._marks_asked.put(None)
+        """Mark this moment in the running trial."""
+        self._marks_requested.put(None)
 
     def record(self, folder: Path, spec: TrialSpec, duration_s: float | None = None) -> TrialResult:
-        """Records one trial into the session folder and returns what became of it.
+        """Record one trial into the session folder and return its outcome.
 
-        Raises ConfigError, DeviceError, TrialRefused or RecordingError, each one sentence, when it cannot begin.
+        Without a duration it ends with the capture; a pose ends after the time that the configuration gives it.
+        Raises ConfigError, DeviceError, TrialRefused or RecordingError if the trial cannot begin.
         """
-        subject = self._config.subject(spec.cuff)
+        subject = self._config.subject(spec)
+        if duration_s is None and spec.test == "pose":
+            duration_s = self._config.measurement_protocol().pose_s
         _ensure_folder(folder)
         with _one_trial_at_a_time(folder):
             devices = self._make_devices(self._config, subject, self._clock, folder)
@@ -113,51 +132,61 @@ class TrialRecorder:
                 feeds.start()
                 return self._record(folder, spec, subject, duration_s, feeds, self._open(feeds))
             finally:
-                self.left_behind += feeds.release(CLOSE_TIMEOUT_S * self._clock.timeout_scale)
+                self.abandoned += feeds.release(CLOSE_TIMEOUT_S * self._clock.timeout_scale)
 
-    def _open(self, feeds: Feeds | SteppedFeeds) -> list[Opened]:
-        """Waits until every device is open. Raises the first error that a device reports."""
-        waiting = {feed.device.name for feed in feeds.feeds}
-        opened: list[Opened] = []
+    def _open(self, feeds: Feeds | SteppedFeeds) -> list[DeviceOpened]:
+        """Wait until every device is open. Raises the first error of a device."""
+        order = [feed.device.name for feed in feeds.feeds]
+        waiting, opened = set(order), list[DeviceOpened]()
         timeout_s = OPEN_TIMEOUT_S * self._clock.timeout_scale
         deadline = time.monotonic() + timeout_s
         while waiting:
-            if self._stops_asked:
-                raise TrialRefused("cancelled by the operator while the devices were opening; nothing was recorded")
+            if self._stops_requested:
+                raise TrialRefused(Message(RefusalCode.CANCELLED_OPENING))
             if time.monotonic() > deadline:
                 raise DeviceUnavailable(
                     f"{', '.join(sorted(waiting))} did not open within {timeout_s:g} s; check power, cables and "
-                    "the network"
+                    "the network",
+                    DeviceCode.NO_ANSWER,
                 )
             for message in feeds.poll():
-                if isinstance(message, Gone):
+                if isinstance(message, DeviceFailed):
                     raise message.error
-                if isinstance(message, Opened):
+                if isinstance(message, DeviceOpened):
                     waiting.discard(message.device)
                     opened.append(message)
-        return sorted(opened, key=lambda one: [feed.device.name for feed in feeds.feeds].index(one.device))
+        return sorted(opened, key=lambda message: order.index(message.device))
 
     def _record(
         self,
         folder: Path,
         spec: TrialSpec,
-        subject: CuffSite | BounceRig,
+        subject: TrialSubject,
         duration_s: float | None,
         feeds: Feeds | SteppedFeeds,
-        opened: Sequence[Opened],
+        opened: Sequence[DeviceOpened],
     ) -> TrialResult:
-        streams = [stream for one in opened for stream in one.streams]
-        device_by_stream = {stream.name: one.device for one in opened for stream in one.streams}
-        devices = tuple(one.identity for one in opened)
-        if why_not := self._why_not_here(folder, devices):
-            raise TrialRefused(why_not)
-        _ensure_room(folder, bytes_needed(streams, self._config, folder, duration_s))
+        streams = [stream for device in opened for stream in device.streams]
+        device_by_stream = {stream.name: device.device for device in opened for stream in device.streams}
+        devices = tuple(device.identity for device in opened)
+        if refusal := self._check_folder(folder, devices):
+            raise TrialRefused(refusal)
+        _ensure_space(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
         path = folder / spec.file_name(run)
-        if sys.platform == "win32" and (why := why_path_too_long(path)):
-            raise TrialRefused(why)
-        start_utc_ns, set_back = start_after_all_in(folder, self._clock.wall_utc_ns())
-        manifest = self._manifest(spec, run, subject, devices, start_utc_ns)
+        if sys.platform == "win32" and (refusal := check_path_length(path)):
+            raise TrialRefused(refusal)
+        start_utc_ns, set_back = start_time_after_all(folder, self._clock.wall_utc_ns())
+        manifest = make_manifest(
+            self._config,
+            spec,
+            run,
+            subject,
+            start_utc_ns,
+            start=self._config.daq.start,
+            load_cell=self._config.calibration(),
+        )
+        manifest = replace(manifest, devices=devices)
         writer = RecordingWriter(path, manifest, streams)
         rules = TrialRules(
             self._config.daq.start,
@@ -169,59 +198,61 @@ class TrialRecorder:
         trial = TrialStateMachine(rules, writer, self._clock)
         try:
             trial.arm(streams, device_by_stream)
-            if set_back:
-                trial.note("clock_set_back", set_back)
-            self._run(trial, feeds, DiskWatch(folder, self._clock))
+            if set_back is not None:
+                trial.note(set_back)
+            self._run(trial, feeds, DiskMonitor(folder, self._clock))
         except RecordingError as error:
             trial.abandon(str(error))
         self._show(trial)
         if not trial.has_edge:
             writer.discard()
-            return TrialResult(None, 0, trial.sentence, manifest.origin, accepted=False)
+            return TrialResult(None, 0, trial.messages, manifest.origin, accepted=False)
         accepted = trial.state is TrialState.CLOSED
+        codes = tuple(message.code.value for message in trial.messages)
         try:
-            writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence))
+            writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence, codes=codes))
         except RecordingError as error:
-            return TrialResult(path, trial.lost_samples, str(error), manifest.origin, accepted=False)
-        with suppress(OSError):  # the trial is whole; that nobody can tell whether it stays so is told by every reader
+            failed = Message(TrialCode.WRITE_FAILED, {"text": str(error)})
+            return TrialResult(path, trial.lost_samples, (failed,), manifest.origin, accepted=False)
+        with suppress(OSError):  # the recording is complete; a reader reports that it has no checksum
             write_checksums(path)
-        return TrialResult(path, trial.lost_samples, trial.sentence, manifest.origin, accepted=accepted)
+        return TrialResult(path, trial.lost_samples, trial.messages, manifest.origin, accepted=accepted)
 
-    def _run(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds, disk: DiskWatch) -> None:
+    def _run(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds, disk: DiskMonitor) -> None:
         is_in_control = self._config.mocap.control == "start"
         controllers = [feed for feed in feeds.feeds if feed.can_control_capture and is_in_control]
-        capture_asked = False
+        is_capture_requested = False
         self._show(trial)
         while not trial.is_over:
-            self._take(trial, feeds)
+            self._receive(trial, feeds)
             trial.tick()
-            if warning := disk.warning():
-                trial.cut_short("disk_nearly_full", warning)
-            while not self._marks_asked.empty():
-                self._marks_asked.get()
+            if warning := disk.poll():
+                trial.cut_short(warning)
+            while not self._marks_requested.empty():
+                self._marks_requested.get()
                 trial.mark()
-            if self._stops_asked:
-                trial.stop(at_once=self._stops_asked > 1)
-            if trial.wants_capture_start and not capture_asked:
-                capture_asked = True
+            if self._stops_requested:
+                trial.stop(at_once=self._stops_requested > 1)
+            if trial.wants_capture_start and not is_capture_requested:
+                is_capture_requested = True
                 for feed in controllers:
                     feed.request_capture(start=True)
             self._show(trial)
-        if capture_asked:
+        if is_capture_requested:
             for feed in controllers:
                 feed.request_capture(start=False)
             feeds.finish_requests()
 
-    def _take(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds) -> None:
-        """Hands everything that has come to the trial and the views."""
+    def _receive(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds) -> None:
+        """Pass all items that have arrived to the trial and the views."""
         try:
-            messages = feeds.take()
+            messages = feeds.receive()
         except DeviceLost as error:
             return trial.fail(str(error))
         for message in messages:
-            if isinstance(message, Gone):
+            if isinstance(message, DeviceFailed):
                 trial.fail(str(message.error), message.device)
-            elif isinstance(message, Delivered):
+            elif isinstance(message, ItemsReceived):
                 for item in message.items:
                     trial.handle(item)
                     for view in self._views:
@@ -232,63 +263,34 @@ class TrialRecorder:
         for view in self._views:
             view.show(trial.snapshot())
 
-    def _manifest(
-        self,
-        spec: TrialSpec,
-        run: int,
-        subject: CuffSite | BounceRig,
-        devices: tuple[DeviceIdentity, ...],
-        start_utc_ns: int,
-    ) -> Manifest:
-        return Manifest(
-            cuff=subject if isinstance(subject, CuffSite) else None,
-            bounce=subject if isinstance(subject, BounceRig) else None,
-            test=spec.test,
-            repeat=spec.repeat,
-            run=run,
-            donning=spec.donning,
-            start=self._config.daq.start,
-            sync_threshold_v=self._config.sync.threshold_v,
-            load_cell=self._config.calibration(),
-            start_utc_ns=start_utc_ns,
-            timing=self._config.timing(),
-            protocol=self._config.measurement_protocol(),
-            effective_config=self._config.model_dump(mode="json"),
-            versions=installed_versions(),
-            devices=devices,
-        )
-
 
 def _ensure_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise TrialRefused(
-            f"the session's folder {folder} cannot be made ({error.strerror}); give --session a folder that can"
-        ) from error
+        raise _refused(RefusalCode.FOLDER_NOT_MADE, folder=str(folder), reason=str(error.strerror)) from error
     if not os.access(folder, os.W_OK):
-        raise TrialRefused(f"the session's folder {folder} cannot be written into; give another --session")
+        raise _refused(RefusalCode.FOLDER_READ_ONLY, folder=str(folder))
 
 
-def _ensure_room(folder: Path, needed: float) -> None:
+def _ensure_space(folder: Path, needed: float) -> None:
     free = bytes_free(folder)
     if free < needed:
-        raise TrialRefused(
-            f"the disk of {folder} has {free / 1e6:.0f} MB free, expected at least {needed / 1e6:.0f} MB "
-            "for the trials that are planned; free some room"
-        )
+        raise _refused(RefusalCode.DISK_FULL, folder=str(folder), free_mb=free / 1e6, needed_mb=needed / 1e6)
+
+
+def _refused(code: RefusalCode, **figures: float | str) -> TrialRefused:
+    return TrialRefused(Message(code, figures))
 
 
 @contextmanager
 def _one_trial_at_a_time(folder: Path) -> Iterator[None]:
-    with ExitStack() as held:
+    with ExitStack() as stack:
         try:
-            held.enter_context(locked(folder / LOCK, wait_s=0))
+            stack.enter_context(locked(folder / LOCK, wait_s=0))
         except TimeoutError as error:
-            raise TrialRefused(f"another trial is being recorded into {folder}; wait for it to end") from error
+            raise _refused(RefusalCode.FOLDER_IN_USE, folder=str(folder)) from error
         except OSError as error:
-            why = error.strerror or error
-            raise TrialRefused(
-                f"{folder} lets no file be locked ({why}); record onto a disk of this machine"
-            ) from error
+            reason = error.strerror or str(error)
+            raise _refused(RefusalCode.NO_LOCKS, folder=str(folder), reason=reason) from error
         yield

@@ -1,4 +1,4 @@
-"""What starts and ends one trial."""
+"""Conditions that start and end one trial."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ POST_ROLL_S = 0.5
 
 @dataclass(frozen=True)
 class TrialRules:
-    """Conditions of start and end. Times are station seconds; duration_s None: until the capture ends."""
+    """Times are station seconds; duration_s None: until the capture ends."""
 
     start: Literal["sync_edge", "pfi0"]
     threshold_v: float

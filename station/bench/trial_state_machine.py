@@ -1,6 +1,6 @@
 """One trial: idle → armed → recording → closing → closed | failed.
 
-Knows no thread and no device: it takes items and the passage of time, and its current state returns the next one, so
+It has no thread and no device: it takes items and the passage of time, and its current state returns the next one, so
 that a test with a manual clock reaches every state.
 """
 
@@ -13,13 +13,15 @@ from station.bench.snapshot import Snapshot, TrialState
 from station.bench.states.armed import Armed
 from station.bench.states.context import DeviceFailure, ItemWriter, TrialContext
 from station.bench.states.idle import Idle
-from station.bench.states.state import Over, State
+from station.bench.states.state import Ended, State
 from station.bench.trial_rules import TrialRules
 from station.clock import Clock
+from station.messages.codes import TrialCode
+from station.messages.message import Message, join_sentences
 
 
 class TrialStateMachine:
-    """Hands items, time and the operator's commands to the current state. `sentence` tells how the trial stands."""
+    """Passes items, time and the operator's commands to the current state."""
 
     def __init__(self, rules: TrialRules, writer: ItemWriter, clock: Clock) -> None:
         self._rules, self._writer, self._clock = rules, writer, clock
@@ -31,16 +33,21 @@ class TrialStateMachine:
         return self._state.name
 
     @property
+    def messages(self) -> tuple[Message[TrialCode], ...]:
+        """The state of the trial, or the reason of its end, with what a reader of the recording should know."""
+        return self._state.messages
+
+    @property
     def sentence(self) -> str:
-        return self._state.sentence
+        return join_sentences(self.messages)
 
     @property
     def is_over(self) -> bool:
-        return isinstance(self._state, Over)
+        return isinstance(self._state, Ended)
 
     @property
     def has_edge(self) -> bool:
-        """Whether anything worth keeping was recorded."""
+        """Whether samples after a sync edge were recorded."""
         return self._state.edge is not None
 
     @property
@@ -58,7 +65,7 @@ class TrialStateMachine:
         edge_ns = None if state.edge is None else state.edge.device_ns
         return Snapshot(
             state.name,
-            state.sentence,
+            state.messages,
             context.sync.level_v,
             waited_s,
             0.0 if edge_ns is None else max(0, context.latest_device_ns - edge_ns) * 1e-9,
@@ -85,9 +92,8 @@ class TrialStateMachine:
         """Check time-outs, silent streams and the end of closing, and flush. Call every 20 ms."""
         stall_s = self._context.watchdog.poll()
         if stall_s is not None:
-            stalled = f"the station itself stood still for {stall_s:.1f} s"
-            advice = "see that its computer does not sleep or swap"
-            self._state.note_stall(self._context.event("station_paused", f"{stalled}; {advice}"))
+            message = Message(TrialCode.STATION_PAUSED, {"stall_s": stall_s})
+            self._state.note_stall(self._context.event(message.kind, str(message)))
         self._state = self._state.tick()
         self._writer.flush_if_due()
 
@@ -99,18 +105,19 @@ class TrialStateMachine:
         """Mark this moment, to be named later; without effect before the sync edge."""
         self._state.mark()
 
-    def note(self, kind: str, text: str) -> None:
-        """Tell the operator about the armed trial: an event at its edge, and a part of its last sentence."""
-        self._context.notes.append(self._context.event(kind, text))
+    def note(self, message: Message[TrialCode]) -> None:
+        """Add a note to the armed trial: an event at its edge, and a part of its final message."""
+        self._context.notes.append(message)
 
-    def fail(self, sentence: str, device: str = "", cause: str = "disconnected") -> None:
-        """End the trial because a device is lost; without effect while it is closing."""
-        self._state = self._state.fail(DeviceFailure(sentence, device, cause))
+    def fail(self, text: str, device: str = "", cause: str = "disconnected") -> None:
+        """End the trial because a device is lost; without effect while it is closing. text is the driver's error."""
+        message = Message(TrialCode.DEVICE_LOST, {"text": text})
+        self._state = self._state.fail(DeviceFailure(message, device, cause))
 
-    def cut_short(self, kind: str, sentence: str) -> None:
-        """End a trial that cannot go on: what was recorded is kept, and not accepted."""
-        self._state = self._state.cut_short(kind, sentence)
+    def cut_short(self, message: Message[TrialCode]) -> None:
+        """End a trial that cannot continue: what was recorded is kept, and not accepted."""
+        self._state = self._state.cut_short(message)
 
-    def abandon(self, sentence: str) -> None:
-        """End the trial because nothing more can be written."""
-        self._state = Over(sentence, self._state.edge)
+    def abandon(self, text: str) -> None:
+        """End the trial because nothing more can be written. text is the writer's error."""
+        self._state = Ended(Message(TrialCode.WRITE_FAILED, {"text": text}), edge=self._state.edge)

@@ -1,4 +1,4 @@
-"""What an operator can do now: the buttons in the bar at the bottom of the page, each with its key."""
+"""The actions of a view: buttons in the bar at the bottom of the page, and their keys."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import Literal
 
 from nicegui import ui
 
-Act = Callable[[], Awaitable[None] | None]
-Run = Callable[[Act], Awaitable[None]]
+Action = Callable[[], Awaitable[None] | None]
+Run = Callable[[Action], Awaitable[None]]
 Kind = Literal["main", "other", "danger"]
 
 PROPS = {"main": "unelevated color=primary", "other": "outline", "danger": "unelevated color=red-10"}
 
 
 class Actions:
-    """Of one view. run() performs an act and shows its refusal; row is the bar that the buttons stand in.
+    """run() performs an action and shows its refusal; row is the bar of the buttons.
 
-    form is what has to be filled in for them, above them; is_covered: a dialog takes the keys.
+    form is for input above the buttons; is_covered: a dialog is open and takes the keys.
     """
 
     def __init__(self, run: Run, row: ui.row, form: ui.column) -> None:
         self.run = run
-        self.by_key: dict[str, Act] = {}
+        self.by_key: dict[str, Action] = {}
         self.form = form
         self.is_covered = False
         self._row = row
@@ -32,10 +32,10 @@ class Actions:
             ui.element("div").classes("spacer")
 
     def add(
-        self, name: str, key: str, act: Act, *, kind: Kind = "other", mark: str = "", is_apart: bool = False
+        self, name: str, key: str, action: Action, *, kind: Kind = "other", mark: str = "", is_apart: bool = False
     ) -> ui.button:
-        """A button and its key; is_apart: at the other end of the bar."""
-        self.by_key[key] = act
+        """Add a button and its key; is_apart: at the other end of the bar."""
+        self.by_key[key] = action
         with self._row:
-            button = ui.button(f"{name} ({key})", on_click=lambda: self.run(act)).props(PROPS[kind])
+            button = ui.button(f"{name} ({key})", on_click=lambda: self.run(action)).props(PROPS[kind])
         return button.classes("apart" if is_apart else "").mark(mark or name.lower().replace(" ", "-"))

@@ -1,5 +1,7 @@
-"""What the console says aloud, in the browser: a tone and the words of a new step, where that is asked for; an alarm
-always. A browser plays nothing before its page was touched once: a key or a click, as the one that armed."""
+"""Sound in the browser: a tone and the spoken instruction of a new step, if it is switched on; an alarm always.
+
+A browser plays no sound before the first key or click on its page; the one that armed the trial suffices.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ import time
 from nicegui import ui
 
 STEP, ALARM = [880], [1760, 1320, 1760, 1320]
-"""Hz of the tones, one after the other."""
-ALARM_EVERY_S = 1.5
+"""Frequencies [Hz] of consecutive tones."""
+ALARM_INTERVAL_S = 1.5
 SOUND = """
 (() => {
     const audio = window.stationAudio ??= new AudioContext();
@@ -23,29 +25,29 @@ SOUND = """
         tone.stop(from + 0.15);
     });
     speechSynthesis.cancel();
-    speechSynthesis.speak(new SpeechSynthesisUtterance(%(words)s));
+    speechSynthesis.speak(new SpeechSynthesisUtterance(%(text)s));
 })()
 """
 
 
 class AudioAlerts:
-    """One page's voice during one trial."""
+    """Sound of one page during one trial."""
 
     def __init__(self) -> None:
-        self._said = ""
+        self._spoken: object = None
         self._alarmed_s = 0.0
 
-    def tell(self, cue: str, alarm: str | None, *, has_sound: bool) -> None:
-        """Says what is new; an alarm again and again until somebody has seen it."""
+    def update(self, step: object, instruction: str, alarm: str | None, *, has_sound: bool) -> None:
+        """Speak the instruction of a new step; repeat an alarm until the operator has seen it."""
         if alarm is not None:
-            if time.monotonic() - self._alarmed_s >= ALARM_EVERY_S:
+            if time.monotonic() - self._alarmed_s >= ALARM_INTERVAL_S:
                 self._alarmed_s = time.monotonic()
                 _sound(ALARM, alarm)
             return
-        if has_sound and cue != self._said:
-            _sound(STEP, cue)
-        self._said = cue
+        if has_sound and step != self._spoken:
+            _sound(STEP, instruction)
+        self._spoken = step
 
 
-def _sound(tones: list[int], words: str) -> None:
-    ui.run_javascript(SOUND % {"tones": json.dumps(tones), "words": json.dumps(words)})
+def _sound(tones: list[int], text: str) -> None:
+    ui.run_javascript(SOUND % {"tones": json.dumps(tones), "text": json.dumps(text)})

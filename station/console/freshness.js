@@ -1,65 +1,65 @@
-// Whether the console answers, and how old is what the page shows. The page asks the console four times in a second and
-// a half; when it does not answer, everything is grey, nothing can be clicked, and the reason stands in the middle.
+// Heartbeat of the console and age of the data on the page. The page asks the console four times in 1.5 s; if it does not
+// answer, the page turns grey, clicks and keys are blocked, and a notice shows the reason.
 window.station = (() => {
-  const ASK_EVERY_MS = 400, ANSWER_WITHIN_MS = 1000, LATE_MS = 1000, OLD_MS = 2000, KEPT_TRIPS = 20;
-  const trips = [];
-  let offset = 0, consoleId = null, failures = 0, deadSince = null, shownAt = null;
+  const POLL_INTERVAL_MS = 400, TIMEOUT_MS = 1000, LATE_MS = 1000, OLD_MS = 2000, KEPT_ROUND_TRIPS = 20;
+  const roundTrips = [];
+  let offset = 0, consoleId = null, failures = 0, lostSince = null, shownAt = null;
 
   const now = () => Date.now() + offset;
 
-  function heard(asked, answer) {
-    const trip = Date.now() - asked;
-    trips.push({ trip, offset: answer.now * 1000 - (asked + trip / 2) });
-    if (trips.length > KEPT_TRIPS) trips.shift();
-    offset = trips.reduce((best, one) => (one.trip < best.trip ? one : best)).offset;
-    if (consoleId !== null && consoleId !== answer.console) location.reload(); // another console at the same address
+  function handleAnswer(sent, answer) {
+    const duration = Date.now() - sent;
+    roundTrips.push({ duration, offset: answer.now * 1000 - (sent + duration / 2) });
+    if (roundTrips.length > KEPT_ROUND_TRIPS) roundTrips.shift();
+    offset = roundTrips.reduce((best, trip) => (trip.duration < best.duration ? trip : best)).offset;
+    if (consoleId !== null && consoleId !== answer.console) location.reload(); // the console was restarted
     consoleId = answer.console;
     failures = 0;
-    if (deadSince !== null) revive();
+    if (lostSince !== null) showConnected();
   }
 
-  async function ask() {
-    const asked = Date.now(), limit = new AbortController();
-    const timer = setTimeout(() => limit.abort(), ANSWER_WITHIN_MS);
+  async function poll() {
+    const sent = Date.now(), limit = new AbortController();
+    const timer = setTimeout(() => limit.abort(), TIMEOUT_MS);
     try {
       const answer = await fetch("/beat", { signal: limit.signal, cache: "no-store" });
       if (!answer.ok) throw new Error(answer.status);
-      heard(asked, await answer.json());
+      handleAnswer(sent, await answer.json());
     } catch (error) {
       failures += 1;
       const isRefused = error.message === "403";
-      if (failures > 1 || limit.signal.aborted || isRefused) die(asked, isRefused);
+      if (failures > 1 || limit.signal.aborted || isRefused) showLost(sent, isRefused);
     }
     clearTimeout(timer);
-    setTimeout(ask, ASK_EVERY_MS);
+    setTimeout(poll, POLL_INTERVAL_MS);
   }
 
-  function die(asked, isRefused) {
-    deadSince ??= asked;
+  function showLost(sent, isRefused) {
+    lostSince ??= sent;
     document.body.classList.add("no-console");
     document.querySelector(".console-lost .hint").textContent = isRefused
-      ? "It was started again with another token: open the address that it printed."
-      : "A running trial is recorded to its end all the same. Start the console again if it has ended; " +
-        "this page comes back by itself.";
+      ? "It was restarted with another token: open the address that it printed."
+      : "A running trial is recorded to its end. Restart the console if it has ended; " +
+        "this page then reconnects.";
   }
 
-  function revive() {
-    deadSince = null;
+  function showConnected() {
+    lostSince = null;
     document.body.classList.remove("no-console");
   }
 
-  function paint() {
-    if (deadSince !== null) {
-      const seconds = Math.max(0, (Date.now() - deadSince) / 1000).toFixed(0);
-      document.querySelector(".console-lost .since").textContent = `no answer for ${seconds} s: what you see is old`;
+  function render() {
+    if (lostSince !== null) {
+      const seconds = Math.max(0, (Date.now() - lostSince) / 1000).toFixed(0);
+      document.querySelector(".console-lost .since").textContent = `no answer for ${seconds} s: this page shows old data`;
     }
     const age = document.querySelector(".age");
     if (!age) return;
     const old = shownAt === null ? null : Math.max(0, now() - shownAt);
     age.classList.toggle("late", old !== null && old > LATE_MS);
     document.body.classList.toggle("old-data", old !== null && old > OLD_MS);
-    age.textContent = old === null ? "" : old > OLD_MS ? `WHAT YOU SEE IS ${(old / 1000).toFixed(1)} s OLD`
-      : `shown ${(old / 1000).toFixed(1)} s ago`;
+    age.textContent = old === null ? "" : old > OLD_MS ? `DATA ARE ${(old / 1000).toFixed(1)} s OLD`
+      : `data ${(old / 1000).toFixed(1)} s old`;
   }
 
   function build() {
@@ -69,20 +69,20 @@ window.station = (() => {
     lost.innerHTML = '<div><div class="title">The console does not answer</div>' +
       '<div class="since"></div><div class="hint"></div></div>';
     document.body.append(lost);
-    setInterval(paint, 100);
-    ask();
+    setInterval(render, 100);
+    poll();
   }
 
   const isTyping = () => document.activeElement?.matches("input, textarea");
   window.addEventListener("keydown", (event) => {
-    if (deadSince !== null) { // a key must not wait in a queue and act when the console is back
+    if (lostSince !== null) { // a key must not be queued until the console answers again
       event.stopImmediatePropagation();
       event.preventDefault();
     } else if (event.key === "Escape" && isTyping()) {
-      document.activeElement.blur(); // from here on the keys act again
+      document.activeElement.blur(); // keys are actions again
     }
   }, true);
-  // On the window, so that it comes after the framework has taken the key; at once, so that the next key is the note's.
+  // On the window, so that the framework handles the key first; the next key then belongs to the note.
   window.addEventListener("keydown", (event) => {
     const note = document.querySelector(".note input:not([disabled])");
     if (event.key === "m" && !event.ctrlKey && !event.altKey && !event.metaKey && note && !isTyping()) {
@@ -93,14 +93,14 @@ window.station = (() => {
   document.addEventListener("DOMContentLoaded", build);
 
   return {
-    // One update of a trial's pictures; at is when its data left the recorder [Unix s].
+    // One update of the charts; at is the time at which its data left the recorder [Unix s].
     draw({ at, over_time, loop, markers }) {
       for (const [id, series] of [over_time, loop]) getElement(id)?.chart?.setOption({ series });
       window.drawMarkers?.(...markers);
       shownAt = at * 1000;
-      paint();
+      render();
       return true;
     },
-    leave() { shownAt = null; },
+    clearAge() { shownAt = null; },
   };
 })();

@@ -1,34 +1,34 @@
-"""The receipt of a mark: when it was set, that it is in the recording, and what it was."""
+"""Confirmation of a mark: its time, whether the recorder has stored it, and its name."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
 from station.console.actions import Actions
-from station.session.desk import Desk
-from station.session.live import Live
+from station.session.controller import SessionController
+from station.session.live_trial import LiveTrial
 
 
 class MarkReceipt:
-    """One line under the curves, with a field for a note on the last mark. Enter keeps the note, Escape leaves it."""
+    """One line under the curves, with a field to name the last mark. Enter stores the name, Escape leaves the field."""
 
-    def __init__(self, desk: Desk, live: Live, actions: Actions) -> None:
-        self._desk, self._live, self._run = desk, live, actions.run
+    def __init__(self, controller: SessionController, live: LiveTrial, actions: Actions) -> None:
+        self._controller, self._live, self._run = controller, live, actions.run
         with ui.element("div").classes("receipt"):
-            self._words = ui.label("no mark yet").classes("quiet").mark("receipt")
-            self._note = ui.input(placeholder="what was it? Enter keeps it").props("dense outlined")
+            self._text = ui.label("no mark yet").classes("quiet").mark("receipt")
+            self._note = ui.input(placeholder="name, then Enter").props("dense outlined")
             self._note.classes("grow note").mark("note").disable()
-            self._note.on("keydown.enter", self._keep)
+            self._note.on("keydown.enter", self._store_name)
 
     async def mark(self) -> None:
-        """Marks this moment and takes a note on it at once."""
-        await self._desk.runner.mark()
+        """Mark this moment and move the focus to the name."""
+        await self._controller.runner.mark()
         self._note.value = ""
         self._note.run_method("focus")
 
-    async def _keep(self) -> None:
+    async def _store_name(self) -> None:
         number, name = len(self._live.marks), str(self._note.value or "")
-        await self._run(lambda: self._desk.runner.note(number, name))
+        await self._run(lambda: self._controller.runner.name_mark(number, name))
         self._note.value = ""
         self._note.run_method("blur")
 
@@ -41,4 +41,4 @@ class MarkReceipt:
         is_recorded = self._live.latest.get("marks", 0) >= number
         name = self._live.mark_names.get(number, "")
         stored = "in the recording" if is_recorded else "sent to the recorder"
-        self._words.text = f"mark {number} at {marks[number]:.1f} s is {stored}" + (f": {name}" if name else "")
+        self._text.text = f"mark {number} at {marks[number]:.1f} s is {stored}" + (f": {name}" if name else "")

@@ -1,44 +1,47 @@
-"""The next trial: what to do at the bench before it is armed, and where in the plan it stands."""
+"""The next trial: the preparation at the bench, and its place in the plan."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
 from station.console.actions import Actions
-from station.protocol import TrialSpec
-from station.session.agenda import Agenda, order_of
-from station.session.desk import Desk
+from station.protocol import BODY_TESTS, CONDITION_NAMES, TrialSpec
+from station.session.controller import SessionController
+from station.session.plan_status import PlanStatus, preparation
 
 
-def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
+def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
     spec = plan.spec
-    assert spec is not None  # noqa: S101  (the page shows the summary then)
-    ui.label(order_of(plan, desk.session.config.protocol.pause_s)).classes("cue").mark("order")
-    of_cuff = "bounce calibration" if spec.cuff is None else f"{spec.cuff}: {spec.test}, repeat {spec.repeat}"
-    ui.label(f"next: {of_cuff}").classes("text-3xl").mark("next")
+    assert spec is not None  # noqa: S101  (without one the page shows the summary)
+    ui.label(preparation(plan, controller.session.config.protocol.pause_s)).classes("cue").mark("order")
+    ui.label(f"next: {spec.title}").classes("text-3xl").mark("next")
     if plan.has_pause:
-        _rest(desk)
+        _show_pause(controller)
     show_plan(plan)
-    actions.add("Arm", "a", desk.runner.arm, kind="main")
-    actions.add("Leave", "l", desk.session.leave, mark="leave", is_apart=True)
-    actions.add("End early", "e", desk.runner.end_early, is_apart=True)
+    actions.add("Arm", "a", controller.runner.arm, kind="main")
+    add_exits(controller, actions)
 
 
-def show_plan(plan: Agenda) -> None:
-    """Every trial of the plan, a row a cuff: kept, next, skipped or to come."""
+def show_plan(plan: PlanStatus) -> None:
+    """Show every trial of the plan, a row per cuff and one of the wearer: kept, next, skipped or to come."""
     rows: dict[str, list[TrialSpec]] = {}
     for trial in plan.trials:
-        rows.setdefault(trial.cuff or "load cell", []).append(trial)
+        rows.setdefault(trial.cuff or ("wearer" if trial.test in BODY_TESTS else "load cell"), []).append(trial)
     with ui.grid(columns="auto 1fr").classes("items-center gap-x-6 gap-y-3 w-full mt-4").mark("plan"):
-        for name, trials in rows.items():
-            ui.label(name).classes("heading")
+        for subject, trials in rows.items():
+            ui.label(subject).classes("heading")
             with ui.element("div").classes("stages"):
                 for trial in trials:
-                    words = "bounce" if trial.cuff is None else f"{trial.test} {trial.repeat}"
-                    ui.label(words).classes(f"stage {_state_of(trial, plan)}")
+                    ui.label(_short_name(trial)).classes(f"stage {_state_of(trial, plan)}")
 
 
-def _state_of(trial: TrialSpec, plan: Agenda) -> str:
+def _short_name(trial: TrialSpec) -> str:
+    if trial.cuff is not None:
+        return f"{trial.test} {trial.repeat}"
+    return trial.test if trial.condition is None else f"{trial.test}, {CONDITION_NAMES[trial.condition]}"
+
+
+def _state_of(trial: TrialSpec, plan: PlanStatus) -> str:
     if trial in plan.done:
         return "done"
     if trial in plan.skipped:
@@ -46,12 +49,24 @@ def _state_of(trial: TrialSpec, plan: Agenda) -> str:
     return "current" if trial == plan.spec else ""
 
 
-def _rest(desk: Desk) -> None:
-    """Counts down; nobody is kept from arming earlier, a wearer may have rested already."""
+def add_exits(controller: SessionController, actions: Actions) -> None:
+    """Add the buttons that leave the plan before its end, with the effect of each as a tooltip."""
+    leave = actions.add("Session list", "l", controller.session.leave, mark="leave", is_apart=True)
+    leave.tooltip(
+        "return to the list of sessions; this rehearsal is deleted"
+        if controller.session.is_rehearsal
+        else "return to the list of sessions, where this session can be resumed"
+    )
+    report = actions.add("Skip to report", "e", controller.runner.end_early, mark="end-early", is_apart=True)
+    report.tooltip("fit and report the trials so far; the plan can be continued afterwards")
+
+
+def _show_pause(controller: SessionController) -> None:
+    """Count down the pause; the next trial may be armed earlier."""
     left = ui.label().classes("figure").mark("rest")
 
     def count() -> None:
-        seconds = desk.reviewer.rest_left_s
-        left.text = f"{seconds:.0f} s" if seconds > 0 else "rested"
+        seconds = controller.reviewer.rest_left_s
+        left.text = f"{seconds:.0f} s" if seconds > 0 else "pause over"
 
     ui.timer(0.5, count)

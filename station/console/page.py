@@ -1,4 +1,4 @@
-"""The one page: what it shows follows from where the session stands, so every browser shows the same."""
+"""The only page: its view follows from the state of the session, so that every browser shows the same."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ from nicegui import ui
 
 from station.bench.simulation import SimulationError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
-from station.console.actions import Act, Actions
+from station.console.actions import Action, Actions
 from station.console.audio_alerts import AudioAlerts
 from station.console.recordings_view import add_recordings
 from station.journal import JournalError
-from station.session.agenda import Agenda
-from station.session.desk import Desk
-from station.session.live import Live
+from station.session.controller import SessionController
+from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
+from station.session.plan_status import PlanStatus
 
 REFRESH_S = 0.08
-"""A little more often than the ten times a second that are promised: a busy machine is late now and then."""
+"""A little more often than ten times a second, because a busy machine is sometimes late."""
 HERE = Path(__file__).parent
 SCRIPTS = "".join(
     f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>" for name in ("freshness.js", "markers.js")
 )
 
 
-def show_page(desk: Desk) -> None:
-    """Builds the page for one browser."""
+def show_page(controller: SessionController) -> None:
+    """Build the page for one browser."""
     ui.add_css(HERE / "style.css")
     ui.add_head_html(SCRIPTS)
     ui.colors(primary="#1d4e89", positive="#1b7f3b", warning="#a34a00")
-    page = _Page(desk)
+    page = _Page(controller)
     page.build()
 
 
 class _Page:
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, controller: SessionController) -> None:
+        self._controller = controller
         self._shown: tuple[Any, ...] = ()
         self._tick_view: Callable[[], None] = lambda: None
         self._actions: Actions | None = None
@@ -58,7 +58,7 @@ class _Page:
             with ui.row().classes("items-center no-wrap shrink-0"):
                 ui.label().classes("age").mark("age")
                 self._sound = ui.switch("sound").props("dark color=orange").mark("sound")
-                self._sound.tooltip("a tone and the words of every new step; an alarm sounds in any case")
+                self._sound.tooltip("a tone and the spoken instruction of every new step; an alarm sounds in any case")
                 ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes("small").on(
                     "click", js_handler="() => Quasar.Dark.toggle()"
                 )
@@ -66,57 +66,59 @@ class _Page:
             self._refusal = ui.row().classes("refusal items-center").props("role=alert").mark("refusal")
             with self._refusal:
                 self._refusal_label = ui.label()
-                ui.button("noted", on_click=lambda: self._refuse("")).props("flat color=white").classes("small")
+                ui.button("Close", on_click=lambda: self._refuse("")).props("flat color=white").classes("small")
             self._form = ui.column().classes("w-full gap-1")
             self._buttons = ui.row().classes("actions")
         self._refuse("")
-        self._body()  # empty until the first tick, which comes once the page is connected: what is typed before is lost
+        self._body()  # empty until the first tick, when the page is connected: input before it would be lost
         ui.keyboard(on_key=self._on_key, ignore=["input", "select", "textarea"])
         ui.timer(REFRESH_S, self._tick)
 
     @ui.refreshable_method
     def _body(self) -> None:
-        desk = self._desk
+        controller = self._controller
         self._tick_view = lambda: None
         actions = self._actions = Actions(self.run, self._buttons, self._form)
         if not self._shown:
             ui.label("connecting to the station").classes("text-xl")
             return
-        with ui.column().classes("screen" + (" running" if desk.runner.live is not None else "")):
-            if desk.session.message:
-                ui.label(desk.session.message).classes("text-lg quiet").mark("message")
-            plan = desk.session.agenda
-            if desk.session.folder is None or plan is None:
-                setup_view.show(desk, actions)
-            elif desk.runner.live is not None:
-                self._tick_view = self._running(desk.runner.live, actions)
-            elif desk.session.is_ending:
-                summary_view.show(desk, plan, actions)
+        with ui.column().classes("screen" + (" running" if controller.runner.live is not None else "")):
+            if controller.session.message:
+                ui.label(controller.session.message).classes("text-lg quiet").mark("message")
+            plan = controller.session.plan
+            if controller.session.folder is None or plan is None:
+                setup_view.show(controller, actions)
+            elif controller.runner.live is not None:
+                self._tick_view = self._running(controller.runner.live, actions)
+            elif controller.session.is_ending:
+                summary_view.show(controller, plan, actions)
             elif plan.undecided is not None:
-                verdict_view.show(desk, plan.undecided, actions)
+                verdict_view.show(controller, plan.undecided, actions)
             elif plan.spec is not None:
-                next_view.show(desk, plan, actions)
+                next_view.show(controller, plan, actions)
             else:
-                summary_view.show(desk, plan, actions)
-            if desk.session.folder is not None and desk.runner.live is None:
-                add_recordings(desk, actions)
+                summary_view.show(controller, plan, actions)
+            if controller.session.folder is not None and controller.runner.live is None:
+                add_recordings(controller, actions)
 
-    def _running(self, live: Live, actions: Actions) -> Callable[[], None]:
-        look = running_view.show(self._desk, live, actions)
-        announcer = AudioAlerts()
+    def _running(self, live: LiveTrial, actions: Actions) -> Callable[[], None]:
+        update_view = running_view.show(self._controller, live, actions)
+        alerts = AudioAlerts()
 
         def tick() -> None:
-            look()
-            announcer.tell(running_view.cue_of(live), live.unseen_alarm, has_sound=bool(self._sound.value))
+            update_view()
+            alarm = None if live.unseen_alarm is None else str(live.unseen_alarm)
+            step, instruction = running_view.step_of(live), running_view.instruction_of(live)
+            alerts.update(step, instruction, alarm, has_sound=bool(self._sound.value))
 
         return tick
 
-    async def run(self, act: Act) -> None:
-        """Does what a button says; a refusal is a sentence above the buttons, until something is done."""
+    async def run(self, action: Action) -> None:
+        """Perform the action of a button; a refusal is shown above the buttons until the next action."""
         try:
-            done = act()
-            if done is not None:
-                await done
+            awaitable = action()
+            if awaitable is not None:
+                await awaitable
         except (CommandRefused, JournalError, SimulationError) as refused:
             self._refuse(str(refused))
         else:
@@ -128,49 +130,55 @@ class _Page:
         self._refusal.set_visibility(bool(sentence))
 
     async def _on_key(self, event: Any) -> None:
-        letters = (str(event.key).lower(), str(event.key.code).removeprefix("Key").lower())  # the second: other scripts
+        # The code of the key is for keyboards of other scripts.
+        letters = (str(event.key).lower(), str(event.key.code).removeprefix("Key").lower())
         by_key = {} if self._actions is None or self._actions.is_covered else self._actions.by_key
-        act = next((by_key[letter] for letter in letters if letter in by_key), None)
-        held = event.modifiers
-        is_for_the_browser = held.ctrl or held.alt or held.meta  # as Ctrl+R, which must not redo a trial
-        if act is not None and event.action.keydown and not event.action.repeat and not is_for_the_browser:
-            await self.run(act)
+        action = next((by_key[letter] for letter in letters if letter in by_key), None)
+        modifiers = event.modifiers
+        has_modifier = modifiers.ctrl or modifiers.alt or modifiers.meta  # Ctrl+R reloads, and must not redo a trial
+        if action is not None and event.action.keydown and not event.action.repeat and not has_modifier:
+            await self.run(action)
 
     def _tick(self) -> None:
-        desk, plan = self._desk, self._desk.session.agenda
-        stands: tuple[Any, ...] = (
-            (desk.session.folder, desk.runner.live) if desk.runner.live is not None else self._stands(plan)
+        controller, plan = self._controller, self._controller.session.plan
+        shown: tuple[Any, ...] = (
+            (controller.session.folder, controller.runner.live)
+            if controller.runner.live is not None
+            else self._state_between_trials(plan)
         )
-        if stands != self._shown:
-            self._shown = stands
-            if desk.runner.live is None:
-                ui.run_javascript("window.station?.leave()")
+        if shown != self._shown:
+            self._shown = shown
+            if controller.runner.live is None:
+                ui.run_javascript("window.station?.clearAge()")
             self._body.refresh()
         self._show_header()
         self._tick_view()
 
-    def _stands(self, plan: Agenda | None) -> tuple[Any, ...]:
-        """What a page shows between two trials."""
-        desk, journal = self._desk, self._desk.session.journal
+    def _state_between_trials(self, plan: PlanStatus | None) -> tuple[Any, ...]:
+        """Everything that a view between two trials depends on."""
+        controller, journal = self._controller, self._controller.session.journal
         now = (
-            desk.session.folder,
-            desk.session.judgement,
-            desk.session.message,
-            desk.reviewer.progress,
-            desk.session.summary,
-            desk.session.is_ending,
+            controller.session.folder,
+            controller.session.judgement,
+            controller.session.message,
+            controller.reviewer.progress,
+            controller.session.summary,
+            controller.session.is_ending,
         )
         return (*now, plan, tuple(journal.verdicts.items()), journal.recorded)
 
     def _show_header(self) -> None:
-        live, state = self._desk.runner.live, self._desk.runner.live.latest["state"] if self._desk.runner.live else ""
+        live, state = (
+            self._controller.runner.live,
+            self._controller.runner.live.latest["state"] if self._controller.runner.live else "",
+        )
         is_recording = state in ("recording", "closing")
-        self._title.text, self._subtitle.text = titles_of(self._desk)
-        self._simulated.set_visibility(self._desk.session.is_simulated)
+        self._title.text, self._subtitle.text = titles_of(self._controller)
+        self._simulated.set_visibility(self._controller.session.is_simulated)
         self._rec.set_visibility(live is not None)
         self._dot.set_visibility(is_recording)
         if live is not None:
-            self._rec_label.text = f"REC {live.latest['recorded_s']:.0f} s" if is_recording else state_word(state)
+            self._rec_label.text = f"REC {live.latest['recorded_s']:.0f} s" if is_recording else state_label(state)
         self._header.classes(
             add="header-recording" if is_recording else "header-armed" if live else "",
             remove="header-armed" if is_recording or not live else "header-recording",
@@ -179,20 +187,20 @@ class _Page:
             self._header.classes(remove="header-recording")
 
 
-def state_word(state: str) -> str:
+def state_label(state: str) -> str:
     return {"idle": "OPENING", "armed": "ARMED"}.get(state, state.upper())
 
 
-def titles_of(desk: Desk) -> tuple[str, str]:
-    """What the page is about now, and whose session it is."""
-    setup, plan = desk.session.journal.setup, desk.session.agenda
-    if desk.session.folder is None or setup is None or plan is None:
+def titles_of(controller: SessionController) -> tuple[str, str]:
+    """Title and subtitle: trial, subject and session."""
+    setup, plan = controller.session.journal.setup, controller.session.plan
+    if controller.session.folder is None or setup is None or plan is None:
         return "station", ""
-    rehearsal = "REHEARSAL, nothing is kept · " if desk.session.is_rehearsal else ""
-    whose = f"{rehearsal}subject {setup.subject} · session {setup.number}"
-    if desk.runner.live is None:
-        return whose, f"{len(plan.done)} of {len(plan.trials)} trials done"
-    spec = desk.runner.live.spec
+    rehearsal = "REHEARSAL, not stored · " if controller.session.is_rehearsal else ""
+    session = f"{rehearsal}subject {setup.subject} · session {setup.number}"
+    if controller.runner.live is None:
+        return session, f"{len(plan.done)} of {len(plan.trials)} trials done"
+    spec = controller.runner.live.spec
     number = 1 + next((n for n, trial in enumerate(plan.trials) if trial.title == spec.title), 0)
     repeats = f" of {setup.repeats}" if spec.cuff is not None else ""
-    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {whose}"
+    return f"{spec.title}{repeats}", f"trial {number} of {len(plan.trials)} · {session}"

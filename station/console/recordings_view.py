@@ -1,4 +1,4 @@
-"""All recordings of the session with their decisions, to be undone, and the trial of each, to be corrected."""
+"""All recordings of the session, to undo a decision or to assign a recording to another trial."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from nicegui import ui
 
 from station.console.actions import Actions
 from station.journal import Journal, Recorded
-from station.session.desk import Desk
+from station.protocol import describe_trial
+from station.session.controller import SessionController
 
 TESTS = ("static", "dynamic")
 
 
-def add_recordings(desk: Desk, actions: Actions) -> None:
-    """The buttons that undo the last decision and open the list, where there is anything in it."""
-    journal = desk.session.journal
+def add_recordings(controller: SessionController, actions: Actions) -> None:
+    """Add the buttons that undo the last decision and open the list, if there are recordings."""
+    journal = controller.session.journal
     if journal.verdicts:
         last = list(journal.verdicts)[-1]
-        button = actions.add("Undo", "u", desk.reviewer.undo)
-        button.tooltip(f"takes back: {last} is {_decision(journal, last)}")
+        button = actions.add("Undo", "u", controller.reviewer.undo)
+        button.tooltip(f"undo the decision on {last}: {_decision(journal, last)}")
     if journal.recorded:
-        actions.add("Recordings", "t", lambda: _open(desk, actions))
+        actions.add("Recordings", "t", lambda: _open(controller, actions))
 
 
-def _open(desk: Desk, actions: Actions) -> None:
-    journal = desk.session.journal
+def _open(controller: SessionController, actions: Actions) -> None:
+    journal = controller.session.journal
     with ui.dialog(value=True) as dialog, ui.card().classes("w-full max-w-none").style("width: min(1100px, 94vw)"):
         ui.label("Recordings of this session").classes("heading")
         with ui.grid(columns="auto auto auto 1fr").classes("items-center gap-x-6 gap-y-2 w-full text-lg"):
             for recorded in journal.recorded:
-                _row(desk, actions, dialog, journal, recorded)
+                _row(controller, actions, dialog, journal, recorded)
         ui.button("Close", on_click=dialog.close).props("outline")
     actions.is_covered = True
 
@@ -41,11 +42,17 @@ def _open(desk: Desk, actions: Actions) -> None:
     dialog.on("hide", close)
 
 
-def _row(desk: Desk, actions: Actions, dialog: ui.dialog, journal: Journal, recorded: Recorded) -> None:
+def _row(
+    controller: SessionController, actions: Actions, dialog: ui.dialog, journal: Journal, recorded: Recorded
+) -> None:
     ui.label(_title(recorded)).tooltip(recorded.file)
     ui.label(_decision(journal, recorded.file)).classes("quiet")
-    undo = ui.button("Undo", on_click=lambda: _do(actions, dialog, lambda: desk.reviewer.undo(recorded.file)))
-    undo.props("outline").classes("small").mark(f"undo-{recorded.file}").set_enabled(recorded.file in journal.verdicts)
+
+    def undo() -> None:
+        controller.reviewer.undo(recorded.file)
+
+    button = ui.button("Undo", on_click=lambda: _perform(actions, dialog, undo)).props("outline").classes("small")
+    button.mark(f"undo-{recorded.file}").set_enabled(recorded.file in journal.verdicts)
     with ui.row().classes("items-center gap-2 no-wrap"):
         setup = journal.setup
         if recorded.cuff is None or setup is None:
@@ -55,28 +62,26 @@ def _row(desk: Desk, actions: Actions, dialog: ui.dialog, journal: Journal, reco
         repeat = ui.select(list(range(1, setup.repeats + 1)), value=recorded.repeat).props("dense")
 
         def assign() -> None:
-            desk.reviewer.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
+            controller.reviewer.assign(recorded.file, str(cuff.value), test.value, int(repeat.value))
 
-        button = ui.button("Assign to this trial", on_click=lambda: _do(actions, dialog, assign))
+        button = ui.button("Assign to this trial", on_click=lambda: _perform(actions, dialog, assign))
         button.props("outline no-wrap").classes("small").mark(f"assign-{recorded.file}")
 
 
-async def _do(actions: Actions, dialog: ui.dialog, act: Any) -> None:
+async def _perform(actions: Actions, dialog: ui.dialog, action: Any) -> None:
     dialog.close()
-    await actions.run(act)
+    await actions.run(action)
 
 
 def _title(recorded: Recorded) -> str:
-    if recorded.cuff is None:
-        return "bounce calibration"
     donning = f", donning {recorded.donning}" if recorded.donning != "1" else ""
-    return f"{recorded.cuff}, {recorded.test}, repeat {recorded.repeat}{donning}"
+    return describe_trial(recorded.cuff, recorded.test, recorded.repeat, recorded.condition) + donning
 
 
 def _decision(journal: Journal, file: str) -> str:
     verdict = journal.verdicts.get(file)
-    assigned = ", assigned by hand" if file in journal.assignments else ""
+    assigned = ", assigned by the operator" if file in journal.assignments else ""
     if verdict is None:
-        return "waits for a decision" + assigned
+        return "no decision yet" + assigned
     reason = f": {verdict.reason}" if verdict.reason else ""
     return ("kept" if verdict.choice == "accept" else "redone") + reason + assigned

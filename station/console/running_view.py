@@ -1,153 +1,200 @@
-"""The running trial: what to do now, what is measured, how old that is, and that everything is alive."""
+"""The running trial: current instruction, measured values and their age, state of all streams."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from nicegui import background_tasks, ui
 
+from station.config import StationConfig
 from station.console.actions import Actions
 from station.console.charts import (
     DISPLACEMENT,
     DISPLACEMENT_AXIS,
+    ELEVATION_AXIS,
     FORCE,
     FORCE_AXIS,
     TIME_AXIS,
     axis,
     axis_below,
-    force_over_displacement,
+    force_over_motion,
     line,
 )
 from station.console.mark_receipt import MarkReceipt
-from station.session.desk import Desk
-from station.session.guide import Rest
-from station.session.live import Live
+from station.protocol import BODY_TESTS, TrialSpec
+from station.session.controller import SessionController
+from station.session.guide import RestState
+from station.session.live_trial import LiveTrial
 
 SHOWN_S = 20.0
-"""Of each curve over time."""
+"""Seconds of each curve over time."""
 DRAW_TIMEOUT_S = 10.0
-UNDRAWN_PICTURES = 2
-"""Updates on their way to a browser; it is sent no more until it has drawn one, so that it is never far behind."""
+UNDRAWN_UPDATES = 2
+"""Updates sent to a browser and not drawn yet; more are sent only when one is drawn, so that it is never far behind."""
 HIGH_LOAD = 0.8
-"""Of the ceiling."""
-WORDS = {"idle": "opening the devices", "armed": "armed: start the capture", "closing": "closing"}
+"""Fraction of the force limit."""
+STATE_TEXTS = {"idle": "opening the devices", "armed": "armed: start the capture", "closing": "closing"}
 COLOURS = {
-    Rest.WAITING: "grey-8",
-    Rest.MOVING: "negative",
-    Rest.SETTLING: "warning",
-    Rest.STEADY: "positive",
-    Rest.SWINGING: "positive",
+    RestState.WAITING: "grey-8",
+    RestState.NO_ELEVATION: "grey-8",
+    RestState.MOVING: "negative",
+    RestState.SETTLING: "warning",
+    RestState.STEADY: "positive",
+    RestState.SWINGING: "positive",
 }
 
 
-def show(desk: Desk, live: Live, actions: Actions) -> Callable[[], None]:
-    """Returns what keeps the picture up to date, to be called more than ten times a second."""
+def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Callable[[], None]:
+    """Returns a function that updates the view, to be called more than ten times a second."""
     stages = _stages(live)
     with ui.element("div").classes("slot w-full") as slot:
         cue = ui.label().classes("cue").mark("cue")
-    figures = _Figures(desk, live)
-    pictures = _Pictures(desk, live)
-    receipt = MarkReceipt(desk, live, actions)
+    figures = _Figures(controller, live)
+    charts = _Charts(controller, live)
+    receipt = MarkReceipt(controller, live, actions)
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
-    actions.add("Stop", "s", desk.runner.stop, kind="danger")
+    actions.add("Stop", "s", controller.runner.stop, kind="danger")
     actions.add("Mark", "m", receipt.mark, kind="main")
-    actions.add("Tare", "z", desk.runner.tare)
-    quiet = actions.add("I have seen it", "i", desk.runner.silence, kind="danger", mark="alarm-seen")
-    actions.add("End the session", "e", lambda: _confirm_end(desk, actions), mark="end-early", is_apart=True)
+    actions.add("Tare", "z", controller.runner.tare)
+    silence = actions.add(
+        "Silence the alarm", "i", controller.runner.acknowledge_alarm, kind="danger", mark="alarm-seen"
+    )
+    actions.add("Skip to report", "e", lambda: _confirm_end(controller, actions), mark="end-early", is_apart=True)
+
+    needed = marker_roles(controller.session.config, live.spec)
 
     def tick() -> None:
         alarm, is_unseen = live.alarm, live.unseen_alarm is not None
-        cue.text = alarm if alarm is not None and is_unseen else cue_of(live)
+        cue.text = str(alarm) if alarm is not None and is_unseen else instruction_of(live)
         slot.classes(add="alarm" if is_unseen else "", remove="" if is_unseen else "alarm")
-        quiet.set_visibility(is_unseen)
+        silence.set_visibility(is_unseen)
         for number, stage in enumerate(stages):
             step = live.cue.step
             now = "done" if number < step else "current" if number == step else ""
             stage.classes(add=now, remove=" ".join({"done", "current"} - {now}))
         figures.tick()
         receipt.tick()
-        status.text = status_of(live)
-        pictures.tick()
+        status.text = status_of(live, needed)
+        charts.tick()
 
     return tick
 
 
-def _confirm_end(desk: Desk, actions: Actions) -> None:
-    """One key must not end a trial and the session with it."""
+def _confirm_end(controller: SessionController, actions: Actions) -> None:
+    """Ask for confirmation: one key must not end both the trial and the session."""
 
-    def go_on() -> None:
+    def cancel() -> None:
         actions.form.clear()
         actions.by_key.pop("y", None)
 
-    go_on()
+    cancel()
     with actions.form, ui.row().classes("items-center gap-3"):
-        ui.label("End this trial now, and the session with what exists?").classes("text-xl doubtful")
-        ui.button("Yes, end it (y)", on_click=lambda: actions.run(desk.runner.end_early)).props(
+        ui.label("End this trial now and skip to the report of the trials so far?").classes("text-xl doubtful")
+        ui.button("End the trial (y)", on_click=lambda: actions.run(controller.runner.end_early)).props(
             "unelevated color=red-10"
         )
-        ui.button("Go on (n)", on_click=go_on).props("outline")
-    actions.by_key |= {"y": desk.runner.end_early, "n": go_on}
+        ui.button("Continue the trial (n)", on_click=cancel).props("outline")
+    actions.by_key |= {"y": controller.runner.end_early, "n": cancel}
 
 
-def cue_of(live: Live) -> str:
-    """What is to be done now."""
-    said = live.latest
-    return live.cue.sentence if said["state"] == "recording" else WORDS.get(said["state"], str(said["sentence"]))
+def instruction_of(live: LiveTrial) -> str:
+    """The current instruction to the operator."""
+    latest = live.latest
+    if latest["state"] == "recording":
+        return live.cue.sentence
+    return STATE_TEXTS.get(latest["state"], str(latest["sentence"]))
 
 
-def state_of(said: dict[str, Any]) -> str:
-    """The state with its time; of a recording also what speaks against it already."""
-    if said["state"] == "armed":
-        return f"armed for {said['waited_s']:.0f} s, {said['left_s']:.0f} s left"
-    if said["state"] == "recording":
-        return f"recording {said['recorded_s']:.1f} s{said['sentence'].removeprefix('recording')}"
-    return str(said["sentence"])
+def step_of(live: LiveTrial) -> tuple[str, int, str]:
+    """State, step and code of the instruction: its figures may change without a new step."""
+    cue = live.cue
+    return live.latest["state"], cue.step, cue.message.code.value
 
 
-def status_of(live: Live) -> str:
-    """Two lines that are always there, so that nothing moves when one of their parts comes or goes."""
-    said = live.latest
-    level = said.get("sync_v")
+def state_of(telemetry: dict[str, Any]) -> str:
+    """The state with its time, and the problems of a recording so far."""
+    if telemetry["state"] == "armed":
+        return f"armed for {telemetry['waited_s']:.0f} s, {telemetry['left_s']:.0f} s left"
+    if telemetry["state"] == "recording":
+        problems = f"; {telemetry['problems']}" if telemetry["problems"] else ""
+        return f"recording {telemetry['recorded_s']:.1f} s{problems}"
+    return str(telemetry["sentence"])
+
+
+def status_of(live: LiveTrial, needed: Collection[str] = ()) -> str:
+    """Always two lines, so that the layout does not move; needed are the labels of the trial, empty for all."""
+    latest = live.latest
+    level = latest.get("sync_v")
     seen_alarm = [f"seen: {live.alarm}"] if live.alarm is not None and live.is_alarm_seen else []
-    sync = f"sync line {level:z.2f} V" if level is not None else "sync line: nothing yet"
-    first = [*seen_alarm, state_of(said), sync, markers_of(said.get("seen", {})), *list(live.words)[-1:]]
-    return " · ".join(first) + "\n" + streams_of(said)
+    sync = f"sync line {level:z.2f} V" if level is not None else "sync line: no sample yet"
+    first = [*seen_alarm, state_of(latest), sync, markers_of(latest.get("seen", {}), needed), *list(live.events)[-1:]]
+    return " · ".join(first) + "\n" + streams_of(latest)
 
 
-def streams_of(said: dict[str, Any]) -> str:
+def streams_of(telemetry: dict[str, Any]) -> str:
     rates = [
         f"{name[1:]} {stream['rate_hz']:.0f} of {stream['nominal_hz']:.0f}/s"
-        for name, stream in sorted(said.get("streams", {}).items())
+        for name, stream in sorted(telemetry.get("streams", {}).items())
     ]
-    rate, left = said.get("slow_rate"), said.get("disk_left_s")
+    rate, left = telemetry.get("slow_rate"), telemetry.get("disk_left_s")
     slow = [f"simulated bench runs at {rate:.2f} of real time"] if rate is not None else []
     disk = [f"disk for {left / 3600:.0f} h"] if left is not None else []
-    behind = [f"page fell behind by {said['dropped']}"] if said.get("dropped") else []
-    return " · ".join([*slow, f"lost {said.get('lost_samples', 0)}", *behind, *rates, *disk])
+    emg = [f"EMG RMS [\u00b5V] {emg_of(telemetry)}"] if telemetry.get("emg_uv") else []
+    dropped = [f"items not shown: {telemetry['dropped']}"] if telemetry.get("dropped") else []
+    return " · ".join([*slow, f"lost {telemetry.get('lost_samples', 0)}", *dropped, *emg, *rates, *disk])
 
 
-def markers_of(seen: dict[str, bool]) -> str:
-    hidden = sorted(name for name, is_seen in seen.items() if not is_seen)
+def markers_of(seen: dict[str, bool], needed: Collection[str] = ()) -> str:
+    """Hidden markers of those that are needed; the others of the capture may belong to another trial."""
     if not seen:
         return "markers: no frames yet"
-    return f"hidden: {', '.join(hidden)}" if hidden else f"all {len(seen)} markers seen"
+    wanted = [name for name in seen if name in needed] or list(seen)
+    hidden = sorted(name for name in wanted if not seen[name])
+    return f"hidden: {', '.join(hidden)}" if hidden else f"all {len(wanted)} markers seen"
 
 
-def _stages(live: Live) -> list[ui.label]:
-    """What is done, what is now, what is to come."""
+def motion_of(live: LiveTrial) -> str:
+    """The last displacement of the cuff, or elevation of the arm."""
+    if live.is_of_wearer:
+        return f"{live.motion[-1][1]:.0f} deg" if live.motion else "\u2013 deg"
+    return f"{live.motion[-1][1]:+.1f} mm" if live.motion else "\u2013 mm"
+
+
+def motion_axis(live: LiveTrial) -> str:
+    return ELEVATION_AXIS if live.is_of_wearer else DISPLACEMENT_AXIS
+
+
+def emg_of(telemetry: dict[str, Any]) -> str:
+    return ", ".join(f"{channel} {rms_uv:.0f}" for channel, rms_uv in telemetry.get("emg_uv", {}).items())
+
+
+def marker_roles(config: StationConfig, spec: TrialSpec) -> dict[str, str]:
+    """Label of a marker → its role in the trial, for the colours of the view."""
+    cuff, body = config.cuffs.get(spec.cuff or ""), config.body
+    named: dict[str, tuple[str, ...]] = {}
+    if cuff is not None:
+        named = {"anchor": cuff.anchor_markers, "cuff": cuff.cuff_markers, "rope": cuff.rope_markers}
+    elif spec.test in BODY_TESTS and body is not None:
+        worn = body.markers_in(spec.condition)
+        named = {"body": worn.body, "suit": worn.suit, "arm": worn.arm}
+    return {label: role for role, labels in named.items() for label in labels}
+
+
+def _stages(live: LiveTrial) -> list[ui.label]:
+    """Steps of the trial: done, current, to come."""
     with ui.element("div").classes("stages").mark("stages"):
         return [ui.label(name).classes("stage") for name in live.guide.stages]
 
 
 class _Figures:
-    """Force with its load on the cell, displacement, the time left, and how far the body is from rest."""
+    """Force with a bar of its limit, displacement or elevation, the time left, and how steady it is."""
 
-    def __init__(self, desk: Desk, live: Live) -> None:
+    def __init__(self, controller: SessionController, live: LiveTrial) -> None:
         self._live = live
-        self._ceiling, self._capacity = desk.runner.ceilings.force_n, desk.runner.ceilings.capacity_n
+        self._limit, self._capacity = controller.runner.limits.force_n, controller.runner.limits.capacity_n
         with ui.element("div").classes("figures"):
             with ui.column().classes("gap-1"):
                 self._force = ui.label().classes("figure").mark("force")
@@ -156,77 +203,77 @@ class _Figures:
                     self._level = ui.element("div")
                 self._net = ui.label().classes("under").mark("net")
             with ui.column().classes("gap-1"):
-                self._displacement = ui.label().classes("figure").mark("displacement")
-                ui.label("displacement").classes("under")
+                self._motion = ui.label().classes("figure").mark("displacement")
+                ui.label("elevation" if live.is_of_wearer else "displacement").classes("under")
             with ui.column().classes("gap-1"):
                 self._left = ui.label().classes("figure").mark("left")
-                self._left_words = ui.label().classes("under")
+                self._left_unit = ui.label().classes("under")
             self._rest = ui.badge("").classes("mt-3").mark("rest-state")
+            self._rest.set_visibility(live.spec.test != "motion")  # a moving arm is no fault there
 
     def tick(self) -> None:
         live, now = self._live, self._live.cue
         force = live.force[-1][1] if live.force else None
         self._force.text = f"{force:z.1f} N" if force is not None else "\u2013 N"
-        share = 0.0 if force is None else abs(force) / self._ceiling
+        share = 0.0 if force is None else abs(force) / self._limit
         self._level.style(f"width: {100 * min(share, 1.0):.0f}%")
         grade = "over" if share > 1 else "high" if share > HIGH_LOAD else ""
         self._bar.classes(add=grade, remove=" ".join({"over", "high"} - {grade}))
-        net = "no tare" if live.tare_n is None or force is None else f"net {force - live.tare_n:z.1f} N"
-        self._net.text = f"{net} · ceiling {self._ceiling:.0f} N · cell {self._capacity:.0f} N"
-        self._displacement.text = f"{live.displacement[-1][1]:+.1f} mm" if live.displacement else "\u2013 mm"
+        net = "not tared" if live.tare_n is None or force is None else f"net {force - live.tare_n:z.1f} N"
+        self._net.text = f"{net} · limit {self._limit:.0f} N · cell {self._capacity:.0f} N"
+        self._motion.text = motion_of(live)
         has_left = live.latest["state"] == "recording" and now.left_s is not None
         self._left.text = f"{now.left_s:.0f} s" if has_left else ""
-        action = "hold" if live.spec.test == "static" else "swing"
-        self._left_words.text = f"still to {action}" if has_left else ""
+        action = "hold" if live.spec.test in ("static", "pose") else "swing"
+        self._left_unit.text = f"left to {action}" if has_left else ""
         self._rest.text = now.rest.value
         self._rest.props(f'color="{COLOURS[now.rest]}"')
 
 
-class _Pictures:
-    """The curves and the markers. A browser is sent the next update when it has drawn the one before."""
+class _Charts:
+    """The curves and the markers; the next update is sent when the browser has drawn the last one."""
 
-    def __init__(self, desk: Desk, live: Live) -> None:
+    def __init__(self, controller: SessionController, live: LiveTrial) -> None:
         self._live, self._client = live, ui.context.client
-        self._on_their_way = 0
+        self._undrawn = 0
         self._drawn_at: float | None = None
-        cuff = desk.session.config.cuffs.get(live.spec.cuff or "")
-        named = {"anchor": cuff.anchor_markers, "cuff": cuff.cuff_markers, "rope": cuff.rope_markers} if cuff else {}
-        self._roles = {label: role for role, labels in named.items() for label in labels}
+        self._roles = marker_roles(controller.session.config, live.spec)
+        motion = motion_axis(live)
         with ui.element("div").classes("charts"):
-            self._over_time = ui.echart(_over_time()).mark("over-time")
-            self._loop = ui.echart(force_over_displacement([])).mark("loop")
+            self._over_time = ui.echart(_over_time(motion)).mark("over-time")
+            self._loop = ui.echart(force_over_motion([], motion)).mark("loop")
             self._markers = ui.element("canvas").classes("markers").props('aria-label="markers, drag to turn"')
 
     def tick(self) -> None:
         at = self._live.latest.get("at")
-        if at is not None and at != self._drawn_at and self._on_their_way < UNDRAWN_PICTURES:
+        if at is not None and at != self._drawn_at and self._undrawn < UNDRAWN_UPDATES:
             self._drawn_at = at
             background_tasks.create(self._draw(at))
 
     async def _draw(self, at: float) -> None:
-        live, said = self._live, self._live.latest
+        live, latest = self._live, self._live.latest
         points = [
             {"name": name, "role": self._roles.get(name, "other"), "at": point}
-            for name, point in zip(said.get("seen", {}), said.get("points", []), strict=False)
+            for name, point in zip(latest.get("seen", {}), latest.get("points", []), strict=False)
         ]
-        picture = {
+        update = {
             "at": at,
             "over_time": (self._over_time.id, [{"data": points} for points in curves_over_time(live)]),
-            "loop": (self._loop.id, [{"data": _against(live)}]),
+            "loop": (self._loop.id, [{"data": _force_over_motion(live)}]),
             "markers": (self._markers.html_id, points),
         }
-        self._on_their_way += 1
+        self._undrawn += 1
         try:
-            await self._client.run_javascript(f"return station.draw({json.dumps(picture)})", timeout=DRAW_TIMEOUT_S)
-        except TimeoutError:  # a frozen or vanished browser; it says by itself how old its picture is
+            await self._client.run_javascript(f"return station.draw({json.dumps(update)})", timeout=DRAW_TIMEOUT_S)
+        except TimeoutError:  # a frozen or closed browser; the page itself shows the age of its data
             await asyncio.sleep(0)
         finally:
-            self._on_their_way -= 1
+            self._undrawn -= 1
 
 
-def curves_over_time(live: Live) -> list[list[tuple[float, float]]]:
-    """Force and displacement of the last SHOWN_S, with their time from the sync edge."""
-    return [_last(live.from_edge(points)) for points in (live.force, live.displacement)]
+def curves_over_time(live: LiveTrial) -> list[list[tuple[float, float]]]:
+    """Force, and displacement or elevation, of the last SHOWN_S, with their time from the sync edge."""
+    return [_last(live.from_edge(points)) for points in (live.force, live.motion)]
 
 
 def _last(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -234,25 +281,25 @@ def _last(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return [point for point in points if point[0] >= first][::2]
 
 
-def _against(live: Live) -> list[list[float]]:
-    """Force over displacement: each displacement with the force that came nearest to it in time."""
+def _force_over_motion(live: LiveTrial) -> list[list[float]]:
+    """Points (displacement or elevation, force), with the force at the next force sample."""
     force, pairs, at = list(live.force), [], 0
-    for t, moved in list(live.displacement)[-600:][::2]:
+    for t, motion in list(live.motion)[-600:][::2]:
         while at < len(force) - 1 and force[at][0] < t:
             at += 1
         if force:
-            pairs.append([moved, force[at][1]])
+            pairs.append([motion, force[at][1]])
     return pairs
 
 
-def _over_time() -> dict[str, Any]:
+def _over_time(motion: str = DISPLACEMENT_AXIS) -> dict[str, Any]:
     return {
         "animation": False,
         "grid": {"left": 60, "right": 60, "top": 40, "bottom": 60},
         "xAxis": axis_below(TIME_AXIS, splitNumber=5),
         "yAxis": [
             axis(FORCE_AXIS, FORCE),
-            axis(DISPLACEMENT_AXIS, DISPLACEMENT, splitLine={"show": False}),
+            axis(motion, DISPLACEMENT, splitLine={"show": False}),
         ],
         "series": [line(FORCE), line(DISPLACEMENT, yAxisIndex=1)],
     }

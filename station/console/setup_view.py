@@ -1,4 +1,4 @@
-"""Who is measured, with which cuffs; and whether the bench answers."""
+"""Set-up of a session: subject, cuffs and plan; sessions to resume; check of the bench."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
-from station.bench.check import Line
+from station.bench.check import CheckResult
 from station.console.actions import Actions
 from station.journal import Setup
-from station.session.desk import Desk
+from station.messages.codes import CommandCode
+from station.protocol import CONDITION_NAMES
+from station.session.controller import SessionController
 from station.session.listing import ListedSession, list_sessions
 from station.session.open_session import CommandRefused
 from station.session.plan_check import looks_like_a_name
@@ -20,33 +22,38 @@ from station.session.plan_check import looks_like_a_name
 ICONS = {"good": "check_circle", "doubtful": "help_outline", "bad": "cancel"}
 
 
-def show(desk: Desk, actions: Actions) -> None:
+def show(controller: SessionController, actions: Actions) -> None:
     with ui.row().classes("w-full gap-8 items-start lg:flex-nowrap"):
         with ui.card().classes("w-full lg:w-1/2"):
             ui.label("New session").classes("heading")
-            _form(desk, actions)
+            _form(controller, actions)
         with ui.card().classes("w-full lg:w-1/2"):
-            _sessions(desk, actions)
-            _preflight(desk, actions)
+            _sessions(controller, actions)
+            _preflight(controller, actions)
 
 
-def _form(desk: Desk, actions: Actions) -> None:
+def _form(controller: SessionController, actions: Actions) -> None:
     subject = ui.input("Subject code", placeholder="P01").mark("subject").classes("w-full")
-    ui.timer(0.0, lambda: subject.run_method("focus"), once=True)  # once it stands on the page
-    warning = ui.label("this looks like a name: use a code, it becomes part of file names").classes(
+    ui.timer(0.0, lambda: subject.run_method("focus"), once=True)  # once it is on the page
+    warning = ui.label("this looks like a name: use a code, because it becomes part of file names").classes(
         "text-xl text-negative"
     )
     warning.bind_visibility_from(subject, "value", backward=looks_like_a_name)
-    chosen = _choice(list(desk.session.config.cuffs))
+    chosen = _choice(list(controller.session.config.cuffs))
     with ui.grid(columns=2).classes("w-full gap-x-8"):
         operator = ui.input("Operator").mark("operator")
         number = ui.input("Session", value="1").mark("number")
-        repeats = ui.number("Repeats of each test", value=desk.session.config.protocol.repeats, min=1, precision=0)
+        repeats = ui.number(
+            "Repeats of each test", value=controller.session.config.protocol.repeats, min=1, precision=0
+        )
         repeats.mark("repeats")
-        masses = ui.input("Load steps [kg], in order", value=_in_words(desk.session.config.protocol.step_masses_kg))
+        masses = ui.input(
+            "Load steps [kg], in order", value=_format_masses(controller.session.config.protocol.step_masses_kg)
+        )
         masses.mark("load-steps")
-    bounce = ui.switch("Bounce calibration first", value=desk.session.config.bounce is not None)
-    bounce.set_enabled(desk.session.config.bounce is not None)
+    conditions = _conditions(controller)
+    bounce = ui.switch("Bounce calibration first", value=controller.session.config.bounce is not None)
+    bounce.set_enabled(controller.session.config.bounce is not None)
 
     def setup() -> Setup:
         return Setup(
@@ -56,17 +63,18 @@ def _form(desk: Desk, actions: Actions) -> None:
             int(repeats.value or 1),
             bool(bounce.value),
             (number.value or "").strip(),
-            _masses(masses.value or ""),
+            _parse_masses(masses.value or ""),
+            tuple(conditions.value) if conditions is not None else (),
         )
 
     preview = ui.label().classes("text-lg quiet break-all").mark("preview")
 
     def show_file() -> None:
         named = Setup(subject.value or "", "", tuple(chosen.value), 1, number=number.value or "")
-        preview.set_text(f"files like {_example_file(desk, named)}" if subject.value else "")
+        preview.set_text(f"files such as {_example_file(controller, named)}" if subject.value else "")
 
     def begin() -> None:
-        desk.session.begin(setup())
+        controller.session.begin(setup())
 
     shown: tuple[ValueElement[Any], ...] = (subject, number, chosen)
     for field in shown:
@@ -75,14 +83,14 @@ def _form(desk: Desk, actions: Actions) -> None:
     for box in typed:
         box.on("keydown.enter", lambda: actions.run(begin))
     actions.add("Begin", "b", begin, kind="main")
-    actions.add("Rehearse", "r", lambda: desk.session.begin(setup(), is_rehearsal=True))
+    actions.add("Rehearse", "r", lambda: controller.session.begin(setup(), is_rehearsal=True))
 
 
-def _example_file(desk: Desk, setup: Setup) -> Path:
-    """What the first static trial of its first cuff is called; nothing that is there already is overwritten."""
+def _example_file(controller: SessionController, setup: Setup) -> Path:
+    """File name of the first static trial of the first cuff; existing files are never overwritten."""
     cuff = setup.cuffs[0] if setup.cuffs else ""
     names = {"subject": setup.subject, "session": setup.number, "test": "static", "cuff": cuff, "run": 1}
-    return desk.session.folder_of(setup) / f"{desk.session.config.session.file_name.format(**names)}.mcap"
+    return controller.session.folder_of(setup) / f"{controller.session.config.session.file_name.format(**names)}.mcap"
 
 
 def _choice(cuffs: list[str]) -> ui.select:
@@ -90,37 +98,49 @@ def _choice(cuffs: list[str]) -> ui.select:
     return choice.classes("w-full").mark("cuffs")
 
 
-def _in_words(masses: tuple[float, ...]) -> str:
+def _conditions(controller: SessionController) -> ui.select | None:
+    """Conditions of the wearer's motions; None without markers of the wearer."""
+    body = controller.session.config.body
+    if body is None:
+        return None
+    choice = ui.select(
+        dict(CONDITION_NAMES),
+        label="Pose of the wearer, and motions in these conditions",
+        value=list(body.conditions),
+        multiple=True,
+    )
+    return choice.props("use-chips").classes("w-full").mark("conditions")
+
+
+def _format_masses(masses: tuple[float, ...]) -> str:
     return " ".join(f"{mass:g}" for mass in masses)
 
 
-def _masses(words: str) -> tuple[float, ...]:
-    """Kilograms between blanks, with a decimal point or comma. Raises CommandRefused."""
+def _parse_masses(text: str) -> tuple[float, ...]:
+    """Kilograms separated by spaces, with a decimal point or comma. Raises CommandRefused."""
     try:
-        return tuple(float(word.replace(",", ".")) for word in re.sub(r";|,(?=\s|$)", " ", words).split())
+        return tuple(float(mass.replace(",", ".")) for mass in re.sub(r";|,(?=\s|$)", " ", text).split())
     except ValueError as error:
-        raise CommandRefused(
-            f"the load steps are {words!r}, expected kilograms between blanks, like 1.53 1.53"
-        ) from error
+        raise CommandRefused.of(CommandCode.MASSES_NOT_NUMBERS, text=repr(text)) from error
 
 
-def _sessions(desk: Desk, actions: Actions) -> None:
+def _sessions(controller: SessionController, actions: Actions) -> None:
     ui.label("Resume a session").classes("heading")
-    listed = list_sessions(desk.session.config.session.folder)
+    listed = list_sessions(controller.session.config.session.folder)
     if not listed:
         ui.label("no session yet").classes("text-xl quiet")
         return
     with ui.scroll_area().classes("w-full h-64 sessions"), ui.column().classes("w-full gap-1"):
         for session in listed:
-            _session(desk, actions, session)
+            _session(controller, actions, session)
 
 
-def _session(desk: Desk, actions: Actions, session: ListedSession) -> None:
+def _session(controller: SessionController, actions: Actions, session: ListedSession) -> None:
     setup, folder = session.setup, session.folder
-    name = f"{setup.subject}, session {setup.number}: {', '.join(setup.cuffs)}"
+    name = f"{setup.subject}, session {setup.number}: {', '.join((*setup.cuffs, *setup.conditions))}"
     when = f"{session.begun.day} {session.begun:%B %Y, %H:%M}" if session.begun else "date unknown"
     progress = f"{session.done} of {session.trials}"
-    button = ui.button(on_click=lambda: actions.run(lambda: desk.session.resume(folder))).props(
+    button = ui.button(on_click=lambda: actions.run(lambda: controller.session.resume(folder))).props(
         f'flat aria-label="{name}"'
     )
     with button.classes("w-full session").mark("resume"):
@@ -134,31 +154,31 @@ def _session(desk: Desk, actions: Actions, session: ListedSession) -> None:
             )
 
 
-def _preflight(desk: Desk, actions: Actions) -> None:
-    lines = ui.column().classes("gap-1")
+def _preflight(controller: SessionController, actions: Actions) -> None:
+    column = ui.column().classes("gap-1")
 
-    async def look() -> None:
+    async def check() -> None:
         button.disable()
-        lines.clear()
-        with lines:
+        column.clear()
+        with column:
             ui.spinner()
         try:
-            found = await desk.reviewer.preflight()
+            results = await controller.reviewer.preflight()
         finally:
-            lines.clear()
+            column.clear()
             button.enable()
-        with lines:
-            for line in found:
-                grade = grade_of(line)
+        with column:
+            for result in results:
+                grade = grade_of(result)
                 with ui.row().classes("items-start no-wrap gap-2 text-lg"):
                     ui.icon(ICONS[grade], size="1.6rem").classes(grade).mark(f"grade-{grade}")
-                    ui.label(f"{line.subject}: {line.found}").mark("preflight")
+                    ui.label(f"{result.subject}: {result.found}").mark("preflight")
 
-    button = actions.add("Check the bench", "c", look, mark="check", is_apart=True)
+    button = actions.add("Check the bench", "c", check, mark="check", is_apart=True)
 
 
-def grade_of(line: Line) -> str:
-    """good only for what was checked and is right."""
-    if not line.is_good:
+def grade_of(result: CheckResult) -> str:
+    """good only if it was checked and no fault was found."""
+    if not result.is_good:
         return "bad"
-    return "doubtful" if line.is_doubtful else "good"
+    return "doubtful" if result.is_doubtful else "good"

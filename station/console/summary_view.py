@@ -1,4 +1,4 @@
-"""The end of a session: the cuffs' table, what they do to the muscles, the report."""
+"""The end of a session: table of the cuffs, findings of the assessment, link to the report."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from nicegui import ui
 
 from station.console.actions import Actions
 from station.console.next_view import show_plan
-from station.session.agenda import Agenda
-from station.session.desk import Desk
+from station.session.controller import SessionController
+from station.session.plan_status import PlanStatus
 
 
-def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
+def show(controller: SessionController, plan: PlanStatus, actions: Actions) -> None:
     ui.label(headline_of(plan)).classes("cue").mark("complete")
     if plan.undecided is not None:
-        words = f"{plan.undecided.file} waits for keep or redo; it counts until it is redone."
-        ui.label(words).classes("text-xl doubtful").mark("undecided")
-    if desk.reviewer.progress:
+        text = f"{plan.undecided.file} waits for a decision; the fit uses it unless it is redone."
+        ui.label(text).classes("text-xl doubtful").mark("undecided")
+    if controller.reviewer.progress:
         with ui.row().classes("items-center"):
             ui.spinner(size="2rem")
-            ui.label(desk.reviewer.progress).classes("text-xl")
-    summary = desk.session.summary
+            ui.label(controller.reviewer.progress).classes("text-xl")
+    summary = controller.session.summary
     if summary is None:
         show_plan(plan)
-        button = actions.add("Fit, assess and report", "f", desk.reviewer.finish, kind="main", mark="finish")
-        button.set_enabled(not desk.reviewer.progress)
+        button = actions.add("Fit, assess and report", "f", controller.reviewer.finish, kind="main", mark="finish")
+        button.set_enabled(not controller.reviewer.progress)
     else:
         if summary.rows:
             columns = [{"name": key, "label": key, "field": key, "align": "left"} for key in summary.rows[0]]
@@ -33,15 +33,15 @@ def show(desk: Desk, plan: Agenda, actions: Actions) -> None:
         for sentence in summary.findings:
             ui.label(sentence).classes("text-xl").mark("finding")
         ui.link("Open the report", "/report", new_tab=True).classes("text-2xl").mark("report")
-    actions.add("Leave", "l", desk.session.leave, mark="leave", is_apart=True)
-    if desk.session.is_ending:
-        actions.add("Back to the plan", "b", desk.session.resume_plan, mark="back")
+    actions.add("Session list", "l", controller.session.leave, mark="leave", is_apart=True)
+    if controller.session.is_ending:
+        actions.add("Back to the plan", "b", controller.session.resume_plan, mark="back")
 
 
-def headline_of(plan: Agenda) -> str:
-    """What there is of the plan; complete only where every trial was accepted."""
+def headline_of(plan: PlanStatus) -> str:
+    """Accepted trials of the plan; complete only if all of them are accepted."""
     done, skipped = len(plan.done), len(plan.skipped)
     if done == len(plan.trials):
         return "Every trial of the plan is accepted"
-    rest = f", {skipped} skipped" if skipped else ""
-    return f"{done} of {len(plan.trials)} trials of the plan are accepted{rest}"
+    skips = f", {skipped} skipped" if skipped else ""
+    return f"{done} of {len(plan.trials)} trials of the plan are accepted{skips}"

@@ -1,4 +1,4 @@
-"""Keep or redo, with the reasons, while the cuff is still on."""
+"""The verdict on a recording with its reasons, and the decision to keep or redo it while the cuff is still on."""
 
 from __future__ import annotations
 
@@ -7,92 +7,90 @@ from collections.abc import Sequence
 from nicegui import ui
 
 from station.console.actions import Actions, Kind
-from station.console.charts import force_over_displacement
-from station.journal import Choice, Recorded
-from station.session.agenda import redo_loses_migration
-from station.session.desk import Desk
-from station.session.judgement import Judgement
+from station.console.charts import force_over_motion
+from station.console.next_view import add_exits
+from station.journal import Recorded
+from station.journal_lines import Choice
+from station.messages.codes import VerdictCode
+from station.messages.message import Message, join_sentences
+from station.session.controller import SessionController
+from station.session.judgement import MISSING, Judgement
+from station.session.plan_status import redo_loses_migration
 
 ICONS = {"good": "check_circle", "doubtful": "error_outline", "bad": "replay"}
-HEADLINES = {"good": "no problems found", "doubtful": "usable, with doubts", "bad": "better redo it"}
 
 
-def show(desk: Desk, recorded: Recorded, actions: Actions) -> None:
-    actions.add("Leave", "l", desk.session.leave, mark="leave", is_apart=True)
-    actions.add("End early", "e", desk.runner.end_early, is_apart=True)
-    judged = desk.session.judgement
-    if judged is None or judged.file != recorded.file:
+def show(controller: SessionController, recorded: Recorded, actions: Actions) -> None:
+    add_exits(controller, actions)
+    judgement = controller.session.judgement
+    if judgement is None or judgement.file != recorded.file:
         with ui.row().classes("items-center"):
             ui.spinner(size="3rem")
-            ui.label(f"looking at {recorded.file}").classes("cue")
+            ui.label(f"{'checking' if recorded.cuff is None else 'fitting'} {recorded.file}").classes("cue")
         return
-    _headline(judged)
+    _headline(judgement)
     with ui.row().classes("w-full gap-8 items-start no-wrap"):
         with ui.column().classes("grow gap-2"):
-            _figures(judged)
-            marks = _marks(desk, judged)
-        if judged.path:
-            ui.echart(force_over_displacement([list(point) for point in judged.path])).classes("w-2/5 h-72").mark(
-                "loop"
-            )
-    _decision(desk, recorded, judged, marks, actions)
+            _figures(judgement)
+            marks = _marks(controller, judgement)
+        if judgement.path:
+            ui.echart(force_over_motion([list(point) for point in judgement.path])).classes("w-2/5 h-72").mark("loop")
+    _decision(controller, recorded, judgement, marks, actions)
 
 
-def _headline(judged: Judgement) -> None:
+def _headline(judgement: Judgement) -> None:
     with ui.row().classes("items-center gap-4 no-wrap"):
-        ui.icon(ICONS[judged.grade], size="3.5rem").classes(judged.grade).mark(f"grade-{judged.grade}")
-        ui.label(f"{judged.title}: {HEADLINES[judged.grade]}").classes("cue").mark("advice")
-    for reason in judged.reasons:
-        ui.label(reason).classes(f"text-2xl {judged.grade}").mark("reason")
-    for doubt in judged.doubts:
+        ui.icon(ICONS[judgement.grade], size="3.5rem").classes(judgement.grade).mark(f"grade-{judgement.grade}")
+        headline = Message(VerdictCode(f"verdict.{judgement.grade}"))
+        ui.label(f"{judgement.title}: {headline}").classes("cue").mark("advice")
+    for reason in judgement.reasons:
+        ui.label(str(reason)).classes(f"text-2xl {judgement.grade}").mark("reason")
+    for doubt in judgement.doubts:
         ui.label(doubt).classes("text-xl doubtful").mark("doubt")
 
 
-def _figures(judged: Judgement) -> None:
-    columns = [
-        {"name": name, "label": label, "field": name, "align": "left"}
-        for name, label in (
-            ("quantity", ""),
-            ("this", "this trial (95 %)"),
-            ("earlier", "earlier repeats"),
-            ("so_far", "donning so far (95 %)"),
-        )
-    ]
+def _figures(judgement: Judgement) -> None:
+    headings = {"quantity": "", "this": "this trial (95 %)" if judgement.figures else "this trial"}
+    if any((row.earlier, row.so_far) != (MISSING, MISSING) for row in judgement.rows):
+        headings |= {"earlier": "earlier repeats", "so_far": "donning so far (95 %)"}
+    columns = [{"name": name, "label": label, "field": name, "align": "left"} for name, label in headings.items()]
     rows = [
         {"quantity": row.quantity, "this": row.this, "earlier": row.earlier, "so_far": row.so_far}
-        for row in judged.rows
+        for row in judgement.rows
     ]
     if rows:
         ui.table(columns=columns, rows=rows, row_key="quantity").props("flat wrap-cells").classes("text-xl").mark(
             "figures"
         )
-    shown = {f"so far: {doubt}" for doubt in judged.doubts}
-    for note in judged.notes:
-        if note not in shown:
-            ui.label(note).classes("text-lg quiet")
+    for note in judgement.notes:
+        ui.label(note).classes("text-lg quiet")
 
 
-def _marks(desk: Desk, judged: Judgement) -> list[ui.input]:
-    known = desk.session.journal.marks.get(judged.file, {})
-    return [ui.input(f"mark {number} was", value=known.get(number, "")) for number in range(1, judged.marks + 1)]
+def _marks(controller: SessionController, judgement: Judgement) -> list[ui.input]:
+    known = controller.session.journal.marks.get(judgement.file, {})
+    return [ui.input(f"Name of mark {number}", value=known.get(number, "")) for number in range(1, judgement.marks + 1)]
 
 
-def _decision(desk: Desk, recorded: Recorded, judged: Judgement, marks: Sequence[ui.input], actions: Actions) -> None:
-    is_costly = redo_loses_migration(recorded, desk.session.journal)
+def _decision(
+    controller: SessionController, recorded: Recorded, judgement: Judgement, marks: Sequence[ui.input], actions: Actions
+) -> None:
+    is_costly = redo_loses_migration(recorded, controller.session.journal)
     with actions.form:
         if is_costly:
             ui.label(
-                f"To redo it, don the {recorded.cuff} cuff anew: it may have migrated in this trial. Redone as it is "
-                "worn, migration of this donning stays unknown."
+                f"The {recorded.cuff} cuff may have migrated in this trial. To redo the trial, don the cuff anew; "
+                "if it is redone as worn, the migration of this donning stays unknown."
             ).classes("text-lg doubtful").mark("cost")
-        reason = ui.input("Why (needed to redo)", value="" if judged.advice == "accept" else "; ".join(judged.reasons))
+        reason = ui.input(
+            "Reason (needed to redo)", value="" if judgement.advice == "accept" else join_sentences(judgement.reasons)
+        )
         reason.classes("w-full").mark("why")
 
     def decide(choice: Choice, *, is_donned_anew: bool = False) -> None:
         for number, name in enumerate(marks, 1):
             if name.value:
-                desk.reviewer.name_mark(number, name.value)
-        desk.reviewer.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
+                controller.reviewer.name_mark(number, name.value)
+        controller.reviewer.decide(choice, reason.value or "", is_donned_anew=is_donned_anew)
 
     def keep() -> None:
         decide("accept")
@@ -103,7 +101,7 @@ def _decision(desk: Desk, recorded: Recorded, judged: Judgement, marks: Sequence
     def redo_donned_anew() -> None:
         decide("redo", is_donned_anew=True)
 
-    is_kept = judged.advice == "accept"
+    is_kept = judgement.advice == "accept"
     actions.add("Keep", "k", keep, kind="main" if is_kept else "other")
     advised: Kind = "other" if is_kept else "main"
     if is_costly:

@@ -1,4 +1,7 @@
-"""The rope's pull on the cuff as OpenSim's external force: vector, point and no torque, in the mocap frame."""
+"""Export the force of the rope on the cuff as an external force for OpenSim: vector, point and zero torque.
+
+All components are in the mocap frame.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.quality import UnusableTrial
-from fitting.trial import read_trial
+from fitting.errors import UnusableTrial
+from fitting.trial.reader import read_trial
 from recordings.manifest import DataOrigin
 from solver.motion import write_table
-from station.files.one_clock import ExportRefused, OneClock
-from station.files.pieces import LEAST_ROWS, Pieces, fill_gaps, find_pieces
 from station.files.pull import pull_on_cuff
+from station.files.segments import LEAST_ROWS, Segments, fill_gaps, find_segments
+from station.files.synchronised import ExportRefused, SynchronisedRecording
+from station.messages.file_codes import ExportCode
+from station.messages.message import Figures, Message
 from station.whole_file import drafted
 
 Array = NDArray[np.float64]
@@ -25,75 +30,83 @@ COLUMNS = tuple(f"{part}{axis}" for part in ("cuff_force_v", "cuff_force_p", "cu
 
 @dataclass(frozen=True)
 class WrittenLoads:
-    """The files, what the sidecar says of their gaps, and sentences for the operator where there are any."""
+    """The files, their gaps for the sidecar, and notes for the operator."""
 
     files: tuple[Path, ...]
     gaps: dict[str, Any]
-    notes: tuple[str, ...]
+    notes: tuple[Message[ExportCode], ...]
 
 
-def write_loads(trial: OneClock, stem: Path, suffix: str, *, fills_gaps: bool) -> WrittenLoads:
-    """STEM_force.mot, or where there are gaps STEM_force_1.mot, STEM_force_2.mot …; filled on request, one file.
+def write_loads(trial: SynchronisedRecording, stem: Path, suffix: str, *, fills_gaps: bool) -> WrittenLoads:
+    """Write STEM_force.mot, one file per segment (STEM_force_1.mot, …) or, with fills_gaps, one interpolated file.
 
-    Raises ExportRefused for a bounce, or where the direction of the force is never known.
+    Raises ExportRefused for a bounce or a trial of the wearer, and if the direction of the force is unknown throughout.
     """
+    file = trial.path.name
+    if trial.manifest.body is not None:
+        raise ExportRefused(Message(ExportCode.NO_CUFF_FORCE, {"file": file, "test": trial.manifest.test}))
     if trial.manifest.cuff is None:
-        raise ExportRefused(f"{trial.path.name} is a bounce: it has no cuff on which its force would act")
+        raise ExportRefused(Message(ExportCode.BOUNCE, {"file": file}))
     try:
         direction, point = pull_on_cuff(read_trial(trial.path))
     except UnusableTrial as error:
-        raise ExportRefused(f"{trial.path.name} does not tell the direction of its force: {error}") from error
+        raise ExportRefused(Message(ExportCode.NO_DIRECTION, {"file": file, "reason": str(error)})) from error
     time, force = trial.line.force_time, trial.line.force
     table = np.column_stack((force, direction, point))
-    pieces = find_pieces(time, table)
-    if not pieces.slices:
-        raise ExportRefused(
-            f"{trial.path.name} shows the cuff and its anchor together in no {LEAST_ROWS} samples of force in a row; "
-            "see with `station info` how long each marker was hidden"
-        )
+    segments = find_segments(time, table)
+    if not segments.slices:
+        raise ExportRefused(Message(ExportCode.CUFF_HIDDEN, {"file": file, "rows": LEAST_ROWS}))
     if fills_gaps:
         return _write_filled(trial, stem, suffix, table)
-    return _write_pieces(trial, stem, suffix, table, pieces)
+    return _write_segments(trial, stem, suffix, table, segments)
 
 
-def _write_pieces(trial: OneClock, stem: Path, suffix: str, table: Array, pieces: Pieces) -> WrittenLoads:
-    time, count = trial.line.force_time, len(pieces.slices)
+def _write_segments(
+    trial: SynchronisedRecording, stem: Path, suffix: str, table: Array, segments: Segments
+) -> WrittenLoads:
+    time, count = trial.line.force_time, len(segments.slices)
     numbers = [""] if count == 1 else [f"_{i}" for i in range(1, count + 1)]
     files = tuple(
         _write(stem.with_name(f"{stem.name}_force{number}{suffix}"), time[part], table[part], trial.manifest.origin)
-        for number, part in zip(numbers, pieces.slices, strict=True)
+        for number, part in zip(numbers, segments.slices, strict=True)
     )
     described = [
         {"file": file.name, "from_s": time[part][0], "to_s": time[part][-1], "rows": part.stop - part.start}
-        for file, part in zip(files, pieces.slices, strict=True)
+        for file, part in zip(files, segments.slices, strict=True)
     ]
-    left_out = {"marker_hidden": pieces.unknown, "piece_too_short": pieces.too_short}
-    note = (
-        f"{trial.path.name}: {sum(left_out.values())} of {len(time)} rows are left out because a marker of the cuff or "
-        f"its anchor is hidden; the rest is in {count} gap-free files. --fill-gaps writes one file and fills the gaps"
-    )
+    left_out = {"marker_hidden": segments.unknown, "piece_too_short": segments.too_short}
+    figures: Figures = {
+        "file": trial.path.name,
+        "left_out": sum(left_out.values()),
+        "rows": len(time),
+        "files": count,
+    }
+    note = Message(ExportCode.ROWS_LEFT_OUT, figures)
     is_whole = count == 1 and not any(left_out.values())
     return WrittenLoads(files, {"pieces": described, "rows_left_out": left_out}, () if is_whole else (note,))
 
 
-def _write_filled(trial: OneClock, stem: Path, suffix: str, table: Array) -> WrittenLoads:
+def _write_filled(trial: SynchronisedRecording, stem: Path, suffix: str, table: Array) -> WrittenLoads:
     filled = fill_gaps(trial.line.force_time, table)
     path = stem.with_name(f"{stem.name}_force{suffix}")
     file = _write(path, filled.time, filled.values, trial.manifest.origin)
     gaps = {
-        "filled": "along straight lines between the known rows: direction, point and, where samples were lost, force",
+        "filled": "linear interpolation between the known rows: direction, point and, for lost samples, force",
         "rows_filled": {"marker_hidden": filled.unknown, "samples_lost": filled.lost},
         "longest_gap_s": filled.longest,
     }
-    note = (
-        f"{trial.path.name}: direction and point of {filled.unknown} rows are filled along straight lines, and "
-        f"{filled.lost} rows of samples that were lost; the longest gap lasts {filled.longest:.3g} s"
-    )
+    figures: Figures = {
+        "file": trial.path.name,
+        "hidden": filled.unknown,
+        "lost": filled.lost,
+        "longest_s": filled.longest,
+    }
+    note = Message(ExportCode.ROWS_FILLED, figures)
     return WrittenLoads((file,), gaps, (note,) if filled.unknown or filled.lost else ())
 
 
 def _write(path: Path, time: Array, table: Array, origin: DataOrigin) -> Path:
-    """table (rows, 7): force [N], direction, which need not have length 1, and point [m]; origin is for the header."""
+    """Write table (rows, 7): force [N], direction of any length, point [m]. origin: for the header."""
     direction = table[:, 1:4] / np.linalg.norm(table[:, 1:4], axis=1, keepdims=True)
     force = table[:, :1] * direction
     with drafted(path) as draft:

@@ -1,4 +1,4 @@
-"""A recording whose streams have no common clock → one table a stream, as its device counted, timed and measured it."""
+"""Export a recording without a common clock: one table per stream, with counts, times and values of its device."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AXES = ("x", "y", "z")
 
 
 def write_raw(path: Path, stem: Path, reason: str) -> list[Path]:
-    """The tables and their sidecar; the reason why there is no common clock goes into the sidecar."""
+    """Write the tables and their sidecar, which gives the reason why there is no common clock."""
     recording = open_recording(path)
     tables = {}
     for stream in recording.streams:
@@ -29,25 +29,25 @@ def write_raw(path: Path, stem: Path, reason: str) -> list[Path]:
             *values.T.tolist(),
         ]
         titles = ("sample_number", "device_time_s", "arrived_utc_ns", *names)
-        rows = (",".join(map(_word, row)) for row in zip(*columns, strict=True))
+        rows = (",".join(map(_text, row)) for row in zip(*columns, strict=True))
         write_whole(table, "\n".join((",".join(titles), *rows)) + "\n")
         tables[table] = {"unit": stream.unit, "device": stream.source, "samples": len(track.sample_numbers)}
     sidecar = stem.with_name(f"{stem.name}_raw.csv.json")
     content = {
         "recording": path.name,
         "clock": f"each device's own: {reason}",
-        "files": {table.name: about for table, about in tables.items()},
+        "files": {table.name: description for table, description in tables.items()},
     }
     write_whole(sidecar, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
     return [*tables, sidecar]
 
 
-def _word(number: float) -> str:
+def _text(number: float) -> str:
     return "" if math.isnan(number) else repr(number)
 
 
 def _columns(track: Track) -> tuple[list[str], np.ndarray]:
-    """Names, and values (n, names) in the device's unit."""
+    """Names, and values (n, names) in the unit of the device."""
     unit, labels = track.stream.unit, track.stream.labels
     if track.values.ndim == 2:
         return [f"{track.stream.name.strip('/')}_{unit.lower()}"], track.values

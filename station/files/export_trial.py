@@ -1,4 +1,4 @@
-"""Recordings → files of other programs: both streams on the common clock, in SI or in the format's own unit."""
+"""Export recordings to files of other programs: all streams on one clock, in SI or in the unit of the format."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.trial.analog_signals import AnalogSignals, nearest_samples
+from fitting.wearer.arm_cycles import elevation_of, find_cycles
 from recordings.errors import RecordingError
 from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.foxglove import Curve, write_foxglove
@@ -26,35 +28,47 @@ from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.export_raw import write_raw
-from station.files.one_clock import ExportRefused, NoCommonClock, OneClock, read_on_one_clock
+from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
+from station.messages.file_codes import ChainCode, ExportCode
+from station.messages.message import Message, join_sentences
 from station.progress import Progress, silent
 from station.whole_file import drafted, write_whole
 
 
 @dataclass(frozen=True)
 class Exported:
-    """The files that were written; in sentences, what a reader should know, and why recordings were left out."""
+    """The written files, notes on them, and the reasons why recordings were left out."""
 
     paths: tuple[Path, ...]
-    notes: tuple[str, ...]
-    refused: tuple[str, ...]
+    notes: tuple[Message[ChainCode | ExportCode], ...]
+    refused: tuple[Message[ExportCode], ...]
+
+    def to_plain(self) -> dict[str, Any]:
+        """The result as JSON."""
+        return {
+            "written": [str(path) for path in self.paths],
+            "notes": [str(note) for note in self.notes],
+            "note_codes": [note.to_plain() for note in self.notes],
+            "refused": [str(reason) for reason in self.refused],
+            "refused_codes": [reason.to_plain() for reason in self.refused],
+        }
 
 
 def export_recordings(
     paths: Sequence[Path], to: str, output: Path, subject: str, progress: Progress = silent, *, fills_gaps: bool = False
 ) -> Exported:
-    """Write every recording that can be exported; fills_gaps is for mot and sto, which else come in gap-free pieces.
+    """Write every recording that can be exported; fills_gaps: interpolate gaps in mot and sto instead of splitting.
 
-    Raises ExportRefused where there is none.
+    Raises ExportRefused if nothing can be written.
     """
     written: list[Path] = []
-    notes: list[str] = []
-    refused: list[str] = []
-    for_bids: list[OneClock] = []
+    notes: list[Message[ExportCode]] = []
+    refused: list[Message[ExportCode]] = []
+    for_bids: list[SynchronisedRecording] = []
     for done, path in enumerate(paths):
         progress("exporting recordings", done, len(paths))
         try:
-            trial = read_on_one_clock(path)
+            trial = read_synchronised(path)
             if to == "bids":
                 for_bids.append(trial)
             elif to in LOADS:
@@ -65,28 +79,40 @@ def export_recordings(
             else:
                 written += WRITERS[to](trial, output / path.stem)
         except NoCommonClock as error:
-            raw, sentence = _without_clock(path, to, output, error)
-            written, refused = [*written, *raw], [*refused, sentence]
+            raw, reason = _without_clock(path, to, output, error)
+            written, refused = [*written, *raw], [*refused, reason]
         except (ExportRefused, RecordingError) as error:
-            refused.append(str(error))
+            refused.append(_reason(error))
     progress("exporting recordings", len(paths), len(paths))
     if for_bids:
         written += write_bids(for_bids, output, subject)
     if not written:
-        raise ExportRefused("; ".join(refused) or "there is no recording to export")
+        if len(refused) == 1:
+            raise ExportRefused(refused[0])
+        raise ExportRefused(Message(ExportCode.NOTHING_WRITTEN, {"reasons": join_sentences(refused)}))
     return Exported(tuple(written), (*changed_files(paths), *notes), tuple(refused))
 
 
-def _without_clock(path: Path, to: str, output: Path, error: NoCommonClock) -> tuple[list[Path], str]:
-    """What can be written of a recording whose streams have no common clock, and what there is to say of it."""
+def _reason(error: ExportRefused | RecordingError) -> Message[ExportCode]:
+    if (
+        isinstance(error, ExportRefused)
+        and isinstance(error.cause, Message)
+        and isinstance(error.cause.code, ExportCode)
+    ):
+        return Message(error.cause.code, error.cause.figures)
+    return Message(ExportCode.NOT_EXPORTED, {"reason": str(error)})
+
+
+def _without_clock(path: Path, to: str, output: Path, error: NoCommonClock) -> tuple[list[Path], Message[ExportCode]]:
+    """Write the raw samples of a recording without a common clock, if the format is csv. Returns paths and reason."""
+    figures = {"file": path.name, "reason": error.reason}
     if to != "csv":
-        return [], f"{error}; --to csv gives the raw samples"
-    raw = write_raw(path, output / path.stem, str(error.__cause__))
-    return raw, f"{path.name} has no common clock, each stream is exported raw: {error.__cause__}"
+        return [], Message(ExportCode.RAW_POSSIBLE, figures)
+    return write_raw(path, output / path.stem, error.reason), Message(ExportCode.RAW_ONLY, figures)
 
 
-def _tables(separator: str, suffix: str, trial: OneClock, stem: Path) -> Iterable[Path]:
-    """Force and markers in two tables, as their rates differ; markers in .tsv as QTM itself exports them."""
+def _tables(separator: str, suffix: str, trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
+    """One table per rate: force, markers, EMG and further inputs. Markers in .tsv have the format of QTM."""
     force, markers = _beside(stem, f"_force{suffix}"), _beside(stem, f"_markers{suffix}")
     write_whole(force, write_columns({"time_s": trial.line.force_time, "force_n": trial.line.force}, separator))
     is_qtm = suffix == ".tsv"
@@ -94,44 +120,63 @@ def _tables(separator: str, suffix: str, trial: OneClock, stem: Path) -> Iterabl
         markers,
         write_qtm_tsv(trial.markers, trial.edge) if is_qtm else write_columns(_marker_columns(trial), separator),
     )
-    return [force, markers, _sidecar(trial, stem, suffix, "mm" if is_qtm else "m", [force, markers])]
+    files = [force, markers]
+    for name, signals in trial.signals.items():
+        files.append(_beside(stem, f"_{name.strip('/')}{suffix}"))
+        write_whole(files[-1], write_columns(_signal_columns(signals), separator))
+    return [*files, _sidecar(trial, stem, suffix, "mm" if is_qtm else "m", files)]
 
 
-def _parquet(trial: OneClock, stem: Path) -> Iterable[Path]:
+def _parquet(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
     notes = {"station": json.dumps(_description(trial, "m"))}
     tables = {
         "_force": {"time_s": trial.line.force_time, "force_n": trial.line.force},
         "_markers": _marker_columns(trial),
+        **{f"_{name.strip('/')}": _signal_columns(signals) for name, signals in trial.signals.items()},
     }
     for name, columns in tables.items():
         path = _beside(stem, f"{name}.parquet")
         with drafted(path) as draft:
             units = {column: column.rpartition("_")[2] for column in columns} | {"force_n": "N"}
+            units |= {column: "V" for column in columns if column.endswith("_v")}
             write_parquet(draft, columns, units, notes)
         yield path
 
 
-def _trc(trial: OneClock, stem: Path) -> Iterable[Path]:
+def _trc(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
     path = _beside(stem, ".trc")
     write_whole(path, write_trc(trial.markers, path.name))
     return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
 
 
-def _c3d(trial: OneClock, stem: Path) -> Iterable[Path]:
-    """Force interpolated to a whole multiple of the frame rate: the format has no other analog clock."""
+def _c3d(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
+    """Resample all signals to an integer multiple of the frame rate, the only analog clock of the format.
+
+    Force is interpolated linearly. EMG and other inputs take the nearest sample, because linear interpolation would
+    attenuate their highest frequencies.
+    """
     line, markers = trial.line, trial.markers
-    per_frame = max(1, int(np.ceil(_rate(line.force_time) / trial.frame_rate - 1e-3)))
+    fastest = max([_rate(line.force_time), *(signals.rate for signals in trial.signals.values())])
+    per_frame = max(1, int(np.ceil(fastest / trial.frame_rate - 1e-3)))
     time = markers.time_s[0] + np.arange(len(markers.time_s) * per_frame) / (trial.frame_rate * per_frame)
+    channels, units = {"force_n": np.interp(time, line.force_time, line.force)}, {"force_n": "N"}
+    for signals in trial.signals.values():
+        nearest = signals.values[nearest_samples(signals.time, time)]
+        channels |= dict(zip(signals.labels, nearest.T, strict=True))
+        units |= dict.fromkeys(signals.labels, signals.unit)
     path = _beside(stem, ".c3d")
     with drafted(path) as draft:
-        write_c3d(draft, markers, {"force_n": np.interp(time, line.force_time, line.force)}, {"force_n": "N"})
+        write_c3d(draft, markers, channels, units)
     return [path, _sidecar(trial, stem, path.suffix, "mm", [path])]
 
 
-def _foxglove(trial: OneClock, stem: Path) -> Iterable[Path]:
-    """In a folder of its own: beside the recordings it would be taken for one."""
+def _foxglove(trial: SynchronisedRecording, stem: Path) -> Iterable[Path]:
+    """Write to the subfolder foxglove: in the session folder, the file would count as a recording."""
     path = stem.parent / "foxglove" / f"{stem.name}.mcap"
     curves = {"/force": Curve(trial.line.force_time, trial.line.force)}
+    for name, signals in trial.signals.items():
+        columns = zip(signals.labels, signals.values.T, strict=True)
+        curves |= {f"{name}/{label}": Curve(signals.time, values) for label, values in columns}
     events = [item for item in open_recording(trial.path).items() if isinstance(item, Event)]
     notes = {"station": json.dumps(_description(trial, "m"))}
     with drafted(path) as draft:
@@ -140,7 +185,7 @@ def _foxglove(trial: OneClock, stem: Path) -> Iterable[Path]:
 
 
 LOADS = ("mot", "sto")
-WRITERS: dict[str, Callable[[OneClock, Path], Iterable[Path]]] = {
+WRITERS: dict[str, Callable[[SynchronisedRecording, Path], Iterable[Path]]] = {
     "csv": partial(_tables, ",", ".csv"),
     "tsv": partial(_tables, "\t", ".tsv"),
     "parquet": _parquet,
@@ -154,15 +199,21 @@ def _beside(stem: Path, ending: str) -> Path:
     return stem.with_name(stem.name + ending)
 
 
-def _marker_columns(trial: OneClock) -> dict[str, NDArray[np.float64]]:
+def _marker_columns(trial: SynchronisedRecording) -> dict[str, NDArray[np.float64]]:
     columns = {"time_s": trial.line.marker_time}
     for i, label in enumerate(trial.labels):
         columns |= {f"{label}_{axis}_m": trial.line.markers[:, i, j] for j, axis in enumerate("xyz")}
     return columns
 
 
+def _signal_columns(signals: AnalogSignals) -> dict[str, NDArray[np.float64]]:
+    unit = f"_{signals.unit.lower()}" if signals.unit else ""
+    columns = {f"{label}{unit}": signals.values[:, i] for i, label in enumerate(signals.labels)}
+    return {"time_s": signals.time, **columns}
+
+
 def _sidecar(
-    trial: OneClock,
+    trial: SynchronisedRecording,
     stem: Path,
     suffix: str,
     length_unit: str,
@@ -175,8 +226,8 @@ def _sidecar(
     return path
 
 
-def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
-    """Units, rates, calibration, clock and what is missing, for whoever has nothing but the exported files."""
+def _description(trial: SynchronisedRecording, length_unit: str) -> dict[str, Any]:
+    """Units, rates, calibration, clock and missing samples, for a reader who has only the exported files."""
     manifest, line = trial.manifest, trial.line
     missing = np.isnan(line.markers[..., 0])
     return {
@@ -186,6 +237,8 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
         "origin": manifest.origin,
         "devices": [vars(device) for device in manifest.devices],
         "cuff": None if manifest.cuff is None else vars(manifest.cuff),
+        "body": None if manifest.body is None else vars(manifest.body),
+        "condition": manifest.condition,
         "test": manifest.test,
         "repeat": manifest.repeat,
         "run": manifest.run,
@@ -212,9 +265,40 @@ def _description(trial: OneClock, length_unit: str) -> dict[str, Any]:
             "missing_frames": dict(zip(trial.labels, missing.sum(axis=0).tolist(), strict=True)),
             "lost_s": line.frame_gaps,
         },
-        "notes": line.notes,
+        **{name.strip("/"): _described(signals) for name, signals in trial.signals.items()},
+        "cycles": _cycles(trial),
+        "notes": [*map(str, line.notes), *trial.signal_notes],
         "versions": manifest.versions,
     }
+
+
+def _described(signals: AnalogSignals) -> dict[str, Any]:
+    return {
+        "unit": signals.unit,
+        "labels": signals.labels,
+        "rate_hz": signals.rate,
+        "samples": len(signals.time),
+        "time_sd_s": signals.time_sd,
+        "lost_s": signals.gaps(),
+    }
+
+
+def _cycles(trial: SynchronisedRecording) -> list[dict[str, float]]:
+    """Cycles of the arm in a motion: times [s] and elevations [deg]."""
+    body = trial.manifest.body
+    angle = elevation_of(trial.line.markers, trial.labels, body.arm, body.trunk) if body is not None else None
+    if angle is None or trial.manifest.test != "motion":
+        return []
+    return [
+        {
+            "start_s": cycle.start,
+            "peak_s": cycle.peak,
+            "end_s": cycle.end,
+            "lowest_deg": float(np.degrees(cycle.lowest)),
+            "highest_deg": float(np.degrees(cycle.highest)),
+        }
+        for cycle in find_cycles(trial.line.marker_time, angle)
+    ]
 
 
 def _rate(time: NDArray[np.float64]) -> float:

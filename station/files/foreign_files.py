@@ -1,7 +1,7 @@
-"""Files of other programs → force with its unit, markers under our labels; or a sentence why not.
+"""Read force with its unit, and markers under the labels of the configuration, from files of other programs.
 
-The suffix tells the format. Which column is the force, and in which unit, is what the operator says, or else what the
-file declares.
+The suffix of the file gives the format. Column and unit of the force are those of the command line, or else those that
+the file declares.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from recordings.exchange.tables import MarkerTable, SignalTable, require_labels
 from recordings.exchange.trc import read_trc
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
+from station.messages.file_codes import ImportCode
+from station.messages.message import Figures, Message
 
 ForceUnit = Literal["V", "N", "lbs"]
 UNITS: tuple[ForceUnit, ...] = ("V", "N", "lbs")
@@ -38,24 +40,24 @@ SPELLINGS: Mapping[str, ForceUnit] = {
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 20_000.0
 NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
-"""Markers on a body and on what pulls it are this far apart; in another unit they would not be."""
+"""Plausible distances of markers on a body and on the rope; another unit is outside of this range."""
 
 
 class ImportRefused(StationError):
-    """What was asked for cannot be done with these files; one sentence."""
+    """The files cannot be imported."""
 
 
 class WrongImport(ImportRefused):
-    """The command itself is at fault."""
+    """The command line is wrong."""
 
     exit_code = WRONG_USAGE
 
 
 @dataclass(frozen=True)
 class ForceSource:
-    """A file with the force: a DAQ's CSV, or a C3D with it as an analog channel.
+    """A file with the force: a CSV of a DAQ, or a C3D with an analog channel.
 
-    column None: the one named force_v, force_n or force_lbs; unit None: what the file says, by that name or in C3D.
+    column None: the column force_v, force_n or force_lbs; unit None: the unit in the name of the column or in the C3D.
     """
 
     path: Path
@@ -67,9 +69,9 @@ class ForceSource:
 
 @dataclass(frozen=True)
 class MarkerSource:
-    """A file with the markers: QTM's TSV, TRC or C3D.
+    """A file with the markers: TSV of QTM, TRC or C3D.
 
-    unit None: what the file says, mm for TSV; names maps labels of the file to ours.
+    unit None: the unit that the file declares, mm for TSV; names: label in the file → label in the configuration.
     """
 
     path: Path
@@ -79,7 +81,7 @@ class MarkerSource:
 
 @dataclass(frozen=True)
 class Force:
-    """time (n,) s on the file's clock, values (n,) in the unit, sync (n,) V or None."""
+    """Force at time (n,) [s] on the clock of the file: values (n,) in the unit, sync (n,) [V] or None."""
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -89,15 +91,15 @@ class Force:
 
 
 def parse_names(pairs: Sequence[str]) -> dict[str, str]:
-    """["theirs=ours", …] → {theirs: ours}. Raises WrongImport."""
+    """Parse ["theirs=ours", …] to {theirs: ours}. Raises WrongImport."""
     for pair in pairs:
         if not all(side.strip() for side in (*pair.split("=", 1), "")[:2]):
-            raise WrongImport(f"--label {pair!r} names no two labels, expected THEIRS=OURS")
+            raise WrongImport(Message(ImportCode.WRONG_LABEL_PAIR, {"pair": repr(pair)}))
     return {theirs.strip(): ours.strip() for theirs, ours in (pair.split("=", 1) for pair in pairs)}
 
 
 def read_force(source: ForceSource, *, has_own_clock: bool = True) -> Force:
-    """The force and, where its clock is not the markers' own, the sync line beside it.
+    """Read the force, and the sync line if the file has its own clock.
 
     Raises ForeignFile, ImportRefused or WrongImport.
     """
@@ -109,17 +111,15 @@ def read_force(source: ForceSource, *, has_own_clock: bool = True) -> Force:
         case ".csv" | ".tsv" | ".txt":
             table = read_signals(source.path, source.time_column, wanted)
         case suffix:
-            raise WrongImport(
-                f"{source.path} ends in {suffix or 'nothing'}, expected force in .csv, .txt, .tsv or .c3d"
-            )
+            raise WrongImport(_wrong_format(ImportCode.FORCE_FORMAT, source.path, suffix))
     column = _column(source, table, candidates)
-    _require_rate(table.time_s, SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ, f"{source.path}, {source.time_column},")
+    _require_rate(table.time_s, SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ, f"times in {source.path}, {source.time_column},")
     sync = table.signals.get(source.sync_column) if has_own_clock else None
     return Force(table.time_s, table.signals[column], _unit(source, table, column), column, sync)
 
 
 def read_markers(source: MarkerSource, needed: Sequence[str]) -> MarkerTable:
-    """Markers under our labels. Raises ForeignFile, ImportRefused (a needed one is not there) or WrongImport."""
+    """Read the markers and rename them. Raises ForeignFile, ImportRefused (a needed one is missing) or WrongImport."""
     match source.path.suffix.lower():
         case ".c3d":
             table = read_c3d_markers(source.path, source.unit or "")
@@ -129,17 +129,22 @@ def read_markers(source: MarkerSource, needed: Sequence[str]) -> MarkerTable:
         case ".tsv" | ".txt":
             table = read_qtm_tsv(source.path, source.unit or "mm")
         case suffix:
-            raise WrongImport(f"{source.path} ends in {suffix or 'nothing'}, expected markers in .tsv, .trc or .c3d")
+            raise WrongImport(_wrong_format(ImportCode.MARKER_FORMAT, source.path, suffix))
     table = _renamed(table, source)
     absent = [label for label in needed if label not in table.labels]
     if absent:
-        raise ImportRefused(
-            f"{source.path} has no marker {', '.join(absent)}, only {', '.join(table.labels)}; correct the "
-            "cuff's labels in the configuration, or say --label THEIRS=OURS"
-        )
-    _require_rate(table.time_s, SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ, f"{source.path}, times,")
+        raise ImportRefused(_missing(ImportCode.MARKERS_MISSING, source.path, absent, table.labels))
+    _require_rate(table.time_s, SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ, f"times in {source.path}")
     _require_size(table, source.path)
     return table
+
+
+def _wrong_format(code: ImportCode, path: Path, suffix: str) -> Message[ImportCode]:
+    return Message(code, {"path": str(path), "suffix": suffix or "no suffix"})
+
+
+def _missing(code: ImportCode, path: Path, missing: Sequence[str], known: Sequence[str]) -> Message[ImportCode]:
+    return Message(code, {"path": str(path), "missing": ", ".join(missing), "known": ", ".join(known)})
 
 
 def _column(source: ForceSource, table: SignalTable, candidates: Sequence[str]) -> str:
@@ -148,47 +153,49 @@ def _column(source: ForceSource, table: SignalTable, candidates: Sequence[str]) 
         found = [name for name in found if name == f"force_{source.unit.lower()}"] or found
     if len(found) == 1:
         return found[0]
-    what = f"no column {' or '.join(candidates)}" if not found else f"columns {' and '.join(found)}"
-    raise ImportRefused(f"{source.path} has {what} among {', '.join(table.names)}; say which with --force-column")
+    figures = {
+        "path": str(source.path),
+        "found": " and ".join(found),
+        "expected": " or ".join(candidates),
+        "known": ", ".join(table.names),
+    }
+    code = ImportCode.SEVERAL_FORCE_COLUMNS if found else ImportCode.NO_FORCE_COLUMN
+    raise ImportRefused(Message(code, figures))
 
 
 def _unit(source: ForceSource, table: SignalTable, column: str) -> ForceUnit:
-    """What was said, what the file declares, what the column's name ends in; else volts, as a DAQ writes."""
+    """The unit of the command line, of the file, or in the name of the column; otherwise volts, as written by a DAQ."""
     if source.unit:
         return source.unit
     declared = table.units[column].strip()
     if declared and declared.lower() not in SPELLINGS:
-        raise WrongImport(
-            f"{source.path} declares {column} in {declared!r}, expected {', '.join(UNITS)}; give --force-unit"
-        )
+        figures = {"path": str(source.path), "column": column, "unit": repr(declared), "known": ", ".join(UNITS)}
+        raise WrongImport(Message(ImportCode.FORCE_UNIT, figures))
     return SPELLINGS.get((declared or column.rpartition("_")[2]).lower(), "V")
 
 
 def _renamed(table: MarkerTable, source: MarkerSource) -> MarkerTable:
     unknown = [theirs for theirs in source.names if theirs not in table.labels]
     if unknown:
-        raise WrongImport(f"{source.path} has no marker {', '.join(unknown)} to rename, only {', '.join(table.labels)}")
+        raise WrongImport(_missing(ImportCode.UNKNOWN_LABEL, source.path, unknown, table.labels))
     labels = tuple(source.names.get(label, label) for label in table.labels)
     require_labels(labels, f"{source.path}, renamed by --label,")
     return replace(table, labels=labels)
 
 
-def _require_rate(time: NDArray[np.float64], slowest: float, fastest: float, where: str) -> None:
+def _require_rate(time: NDArray[np.float64], lowest: float, highest: float, times: str) -> None:
     rate = 1 / float(np.median(np.diff(time)))
-    if not slowest <= rate <= fastest:
-        raise ImportRefused(
-            f"{where} tell {rate:.3g} samples a second, expected {slowest:g} to {fastest:g}; are they in seconds?"
-        )
+    if not lowest <= rate <= highest:
+        figures: Figures = {"times": times, "rate_hz": rate, "lowest_hz": lowest, "highest_hz": highest}
+        raise ImportRefused(Message(ImportCode.SAMPLE_RATE, figures))
 
 
 def _require_size(table: MarkerTable, path: Path) -> None:
-    """Raises ImportRefused where the markers are closer together than on a body, or farther apart than in a hall."""
+    """Raise ImportRefused for distances of the markers that are too short for a body or too long for a laboratory."""
     seen = [table.positions[~missing, i] for i, missing in enumerate(table.missing.T) if not missing.all()]
     if not seen:
-        raise ImportRefused(f"{path} shows no marker in any frame; export the trajectories that QTM has identified")
+        raise ImportRefused(Message(ImportCode.NOTHING_VISIBLE, {"path": str(path)}))
     size = float(np.max(np.ptp([np.median(positions, axis=0) for positions in seen], axis=0)))
     if len(seen) > 1 and not NARROWEST_MM <= size <= WIDEST_MM:
-        raise ImportRefused(
-            f"{path} has its markers within {size:.4g} mm of each other, expected {NARROWEST_MM:g} to {WIDEST_MM:g}; "
-            "give its unit with --mocap-unit"
-        )
+        figures: Figures = {"path": str(path), "size_mm": size, "least_mm": NARROWEST_MM, "most_mm": WIDEST_MM}
+        raise ImportRefused(Message(ImportCode.MARKER_DISTANCE, figures))

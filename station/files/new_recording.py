@@ -1,4 +1,4 @@
-"""A recording made of arrays instead of devices: the blocks in which they would have come, and a file that is whole."""
+"""Write a recording from arrays: samples in blocks as devices deliver them, and the file in one piece."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.trial import read_trials
+from fitting.trial.reader import read_trials
 from recordings.manifest import Manifest, TrialOutcome
 from recordings.samples import Item, Loss, Samples, Stream
 from recordings.writer import RecordingWriter
 from station.checksums import write_checksums
 from station.files.foreign_files import ImportRefused
+from station.messages.file_codes import ImportCode
+from station.messages.message import Message
 
 BLOCK_S = 0.5
 
@@ -26,7 +28,7 @@ def blocks(
     host_ns: NDArray[np.int64],
     values: NDArray[Any],
 ) -> Iterator[Samples | Loss]:
-    """Samples (n,) in blocks of half a second that arrive with their last sample; at a gap, its loss first."""
+    """Samples (n,) in blocks of half a second that arrive with their last sample; a gap begins with its loss."""
     cuts = np.flatnonzero(np.diff((host_ns - host_ns[0]) // round(1e9 * BLOCK_S)) | (np.diff(numbers) != 1)) + 1
     for part in np.split(np.arange(len(numbers)), cuts):
         begin, end = int(part[0]), int(part[-1]) + 1
@@ -45,9 +47,9 @@ def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
 def write_recording(
     path: Path, manifest: Manifest, streams: Sequence[Stream], items: Iterable[Item], outcome: TrialOutcome, files: str
 ) -> None:
-    """The recording takes its name when it is whole and the fit can read it; until then, and else, there is none.
+    """Write a recording under its name once it is complete and readable by the fit; otherwise leave no file.
 
-    files names in a sentence what it was made of. Raises ImportRefused or RecordingError.
+    files: the sources of the data, for messages. Raises ImportRefused or RecordingError.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.part")
@@ -59,9 +61,10 @@ def write_recording(
         writer.close(outcome)
         rejected = read_trials([draft])[1]
         if rejected:
-            raise ImportRefused(f"{files} cannot be used: {rejected[0].reason}")
+            reason = {"files": files, "reason": str(rejected[0].reason)}
+            raise ImportRefused(Message(ImportCode.NOT_USABLE, reason))
         if path.exists():
-            raise ImportRefused(f"{path} exists, and a recording is never overwritten; move it away")
+            raise ImportRefused(Message(ImportCode.FILE_EXISTS, {"path": str(path)}))
         draft.replace(path)
         write_checksums(path)
     finally:

@@ -1,20 +1,20 @@
-"""Direction and point of the rope's pull on the cuff in the mocap frame, for programs that apply it to a body."""
+"""Direction and point of application of the force of the rope on the cuff, in the mocap frame."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.markers.frames import cuff_motion, pull_direction, reference_posture
-from fitting.markers.rigid import fit_pose
-from fitting.trial import Trial
+from fitting.pull.cuff_motion import cuff_motion, pull_direction, reference_posture
+from fitting.pull.rigid import fit_pose
+from fitting.trial.trial import Trial
 
 
 def pull_on_cuff(trial: Trial) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Direction (n, 3) of the force on the cuff, and the middle of its markers (n, 3) [m], at the trial's force times.
+    """Direction (n, 3) of the force on the cuff, and the centroid of its markers (n, 3) [m], at the force times.
 
-    Along the rope where it has markers, else along the direction in which the cuff yields, which turns with the
-    anchor; NaN between frames that do not show it. Raises UnusableTrial where the anchor defines no frame.
+    The direction is that of the rope if it has markers, otherwise the direction of the cuff displacement, fixed in the
+    frame of the anchor; NaN while the markers are hidden. Raises UnusableTrial if the anchor does not define a frame.
     """
     reference = reference_posture(trial)
     motion = cuff_motion(trial, reference)
@@ -32,5 +32,5 @@ def pull_on_cuff(trial: Trial) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def _at(time: NDArray[np.float64], frames: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vectors (frames, 3) between their frames, NaN beside a frame that has none."""
+    """Interpolate vectors (frames, 3) linearly; NaN next to a frame without a vector."""
     return np.column_stack([np.interp(time, frames, component) for component in vectors.T])

@@ -1,7 +1,7 @@
-"""A recording, played back as if its devices were delivering it now: through the daemon, its listeners and its writer.
+"""Replay a recording through recorder, views and writer, as if its devices delivered it now.
 
-What the station itself had written (armed, edge, closing) is left out, for it is said anew; so a replay tests the whole
-way, and the fit of what comes out is the fit of what went in, bit for bit.
+Events of the station (armed, edge, closing) are left out, because they are generated again; so a replay tests the whole
+chain, and the fit of the new recording equals that of the original bit for bit.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.errors import RecordingError
 from recordings.manifest import DataOrigin, Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import DeviceIdentity, Event, Item, Loss, Stream
@@ -21,17 +20,24 @@ from station.bench.snapshot import Snapshot
 from station.bench.trial_recorder import TrialRecorder, TrialResult, View
 from station.clock import ManualClock
 from station.config import parse_config
+from station.errors import StationError
+from station.messages.file_codes import ExportCode
+from station.messages.message import Message
 from station.protocol import TrialSpec
 
 CATCH_UP_S = 0.1
-"""Wall seconds; a step that is later than this is not caught up."""
+"""Wall seconds; a longer delay is not caught up."""
+
+
+class ReplayRefused(StationError):
+    """The recording cannot be replayed."""
 
 
 class ReplayClock(ManualClock):
-    """Station time begins with the first sample and goes on in blocks, speed times as fast as the wall.
+    """Station time starts at the first sample and advances in blocks, speed times as fast as wall time.
 
-    It makes one pause, after the last sample, in which a trial that ended there is stopped as the operator stopped it.
-    Begun on the wall is the trial when the recorded one was, for a fit goes by the order of the trials.
+    It pauses once, after the last sample, so that a trial whose recording ends there can be stopped as by the operator.
+    The wall time of the start is that of the recorded trial, because the fit uses the order of the trials.
     """
 
     def __init__(self, first_host_ns: int, begun_utc_ns: int, speed: float) -> None:
@@ -56,9 +62,9 @@ class ReplayClock(ManualClock):
 
 
 class RecordedDevice:
-    """Delivers the items of a recording when their time of arrival comes round again.
+    """Delivers the items of a recording at their times of arrival.
 
-    Does not imitate: devices that have to be opened, or that end a capture without saying so.
+    Not imitated: the opening of devices, and devices that end a capture without a message.
     """
 
     def __init__(self, recording: Recording, clock: ReplayClock) -> None:
@@ -80,7 +86,7 @@ class RecordedDevice:
 
     @property
     def identity(self) -> DeviceIdentity:
-        """What the recorded devices said of themselves."""
+        """The identity that the recorded devices reported."""
         manifest = self._recording.manifest
         is_simulated = {DataOrigin.SIMULATED: True, DataOrigin.MEASURED: False, DataOrigin.UNKNOWN: None}
         texts = "; ".join(f"{device.name}: {device.text}" for device in manifest.devices)
@@ -90,7 +96,7 @@ class RecordedDevice:
         self._items = _delivered(self._recording)
         self._next = next(self._items, None)
 
-    def read(self, timeout_s: float) -> Sequence[Item]:  # noqa: ARG002  (time stands still while it is read)
+    def read(self, timeout_s: float) -> Sequence[Item]:  # noqa: ARG002  (no time passes during a read)
         due: list[Item] = []
         now_ns = self._clock.utc_ns()
         while self._next is not None and self._next.host_time_ns <= now_ns:
@@ -104,48 +110,46 @@ class RecordedDevice:
 
 
 @dataclass
-class _StopsAtTheEnd:
-    """A view that ends the trial where the recording ends before its capture does, as an operator had then."""
+class _StopAtEnd:
+    """A view that stops the trial at the end of the recording if its capture has not ended, as the operator did."""
 
     device: RecordedDevice
-    daemon: TrialRecorder | None = None
+    recorder: TrialRecorder | None = None
     has_stopped: bool = False
 
     def offer(self, item: Item) -> None: ...
 
-    def show(self, snapshot: Snapshot) -> None:  # noqa: ARG002  (the device knows better when it is over)
-        if self.device.is_over and self.daemon is not None and not self.has_stopped:
+    def show(self, snapshot: Snapshot) -> None:  # noqa: ARG002  (the device knows its end)
+        if self.device.is_over and self.recorder is not None and not self.has_stopped:
             self.has_stopped = True
-            self.daemon.stop()
+            self.recorder.stop()
 
 
 def replay(path: Path, folder: Path, speed: float, views: Sequence[View] = ()) -> TrialResult:
-    """Records the recording anew into a session's folder. Raises RecordingError where it holds nothing to play."""
+    """Replay a recording into a session folder. Raises ReplayRefused for one without samples or sync edge."""
     recording = open_recording(path)
     first = next(_delivered(recording), None)
     if first is None:
-        raise RecordingError(f"{path} holds no samples; there is nothing to play back")
+        raise ReplayRefused(Message(ExportCode.NO_SAMPLES, {"path": str(path)}))
     manifest = recording.manifest
     if not manifest.begins_at_edge:
-        raise RecordingError(
-            f"{path} was imported without a sync line, expected the edge that begins a trial; it can be fitted and "
-            "exported, not played back"
-        )
+        raise ReplayRefused(Message(ExportCode.NO_SYNC_EDGE, {"path": str(path)}))
     clock = ReplayClock(first.host_time_ns, manifest.start_utc_ns, speed)
     device = RecordedDevice(recording, clock)
-    ending = _StopsAtTheEnd(device)
+    ending = _StopAtEnd(device)
     config = parse_config(manifest.effective_config, str(path))
-    daemon = TrialRecorder(config, clock, [*views, ending], make_devices=lambda *_: [device], post_roll_s=math.inf)
-    ending.daemon = daemon
-    return daemon.record(folder, _spec(manifest))
+    recorder = TrialRecorder(config, clock, [*views, ending], make_devices=lambda *_: [device], post_roll_s=math.inf)
+    ending.recorder = recorder
+    return recorder.record(folder, _spec(manifest))
 
 
 def _spec(manifest: Manifest) -> TrialSpec:
-    return TrialSpec(manifest.cuff.name if manifest.cuff else None, manifest.test, manifest.repeat, manifest.donning)
+    cuff = manifest.cuff.name if manifest.cuff else None
+    return TrialSpec(cuff, manifest.test, manifest.repeat, manifest.donning, condition=manifest.condition)
 
 
 def _delivered(recording: Recording) -> Iterator[Item]:
-    """What the devices had sent: all but the station's own events and the silences that it noted."""
+    """The items that the devices delivered, without events of the station and losses that it detected as silence."""
     for item in recording.items():
         if isinstance(item, Stream) or (isinstance(item, Event) and item.source == "station"):
             continue

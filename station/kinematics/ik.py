@@ -1,25 +1,36 @@
-"""Markers → postures: inverse kinematics from files to a motion file and a table."""
+"""Markers → postures: inverse kinematics from files to a motion, a table of its frames and a report."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import xml.etree.ElementTree as Xml
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.trc import read_trc
-from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks, solve_inverse_kinematics
+from recordings.exchange.tables import MarkerTable
+from solver.inverse_kinematics.laboratory_frame import Vertical, rotation_laboratory_to_ground
+from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, smooth_motion
+from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.model import Model, ModelError
-from solver.motion import MotionError, write_table
-from solver.osim.ik_setup import IkSetup, read_ik_setup
-from station.assessment.sources import model_of
+from solver.motion import MotionError
+from solver.osim.ik_setup import IkSetup, ik_setup_document, read_ik_setup
+from solver.personalisation.coverage import check_coverage
+from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, find_in_postures
+from station.kinematics.marker_file import KinematicsError, read_body_markers
+from station.kinematics.marker_sets import place_marker_set
+from station.messages.codes import KinematicsCode
+from station.messages.message import Message
+from station.sources import BUNDLED, model_of
 from station.whole_file import drafted
 
 Array = NDArray[np.float64]
 
+MOST_LISTED = 10
 LEAST_NOISE = 1e-5
 """m; markers that were written with few digits show less than this."""
 
@@ -28,7 +39,10 @@ LEAST_NOISE = 1e-5
 class IkInputs:
     """Files of a trial. model and markers may come from the set-up; without a set-up every marker that model and file
     share is followed, with weight 1. start, end [s] narrow the set-up's time range. noise [m] is the standard deviation
-    of a marker along each axis, None: as found in the markers.
+    of a marker along each axis, None: as found in the markers. prefix stands before the labels of the person. vertical
+    is the upward axis of the file; where it is not y, the markers are turned into the ground of the model. marker_set
+    is the name or the file of a set whose markers the model is to have (marker_sets.toml). is_smoothed: the trial is
+    smoothed as a whole, too.
     """
 
     model: str | None
@@ -37,89 +51,155 @@ class IkInputs:
     start: float = -math.inf
     end: float = math.inf
     noise: float | None = None
+    prefix: str = ""
+    vertical: Vertical = "y"
+    marker_set: str = ""
+    is_smoothed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedPostures:
     """Postures of a trial at time (frames,) [s], with what they follow and how well they are known.
 
-    noise  (markers,) [m] that was used, in the order of tasks.markers;  notes on what was read otherwise than written
+    sources   role ("model", "markers", "setup") → file or name
+    setup     what was solved, as OpenSim's set-up
+    observed  (frames, markers, 3) [m] in ground, in the order of tasks.markers;  noise (markers,) [m] that was used
+    smoothed  the trial as a whole, where that was asked for
+    findings  on markers and postures;  notes on what was read otherwise than written
     """
 
+    sources: dict[str, str]
+    setup: IkSetup
     model: Model
     time: Array
     tasks: TrackingTasks
+    observed: Array
     solution: InverseKinematics
     uncertainty: PostureUncertainty
     noise: Array
+    smoothed: SmoothedMotion | None
+    findings: tuple[Finding, ...]
     notes: tuple[str, ...]
 
     @property
     def is_whole(self) -> bool:
-        return self.solution.unsolved == 0
+        """Whether every frame is solved, the smoother settled, and no labels are exchanged."""
+        exchanged = any(finding.code is KinematicsCode.EXCHANGED for finding in self.findings)
+        settled = self.smoothed is None or self.smoothed.outcome is SmootherOutcome.SOLVED
+        return self.solution.unsolved == 0 and settled and not exchanged
 
 
 def solve_postures(inputs: IkInputs) -> SolvedPostures:
-    """Raises ModelError, MotionError, ForeignFile for files that do not fit together."""
+    """Raises KinematicsError, MarkerSetError, ModelError, MotionError or ForeignFile for files that do not fit."""
     setup = None if inputs.setup is None else read_ik_setup(inputs.setup)
-    model = model_of(str(inputs.model or named_file(setup.model_file if setup else None, "model", "--model")))
+    name = str(inputs.model or named_file(setup.model_file if setup else None, "model", "--model"))
+    model, names, findings = model_with_markers(name, inputs.marker_set)
     file = inputs.markers or named_file(setup.marker_file if setup else None, "markers' file", "--markers")
-    table = read_trc(file, tracked=setup.markers if setup else [marker.name for marker in model.markers])
+    followed = [task for task, weight in setup.markers.items() if weight > 0] if setup else names
+    table = read_body_markers(file, followed, inputs.prefix)
+    kept = _frames(file, table, inputs, setup)
+    known = [marker.name for marker in model.markers]
+    ensure_common(file.name, table.labels, followed, known)
+    expected = [marker for marker in followed if marker in known and (setup or marker in table.labels)]
+    setup = setup or IkSetup((-math.inf, math.inf), dict.fromkeys(expected, 1.0), {}, None, None, None)
+    setup = replace(setup, model_file=None if name == BUNDLED else Path(name), marker_file=file)
+    time = table.time_s[kept]
+    tasks = setup.tasks(model, table.labels, time)
+    observed = markers_in_ground(model, table, tasks, kept, inputs.vertical)
+    findings += ensure_markers_fit(model, file.name, expected, tasks, observed)
+    solution = solve_inverse_kinematics(model, observed, tasks)
+    noise = _noise(time, observed) if inputs.noise is None else np.full(len(tasks.markers), inputs.noise)
+    uncertainty = posture_uncertainty(model, observed, tasks, solution, noise)
+    findings += find_in_markers(time, tasks, observed) + find_in_postures(model, time, solution, uncertainty)
+    findings += tuple(Message(code) for code in check_coverage(model, tasks.markers))
+    smoothed = _smoothed(model, time, observed, tasks, noise) if inputs.is_smoothed else None
+    sources = {"model": name, "markers": str(file)} | ({"setup": str(inputs.setup)} if inputs.setup else {})
+    return SolvedPostures(
+        sources, setup, model, time, tasks, observed, solution, uncertainty, noise, smoothed, findings, table.notes
+    )
+
+
+def _smoothed(model: Model, time: Array, observed: Array, tasks: TrackingTasks, noise: Array) -> SmoothedMotion:
+    """Raises MotionError where frames are missing from the file."""
+    steps = np.diff(time)
+    if len(time) < 3 or steps.max() > 1.5 * np.median(steps):
+        raise MotionError("a trial that is smoothed needs every frame; leave a missing marker empty, and keep its row")
+    return smooth_motion(model, observed, float(np.median(steps)), tasks, noise)
+
+
+def _frames(file: Path, table: MarkerTable, inputs: IkInputs, setup: IkSetup | None) -> NDArray[np.bool_]:
+    """(frames,) of the file that are solved. Raises MotionError where there is none."""
     low, high = setup.time_range if setup else (-math.inf, math.inf)
     kept = (table.time_s >= max(low, inputs.start) - 1e-6) & (table.time_s <= min(high, inputs.end) + 1e-6)
     if not kept.any():
         raise MotionError(
             f"{file.name} has no frame between {inputs.start:g} and {inputs.end:g} s; choose other limits"
         )
-    time = table.time_s[kept]
-    setup = setup or IkSetup((-math.inf, math.inf), dict.fromkeys(table.labels, 1.0), {}, None, None, None)
-    tasks = setup.tasks(model, table.labels, time)
+    return np.asarray(kept)
+
+
+def model_with_markers(name: str, marker_set: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
+    """The model, the names of the markers to follow unless a set-up names others, and findings on the marker set."""
+    return with_marker_set(model_of(name, ignore_forces=True), marker_set)  # postures do not depend on forces
+
+
+def with_marker_set(model: Model, marker_set: str) -> tuple[Model, list[str], tuple[Finding, ...]]:
+    """The same of a model that is there already."""
+    if not marker_set:
+        return model, [marker.name for marker in model.markers], ()
+    placed = place_marker_set(model, marker_set)
+    found = {KinematicsCode.WITHOUT_PLACE: placed.without_place, KinematicsCode.ELSEWHERE: placed.elsewhere}
+    findings = tuple(Message(code, {"markers": ", ".join(markers)}) for code, markers in found.items() if markers)
+    return placed.model, list(placed.names), findings
+
+
+def ensure_common(file: str, labels: Sequence[str], followed: Sequence[str], known: Sequence[str]) -> None:
+    """Raises KinematicsError where no marker is in the file, followed by the set-up, and known to the model."""
+    if not set(labels) & set(followed) & set(known):
+        lists = {"followed": followed, "known": known, "found": labels}
+        shown = {name: _listed(labels) for name, labels in lists.items()}
+        raise KinematicsError(Message(KinematicsCode.NONE_IN_COMMON, {"file": file, **shown}))
+
+
+def markers_in_ground(
+    model: Model, table: MarkerTable, tasks: TrackingTasks, kept: NDArray[np.bool_], vertical: Vertical
+) -> Array:
+    """(frames, markers, 3) [m] in the ground of the model."""
     columns = [table.labels.index(marker.name) for marker in tasks.markers]
-    observed = 1e-3 * table.positions[kept][:, columns]
-    solution = solve_inverse_kinematics(model, observed, tasks)
-    noise = _noise(observed) if inputs.noise is None else np.full(len(columns), inputs.noise)
-    uncertainty = posture_uncertainty(model, observed, tasks, solution, noise)
-    return SolvedPostures(model, time, tasks, solution, uncertainty, noise, table.notes)
+    observed: Array = 1e-3 * table.positions[kept][:, columns]
+    if vertical == "y":
+        return observed
+    return observed @ rotation_laboratory_to_ground(model, tasks.markers, observed, vertical).T
 
 
-def write_postures(path: Path, solved: SolvedPostures) -> None:
-    """The coordinates in radians and metres, as .mot, .sto or .csv; frames without a posture are left out."""
-    known = np.isfinite(solved.solution.coordinates[:, 0])
-    names, notes = solved.model.coordinate_names, {"made_by": "station ik"}
+def write_ik_setup(path: Path, solved: SolvedPostures, motion: Path) -> None:
+    """OpenSim's InverseKinematicsTool for what was solved; motion is the file that OpenSim is to write."""
+    weights = zip(solved.tasks.markers, solved.tasks.weights, strict=True)
+    followed = {marker.name: float(weight) for marker, weight in weights}
+    span = (float(solved.time[0]), float(solved.time[-1]))
+    setup = replace(solved.setup, time_range=span, markers=followed)
+    write_xml(path, ik_setup_document(setup, path.parent, f"{motion.stem}_opensim.mot"))
+
+
+def write_xml(path: Path, root: Xml.Element) -> None:
     with drafted(path) as draft:
-        write_table(draft, names, solved.time[known], solved.solution.coordinates[known], notes)
-
-
-def summary(solved: SolvedPostures) -> list[str]:
-    """What a person wants to know of it, line by line."""
-    solution, uncertainty = solved.solution, solved.uncertainty
-    frames = len(solved.time)
-    rms = 1e3 * math.sqrt(float(np.nanmean(solution.residuals**2)))
-    lines = [f"{frames} frames, {frames - solution.unsolved} solved; markers {rms:.1f} mm from the model's (RMS)"]
-    for outcome in (each for each in PostureOutcome if each is not PostureOutcome.SOLVED):
-        found = [frame for frame, each in enumerate(solution.outcomes) if each is outcome]
-        if found:
-            lines.append(f"{len(found)} frames {outcome.replace('_', ' ')}, the first at {solved.time[found[0]]:g} s")
-    worst = np.nanmax(solution.residuals, axis=0, initial=0.0)
-    order = np.argsort(worst)[::-1][:3]
-    far = ", ".join(f"{solved.tasks.markers[m].name} {1e3 * worst[m]:.0f} mm" for m in order)
-    lines.append(f"farthest markers: {far}; noise {1e3 * np.median(solved.noise):.2f} mm")
-    known = np.isfinite(solution.coordinates[:, 0])
-    for k, coordinate in enumerate(solved.model.coordinates):
-        loose = int((~uncertainty.is_held[known, k]).sum())
-        if loose:
-            lines.append(f"no marker holds {coordinate.name} in {loose} frames: its value there is not measured")
-    return lines
-
-
-def _noise(observed: Array) -> Array:
-    """Of each marker; of one that is never seen for long, that of the others."""
-    found = np.maximum(estimate_marker_noise(observed), LEAST_NOISE)
-    usual = float(np.nanmedian(found)) if np.isfinite(found).any() else LEAST_NOISE
-    return np.where(np.isfinite(found), found, usual)
+        Xml.indent(root)
+        Xml.ElementTree(root).write(draft, encoding="utf-8", xml_declaration=True)
 
 
 def named_file(path: Path | None, what: str, option: str) -> Path:
     if path is None:
         raise ModelError(f"which {what} is not said: neither the set-up nor {option} names one; add {option}")
     return path
+
+
+def _listed(labels: Sequence[str]) -> str:
+    return ", ".join(sorted(labels)[:MOST_LISTED]) + ", …" * (len(labels) > MOST_LISTED) or "none"
+
+
+def _noise(time: Array, observed: Array) -> Array:
+    """Of each marker; of one that is never seen for long, that of the others."""
+    interval = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    found = np.maximum(estimate_marker_noise(observed, interval), LEAST_NOISE)
+    usual = float(np.nanmedian(found)) if np.isfinite(found).any() else LEAST_NOISE
+    return np.where(np.isfinite(found), found, usual)

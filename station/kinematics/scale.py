@@ -2,87 +2,151 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as Xml
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.exchange.trc import read_trc
+from recordings.exchange.tables import MarkerTable
+from solver.inverse_kinematics.solve import TrackingTasks
 from solver.marker_placement import place_markers
 from solver.model import Model, ModelError
 from solver.motion import MotionError
-from solver.osim.scale_setup import read_scale_setup
+from solver.osim.marker_set import read_marker_set, with_markers
+from solver.osim.scale_setup import ScaleSetup, read_scale_setup, scale_setup_document
 from solver.osim.writer import osim_document
+from solver.personalisation.coverage import check_coverage
 from solver.scaling import Scaling, scale_model
-from solver.scaling_findings import ScalingCode, ScalingFinding, check_scaling
-from station.assessment.sources import model_of
-from station.kinematics.ik import named_file
-from station.whole_file import drafted
+from solver.scaling_findings import check_scaling
+from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, finding_lines
+from station.kinematics.ik import ensure_common, model_with_markers, named_file, write_xml
+from station.kinematics.marker_file import KinematicsError, read_body_markers
+from station.kinematics.person_findings import (
+    ensure_model_mass_fits,
+    mass_findings,
+    pose_findings,
+    scaling_finding,
+)
+from station.messages.codes import KinematicsCode
+from station.messages.message import Message
+from station.sources import BUNDLED
 
 Array = NDArray[np.float64]
 
-SENTENCES = {
-    ScalingCode.POINT_INSIDE_SURFACE: "{muscle}: a path point lies inside {surface}, unlike in the generic model",
-    ScalingCode.FIBRE_LENGTH: "{muscle}: its fibre is {figure:.2f} of the optimal length in the default posture",
-    ScalingCode.PATH_LENGTH: "{muscle}: its path is {figure:.2f} times as long, measured by the median of all muscles",
-}
+LEAST_FACTOR, MOST_FACTOR = 0.5, 2.0
 
 
 @dataclass(frozen=True)
 class ScaleInputs:
-    """Files; model and markers may come from the set-up. scales_joined_points as in solver.scaling.Scaling."""
+    """Files; model and markers may come from the set-up. scales_joined_points as in solver.scaling.Scaling; prefix
+    stands before the labels of the person; marker_set as in station.kinematics.ik.IkInputs.
+    """
 
     setup: Path
     model: str | None = None
     markers: Path | None = None
     scales_joined_points: bool = True
+    prefix: str = ""
+    marker_set: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class ScaledBody:
-    """The scaled model, the factors (3,) of each body by name, and findings on what may be wrong with it."""
+    """The scaled model, the factors (3,) of each body by name, and findings on what may be wrong with it.
 
+    setup  what was scaled, as OpenSim's set-up
+    """
+
+    setup: ScaleSetup
     model: Model
     factors: dict[str, Array]
-    findings: tuple[ScalingFinding, ...]
+    findings: tuple[Finding, ...]
     notes: tuple[str, ...]
 
 
 def scale_body(inputs: ScaleInputs) -> ScaledBody:
-    """Raises ModelError, MotionError, ForeignFile for files that do not fit together."""
+    """Raises KinematicsError, ModelError, MotionError, ForeignFile for files that do not fit together, PersonError for
+    a pose or a mass that cannot be right.
+    """
     setup = read_scale_setup(inputs.setup)
-    generic = model_of(str(inputs.model or named_file(setup.model_file, "model", "--model")))
+    name = str(inputs.model or named_file(setup.model_file, "model", "--model"))
+    generic, _, odd = model_with_markers(name, inputs.marker_set)
+    if setup.marker_set_file is not None:
+        generic = with_markers(generic, read_marker_set(setup.marker_set_file, generic))
     file = inputs.markers or named_file(setup.marker_file, "markers' file", "--markers")
-    table = read_trc(file, tracked=[marker.name for marker in generic.markers])
+    known = [marker.name for marker in generic.markers]
+    table = read_body_markers(file, known, inputs.prefix)
     first, last = setup.time_range
     shown = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not shown.any():
         raise MotionError(f"{file.name} has no frame between {first:g} and {last:g} s; correct the set-up's time_range")
     observed = 1e-3 * table.positions[shown]
+    _ensure_markers_fit(generic, file, table, setup, observed)
     factors = setup.factors(generic, table.labels, observed)
+    _ensure_plausible(file, factors)
     scaling = Scaling(factors, setup.mass, setup.keeps_masses, inputs.scales_joined_points)
     scaled = scale_model(generic, scaling)
+    findings = [*odd, *map(scaling_finding, check_scaling(generic, scaled)), *mass_findings(scaled)]
+    if setup.mass is not None:
+        ensure_model_mass_fits(scaled, setup.mass)
+    findings += _marker_findings(generic, table)
     if setup.placement is not None:
         with np.errstate(invalid="ignore"):
             counts = np.isfinite(observed).sum(axis=0)
             static = np.where(counts > 0, np.nansum(observed, axis=0) / np.maximum(counts, 1), np.nan)
+        findings += pose_findings(table.labels, observed)
         tasks = setup.placement.tasks(scaled, table.labels, table.time_s[shown][:1])
         scaled = place_markers(scaled, table.labels, static, tasks)
-    return ScaledBody(scaled, factors, check_scaling(generic, scaled), table.notes)
+    setup = replace(setup, model_file=None if name == BUNDLED else Path(name), marker_file=file)
+    return ScaledBody(setup, scaled, factors, tuple(findings), table.notes)
+
+
+def _ensure_markers_fit(generic: Model, file: Path, table: MarkerTable, setup: ScaleSetup, observed: Array) -> None:
+    """Raises KinematicsError where the markers that the set-up uses are not those of such a body."""
+    known = [marker.name for marker in generic.markers]
+    ensure_common(file.name, table.labels, known, known)
+    expected = [marker for marker in generic.markers if marker.name in setup.marker_names]
+    there = tuple(marker for marker in expected if marker.name in table.labels)
+    tasks = TrackingTasks(there, np.ones(len(there)))
+    columns = [table.labels.index(marker.name) for marker in there]
+    if there:  # otherwise the measurement names what it lacks
+        ensure_markers_fit(generic, file.name, [marker.name for marker in expected], tasks, observed[:, columns])
+
+
+def _marker_findings(model: Model, table: MarkerTable) -> list[Finding]:
+    """Labels that are exchanged for a while, and segments that the markers do not determine."""
+    there = [marker for marker in model.markers if marker.name in table.labels]
+    columns = [table.labels.index(marker.name) for marker in there]
+    tasks = TrackingTasks(tuple(there), np.ones(len(there)))
+    uncovered = [Message(code) for code in check_coverage(model, there)]
+    return [*find_in_markers(table.time_s, tasks, 1e-3 * table.positions[:, columns]), *uncovered]
+
+
+def _ensure_plausible(file: Path, factors: Mapping[str, Array]) -> None:
+    """Raises KinematicsError for a factor that no two adults differ by."""
+    for body, factor in factors.items():
+        worst = float(factor[np.argmax(np.abs(np.log(np.maximum(factor, 1e-9))))])
+        if not LEAST_FACTOR <= worst <= MOST_FACTOR:
+            figures = {"factor": worst, "least": LEAST_FACTOR, "most": MOST_FACTOR}
+            raise KinematicsError(Message(KinematicsCode.WRONG_FACTOR, {"file": file.name, "body": body, **figures}))
 
 
 def write_body(path: Path, body: ScaledBody) -> None:
     """The model as .osim: what the solver knows of it, without pictures of bones."""
     if path.suffix != ".osim":
         raise ModelError(f"the scaled model should be written as .osim and is {path.name}; choose such a name")
-    with drafted(path) as draft:
-        Xml.ElementTree(osim_document(body.model)).write(draft, encoding="utf-8", xml_declaration=True)
+    write_xml(path, osim_document(body.model))
+
+
+def write_scale_setup(path: Path, body: ScaledBody, model: Path) -> None:
+    """OpenSim's ScaleTool for what was scaled; model is the file that OpenSim is to write."""
+    write_xml(path, scale_setup_document(body.setup, path.parent, f"{model.stem}_opensim.osim"))
 
 
 def summary(body: ScaledBody) -> list[str]:
     """Factors, mass and findings, line by line."""
-    lines = [f"{name}: {' × '.join(f'{each:.4f}' for each in factors)}" for name, factors in body.factors.items()]
-    lines.append(f"mass of the model {sum(each.mass for each in body.model.bodies):.2f} kg")
-    return lines + [SENTENCES[finding.code].format(**vars(finding)) for finding in body.findings]
+    lines = [f"{name}: {' × '.join(f'{factor:.4f}' for factor in factors)}" for name, factors in body.factors.items()]
+    lines.append(f"mass of the model {sum(part.mass for part in body.model.bodies):.2f} kg")
+    return lines + finding_lines(body.findings)

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
-from station.assessment.sources import without_hash
-from station.report.muscle_figures import activation_figure, cost_figure, cuffs_figure, reduction_figure
+from station.report.conditions import CONDITIONS
+from station.report.first_page import findings_of
+from station.report.muscle_figures import (
+    LEAST_SHOWN,
+    NAMED_MUSCLES,
+    activation_figure,
+    change_figure,
+    cost_figure,
+    cuffs_figure,
+    muscle_changes,
+    reduction_figure,
+    shown_muscles,
+)
 from station.report.pictures import Picture, PlannedFigure
+from station.sources import without_hash
 
 Plain = Mapping[str, Any]
 
@@ -20,52 +34,76 @@ Plain = Mapping[str, Any]
 @dataclass(frozen=True)
 class AssessmentSection:
     """names of the files that went in; the cuffs worn; rows of the table, of the motion beside, None without one;
-    figures.
+    findings that are not among the limits; the first page's figures, and the others.
     """
 
     names: Mapping[str, str]
     cuffs: Plain
     rows: list[dict[str, Any]]
     beside: list[dict[str, Any]] | None
+    findings: list[str]
+    overview: Sequence[Picture]
     pictures: Sequence[Picture]
 
 
-def assessment_section(assessment: Plain, pictures: Sequence[Picture]) -> AssessmentSection:
+def assessment_section(
+    assessment: Plain, overview: Sequence[Picture], pictures: Sequence[Picture]
+) -> AssessmentSection:
     beside = assessment.get("beside")
     return AssessmentSection(
         names={role: without_hash(what) for role, what in assessment["inputs"].items()},
         cuffs=assessment.get("cuffs", {}),  # an assessment of an older station has none
         rows=_rows(assessment),
         beside=_rows(beside) if beside else None,
+        findings=findings_of(assessment),
+        overview=overview,
         pictures=pictures,
     )
 
 
+def effort_figures(assessment: Plain) -> list[PlannedFigure]:
+    """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
+    caption = "Effort over the rest length of the cord, with migration and compliance"
+    return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if _arms(assessment) else []
+
+
 def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
-    """Muscle cost of every arm cuff, activations where they lie beside the assessment, and their reduction."""
-    activations_file = folder / ACTIVATIONS_FILE
-    arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+    """Muscle effort of every arm cuff, activations and their change if they are in the folder, and EMG."""
     waist = "waist and " if assessment["waist_cuff"] else ""
-    what = "Muscle cost over the cord's rest length"
-    figures = [PlannedFigure(partial(cost_figure, assessment, arm), f"{what}, {waist}{arm} cuff") for arm in arms]
-    if len(arms) > 1:
-        together = f"{what}, with every arm cuff shifted and yielding"
-        figures.insert(0, PlannedFigure(partial(cuffs_figure, assessment), together))
-    if activations_file.is_file():
-        activations = read_activations(activations_file)
+    what = "Effort over the rest length of the cord"
+    arms = _arms(assessment)
+    figures = [
+        PlannedFigure(partial(cost_figure, assessment, arm), f"{what}, {waist}{arm} cuff", is_printed=True)
+        for arm in arms
+    ]
+    if (folder / ACTIVATIONS_FILE).is_file():
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
+        figures += _activation_figures(read_activations(folder / ACTIVATIONS_FILE), arms, at, waist)
+    if assessment["emg"]:
+        caption = "Reduction of the mean activation, relative to a slack cord, in the model and in the EMG"
         figures += [
-            PlannedFigure(
-                partial(activation_figure, activations, arm), f"Activations {at}, {waist}{arm} cuff", is_wide=True
-            )
+            PlannedFigure(partial(reduction_figure, assessment, arm), f"{caption}, {waist}{arm} cuff", is_printed=True)
             for arm in arms
         ]
-    beside = " beside what EMG measured" if assessment["emg"] else ""
-    caption = f"By how much each muscle does less on average than with a slack cord{beside}"
-    figures += [
-        PlannedFigure(partial(reduction_figure, assessment, arm), f"{caption}, {waist}{arm} cuff") for arm in arms
-    ]
     return figures
+
+
+def _arms(assessment: Plain) -> list[str]:
+    return [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+
+
+def _activation_figures(activations: pd.DataFrame, arms: Sequence[str], at: str, waist: str) -> Iterator[PlannedFigure]:
+    """The change of every muscle's mean activation; of every arm cuff, activations over time."""
+    changes = muscle_changes(activations, arms)
+    caption = f"Mean activation of each muscle {at}, with migration and compliance, and its change"
+    rest = ", ".join(muscle.muscle for muscle in changes if muscle.is_at_rest)
+    at_rest = f". At rest throughout (below {LEAST_SHOWN}): {rest}" if rest else ""
+    yield PlannedFigure(partial(change_figure, changes), caption + at_rest, is_wide=True, is_printed=True)
+    left_out = [name for name in NAMED_MUSCLES if name in activations and name not in shown_muscles(activations)]
+    without = f". At rest throughout (below {LEAST_SHOWN}): {', '.join(left_out)}" if left_out else ""
+    for arm in arms:
+        over_time = f"Activations over time {at}, {waist}{arm} cuff{without}"
+        yield PlannedFigure(partial(activation_figure, activations, arm), over_time, is_wide=True)
 
 
 def _rows(assessment: Plain) -> list[dict[str, Any]]:
@@ -80,5 +118,5 @@ def _rows(assessment: Plain) -> list[dict[str, Any]]:
 
             numbers = {"cost": of("at_rigid_optimum"), **of("optimum"), **{key: of(key) for key in CURVE_KEYS.values()}}
             arm = "" if cuff == "rigid" else cuff
-            rows.append({"condition": condition.replace("_", "-"), "cuff": arm, **numbers})
+            rows.append({"condition": CONDITIONS.get(condition, condition), "cuff": arm, **numbers})
     return rows

@@ -1,23 +1,37 @@
-"""The report's figures of what a suit does for the muscles, drawn by matplotlib and returned as PNG bytes."""
+"""Charts of the suit's effect on the muscles: effort over the rest length, activations, and their change."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from station.report.canvas import LINE, MARK, SHADES, TITLE, WIDE, Margins, as_png, new_page
+from station.report.charts.marks import (
+    COLOURS,
+    HALF,
+    QUARTER,
+    Chart,
+    Colour,
+    Intervals,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Rule,
+    chart,
+    values,
+)
+from station.report.conditions import CONDITIONS, LIMIT
 
-LEGEND_COLUMNS = 3
-LEGEND_ROW = 0.22
-"""Inches of a row of a figure's legend."""
+Plain = Mapping[str, Any]
+
 LEAST_SHOWN = 0.01
-"""Of an activation, up to where each of its axes goes at least."""
+"""A muscle whose activation stays below this in all conditions is at rest: it is named, not drawn."""
 COSTLIEST = 1.3
 """Where cost curves leave the figure: far too short a cord costs double, and would hide what matters."""
-
 NAMED_MUSCLES = (
     "DeltoideusClavicle_A",
     "DeltoideusScapula_M",
@@ -29,106 +43,170 @@ NAMED_MUSCLES = (
     "SerratusAnterior_I",
 )
 """Those that the published study shows."""
-OF_MUSCLES = Margins(top=TITLE, bottom=0.48 + TITLE, between_rows=0.5)
-"""Each panel has a title and tick labels, only the first of a row the axis's name; the legend is below."""
+NOT_MUSCLES = ("condition", "cuff", "time_s")
+"""Columns of the table of activations that are not muscles."""
 
 
-def cost_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
-    """Normalised muscle cost over the cord's rest length, in every condition with one arm cuff; 1 is a slack cord."""
-    places = {"rigid": ("rigid",), **{each.replace("_", "-"): (cuff, each) for each in assessment["cost"][cuff]}}
-    return _cost_curves(assessment, places)
+@dataclass(frozen=True)
+class MuscleChange:
+    """Mean activation of a muscle with the cord slack, and by arm cuff with the suit, migration and compliance.
+
+    largest  activation in any of them, at any time
+    """
+
+    muscle: str
+    slack: float
+    suited: Mapping[str, float]
+    largest: float
+
+    @property
+    def change(self) -> float:
+        """Mean over the cuffs."""
+        return float(np.mean(list(self.suited.values()))) - self.slack
+
+    @property
+    def is_at_rest(self) -> bool:
+        return self.largest < LEAST_SHOWN
 
 
-def cuffs_figure(assessment: Mapping[str, Any]) -> bytes:
-    """The same with every arm cuff, shifted and yielding, beside rigid ones."""
+def cost_figure(assessment: Plain, cuff: str) -> Chart:
+    """Muscle effort over the cord's rest length, in every condition with one arm cuff; 1 is a slack cord."""
+    places = {LIMIT: ("rigid",), **{CONDITIONS[name]: (cuff, name) for name in assessment["cost"][cuff]}}
+    return chart(_effort_panel(assessment, places))
+
+
+def cuffs_figure(assessment: Plain) -> Chart:
+    """The same with every arm cuff, with migration and compliance, beside rigid ones."""
     arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    return _cost_curves(assessment, {"rigid": ("rigid",), **{cuff: (cuff, "both") for cuff in arms}})
+    return chart(_effort_panel(assessment, {LIMIT: ("rigid",), **{cuff: (cuff, "both") for cuff in arms}}))
 
 
-def activation_figure(activations: pd.DataFrame, cuff: str) -> bytes:
-    """Activations over time, one panel per named muscle, in every condition with one arm cuff."""
-    muscles = [name for name in NAMED_MUSCLES if name in activations] or list(activations.columns[3:11])
-    figure, axes = new_page(4, rows=-(-len(muscles) // 4), height=1.9, width=WIDE / 4, margins=OF_MUSCLES)
-    for axis, muscle in zip(axes, muscles, strict=False):
-        for condition, part, shade in _conditions(activations, cuff):
-            axis.plot(part["time_s"], part[muscle], color=shade, linewidth=0.9, label=condition.replace("_", "-"))
-        axis.set_title(muscle, fontsize=8, loc="left")
-        axis.set_ylim(0.0, max(1.05 * axis.dataLim.y1, LEAST_SHOWN))  # a muscle at rest is a line at 0, not noise
-    for axis in axes[len(muscles) :]:
-        axis.set_visible(False)
-    for i, axis in enumerate(axes[: len(muscles)]):
-        axis.set_ylabel("activation" if i % 4 == 0 else "")
-        axis.set_xlabel("time [s]" if i + 4 >= len(muscles) else "")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="lower left", ncols=5, fontsize=8, frameon=False)
-    return as_png(figure)
+def muscle_changes(activations: pd.DataFrame, cuffs: Sequence[str]) -> list[MuscleChange]:
+    """Of every muscle, the largest decrease first."""
+    slack = activations[activations["condition"] == "slack"]
+    suited = {cuff: activations[(activations["cuff"] == cuff) & (activations["condition"] == "both")] for cuff in cuffs}
+    found = [
+        MuscleChange(
+            name,
+            float(slack[name].mean()),
+            {cuff: float(part[name].mean()) for cuff, part in suited.items()},
+            float(max(part[name].max() for part in (slack, *suited.values()))),
+        )
+        for name in activations.columns
+        if name not in NOT_MUSCLES
+    ]
+    return sorted(found, key=lambda muscle: muscle.change)
 
 
-def reduction_figure(assessment: Mapping[str, Any], cuff: str) -> bytes:
-    """Reduction of mean activation at the reference rest length: rigid, both with one cuff, and as EMG measured it."""
-    reductions = {
-        "rigid": assessment["muscle_reduction"]["rigid"],
-        f"visco-elastic + shift, {cuff}": assessment["muscle_reduction"][cuff]["both"],
-    }
-    emg = {row["muscle"]: row for row in assessment["emg"]}
-    names = list(emg) or [name for name in NAMED_MUSCLES if name in reductions["rigid"]] or list(reductions["rigid"])
-    figure, (axis,) = new_page(1, height=1.2 + 0.34 * len(names), margins=Margins(top=TITLE))
-    rows, height = np.arange(len(names)), 0.8 / (len(reductions) + bool(emg))
-    for i, ((label, reduction), shade) in enumerate(zip(reductions.items(), (LINE, SHADES[0]), strict=False)):
-        percent = [_percent(reduction[name]) for name in names]
-        reach = np.array([_reach(reduction[name]) for name in names]).T
-        axis.barh(rows + i * height, percent, height, xerr=reach, color=shade, ecolor=MARK, label=label)
-    if emg:
-        measured = [emg[name]["reduction_percent"]["value"] for name in names]
-        spread = [emg[name]["sd_percent"]["value"] for name in names]
-        axis.barh(rows + 2 * height, measured, height, xerr=spread, color=SHADES[1], ecolor=MARK, label="EMG ± sd")
-    axis.set_yticks(rows + height / 2, names)
-    axis.invert_yaxis()
-    axis.set_xlabel("reduction of mean activation [%]")
-    figure.legend(loc="upper left", ncols=LEGEND_COLUMNS, fontsize=7.5, frameon=False)
-    return as_png(figure)
+def change_figure(changes: Sequence[MuscleChange]) -> Chart:
+    """A row per muscle that is not at rest: mean activation with the cord slack and with every arm cuff, and the
+    difference, so that a muscle that works more is seen as well as one that works less.
+    """
+    shown = [muscle for muscle in changes if not muscle.is_at_rest]
+    rows = values(range(len(shown)))
+    slack = values([muscle.slack for muscle in shown])
+    levels: list[Mark] = [Points(slack, rows, "ink", "slack cord", is_hollow=True)]
+    differences: list[Mark] = [Rule(0.0, "quiet", is_upright=True)]
+    for cuff, colour in zip(shown[0].suited if shown else (), COLOURS, strict=False):
+        suited = values([muscle.suited[cuff] for muscle in shown])
+        titles = tuple(
+            f"{muscle.muscle}, {cuff}: {muscle.slack:.3f} → {muscle.suited[cuff]:.3f}"
+            f" ({muscle.suited[cuff] - muscle.slack:+.3f})"
+            for muscle in shown
+        )
+        levels.append(Points(suited, rows, colour, cuff, titles=titles))
+        differences.append(Points(suited - slack, rows, colour, cuff, titles=titles))
+    names, height = tuple(muscle.muscle for muscle in shown), 50.0 + 15.0 * len(shown)
+    return chart(
+        Panel(tuple(levels), "mean activation", y_names=names, x_limits=(0.0, None), width=HALF, height=height),
+        Panel(tuple(differences), "change from the slack cord", y_names=names, width=HALF, height=height),
+        has_one_legend=True,
+    )
 
 
-def _cost_curves(assessment: Mapping[str, Any], places: Mapping[str, tuple[str, ...]]) -> bytes:
+def activation_figure(activations: pd.DataFrame, cuff: str) -> Chart:
+    """Activations over time, one panel per named muscle that is not at rest, in every condition with one arm cuff."""
+    conditions = list(_conditions(activations, cuff))
+    panels = []
+    for muscle in shown_muscles(activations):
+        marks = tuple(
+            Line(values(part["time_s"]), values(part[muscle]), colour, CONDITIONS.get(condition, condition), width=1.2)
+            for condition, part, colour in conditions
+        )
+        panels.append(_activation_panel(marks, muscle))
+    return chart(*panels, has_one_legend=True)
+
+
+def shown_muscles(activations: pd.DataFrame) -> list[str]:
+    """The published study's muscles, or the first eight, without those that are at rest throughout."""
+    muscles = [name for name in activations.columns if name not in NOT_MUSCLES]
+    named = [name for name in NAMED_MUSCLES if name in muscles] or muscles[:8]
+    return [name for name in named if float(activations[name].max()) >= LEAST_SHOWN]
+
+
+def reduction_figure(assessment: Plain, cuff: str) -> Chart:
+    """Reduction of mean activation in the model at the reference rest length, and in the measured EMG."""
+    measured = {row["muscle"]: row for row in assessment["emg"]}
+    rows = values(range(len(measured)))
+    modelled = [assessment["muscle_reduction"][cuff]["both"][name] for name in measured]
+    percent = values([row["reduction_percent"]["value"] for row in measured.values()])
+    spread = values([row["sd_percent"]["value"] for row in measured.values()])
+    ends = 100 * values([number["ci95"] or (None, None) for number in modelled]).reshape(-1, 2)
+    return chart(
+        Panel(
+            (
+                Rule(0.0, "quiet", is_upright=True),
+                Intervals(rows - 0.12, ends[:, 0], ends[:, 1], "c1", is_upright=False),
+                Points(100 * values([number["value"] for number in modelled]), rows - 0.12, "c1", f"model, {cuff}"),
+                Intervals(rows + 0.12, percent - spread, percent + spread, "c2", is_upright=False),
+                Points(percent, rows + 0.12, "c2", "EMG ± sd", is_hollow=True),
+            ),
+            "reduction of mean activation [%]",
+            y_names=tuple(measured),
+            width=HALF,
+            height=70.0 + 22.0 * len(measured),
+        )
+    )
+
+
+def _activation_panel(marks: tuple[Line, ...], muscle: str) -> Panel:
+    return Panel(marks, "time [s]", "activation", muscle, y_limits=(0.0, None), width=QUARTER, height=150.0)
+
+
+def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]]) -> Panel:
     """A curve for each label and where it stands in the assessment, its best rest length marked."""
-    lines = len(places) + 2  # those of the slack cord and of the reference rest length
-    margins = Margins(top=0.14 + LEGEND_ROW * -(-lines // LEGEND_COLUMNS))
-    figure, (axis,) = new_page(1, height=3.2, margins=margins)
-    lengths = assessment["rest_lengths_m"]["value"]
-    axis.axhline(1.0, color=MARK, linewidth=1.0, label="slack cord")
+    lengths = values(assessment["rest_lengths_m"]["value"])
+    reference = assessment["reference_rest_length_m"]["value"]
+    marks: list[Mark] = [
+        Rule(1.0, "quiet", word="slack cord"),
+        Rule(reference, "quiet", dash="dotted", is_upright=True, word=f"compared at {reference:.2f} m"),
+    ]
     lowest = 1.0
-    for (label, place), shade in zip(places.items(), (LINE, *SHADES), strict=False):
+    colours: tuple[Colour, ...] = ("ink", *COLOURS)
+    for (label, place), colour in zip(places.items(), colours, strict=False):
         cost, best = assessment["cost"], assessment["optimum"]
         for step in place:
             cost, best = cost[step], best[step]
-        axis.plot(lengths, np.array(cost["value"], dtype=float), color=shade, linewidth=1.3, label=label)
+        curve = values(cost["value"])
+        marks.append(Line(lengths, curve, colour, label))
         if best["rest_length_m"]["value"] is not None:
-            axis.plot(
-                best["rest_length_m"]["value"], best["normalised_cost"]["value"], "o", color=shade, markersize=4.5
-            )
-        lowest = min([lowest, *(value for value in cost["value"] if value is not None)])
-    reference = assessment["reference_rest_length_m"]["value"]
-    axis.axvline(reference, color=MARK, linestyle=":", linewidth=1.0, label=f"compared at {reference:.2f} m")
-    axis.set_ylim(lowest - 0.03, COSTLIEST)
-    axis.set_xlabel("rest length of the exotendon [m]; a dot: the best one")
-    axis.set_ylabel("muscle cost / slack cord")
-    figure.legend(loc="upper left", ncols=LEGEND_COLUMNS, frameon=False)
-    return as_png(figure)
+            at, effort = values([best["rest_length_m"]["value"]]), values([best["normalised_cost"]["value"]])
+            title = f"{label}: best at {at[0]:.2f} m, effort {effort[0]:.3f}"
+            marks.append(Points(at, effort, colour, titles=(title,)))
+        lowest = min(lowest, float(np.nanmin(curve, initial=1.0)))
+    return Panel(
+        tuple(marks),
+        "rest length of the cord [m]; dot: best",
+        "effort / effort with slack cord",
+        y_limits=(lowest - 0.03, COSTLIEST),
+        width=420.0,
+        height=290.0,
+    )
 
 
-def _conditions(activations: pd.DataFrame, cuff: str) -> Iterator[tuple[str, pd.DataFrame, str]]:
+def _conditions(activations: pd.DataFrame, cuff: str) -> Iterator[tuple[str, pd.DataFrame, Colour]]:
     """Condition, its rows, and its colour: the slack cord, rigid cuffs, then those with this cuff."""
     worn = activations[activations["cuff"].isin(["", cuff])]
-    for (condition, part), shade in zip(worn.groupby("condition", sort=False), (MARK, LINE, *SHADES), strict=False):
-        yield str(condition), part, shade
-
-
-def _percent(number: Mapping[str, Any]) -> float:
-    return float("nan") if number["value"] is None else 100 * number["value"]
-
-
-def _reach(number: Mapping[str, Any]) -> tuple[float, float]:
-    """From the value down and up to the ends of its interval, in percent; nothing where it has none."""
-    if not number["ci95"]:
-        return 0.0, 0.0
-    low, high = number["ci95"]
-    return max(100 * (number["value"] - low), 0.0), max(100 * (high - number["value"]), 0.0)
+    colours: tuple[Colour, ...] = ("quiet", "ink", *COLOURS)
+    for (condition, part), colour in zip(worn.groupby("condition", sort=False), colours, strict=False):
+        yield str(condition), part, colour

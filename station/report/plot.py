@@ -9,21 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fitting.result import CuffFit, SessionFit
-from fitting.wearable_cuff import QUANTITIES, UNITS
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS
 from recordings.reader import Recording
 from solver.redundancy.motion import MotionSolution
 from solver.suit.assessment import Assessment
 from station.report.canvas import LINE, SHADES, STYLE
+from station.report.conditions import CONDITIONS
 
 BUSIEST = 8
 """Muscles that a picture of a motion names."""
-CONDITIONS = {
-    "rigid": "rigid cuffs",
-    "shift": "with migration",
-    "visco_elastic": "with compliance",
-    "both": "with migration and compliance",
-}
 
 
 @singledispatch
@@ -87,10 +82,10 @@ def _(result: SessionFit) -> Figure:
     cuffs = result.cuffs
     figure, axes = _page(1, len(cuffs), 4.4 * len(cuffs), 3.6)
     for axis, (name, fit) in zip(axes, cuffs.items(), strict=True):
-        for curves in result.curves.values():
-            if (curves.trial.cuff.name, curves.trial.donning) == (name, fit.donning):
-                force = np.interp(curves.marker_time, curves.force_time, curves.force)
-                axis.plot(1e3 * curves.displacement, force, color=LINE, linewidth=0.5, alpha=0.5)
+        for curves in result.pulls.values():
+            if (curves.pull.trial.cuff.name, curves.pull.trial.donning) == (name, fit.donning):
+                force = np.interp(curves.pull.marker_time, curves.pull.force_time, curves.pull.force)
+                axis.plot(1e3 * curves.pull.displacement, force, color=LINE, linewidth=0.5, alpha=0.5)
         if fit.stiffness is not None and fit.migration is not None:
             through = (1e3 * fit.migration.value, 0.0)
             axis.axline(through, slope=1e-3 * fit.stiffness.value, color=SHADES[0], label="stiffness, after migration")

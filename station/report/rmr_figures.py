@@ -19,8 +19,8 @@ from solver.redundancy.glenoid import glenoid_cone
 from solver.redundancy.motion import FrameOutcome, effort_weights
 from station.assessment.rmr import SolvedMotion
 from station.assessment.rmr_table import reserve_unit
-from station.assessment.sources import without_hash
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
+from station.sources import without_hash
 from station.whole_file import write_whole
 
 WARM = "#c2571a"
@@ -31,7 +31,7 @@ Page = Figure | SubFigure
 
 
 def draw_solved(path: Path, solved: SolvedMotion) -> None:
-    """One page where the path is a .png's, else its parts, each in a .png of its own, in that folder."""
+    """Draw one page if the path is a .png, else every part as a .png in this folder."""
     if path.suffix == ".png":
         write_whole(path, _page(solved))
         return
@@ -99,7 +99,7 @@ def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:
     groups: dict[tuple[str, str], list[int]] = {}
     is_free = effort_weights(solved.model, solved.options)[len(solved.model.muscles) :] == 0
     for index in np.argsort(is_free, kind="stable"):
-        title = "free reserves, without weight" if is_free[index] else "reserves, which stand in for muscles"
+        title = "reserves without weight" if is_free[index] else "reserves with weight"
         unit = reserve_unit(solved, solved.model.actuators[index].coordinate)
         groups.setdefault((title, unit), []).append(int(index))
     return groups
@@ -109,7 +109,7 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
     """Where the line of the reaction goes through the glenoid, coloured by time; its rim, and frames beyond solving."""
     found = solved.solution
     axis = page.subplots()
-    axis.set_title("where the joint reaction meets the glenoid", loc="left")
+    axis.set_title("joint reaction in the plane of the glenoid", loc="left")
     try:
         along, across = (
             MM * half for half in glenoid_cone(solved.model, solved.options.glenoid_aspect, solved.options.joint).rim
@@ -144,9 +144,9 @@ def _draw_path(page: Page, axis: Axes, solved: SolvedMotion) -> None:
     line.set_array(0.5 * (time[1:] + time[:-1]))
     axis.add_collection(line)
     known = np.flatnonzero(np.isfinite(points).all(axis=1))
-    for words, frame, shift in zip(("start", "end"), known[[0, -1]] if len(known) else (), (5, -11), strict=False):
+    for text, frame, shift in zip(("start", "end"), known[[0, -1]] if len(known) else (), (5, -11), strict=False):
         axis.plot(*points[frame], "o", color=LINE, markersize=4)
-        axis.annotate(words, points[frame], xytext=(6, shift), textcoords="offset points", fontsize=8)
+        axis.annotate(text, points[frame], xytext=(6, shift), textcoords="offset points", fontsize=8)
     page.colorbar(line, ax=axis, pad=0.02, fraction=0.05, label="time [s]")
 
 

@@ -1,4 +1,4 @@
-"""Recordings that nobody has spoken for: a killed recorder left them, or `station record` wrote them."""
+"""Adopt recordings that are missing in the journal: left by a killed recorder, or written by `station record`."""
 
 from __future__ import annotations
 
@@ -13,36 +13,53 @@ from station.bench.trial_recorder import LOCK
 from station.checksums import write_checksums
 from station.fit import recordings_in
 from station.journal import Recorded, read_journal, write_recorded
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 
 
 def adopt_recordings(folder: Path) -> None:
-    """Enters every recording of the folder that the journal does not know; a cut one is recovered first.
+    """Enter every recording of the folder into the journal if it is missing there; recover a cut one first.
 
-    Does nothing while a recorder is at work in the folder: it writes its own line.
+    Has no effect while a recorder runs in the folder; it writes its own entry.
     """
     try:
         with FileLock(folder / LOCK, timeout=0):
-            known = {each.file for each in read_journal(folder).recorded}
+            known = {trial.file for trial in read_journal(folder).recorded}
             for path in recordings_in(folder):
                 if path.name not in known:
-                    write_recorded(folder, _account_of(path))
+                    write_recorded(folder, _recorded_from(path))
     except Timeout:
         return
 
 
-def _account_of(path: Path) -> Recorded:
+def _recorded_from(path: Path) -> Recorded:
     try:
         recording = open_recording(path)
-        words = ""
+        killed = None
         if not recording.complete:
             report = recover(path)
             write_checksums(path, report.output)
-            path, words = report.output, "; ".join(("the recorder was killed in mid trial", *report.sentences()))
+            path, killed = report.output, Message(TrialCode.RECORDER_KILLED, {"text": "; ".join(report.sentences())})
         manifest, outcome = recording.manifest, recording.outcome
     except RecordingError as error:
-        return Recorded(path.name, None, "unreadable", 0, "", accepted=False, lost_samples=0, sentence=str(error))
+        unreadable = Message(TrialCode.UNREADABLE, {"text": str(error)})
+        place = (path.name, None, "unreadable", 0, "")
+        return Recorded(*place, accepted=False, lost_samples=0, sentence=str(unreadable), codes=(unreadable,))
     cuff = manifest.cuff.name if manifest.cuff else None
-    is_accepted = not words and outcome is not None and outcome.accepted
-    said = words or (outcome.sentence if outcome else "")
-    place = (cuff, manifest.test, manifest.repeat, manifest.donning)
-    return Recorded(path.name, *place, is_accepted, 0, said, manifest.origin)
+    is_accepted = killed is None and outcome is not None and outcome.accepted
+    sentence = str(killed) if killed else outcome.sentence if outcome else ""
+    known = {code.value: code for code in TrialCode}
+    codes = [Message(known[code]) for code in outcome.codes if code in known] if outcome else []
+    return Recorded(
+        path.name,
+        cuff,
+        manifest.test,
+        manifest.repeat,
+        manifest.donning,
+        is_accepted,
+        0,
+        sentence,
+        manifest.origin,
+        (killed,) if killed else tuple(codes),
+        manifest.condition,
+    )

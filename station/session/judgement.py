@@ -1,8 +1,8 @@
-"""What a recording says, in one screen: its own figures, those of the session so far, and whether to keep it."""
+"""The verdict on one recording: its figures, those of the donning so far, and whether to keep it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -10,32 +10,37 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.bounce import BounceTrial, fit_bounce
-from fitting.curves import TrialCurves
-from fitting.outlying import SLIPPED, find_outliers, has_slipped
-from fitting.quality import UnusableTrial, zero_notes
-from fitting.result import CuffFit, SessionFit, TrialFit
+from fitting.cuffs.cuff_fit import CuffFit, SessionFit
+from fitting.cuffs.trial_fit import SLIPPED, TrialFit, find_outliers, has_slipped
+from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.errors import UnusableTrial
 from fitting.results.codes import Verdict
 from fitting.results.rendering import sentence_of
-from fitting.trial import RejectedTrial
+from fitting.trial.bounce import BounceTrial, fit_bounce
+from fitting.trial.force_quality import zero_notes
+from fitting.trial.trial import RejectedTrial, Trial
 from fitting.uncertainty import Estimate
 from recordings.errors import RecordingError
 from station.fit import SessionError, fit_donning_of, read_recording
 from station.interval import bracketed, digits_of, rounded
-from station.journal import Choice, JournalError, Recorded, read_journal
+from station.journal import JournalError, Recorded, read_journal
+from station.journal_lines import Choice
+from station.messages.codes import ReasonCode
+from station.messages.message import Message
+from station.protocol import BODY_TESTS, describe_trial
+from station.session.wearer_findings import WearerFindings, examine_wearer_trial
 
 Grade = Literal["good", "doubtful", "bad"]
-REMEDIES = {
-    "static": "load the cuff to every step",
-    "dynamic": "pull the spring about once a second for the whole test",
-}
-"""What is to be done differently where a trial gives nothing."""
+Reason = Message[ReasonCode]
+NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
 SHOWN_POINTS = 400
+MISSING = "-"
+"""In the place of a figure that there is not."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity in words: of this trial, of the earlier repeats, and of the donning with this trial in it."""
+    """One quantity as text: of this trial, of the earlier repeats, and of the donning including this trial."""
 
     quantity: str
     this: str
@@ -45,7 +50,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Figure:
-    """One quantity of this trial with its 95 % interval, in the unit that its name ends with; SI."""
+    """One quantity of this trial with its 95 % interval [SI]; the unit is the end of its name."""
 
     quantity: str
     value: float
@@ -55,29 +60,33 @@ class Figure:
 
 @dataclass(frozen=True)
 class Judgement:
-    """advice is what the figures speak for, and reasons say why; the operator decides.
+    """advice follows from the reasons; the operator decides.
 
-    path is (displacement mm, force N) to draw, marks the numbers of the moments that were marked. doubts are what this
-    recording should have told of its donning and did not.
+    verdicts: the results of the donning that are not identified so far, without those of tests still to come.
+    path is (displacement mm, force N) to draw; marks is the number of marks.
     """
 
     file: str
     title: str
     advice: Choice
-    reasons: tuple[str, ...]
-    rows: tuple[Row, ...]
-    notes: tuple[str, ...]
-    path: tuple[tuple[float, float], ...]
-    marks: int
+    reasons: tuple[Reason, ...]
+    rows: tuple[Row, ...] = ()
+    notes: tuple[str, ...] = ()
+    path: tuple[tuple[float, float], ...] = ()
+    marks: int = 0
     figures: tuple[Figure, ...] = ()
-    doubts: tuple[str, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
 
     @property
     def grade(self) -> Grade:
-        """good only where everything was checked and is right."""
+        """good only if everything was checked and no problem was found."""
         if self.advice == "redo":
             return "bad"
-        return "doubtful" if self.reasons or self.doubts or not self.rows else "good"
+        return "doubtful" if self.reasons or self.verdicts or not self.rows else "good"
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        return tuple(map(sentence_of, self.verdicts))
 
 
 QUANTITIES = {
@@ -88,76 +97,126 @@ QUANTITIES = {
 SI_NAMES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
 
 
-def be_ready() -> None:
-    """Importing this module is what takes a worker's time."""
+def warm_up() -> None:
+    """Do nothing: the import of this module, which takes seconds, is the effect."""
 
 
 def judge_recording(folder: Path, file: str) -> Judgement:
-    """Fit the donning with this recording in it. Never raises: what goes wrong is told, and the recording is safe."""
+    """Fit the donning that includes this recording, or examine the wearer's trial.
+
+    Never raises: an error is a reason, and the recording is safe.
+    """
     marks = 0
     try:
         journal = read_journal(folder)
         recorded = {entry.file: entry for entry in journal.recorded}.get(file)
+        if recorded is not None and recorded.test in BODY_TESTS:
+            return _judge_wearer(examine_wearer_trial(folder / file), recorded)
         reading = read_recording(folder / file)
         marks = reading.marks
-        if isinstance(reading, BounceTrial):
-            return _judge_bounce(reading, recorded)
-        if isinstance(reading, RejectedTrial):
-            return Judgement(file, _title(recorded, file), "redo", (reading.reason,), (), (), (), marks)
+        if not isinstance(reading, Trial):
+            return _judge_unfitted(reading, recorded)
         fitted = fit_donning_of(folder, reading)
     except (SessionError, JournalError, RecordingError, UnusableTrial) as error:
-        return Judgement(file, file, "redo", (str(error),), (), (), (), marks)
-    except Exception as error:  # a fault of ours must not hold the operator up
-        words = f"the fit failed on it ({type(error).__name__}: {error}); the recording is stored, keep it and tell us"
-        return Judgement(file, file, "accept", (words,), (), (), (), marks)
-    rejected = [trial.reason for trial in fitted.rejected if trial.file == file]
-    of_trial, of_cuff = _find(fitted, file)
-    if of_trial is None or of_cuff is None:
-        reasons = tuple(rejected) or ("the fit makes no use of this recording",)
+        return Judgement(file, file, "redo", (_unusable(str(error)),), marks=marks)
+    except Exception as error:  # an unexpected error must not stop the operator
+        reason = Message(ReasonCode.FIT_FAILED, {"text": f"{type(error).__name__}: {error}"})
+        return Judgement(file, file, "accept", (reason,), marks=marks)
+    trial, cuff = _find(fitted, file)
+    if trial is None or cuff is None:
+        rejected = tuple(_unusable(str(trial.reason)) for trial in fitted.rejected if trial.file == file)
         advice: Choice = "redo" if rejected else "accept"
-        return Judgement(file, _title(recorded, file), advice, reasons, (), (), (), marks)
+        return Judgement(file, _title(recorded, file), advice, rejected or (Message(ReasonCode.NOT_USED),), marks=marks)
+    return _judge_trial(trial, cuff, recorded, fitted.pulls.get(file), marks)
+
+
+def judgement_without_fit(file: str) -> Judgement:
+    """The judgement of a recording whose fit was killed twice: the operator decides without figures."""
+    return Judgement(file, file, "accept", (Message(ReasonCode.FIT_KILLED),))
+
+
+def _judge_trial(
+    trial: TrialFit, cuff: CuffFit, recorded: Recorded | None, fitted: FittedPull | None, marks: int
+) -> Judgement:
     others = [
-        each for each in of_cuff.trials if each.test == of_trial.test and each.file != file and each.state == "used"
+        other
+        for other in cuff.trials
+        if other.test == trial.test and other.file != trial.file and other.state == "used"
     ]
-    curves = fitted.curves.get(file)
-    moved = () if curves is None else zero_notes(of_trial.zero_drift, float(np.ptp(curves.force)))
-    reasons = (*_against(recorded, of_trial, others), *moved)
+    zero = () if fitted is None else zero_notes(trial.zero_drift, float(np.ptp(fitted.pull.force)))
+    reasons = (
+        *_reasons(recorded, trial, cuff, others),
+        *(Message(ReasonCode.ZERO_DRIFT, {"text": note}) for note in map(str, zero)),
+    )
+    shown = set(map(str, reasons))
     return Judgement(
-        file=file,
-        title=_title(recorded, file),
+        file=trial.file,
+        title=_title(recorded, trial.file),
         advice="redo" if reasons else "accept",
         reasons=reasons,
-        rows=tuple(_rows(of_trial, others, of_cuff)),
+        rows=tuple(_rows(trial, others, cuff)),
         notes=(
-            *(note for note in of_trial.notes if note not in reasons),
-            *map(str, of_cuff.notes),
-            *(f"so far: {sentence_of(verdict)}" for verdict in of_cuff.verdicts),
+            *(note for note in map(str, trial.notes) if note not in shown),
+            *map(str, cuff.notes),
+            *(sentence_of(verdict) for verdict in cuff.verdicts if verdict is Verdict.IDENTIFIED),
         ),
-        path=_path(curves),
+        path=_path(fitted),
         marks=marks,
-        figures=_figures({name: getattr(of_trial, field) for field, name in SI_NAMES.items()}),
-        doubts=_doubts(of_trial, of_cuff),
+        figures=_figures({name: getattr(trial, field) for field, name in SI_NAMES.items()}),
+        verdicts=_open_verdicts(trial, cuff),
     )
 
 
-def unjudged(file: str) -> Judgement:
-    """Of a recording whose fit was killed each time: the operator decides by what was seen."""
-    words = "the fit of it was killed twice, as a system does that is short of memory; the recording is stored"
-    return Judgement(file, file, "accept", (words,), (), (), (), 0)
+def _judge_unfitted(reading: BounceTrial | RejectedTrial, recorded: Recorded | None) -> Judgement:
+    """Raises UnusableTrial if a bounce calibrates nothing."""
+    if isinstance(reading, BounceTrial):
+        return _judge_bounce(reading, recorded)
+    title, reason = _title(recorded, reading.file), _unusable(str(reading.reason))
+    return Judgement(reading.file, title, "redo", (reason,), marks=reading.marks)
 
 
 def _judge_bounce(bounce: BounceTrial, recorded: Recorded | None) -> Judgement:
-    """Raises UnusableTrial where the bounce calibrates nothing."""
+    """Raises UnusableTrial if the bounce calibrates nothing."""
     fit = fit_bounce(bounce)
     figures = {"lag [ms]": (fit.lag, 1e3), "gain": (fit.gain, 1.0), "zero [N]": (fit.zero, 1.0)}
-    rows = tuple(Row(name, _words(found.estimate, scale), "-", "-") for name, (found, scale) in figures.items())
+    rows = tuple(
+        Row(name, _text(repeat.estimate, scale), MISSING, MISSING) for name, (repeat, scale) in figures.items()
+    )
     measured = _figures({"lag_s": fit.lag.estimate, "gain": fit.gain.estimate, "zero_n": fit.zero.estimate})
-    title = _title(recorded, bounce.file)
-    return Judgement(bounce.file, title, "accept", (), rows, fit.notes, (), bounce.marks, measured)
+    notes = tuple(map(str, fit.notes))
+    return Judgement(
+        bounce.file,
+        _title(recorded, bounce.file),
+        "accept",
+        (),
+        rows,
+        notes,
+        marks=bounce.marks,
+        figures=measured,
+    )
+
+
+def _judge_wearer(findings: WearerFindings, recorded: Recorded) -> Judgement:
+    reasons = (*_recorder_reasons(recorded), *findings.reasons)
+    return Judgement(
+        recorded.file,
+        _title(recorded, recorded.file),
+        "redo" if reasons else "accept",
+        reasons,
+        tuple(Row(quantity, text, MISSING, MISSING) for quantity, text in findings.quantities.items()),
+        findings.notes,
+        marks=findings.marks,
+    )
+
+
+def _unusable(text: str) -> Reason:
+    return Message(ReasonCode.UNUSABLE, {"text": text})
 
 
 def _figures(estimates: Mapping[str, Estimate | None]) -> tuple[Figure, ...]:
-    return tuple(Figure(name, each.value, *each.ci95) for name, each in estimates.items() if each is not None)
+    return tuple(
+        Figure(name, estimate.value, *estimate.ci95) for name, estimate in estimates.items() if estimate is not None
+    )
 
 
 def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | None]:
@@ -169,67 +228,72 @@ def _find(fitted: SessionFit, file: str) -> tuple[TrialFit | None, CuffFit | Non
     return None, None
 
 
-def _against(recorded: Recorded | None, trial: TrialFit, others: Sequence[TrialFit]) -> tuple[str, ...]:
-    """Everything that speaks against keeping this recording."""
-    reasons = []
-    if recorded is not None and not recorded.accepted:
-        reasons.append(recorded.sentence)
-    if recorded is not None and recorded.lost_samples:
-        reasons.append(f"{recorded.lost_samples} samples were lost on the way")
+def _reasons(recorded: Recorded | None, trial: TrialFit, cuff: CuffFit, others: Sequence[TrialFit]) -> Iterator[Reason]:
+    """Reasons to repeat this trial."""
+    yield from _recorder_reasons(recorded)
+    # An uncertain lag is the same in a repeated trial: only a bounce helps, as the verdict says.
+    has_open_lag = trial.test == "dynamic" and Verdict.LAG in cuff.verdicts
     if trial.state == "unusable":
-        reasons.append(trial.reason)
-    elif not any(getattr(trial, name) for name in ("stiffness", "damping")):
-        reasons.append(f"this {trial.test} trial gives neither stiffness nor damping; {REMEDIES[trial.test]}")
+        yield _unusable(str(trial.reason))
+    elif trial.stiffness is None and trial.damping is None and not has_open_lag:
+        yield Message(NO_RESULT[trial.test])
     if trial.migration is not None and has_slipped(trial):
-        reasons.append(
-            f"the cuff slipped by {1e3 * trial.migration.value:.0f} mm in this trial, more than any cuff should "
-            f"({1e3 * SLIPPED:.0f} mm); tighten its straps, don it anew and redo it"
-        )
-    for outlier in find_outliers(trial, others):
+        yield Message(ReasonCode.SLIPPED, {"slip_mm": 1e3 * trial.migration.value, "limit_mm": 1e3 * SLIPPED})
+    for outlier in () if has_open_lag else find_outliers(trial, others):
         symbol, scale, unit, digits = QUANTITIES[outlier.quantity]
-        reasons.append(
-            f"{symbol} is {rounded(scale * outlier.value, digits)} {unit}, the earlier repeats say "
-            f"{rounded(scale * outlier.mean, digits)}: {outlier.distance:.0f} standard errors apart"
+        yield Message(
+            ReasonCode.OUTLIER,
+            {
+                "symbol": symbol,
+                "value": rounded(scale * outlier.value, digits),
+                "mean": rounded(scale * outlier.mean, digits),
+                "unit": unit,
+                "distance": outlier.distance,
+            },
         )
-    return tuple(reasons)
 
 
-def _doubts(trial: TrialFit, cuff: CuffFit) -> tuple[str, ...]:
-    """What is not identified of the donning so far, but for the damping that no dynamic trial has told yet."""
+def _recorder_reasons(recorded: Recorded | None) -> Iterator[Reason]:
+    if recorded is not None and not recorded.accepted:
+        yield Message(ReasonCode.NOT_ACCEPTED, {"text": recorded.sentence})
+    if recorded is not None and recorded.lost_samples:
+        yield Message(ReasonCode.LOST_SAMPLES, {"samples": recorded.lost_samples})
+
+
+def _open_verdicts(trial: TrialFit, cuff: CuffFit) -> tuple[Verdict, ...]:
+    """Results of the donning that are not identified so far; after a static trial the dynamic one is still to come."""
     to_come = (Verdict.NO_DYNAMIC,) if trial.test == "static" else ()
-    found = (verdict for verdict in cuff.verdicts if verdict not in (Verdict.IDENTIFIED, *to_come))
-    return tuple(map(sentence_of, found))
+    return tuple(verdict for verdict in cuff.verdicts if verdict not in (Verdict.IDENTIFIED, *to_come))
 
 
 def _rows(trial: TrialFit, others: Sequence[TrialFit], cuff: CuffFit) -> list[Row]:
     rows = []
     for name, (symbol, scale, unit, _) in QUANTITIES.items():
-        earlier = [getattr(each, name) for each in others if getattr(each, name) is not None]
-        words = [
-            _words(getattr(trial, name), scale),
-            ", ".join(rounded(scale * each.value, digits_of(each.ci95, scale)) for each in earlier),
-        ]
-        rows.append(Row(f"{symbol} [{unit}]", words[0], words[1] or "-", _words(getattr(cuff, name), scale)))
+        earlier = [getattr(other, name) for other in others if getattr(other, name) is not None]
+        listed = ", ".join(rounded(scale * estimate.value, digits_of(estimate.ci95, scale)) for estimate in earlier)
+        this, so_far = _text(getattr(trial, name), scale), _text(getattr(cuff, name), scale)
+        rows.append(Row(f"{symbol} [{unit}]", this, listed or MISSING, so_far))
     return rows
 
 
-def _words(estimate: Estimate | None, scale: float) -> str:
-    return "-" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
+def _text(estimate: Estimate | None, scale: float) -> str:
+    return MISSING if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
 
 
 def _title(recorded: Recorded | None, file: str) -> str:
     if recorded is None:
         return file
-    return f"{recorded.cuff or 'load cell'}, {recorded.test}, repeat {recorded.repeat}"
+    return describe_trial(recorded.cuff, recorded.test, recorded.repeat, recorded.condition)
 
 
-def _path(curves: TrialCurves | None) -> tuple[tuple[float, float], ...]:
-    """Force over displacement, evenly thinned."""
-    if curves is None:
+def _path(fitted: FittedPull | None) -> tuple[tuple[float, float], ...]:
+    """Force over displacement, decimated evenly."""
+    if fitted is None:
         return ()
-    force: NDArray[np.float64] = np.interp(curves.marker_time, curves.force_time, curves.force)
-    seen = np.flatnonzero(np.isfinite(curves.displacement) & np.isfinite(force))
-    chosen = (
-        seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), SHOWN_POINTS)).astype(int))] if len(seen) else seen
-    )
-    return tuple((round(1e3 * float(curves.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)
+    pull = fitted.pull
+    force: NDArray[np.float64] = np.interp(pull.marker_time, pull.force_time, pull.force)
+    seen = np.flatnonzero(np.isfinite(pull.displacement) & np.isfinite(force))
+    if not len(seen):
+        return ()
+    chosen = seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), SHOWN_POINTS)).astype(int))]
+    return tuple((round(1e3 * float(pull.displacement[i]), 3), round(float(force[i]), 3)) for i in chosen)

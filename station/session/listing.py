@@ -1,4 +1,4 @@
-"""The sessions of a folder: whose they are, when they began, how far they are."""
+"""The sessions of a folder: subject, start, progress."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from datetime import datetime
 from pathlib import Path
 
 from station.journal import JOURNAL_FILE, JournalError, Setup, read_journal
-from station.session.agenda import agenda
+from station.session.plan_status import plan_status
 
 
 @dataclass(frozen=True)
 class ListedSession:
-    """done of its trials are accepted; begun is local time, None where the journal does not tell."""
+    """done of its trials are accepted; begun is local time, None if the journal has no start."""
 
     setup: Setup
     folder: Path
@@ -22,19 +22,19 @@ class ListedSession:
 
 
 def list_sessions(folder: Path) -> list[ListedSession]:
-    """Those in the folders of this one, the last one that anything was written of first."""
-    found = []
+    """Sessions in the subfolders, the one with the latest journal entry first."""
+    listed = []
     for path in folder.glob(f"*/{JOURNAL_FILE}"):
         try:
             journal = read_journal(path.parent)
         except JournalError:
             continue
         if journal.setup is not None:
-            plan = agenda(journal.setup, journal, path.parent)
+            plan = plan_status(journal.setup, journal, path.parent)
             begun = _local(journal.begun)
-            listed = ListedSession(journal.setup, path.parent, begun, len(plan.done), len(plan.trials))
-            found.append((path.stat().st_mtime, listed))
-    return [listed for _, listed in sorted(found, key=lambda entry: -entry[0])]
+            session = ListedSession(journal.setup, path.parent, begun, len(plan.done), len(plan.trials))
+            listed.append((path.stat().st_mtime, session))
+    return [session for _, session in sorted(listed, key=lambda entry: -entry[0])]
 
 
 def _local(utc: str) -> datetime | None:

@@ -1,4 +1,4 @@
-"""The session that a console or a terminal has open: its folder, plan and state."""
+"""The session that is open in a console or terminal: folder, plan and state."""
 
 from __future__ import annotations
 
@@ -11,22 +11,28 @@ from station.bench.session_folder import is_for_simulated, rehearsal_folder
 from station.config import StationConfig
 from station.errors import StationError
 from station.journal import JOURNAL_FILE, Journal, Setup, read_journal, write_setup, write_skipped
+from station.messages.codes import CommandCode
+from station.messages.message import Message
 from station.protocol import TrialSpec
-from station.session.agenda import Agenda, agenda
 from station.session.judgement import Judgement
-from station.session.plan_check import fault_of, masses_of, plan_in_words
+from station.session.plan_check import check_setup, describe_plan, load_steps
+from station.session.plan_status import PlanStatus, plan_status
 from station.session.summary import Summary
 
 
 class CommandRefused(StationError):
-    """The operator's command cannot be carried out now; one sentence."""
+    """The command of the operator cannot be executed now."""
+
+    @classmethod
+    def of(cls, code: CommandCode, **figures: float | str) -> CommandRefused:
+        return cls(Message(code, figures))
 
 
 class OpenSession:
-    """At most one session at a time. Raises CommandRefused, JournalError: one sentence, for the page that asked.
+    """At most one session at a time. Methods raise CommandRefused and JournalError.
 
-    judgement, summary and message are what is known of its last recording, of all, and of the last command;
-    has_running_trial is kept by the trial runner.
+    judgement is of the last recording, summary of the whole session, message of the last command; the trial runner
+    sets has_running_trial.
     """
 
     def __init__(self, config: StationConfig, speed: float | None, clock_port: int | None) -> None:
@@ -40,101 +46,99 @@ class OpenSession:
 
     @property
     def journal(self) -> Journal:
-        """As it is on the disk now: the recorder writes into it too."""
+        """The journal as it is on the disk now; the recorder and other consoles also write into it."""
         if self.folder is None:
             return Journal()
         try:
-            seen = (self.folder / JOURNAL_FILE).stat()
+            status = (self.folder / JOURNAL_FILE).stat()
         except FileNotFoundError:
             return Journal()
-        stamp = seen.st_mtime_ns, seen.st_size
+        stamp = status.st_mtime_ns, status.st_size
         if self._read is None or self._read[0] != stamp:
             self._read = stamp, read_journal(self.folder)
         return self._read[1]
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the bench is simulated, or this session's folder is for simulated data, or holds some."""
+        """Whether the bench is simulated, or the session's folder is for simulated data or holds some."""
         is_marked = any(trial.origin == DataOrigin.SIMULATED for trial in self.journal.recorded)
         is_in_place = self.folder is not None and not self.is_rehearsal and is_for_simulated(self.folder)
         return self.clock_port is not None or is_marked or is_in_place
 
     @property
-    def agenda(self) -> Agenda | None:
+    def plan(self) -> PlanStatus | None:
         journal = self.journal
         if self.folder is None or journal.setup is None:
             return None
-        return agenda(journal.setup, journal, self.folder)
+        return plan_status(journal.setup, journal, self.folder)
 
     def folder_of(self, setup: Setup) -> Path:
         return self.config.session.folder / f"sub-{setup.subject}_ses-{setup.number}"
 
     def begin(self, setup: Setup, *, is_rehearsal: bool = False, folder: Path | None = None) -> None:
-        """Opens a session, by default in the folder of its name; one that is there already goes on where it was."""
+        """Open a session, by default in the folder of its name; an existing one is resumed."""
         self.refuse_while_running()
-        fault = fault_of(setup, self.config)
+        fault = check_setup(setup, self.config)
         if fault is not None:
             raise CommandRefused(fault)
         folder = rehearsal_folder() if is_rehearsal else folder or self.folder_of(setup)
         before = read_journal(folder).setup
-        if before is not None and (planned := plan_in_words(before, self.config)) != plan_in_words(setup, self.config):
-            raise CommandRefused(
-                f"session {setup.number} of {setup.subject} was planned with {planned}; resume it "
-                "as it is or give this one another session number"
-            )
+        if before is not None and (plan := describe_plan(before, self.config)) != describe_plan(setup, self.config):
+            figures = {"number": setup.number, "subject": setup.subject, "plan": plan}
+            raise CommandRefused.of(CommandCode.OTHER_PLAN, **figures)
         if before is None:
             write_setup(folder, setup)
         self._open(folder, is_rehearsal=is_rehearsal)
 
     def resume(self, folder: Path) -> None:
-        """Opens the session of this folder where it was left, by whomever: another console, or a terminal."""
+        """Resume the session of this folder, also one of another console or of a terminal."""
         self.refuse_while_running()
         if read_journal(folder).setup is None:
-            raise CommandRefused(f"{folder} holds no session that could go on: its {JOURNAL_FILE} has no plan")
+            raise CommandRefused.of(CommandCode.NO_PLAN, folder=str(folder), file=JOURNAL_FILE)
         self._open(folder, is_rehearsal=False)
 
     def leave(self) -> None:
-        """Closes the session; nothing is kept of a rehearsal."""
+        """Close the session; delete a rehearsal."""
         self.refuse_while_running()
         if self.is_rehearsal and self.folder is not None:
             shutil.rmtree(self.folder.parent, ignore_errors=True)
         self.folder, self.is_rehearsal, self.judgement, self.message = None, False, None, ""
 
     def resume_plan(self) -> None:
-        """Back from an early end: the plan goes on where it was."""
+        """Return from an early end to the plan."""
         self.is_ending, self.summary, self.message = False, None, ""
 
     def skip(self) -> TrialSpec:
-        """Passes over the next trial of the plan, while none runs."""
+        """Skip the next trial of the plan, while none runs."""
         self.refuse_while_running()
-        plan = self.agenda
+        plan = self.plan
         if plan is None or self.folder is None or plan.spec is None:
-            raise CommandRefused("no trial of the plan is left to skip")
+            raise CommandRefused.of(CommandCode.NOTHING_TO_SKIP)
         write_skipped(self.folder, plan.spec)
         return plan.spec
 
     def refuse_while_running(self) -> None:
         if self.has_running_trial:
-            raise CommandRefused("a trial is running; stop it or wait for its end")
+            raise CommandRefused.of(CommandCode.TRIAL_RUNNING)
 
-    def next_spec(self, plan: Agenda) -> TrialSpec:
+    def next_spec(self, plan: PlanStatus) -> TrialSpec:
         """The next trial of the plan, with its file named as configured."""
         setup = self.journal.setup
         if plan.undecided is not None:
-            raise CommandRefused(f"{plan.undecided.file} waits for accept or redo; decide that first")
+            raise CommandRefused.of(CommandCode.UNDECIDED, file=plan.undecided.file)
         if plan.spec is None or setup is None:
-            raise CommandRefused("every trial of the plan is accepted; the session is complete")
-        keep = {"test": "{test}", "cuff": "{cuff}", "run": "{run}"}
-        name = self.config.session.file_name.format(subject=setup.subject, session=setup.number, **keep)
+            raise CommandRefused.of(CommandCode.COMPLETE)
+        fields = {"test": "{test}", "cuff": "{cuff}", "run": "{run}"}
+        name = self.config.session.file_name.format(subject=setup.subject, session=setup.number, **fields)
         return replace(plan.spec, name=name)
 
     @property
     def trial_config(self) -> StationConfig:
-        """The configuration with the load steps of this session, which the fit checks and every recording stores."""
+        """The configuration with the load steps of this session; every recording stores it, and the fit checks them."""
         setup = self.journal.setup
         if setup is None:
             return self.config
-        protocol = self.config.protocol.model_copy(update={"step_masses_kg": masses_of(setup, self.config)})
+        protocol = self.config.protocol.model_copy(update={"step_masses_kg": load_steps(setup, self.config)})
         return self.config.model_copy(update={"protocol": protocol})
 
     def _open(self, folder: Path, *, is_rehearsal: bool) -> None:

@@ -1,4 +1,4 @@
-"""Whether a session can be done as it was set up."""
+"""Check the set-up of a session."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 
 from station.config import StationConfig
 from station.journal import Setup
+from station.messages.codes import CommandCode
+from station.messages.message import Message
 
 SUBJECT = re.compile(r"[A-Za-z0-9]{1,32}")
 NAME = re.compile(r"\D*[^\W\d_]{3}\D*")
@@ -16,28 +18,35 @@ def looks_like_a_name(subject: str) -> bool:
     return NAME.fullmatch(subject.strip()) is not None
 
 
-def fault_of(setup: Setup, config: StationConfig) -> str | None:
-    """What is wrong with a setup, in one sentence; None where it can be done."""
+def check_setup(setup: Setup, config: StationConfig) -> Message[CommandCode] | None:
+    """The first fault of a set-up; None if there is none."""
     if not SUBJECT.fullmatch(setup.subject):
-        return (
-            f"the subject is {setup.subject!r}, expected a code of letters and digits, like P01: it becomes part "
-            "of file names"
-        )
+        return Message(CommandCode.WRONG_SUBJECT, {"subject": repr(setup.subject)})
     if not SUBJECT.fullmatch(setup.number):
-        return f"the session is {setup.number!r}, expected letters and digits, like 1 or monday"
-    unknown = [cuff for cuff in setup.cuffs if cuff not in config.cuffs]
-    if unknown or not setup.cuffs:
-        return f"no cuff {', '.join(unknown) or 'is chosen'}; the configuration has {', '.join(config.cuffs)}"
+        return Message(CommandCode.WRONG_NUMBER, {"number": repr(setup.number)})
     if not all(mass > 0 for mass in setup.step_masses_kg):
-        return f"the load steps are {setup.step_masses_kg} kg, expected masses above 0"
-    return None
+        return Message(CommandCode.WRONG_MASSES, {"masses": str(setup.step_masses_kg)})
+    return _check_subjects(setup, config)
 
 
-def masses_of(setup: Setup, config: StationConfig) -> tuple[float, ...]:
-    """The session's load steps [kg]; those of the configuration where it has none of its own."""
+def _check_subjects(setup: Setup, config: StationConfig) -> Message[CommandCode] | None:
+    """The first fault of the cuffs and of the wearer's trials; a session of the wearer's trials alone needs no cuff."""
+    known = ", ".join(config.cuffs)
+    if not setup.cuffs and not setup.conditions:
+        return Message(CommandCode.NO_CUFF_CHOSEN, {"known": known})
+    unknown = [cuff for cuff in setup.cuffs if cuff not in config.cuffs]
+    if unknown:
+        return Message(CommandCode.UNKNOWN_CUFF, {"unknown": ", ".join(unknown), "known": known})
+    return Message(CommandCode.NO_BODY) if setup.conditions and config.body is None else None
+
+
+def load_steps(setup: Setup, config: StationConfig) -> tuple[float, ...]:
+    """The load steps of the session [kg]; those of the configuration if the set-up has none."""
     return setup.step_masses_kg or config.protocol.step_masses_kg
 
 
-def plan_in_words(setup: Setup, config: StationConfig) -> str:
-    masses = " + ".join(f"{mass:g}" for mass in masses_of(setup, config))
-    return f"{setup.repeats} repeats of {', '.join(setup.cuffs)}" + (f" and steps of {masses} kg" if masses else "")
+def describe_plan(setup: Setup, config: StationConfig) -> str:
+    masses = " + ".join(f"{mass:g}" for mass in load_steps(setup, config))
+    motions = f", motions {', '.join(setup.conditions)}" if setup.conditions else ""
+    steps = f" and steps of {masses} kg" if masses else ""
+    return f"{setup.repeats} repeats of {', '.join(setup.cuffs)}{steps}{motions}"

@@ -1,4 +1,4 @@
-"""The end of a session, done in the worker: cuffs.json, the assessment, the report, and what the page says of them."""
+"""Summary of a session, made in the worker: cuffs.json, the assessment, the report, and their texts for the page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitting.result import CuffFit
+from fitting.cuffs.cuff_fit import CuffFit
 from fitting.uncertainty import Estimate
 from station.errors import StationError
 from station.fit import SessionError, fit_session_folder
@@ -16,42 +16,42 @@ DRAWS = 50
 
 
 class SummaryError(StationError):
-    """The session cannot be summed up; one sentence."""
+    """The session cannot be fitted."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """rows: a cuff each, heading → words; findings: the assessment in sentences."""
+    """rows: one per cuff, heading → text; findings: the assessment in sentences."""
 
     rows: tuple[dict[str, str], ...]
     findings: tuple[str, ...]
 
 
 def summarise(folder: Path) -> Summary:
-    """Writes cuffs.json, assessment.json and report.html into the session's folder, of the trials that there are."""
+    """Write cuffs.json, assessment.json and report.html into the session's folder, from the trials recorded so far."""
     from station.report.page import write_report
 
     try:
         fitted = fit_session_folder(folder, folder / "cuffs.json")
     except SessionError as error:
-        raise SummaryError(str(error)) from error
+        raise SummaryError(error.cause) from error
     rows = tuple(
         {
             "cuff": name,
-            "k [N/m]": of_cuff(cuff, "stiffness", _words(cuff.stiffness)),
-            "c [N s/m]": of_cuff(cuff, "damping", _words(cuff.damping)),
-            "migration [mm]": of_cuff(cuff, "migration", _words(cuff.migration, 1e3)),
+            "k [N/m]": of_cuff(cuff, "stiffness", _text(cuff.stiffness)),
+            "c [N s/m]": of_cuff(cuff, "damping", _text(cuff.damping)),
+            "migration [mm]": of_cuff(cuff, "migration", _text(cuff.migration, 1e3)),
             "verdict": cuff.verdict,
         }
         for name, cuff in fitted.cuffs.items()
     )
-    said = _assess_what_is_there(folder, fitted.cuffs)
+    findings = _assess(folder, fitted.cuffs)
     write_report(folder, fitted)
-    return Summary(rows, said)
+    return Summary(rows, findings)
 
 
-def _assess_what_is_there(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[str, ...]:
-    """assessment.json of the cuffs that can be worn; what was found, and what is left out or assumed, by name."""
+def _assess(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[str, ...]:
+    """Write assessment.json of the cuffs that can be worn; return assumptions, omissions and findings as sentences."""
     from solver.motion import MotionError
     from solver.suit.suit import SuitError
     from station.assessment.assess import assess_cuffs, write_assessment
@@ -66,8 +66,8 @@ def _assess_what_is_there(folder: Path, cuffs: Mapping[str, CuffFit]) -> tuple[s
     except (SuitError, MotionError, InputError) as error:
         return (*remarks, f"no assessment: {error}")
     write_assessment(assessed, folder)
-    return (*remarks, *findings(assessed.assessment))
+    return (*remarks, *map(str, findings(assessed.assessment)))
 
 
-def _words(estimate: Estimate | None, scale: float = 1.0) -> str:
+def _text(estimate: Estimate | None, scale: float = 1.0) -> str:
     return "not identified" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)

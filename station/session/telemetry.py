@@ -1,8 +1,9 @@
-"""What a session shows of a running trial: lines of JSON, twenty a second, from the recorder's process.
+"""Telemetry of a running trial: lines of JSON, twenty a second, from the recorder process to the console.
 
-A line holds when it was written (at, Unix seconds), the trial's state, the rate of each stream, where each marker is
-(points, mm, null where it is hidden, in the order of seen), and what came since the line before. When nobody reads them
-the view falls behind and drops; the recorder does not notice.
+A line holds its time (at, Unix seconds), the state of the trial with its codes, the rate of every stream, the position
+of every marker (points, mm, null if hidden, in the order of seen), the RMS of the last EMG (emg_uv, microvolts), and
+force, displacement of the cuff or elevation of the wearer's arm, and events since the last line. If the console does
+not read, items are dropped and counted; the recording is not affected.
 """
 
 from __future__ import annotations
@@ -18,54 +19,62 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.manifest import CuffSite, LoadCell
+from fitting.trial.analog_signals import VOLTS
+from fitting.wearer.arm_cycles import elevation_of
+from recordings.manifest import BodyMarkers, CuffSite, EmgAmplifier, LoadCell
 from recordings.samples import Event, Item, Loss, Samples
+from recordings.topics import EMG
 from station.bench.background_view import BackgroundView
 from station.bench.bench_clock import BenchClock
 from station.bench.disk import RESERVE_BYTES, bytes_free
 from station.bench.live import StreamTally
 from station.bench.live_displacement import LiveDisplacement
 from station.bench.snapshot import Snapshot, TrialState
+from station.messages.message import join_sentences
 
 REFRESH_S = 0.05
 RATE_REFRESHES = 60
 BACKLOG = 2000
 POINT_S = 0.025
 """Station seconds between two points of a curve."""
-GLANCE_S = 2.0
-"""Wall seconds between two looks at the disk."""
+DISK_INTERVAL_S = 2.0
+"""Wall seconds between two queries of the free disk space."""
 
 
 @dataclass
-class _Since:
-    """What came since the last line."""
+class _NewData:
+    """Data since the last line."""
 
     force: list[tuple[float, float]] = field(default_factory=list)  # s, N
     displacement: list[tuple[float, float]] = field(default_factory=list)  # s, mm
-    words: list[str] = field(default_factory=list)
+    elevation: list[tuple[float, float]] = field(default_factory=list)  # s, deg
+    events: list[str] = field(default_factory=list)
 
 
 class Telemetry(BackgroundView):
     """A view of one trial. Times are station seconds since the view's first sample.
 
-    bench_clock is that of a simulated bench, which is told where it is slower than it should be.
+    bench_clock is that of a simulated bench; a bench that is slower than its set pace is reported.
     """
 
     def __init__(
         self,
         out: TextIO,
-        cuff: CuffSite | None,
+        markers: CuffSite | BodyMarkers | None,
         load_cell: LoadCell,
         folder: Path,
         bench_clock: BenchClock | None = None,
+        emg: EmgAmplifier | None = None,
     ) -> None:
         super().__init__("telemetry", REFRESH_S, BACKLOG)
-        self._out, self._cuff, self._load_cell = out, cuff, load_cell
+        self._out, self._load_cell = out, load_cell
+        self._cuff = markers if isinstance(markers, CuffSite) else None
+        self._body = markers if isinstance(markers, BodyMarkers) else None
         self._disk = _DiskTime(folder)
-        self._bench_clock = bench_clock
-        self._snapshot = Snapshot(TrialState.IDLE, "opening the devices")
+        self._bench_clock, self._emg = bench_clock, emg
+        self._snapshot = Snapshot(TrialState.IDLE)
         self._tallies: dict[str, StreamTally] = {}
-        self._since = _Since()
+        self._new = _NewData()
         self._first_host_ns: int | None = None
         self._offset_ns: dict[str, int] = {}  # by stream
         self._now_s = 0.0
@@ -73,6 +82,7 @@ class Telemetry(BackgroundView):
         self._seen: dict[str, bool] = {}
         self._points: list[list[float] | None] = []
         self._sync_v: float | None = None
+        self._emg_uv: dict[str, float] = {}
 
     def show(self, snapshot: Snapshot) -> None:
         self._snapshot = snapshot
@@ -80,26 +90,28 @@ class Telemetry(BackgroundView):
     def _refresh(self) -> None:
         super()._refresh()
         line = json.dumps(self._line(), allow_nan=False)
-        self._since = _Since()
+        self._new = _NewData()
         try:
             self._out.write(line + "\n")
             self._out.flush()
-        except (OSError, ValueError):  # nobody reads any more: the console is gone, the trial goes on
+        except (OSError, ValueError):  # the console has ended; the trial continues
             return
 
     def _line(self) -> dict[str, Any]:
-        shown, nominal = self._snapshot, {stream.name: stream.rate_hz for stream in self._snapshot.streams}
+        snapshot, nominal = self._snapshot, {stream.name: stream.rate_hz for stream in self._snapshot.streams}
         return {
             "at": time.time(),
-            "state": shown.state.value,
-            "sentence": shown.sentence,
-            "sync_v": self._sync_v if shown.sync_level_v is None else shown.sync_level_v,
-            "waited_s": shown.waited_s,
-            "left_s": shown.left_s,
-            "recorded_s": shown.recorded_s,
+            "state": snapshot.state.value,
+            "codes": [message.code.value for message in snapshot.messages],
+            "sentence": snapshot.sentence,
+            "problems": join_sentences(snapshot.messages[1:]),
+            "sync_v": self._sync_v if snapshot.sync_level_v is None else snapshot.sync_level_v,
+            "waited_s": snapshot.waited_s,
+            "left_s": snapshot.left_s,
+            "recorded_s": snapshot.recorded_s,
             "edge_s": self._edge_s(),
-            "lost_samples": shown.lost_samples,
-            "marks": shown.marks,
+            "lost_samples": snapshot.lost_samples,
+            "marks": snapshot.marks,
             "dropped": self.dropped,
             "slow_rate": self._bench_clock.slow_rate if self._bench_clock is not None else None,
             "disk_left_s": self._disk.left_s(self._now_s),
@@ -107,56 +119,72 @@ class Telemetry(BackgroundView):
                 name: {"rate_hz": tally.rate(self._now_s), "nominal_hz": nominal.get(name, 0.0), "samples": tally.total}
                 for name, tally in self._tallies.items()
             },
-            "force": self._since.force,
-            "displacement": self._since.displacement,
+            "force": self._new.force,
+            "displacement": self._new.displacement,
+            "elevation": self._new.elevation,
+            "emg_uv": self._emg_uv,
             "seen": self._seen,
             "points": self._points,
-            "words": self._since.words,
+            "events": self._new.events,
         }
 
     def _edge_s(self) -> float | None:
-        """When the sync edge was; None before it."""
+        """Time of the sync edge; None before it."""
         edge_ns, offset_ns = self._snapshot.edge_device_ns, self._offset_ns.get("/sync")
         if edge_ns is None or offset_ns is None or self._first_host_ns is None:
             return None
         return (edge_ns + offset_ns - self._first_host_ns) * 1e-9
 
-    def _take(self, item: Item) -> None:
+    def _handle(self, item: Item) -> None:
         if isinstance(item, Event):
-            self._since.words.append(item.text)
+            self._new.events.append(item.text)
         elif isinstance(item, Loss):
-            self._since.words.append(f"lost {item.count} samples of {item.stream}: {item.cause}")
+            self._new.events.append(f"lost {item.count} samples of {item.stream}: {item.cause}")
         elif len(item.values):
             self._tallies.setdefault(item.stream, StreamTally(RATE_REFRESHES)).add(item)
-            self._disk.bytes_taken += item.values.nbytes + item.device_time_ns.nbytes
-            self._take_samples(item, self._times(item))
+            self._disk.bytes_received += item.values.nbytes + item.device_time_ns.nbytes
+            self._handle_samples(item, self._times(item))
 
-    def _take_samples(self, samples: Samples, times: NDArray[np.float64]) -> None:
+    def _handle_samples(self, samples: Samples, times: NDArray[np.float64]) -> None:
         self._now_s = max(self._now_s, float(times[-1]))
         if samples.stream == "/force":
             newtons = samples.values[:, 0] * self._load_cell.newtons_per_unit * self._load_cell.polarity
-            self._since.force += _thinned(times, newtons)
+            self._new.force += _decimated(times, newtons)
         elif samples.stream == "/sync":
             self._sync_v = float(samples.values[-1, 0])
         elif samples.stream == "/markers":
-            self._take_markers(samples, times)
+            self._handle_markers(samples, times)
+        elif samples.stream == EMG:
+            self._handle_emg(samples)
 
-    def _take_markers(self, samples: Samples, times: NDArray[np.float64]) -> None:
+    def _handle_emg(self, samples: Samples) -> None:
+        """RMS about the mean of the block, in microvolts at the electrodes."""
+        stream = next((stream for stream in self._snapshot.streams if stream.name == EMG), None)
+        if stream is None or self._emg is None or stream.unit not in VOLTS:
+            return
+        rms = 1e6 * VOLTS[stream.unit] * np.std(samples.values, axis=0)
+        pairs = zip(stream.labels, rms, strict=False)
+        self._emg_uv = {label: round(float(value) / self._emg.gains.get(label, 1.0), 1) for label, value in pairs}
+
+    def _handle_markers(self, samples: Samples, times: NDArray[np.float64]) -> None:
         labels: Mapping[str, tuple[str, ...]] = {stream.name: stream.labels for stream in self._snapshot.streams}
-        there = labels.get("/markers", ())
-        if len(there) != samples.values.shape[1]:
+        names = labels.get("/markers", ())
+        if len(names) != samples.values.shape[1]:
             return
         last = samples.values[-1, :, :3].astype(np.float64)
         self._points = [point.round(1).tolist() if np.isfinite(point).all() else None for point in last]
-        self._seen = {name: point is not None for name, point in zip(there, self._points, strict=True)}
-        if self._cuff is None:
-            return
-        if self._displacement is None:
-            self._displacement = LiveDisplacement(self._cuff, there)
-        self._since.displacement += _thinned(times, self._displacement.take(samples.values))
+        self._seen = {name: point is not None for name, point in zip(names, self._points, strict=True)}
+        if self._cuff is not None:
+            if self._displacement is None:
+                self._displacement = LiveDisplacement(self._cuff, names)
+            self._new.displacement += _decimated(times, self._displacement.update(samples.values))
+        elif self._body is not None:
+            places = samples.values[..., :3].astype(np.float64)
+            angle = elevation_of(places, names, self._body.arm, self._body.trunk)
+            self._new.elevation += [] if angle is None else _decimated(times, np.degrees(angle))
 
     def _times(self, samples: Samples) -> NDArray[np.float64]:
-        """Seconds by the device's clock, laid onto the host's by the block that was least delayed so far."""
+        """Device time in seconds, mapped to the host's clock by the block with the least delay so far."""
         last_ns, host_ns = int(samples.device_time_ns[-1]), samples.host_time_ns
         self._first_host_ns = host_ns if self._first_host_ns is None else self._first_host_ns
         offset_ns = min(self._offset_ns.get(samples.stream, host_ns - last_ns), host_ns - last_ns)
@@ -165,29 +193,29 @@ class Telemetry(BackgroundView):
 
 
 class _DiskTime:
-    """How long the disk lasts at the rate at which samples came so far, uncompressed."""
+    """Remaining recording time on the disk at the mean data rate so far, uncompressed."""
 
     def __init__(self, folder: Path) -> None:
-        self.bytes_taken = 0
+        self.bytes_received = 0
         self._folder = folder
         self._free: int | None = None
-        self._next_look_s = -math.inf
+        self._next_query_s = -math.inf
 
     def left_s(self, passed_s: float) -> float | None:
-        """Seconds until only the reserve is left; None while nothing has come, or where the disk does not answer."""
-        if time.monotonic() >= self._next_look_s:
-            self._next_look_s = time.monotonic() + GLANCE_S
+        """Seconds until only the reserve is left; None before the first sample, or if the disk does not answer."""
+        if time.monotonic() >= self._next_query_s:
+            self._next_query_s = time.monotonic() + DISK_INTERVAL_S
             try:
                 self._free = bytes_free(self._folder)
             except OSError:
                 self._free = None
-        if self._free is None or not self.bytes_taken or passed_s <= 0:
+        if self._free is None or not self.bytes_received or passed_s <= 0:
             return None
-        return max(0.0, self._free - RESERVE_BYTES) * passed_s / self.bytes_taken
+        return max(0.0, self._free - RESERVE_BYTES) * passed_s / self.bytes_received
 
 
-def _thinned(times: NDArray[np.float64], values: NDArray[np.floating]) -> list[tuple[float, float]]:
-    """Some points of a block, evenly spread; what is NaN is left out."""
+def _decimated(times: NDArray[np.float64], values: NDArray[np.floating]) -> list[tuple[float, float]]:
+    """Evenly spaced points of a block, without NaN."""
     count = min(len(times), 1 + math.ceil((times[-1] - times[0]) / POINT_S))
     chosen = np.unique(np.linspace(0, len(times) - 1, count).round().astype(int))
     points = [(round(float(times[i]), 4), round(float(values[i]), 4)) for i in chosen]

@@ -1,4 +1,4 @@
-"""The other end of a recorder process: what it tells, and the wishes it is sent."""
+"""Client of a recorder process: its telemetry and result, and the commands sent to it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from station.config import StationConfig
 from station.journal import Recorded
+from station.messages.codes import RefusalCode
+from station.messages.message import Message
 from station.protocol import TrialSpec
 
 DETACHED: dict[str, Any] = (
@@ -19,13 +23,14 @@ DETACHED: dict[str, Any] = (
     if sys.platform == "win32"
     else {"start_new_session": True}
 )
-"""A terminal that is closed, and its Ctrl-C or Ctrl-Break, reach the session and not the trial that it records."""
+"""Closing the terminal, Ctrl-C or Ctrl-Break in it end the session, and not the trial that is being recorded."""
 LONGEST_LINE = 4 * 2**20
-"""Bytes; a line that came after a page stood still for minutes is long."""
+"""Bytes; a line is long if the console did not read for minutes."""
+_RECORDED = TypeAdapter(Recorded)
 
 
 class TrialProcess:
-    """One trial on its way. What it tells goes to on_telemetry as plain data, in the event loop's thread."""
+    """One running trial. Its telemetry goes to on_telemetry as plain data, in the thread of the event loop."""
 
     def __init__(self, child: asyncio.subprocess.Process) -> None:
         self._child = child
@@ -36,7 +41,7 @@ class TrialProcess:
     async def start(
         cls, config: StationConfig, folder: Path, spec: TrialSpec, clock_port: int | None, speed: float | None
     ) -> TrialProcess:
-        """Starts the recorder; it opens the devices, arms and waits for the edge by itself.
+        """Start the recorder; it opens the devices, arms and waits for the edge.
 
         clock_port is that of a simulated bench's clock, None for a real bench; speed is the pace of its world.
         """
@@ -51,38 +56,38 @@ class TrialProcess:
         )
         trial = cls(child)
         request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}
-        await trial._wish({**request, "clock_port": clock_port, "speed": speed})
+        await trial._send({**request, "clock_port": clock_port, "speed": speed})
         return trial
 
     async def follow(self, on_telemetry: Callable[[dict[str, Any]], None]) -> None:
-        """Returns when the recorder has ended: `recorded` holds its account, or `refusal` a sentence."""
-        assert self._child.stdout is not None  # noqa: S101  (it was asked for above)
+        """Return when the recorder has ended: `recorded` holds the result, or `refusal` the reason without one."""
+        assert self._child.stdout is not None  # noqa: S101  (it was requested in start())
         async for line in self._child.stdout:
-            if not line.endswith(b"\n"):  # the recorder was killed in mid word
+            if not line.endswith(b"\n"):  # the recorder was killed while writing
                 break
-            said = json.loads(line)
-            if "result" in said:
-                self.recorded = Recorded(**said["result"])
-            elif "refused" in said:
-                self.refusal = said["refused"]
+            message = json.loads(line)
+            if "result" in message:
+                self.recorded = _RECORDED.validate_python(message["result"])
+            elif "refused" in message:
+                self.refusal = message["refused"]
             else:
-                on_telemetry(said)
+                on_telemetry(message)
         code = await self._child.wait()
         if self.recorded is None and self.refusal is None:
-            self.refusal = f"the recorder ended with code {code} in mid trial; what it had written is kept"
+            self.refusal = str(Message(RefusalCode.RECORDER_ENDED, {"exit_code": str(code)}))
 
     async def stop(self) -> None:
-        """Once: the trial ends cleanly. Twice: at once."""
-        await self._wish({"stop": True})
+        """End the trial: cleanly at the first call, at once at the second."""
+        await self._send({"stop": True})
 
     async def mark(self) -> None:
-        await self._wish({"mark": True})
+        await self._send({"mark": True})
 
-    async def _wish(self, wish: dict[str, Any]) -> None:
+    async def _send(self, command: dict[str, Any]) -> None:
         if self._child.stdin is None or self._child.returncode is not None:
             return
         try:
-            self._child.stdin.write(json.dumps(wish).encode() + b"\n")
+            self._child.stdin.write(json.dumps(command).encode() + b"\n")
             await self._child.stdin.drain()
-        except (BrokenPipeError, ConnectionResetError):  # it ended meanwhile, and follow() tells how
+        except (BrokenPipeError, ConnectionResetError):  # it ended meanwhile, and follow() returns its result
             return

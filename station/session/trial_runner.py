@@ -6,42 +6,47 @@ import asyncio
 from typing import Any
 
 from station.bench.simulation import SimulatedBench
+from station.config import StationConfig
 from station.journal import write_mark
-from station.session.guide import ceilings_of, guide_for
-from station.session.live import Live
+from station.messages.codes import CommandCode
+from station.protocol import BODY_TESTS, TrialSpec
+from station.session.force_limits import force_limits
+from station.session.guide import Guide, guide_for
+from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused, OpenSession
-from station.session.simulated_hands import SimulatedHands
+from station.session.simulated_operator import SimulatedOperator
 from station.session.trial_process import TrialProcess
+from station.session.wearer_guide import wearer_guide
 
 
 class TrialRunner:
-    """Raises CommandRefused, JournalError, SimulationError: one sentence, for the page that asked.
+    """Methods raise CommandRefused, JournalError and SimulationError.
 
-    live is the running trial, ended the one before, with its result or its refusal.
+    live is the running trial; ended is the previous one, with its result or refusal.
     """
 
     def __init__(self, session: OpenSession, bench: SimulatedBench | None) -> None:
         self._session = session
-        self.live: Live | None = None
+        self.live: LiveTrial | None = None
         self.ended: TrialProcess | None = None
-        self.ceilings = ceilings_of(session.config)
+        self.limits = force_limits(session.config)
         self._trial: TrialProcess | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._hands = SimulatedHands(bench, session.config.protocol.pause_s) if bench is not None else None
+        self._operator = SimulatedOperator(bench, session.config.protocol.pause_s) if bench is not None else None
 
     async def arm(self) -> None:
-        """Starts the recorder for the next trial of the plan."""
+        """Start the recorder for the next trial of the plan."""
         self._session.refuse_while_running()
-        plan = self._session.agenda
+        plan = self._session.plan
         if plan is None or self._session.folder is None:
-            raise CommandRefused("no session is open; set one up first")
+            raise CommandRefused.of(CommandCode.NO_SESSION)
         spec = self._session.next_spec(plan)
         self._session.message, self._session.judgement = "", None
-        self.live = Live(spec, guide_for(spec.test, self._session.trial_config.protocol))
+        self.live = LiveTrial(spec, _guide(spec, self._session.trial_config))
         self._session.has_running_trial = True
         try:
-            if self._hands is not None:
-                await asyncio.to_thread(self._hands.prepare, plan)
+            if self._operator is not None:
+                await asyncio.to_thread(self._operator.prepare, plan)
             self._trial = await TrialProcess.start(
                 self._session.trial_config, self._session.folder, spec, self._session.clock_port, self._session.speed
             )
@@ -51,65 +56,65 @@ class TrialRunner:
         self._spawn(self._follow(self._trial))
 
     async def stop(self) -> None:
-        """Once: the trial ends cleanly; twice: at once. While it is armed this cancels it."""
+        """End the trial: cleanly at the first call, at once at the second. An armed trial is cancelled."""
         if self._trial is None:
-            raise CommandRefused("no trial is running")
+            raise CommandRefused.of(CommandCode.NO_TRIAL)
         await self._trial.stop()
 
     async def end_early(self) -> None:
-        """The session ends with what exists; a running trial is ended cleanly first, its recording counts."""
+        """End the session with the trials so far; a running trial is ended cleanly first, and its recording counts."""
         if self._session.folder is None:
-            raise CommandRefused("no session is open")
+            raise CommandRefused.of(CommandCode.NO_SESSION)
         self._session.is_ending = True
         if self._trial is not None:
             await self._trial.stop()
 
     async def mark(self) -> None:
-        """Marks this moment in the recording, to be named later."""
+        """Mark this moment in the recording; the mark is named later."""
         if self._trial is None or self.live is None:
-            raise CommandRefused("no trial is running: there is nothing to mark")
+            raise CommandRefused.of(CommandCode.NO_TRIAL)
         if not self.live.takes_marks:
-            raise CommandRefused("nothing is recorded yet: marks count from the sync edge on")
+            raise CommandRefused.of(CommandCode.NO_MARK_YET)
         self.live.add_mark()
         await self._trial.mark()
 
-    def note(self, number: int, name: str) -> None:
-        """What a mark of the running trial was; the journal has it when the trial's file is there."""
+    def name_mark(self, number: int, name: str) -> None:
+        """Name a mark of the running trial; it is written to the journal when the trial has ended."""
         if self.live is None or number not in self.live.marks:
-            raise CommandRefused(f"mark {number} is none of the running trial; name it with the verdict")
+            raise CommandRefused.of(CommandCode.UNKNOWN_MARK, number=number)
         self.live.mark_names[number] = name.strip()
 
     def tare(self) -> None:
         if self.live is None or not self.live.force:
-            raise CommandRefused("no force yet: there is nothing to tare")
+            raise CommandRefused.of(CommandCode.NO_FORCE)
         self.live.tare()
 
-    def silence(self) -> None:
-        """Somebody has seen the alarm: it is not sounded any more, and goes with its cause."""
+    def acknowledge_alarm(self) -> None:
+        """Silence the alarm; it disappears with its cause."""
         if self.live is not None:
             self.live.is_alarm_seen = self.live.alarm is not None
 
     async def _follow(self, trial: TrialProcess) -> None:
         live = self.live
-        assert live is not None  # noqa: S101  (arm() has just made it)
+        assert live is not None  # noqa: S101  (set in arm())
         try:
-            await trial.follow(lambda said: self._take(live, said))
+            await trial.follow(lambda telemetry: self._update(live, telemetry))
         finally:
             self.live, self._trial, self.ended = None, None, trial
             self._session.has_running_trial = False
-        said = trial.recorded
-        if said is not None and said.file and self._session.folder is not None:
+        recorded = trial.recorded
+        if recorded is not None and recorded.file and self._session.folder is not None:
             for number, name in live.mark_names.items():
-                write_mark(self._session.folder, said.file, number, name)
-        self._session.message = trial.refusal or (said.sentence if said else "")
+                write_mark(self._session.folder, recorded.file, number, name)
+        self._session.message = trial.refusal or (recorded.sentence if recorded else "")
 
-    def _take(self, live: Live, said: dict[str, Any]) -> None:
-        """An alarm marks its moment in the recording; the journal names it once the file is there."""
-        if live.take(said, self.ceilings) and live.takes_marks and self._trial is not None:
-            live.add_mark(live.alarm or "")
+    def _update(self, live: LiveTrial, telemetry: dict[str, Any]) -> None:
+        """Take a line of telemetry. An alarm marks its moment in the recording."""
+        if live.update(telemetry, self.limits) and live.takes_marks and self._trial is not None:
+            live.add_mark(str(live.alarm))
             self._spawn(self._trial.mark())
-        if self._hands is not None and said["state"] == "recording" and self._hands.is_behind(live.cue):
-            self._spawn(asyncio.to_thread(self._hands.follow, live.cue))
+        if self._operator is not None and telemetry["state"] == "recording" and self._operator.is_behind(live.cue):
+            self._spawn(asyncio.to_thread(self._operator.follow, live.cue))
 
     def _spawn(self, work: Any) -> None:
         task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
@@ -117,6 +122,12 @@ class TrialRunner:
         task.add_done_callback(self._tasks.discard)
 
     def close(self) -> None:
-        """The console ends; a running trial goes on to its end by itself."""
+        """Stop following; a running trial continues to its end."""
         for task in self._tasks:
             task.cancel()
+
+
+def _guide(spec: TrialSpec, config: StationConfig) -> Guide:
+    if spec.test in BODY_TESTS and config.body is not None:
+        return wearer_guide(spec.condition, config.body, is_pose=spec.test == "pose")
+    return guide_for(spec.test, config.protocol)

@@ -15,40 +15,40 @@ from typing import Any
 
 
 class Worker:
-    """Runs functions of modules, one after the other, in a process beside; one that is killed is replaced."""
+    """Runs functions of modules, one after the other, in another process; a killed process is replaced."""
 
     def __init__(self) -> None:
         self._pool = _one_process()
 
     async def run(self, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Raises what the function raises, and BrokenProcessPool where a second process dies of it, too."""
+        """Raises the error of the function, and BrokenProcessPool if a second process is killed by it as well."""
         try:
-            return await self._started(work, *arguments)
-        except BrokenProcessPool:  # a system short of memory kills the largest
+            return await self._submit(work, *arguments)
+        except BrokenProcessPool:  # a system short of memory kills the largest process
             self._pool = _one_process()
-            return await self._started(work, *arguments)
+            return await self._submit(work, *arguments)
 
-    def _started(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
-        """The process starts at its first work, deaf to Ctrl-C from its first line on: it takes seconds to import."""
-        heard = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    def _submit(self, work: Callable[..., Any], *arguments: Any) -> asyncio.Future[Any]:
+        """The process starts at its first task, and must ignore Ctrl-C while it imports, which takes seconds."""
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
             return asyncio.get_running_loop().run_in_executor(self._pool, work, *arguments)
         finally:
-            signal.signal(signal.SIGINT, heard)
+            signal.signal(signal.SIGINT, handler)
 
     def close(self) -> None:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _one_process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, get_context("spawn"), _serve)
+    return ProcessPoolExecutor(1, get_context("spawn"), _initialise)
 
 
-def _serve() -> None:
-    """Gives way to whatever records or shows, and ends with its parent.
+def _initialise() -> None:
+    """Lower the priority below that of recorder and console, and end with the parent.
 
-    A pool's process outlives a parent that was killed, waiting for work for ever; this one does not. Ctrl-C in a
-    terminal reaches the whole group; it is for the console to end.
+    Without the watching thread, the process of a pool would outlive a parent that was killed. Ctrl-C in a terminal
+    reaches the whole group; it ends the console, not the worker.
     """
     if hasattr(os, "nice"):  # not on Windows
         os.nice(10)

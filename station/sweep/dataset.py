@@ -1,4 +1,4 @@
-"""What a sweep leaves: a part for every finished case, and in the end one Parquet table of all of them."""
+"""Output of a sweep: a file per finished case, and at the end a Parquet table of all cases."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from station.sweep.solving import RESULTS, Outcome
 from station.versions import solving_versions
 from station.whole_file import drafted, write_whole
 
-TABLE_FILE, ACCOUNT_FILE, PARTS_FOLDER = "sweep.parquet", "sweep.json", "parts"
+TABLE_FILE, PROVENANCE_FILE, PARTS_FOLDER = "sweep.parquet", "sweep.json", "parts"
 NAMES = ("model", "motion", "external_loads", "suit", "cuffs", "cuff", "condition")
 COUNTS = ("case", "frames", "unsolved")
 
 
 class Parts:
-    """The finished cases in a folder, a file each, there whole or not at all; a key is never used for two results."""
+    """Finished cases in a folder, one file per case, written atomically under its key."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / PARTS_FOLDER
 
     def read(self, key: str) -> Outcome | None:
-        """None where the case is not finished, or its file was damaged."""
+        """The outcome; None for a case that is not finished, or whose file is damaged."""
         try:
             found: Outcome = read_json(self._path(key))
         except (OSError, PlainDataError):
@@ -41,22 +41,22 @@ class Parts:
         return self.folder / key[:2] / f"{key}.json"
 
 
-def write_account(folder: Path, plan: SweepPlan, cases: int) -> None:
-    """sweep.json: which plan is swept into this folder, and by what."""
+def write_provenance(folder: Path, plan: SweepPlan, cases: int) -> None:
+    """Write sweep.json: the plan of this folder, and the versions of the solver."""
     plain = {"plan_sha256": plan.digest, "cases": cases, "versions": solving_versions()}
-    write_whole(folder / ACCOUNT_FILE, json.dumps(plain, indent=2) + "\n")
+    write_whole(folder / PROVENANCE_FILE, json.dumps(plain, indent=2) + "\n")
 
 
 def write_table(folder: Path, plan: SweepPlan, cases: Sequence[Case], outcomes: Mapping[str, Outcome]) -> Path:
-    """sweep.parquet: a row per case in the plan's order; the same cases and outcomes give the same bytes."""
+    """Write sweep.parquet: a row per case in the order of the plan; equal cases and outcomes give equal bytes."""
     import pyarrow as pa
     from pyarrow import parquet
 
     rows = [{**_design(case), **outcomes[case.key], "remarks": case.remarks, "key": case.key} for case in cases]
     kinds = {**dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys([*NAMES, "error", "remarks", "key"], pa.string())}
     fields = [pa.field(name, kinds.get(name, pa.float64())) for name in rows[0]]
-    about = {"plan_sha256": plan.digest, "versions": json.dumps(solving_versions())}
-    table = pa.Table.from_pylist(rows, schema=pa.schema(fields, metadata=about))
+    metadata = {"plan_sha256": plan.digest, "versions": json.dumps(solving_versions())}
+    table = pa.Table.from_pylist(rows, schema=pa.schema(fields, metadata=metadata))
     path = folder / TABLE_FILE
     with drafted(path) as draft:
         parquet.write_table(table, draft)
@@ -64,11 +64,11 @@ def write_table(folder: Path, plan: SweepPlan, cases: Sequence[Case], outcomes: 
 
 
 def _design(case: Case) -> dict[str, Any]:
-    """A case's values, those of the suit as they are worn."""
+    """The values of a case, with the parameters of the suit as it is worn."""
     suit = case.worn.suit
     cord: dict[str, float] = {"rest_length_m": suit.reference_rest_length, "stiffness_n_per_m": suit.stiffness}
     for part in PARTS:
         location = getattr(suit, part).location
         cord |= {f"{part}_{axis}_m": float(value) for axis, value in zip("xyz", location, strict=True)}
-    named = {axis: case.point[axis] for axis in AXES if axis in (*NAMES, "hand_mass_kg")}
-    return {"case": case.number, **named, **cord}
+    axes = {axis: case.point[axis] for axis in AXES if axis in (*NAMES, "hand_mass_kg")}
+    return {"case": case.number, **axes, **cord}

@@ -1,4 +1,4 @@
-"""The plan of a sweep: what is varied and how, from a TOML file. Paths in it are relative to that file."""
+"""The plan of a sweep, a TOML file with axes and design. Paths in it are relative to that file."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from documents.plain_data import LARGEST_TOML, PlainDataError, parse_toml
 from documents.regular_file import read_regular
 from documents.validation import NonNegative, Positive, Section, Vector, Whole, describe_error
 from solver.suit.scenarios import Condition
-from station.assessment.sources import BUNDLED
 from station.errors import StationError
+from station.messages.message import Message
+from station.messages.sweep_codes import SweepCode
+from station.sources import BUNDLED
 
 Value = str | float | tuple[float, ...]
 Point = dict[str, Value]
-"""Axis → its value: one point of the design."""
+"""One point of the design: axis → value."""
 
 NONE = "none"
 MOST_POINTS = 1_000_000
 
 
 class PlanError(StationError):
-    """A plan that cannot be swept; one sentence."""
+    """The plan cannot be used."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """A sample draws from anywhere between these two, a point from the box between two corners."""
+    """Range of a sample: a number between first and last, or a point in the box between these two corners."""
 
     first: tuple[float, ...]
     last: tuple[float, ...]
@@ -43,10 +45,10 @@ class Span:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What is varied.
+    """Axes and design of a sweep.
 
-    axes    name → the values it has, or the span it is drawn from; in the order of AXES
-    method  "grid", "latin_hypercube" or "random"; count and seed are a sample's
+    axes    name → values, or the span of a sample; in the order of AXES
+    method  "grid", "latin_hypercube" or "random"; count and seed: of a sample
     every   muscles are solved in every N-th frame
     digest  SHA-256 of the file
     """
@@ -60,35 +62,36 @@ class SweepPlan:
     digest: str
 
     def values(self, axis: str) -> tuple[Value, ...]:
-        """All that an axis without a span may be."""
+        """The values of an axis; empty for a span."""
         found = self.axes.get(axis, ())
         return () if isinstance(found, Span) else found
 
     def points(self) -> Iterator[Point]:
-        """The design, in an order that the plan alone decides."""
+        """The design, in an order that depends on the plan only."""
         if self.method == "grid":
             for values in itertools.product(*map(self.values, self.axes)):
                 yield dict(zip(self.axes, values, strict=True))
             return
-        for row in _shares(self):
-            yield {name: _drawn(axis, share) for (name, axis), share in zip(self.axes.items(), row, strict=True)}
+        for row in _unit_samples(self):
+            yield {name: _value_at(axis, sample) for (name, axis), sample in zip(self.axes.items(), row, strict=True)}
 
 
 def read_plan(path: Path) -> SweepPlan:
-    """Raises PlanError, naming the key that is missing, unknown or out of range."""
+    """Read a plan. Raises PlanError, which names a key that is missing, unknown or out of range."""
     try:
         content = read_regular(path, LARGEST_TOML)
         document = parse_toml(content)
     except (OSError, PlainDataError) as error:
-        raise PlanError(f"{path} should be a plan in TOML and cannot be read ({error}); correct it") from error
+        raise PlanError(Message(SweepCode.UNREADABLE, {"path": str(path), "reason": str(error)})) from error
     try:
         table = _PlanTable.model_validate(document)
     except ValidationError as error:
-        raise PlanError(f"the plan {path}: {describe_error(error)}") from error
+        figures = {"path": str(path), "reason": describe_error(error)}
+        raise PlanError(Message(SweepCode.WRONG_TABLE, figures)) from error
     axes = _axes(table)
     points = math.prod(len(axis) for axis in axes.values() if not isinstance(axis, Span))
     if table.method == "grid" and points > MOST_POINTS:
-        raise PlanError(f"the plan's grid has {points} points, expected at most {MOST_POINTS}; vary less at once")
+        raise PlanError(Message(SweepCode.TOO_MANY_POINTS, {"points": points, "most": MOST_POINTS}))
     return SweepPlan(
         folder=path.resolve().parent,
         axes=axes,
@@ -100,22 +103,22 @@ def read_plan(path: Path) -> SweepPlan:
     )
 
 
-def _shares(plan: SweepPlan) -> NDArray[np.float64]:
-    """(count, axes, 3) from 0 to 1; in a Latin hypercube, each column has one in every count-th part of that."""
+def _unit_samples(plan: SweepPlan) -> NDArray[np.float64]:
+    """Samples (count, axes, 3) in [0, 1); a column of a Latin hypercube has one sample in each of count intervals."""
     generator = np.random.default_rng(plan.seed)
-    shares = generator.random((plan.count, len(plan.axes), 3))
+    samples = generator.random((plan.count, len(plan.axes), 3))
     if plan.method == "latin_hypercube":
-        parts = np.tile(np.arange(plan.count)[:, None, None], (1, *shares.shape[1:]))
-        shares = (generator.permuted(parts, axis=0) + shares) / plan.count
-    return shares
+        parts = np.tile(np.arange(plan.count)[:, None, None], (1, *samples.shape[1:]))
+        samples = (generator.permuted(parts, axis=0) + samples) / plan.count
+    return samples
 
 
-def _drawn(axis: tuple[Value, ...] | Span, share: NDArray[np.float64]) -> Value:
+def _value_at(axis: tuple[Value, ...] | Span, sample: NDArray[np.float64]) -> Value:
     if not isinstance(axis, Span):
-        return axis[int(share[0] * len(axis))]
+        return axis[int(sample[0] * len(axis))]
     first, last = np.array(axis.first), np.array(axis.last)
-    drawn = (first + share[: len(first)] * (last - first)).tolist()
-    return tuple(drawn) if len(drawn) > 1 else float(drawn[0])
+    value = (first + sample[: len(first)] * (last - first)).tolist()
+    return tuple(value) if len(value) > 1 else float(value[0])
 
 
 def _axes(table: _PlanTable) -> dict[str, tuple[Value, ...] | Span]:
@@ -124,19 +127,17 @@ def _axes(table: _PlanTable) -> dict[str, tuple[Value, ...] | Span]:
 
 
 def _axis(given: Any, name: str, *, is_sample: bool) -> tuple[Value, ...] | Span:
-    """A value, a list of values, or the span { first, last } of a sample; a point is itself a list, of numbers."""
+    """Parse a value, a list of values, or the span { first, last } of a sample; a point is a list of numbers."""
     kind, where = AXES[name], f"vary.{name}"
     if isinstance(given, dict):
         if not is_sample or kind in (NAME, CONDITION) or given.keys() != {"first", "last"}:
-            raise PlanError(
-                f"the plan's {where} should be a list of values; only numbers of a sample have first and last"
-            )
+            raise PlanError(Message(SweepCode.SPAN_OF_GRID, {"axis": where}))
         first, last = (np.atleast_1d(np.array(_value(kind, given[end], where))).tolist() for end in ("first", "last"))
         return Span(tuple(first), tuple(last))
     is_single = not isinstance(given, list) or (kind is POINT and not any(isinstance(value, list) for value in given))
     values = tuple(_value(kind, value, where) for value in ([given] if is_single else given))
     if not values:
-        raise PlanError(f"the plan's {where} should have a value and is empty; add one or leave it out")
+        raise PlanError(Message(SweepCode.EMPTY_AXIS, {"axis": where}))
     return values
 
 
@@ -144,7 +145,7 @@ def _value(kind: TypeAdapter[Any], given: Any, where: str) -> Value:
     try:
         value: Value = kind.validate_python(given)
     except ValidationError as error:
-        raise PlanError(f"the plan's {describe_error(error, context=where)}; correct it") from error
+        raise PlanError(Message(SweepCode.WRONG_VALUE, {"reason": describe_error(error, context=where)})) from error
     return value
 
 
@@ -169,11 +170,11 @@ AXES: dict[str, TypeAdapter[Any]] = {
     "cuff": NAME,
     "condition": CONDITION,
 }
-"""What may be varied: files, names, a mass, and parameters of the suit."""
+"""Axes: files, names, a mass, and parameters of the suit."""
 
 
 class _VaryTable(Section):
-    """The keys of [vary] and what they are if not given; a parameter of the suit is by default that of its file."""
+    """The keys of [vary] and their defaults; the default of a parameter of the suit is the value in its file."""
 
     model: Any = BUNDLED
     motion: Any = BUNDLED

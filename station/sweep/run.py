@@ -1,4 +1,4 @@
-"""plan.toml → sweep.parquet: solve what is not finished, keep what is, and put all of it into one table."""
+"""Run a sweep: solve the cases that are not finished, and write a table of all cases."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 from station.assessment.assessment_inputs import ensure_folder
 from station.progress import Progress, silent
 from station.sweep.cases import SweepInputs
-from station.sweep.dataset import Parts, write_account, write_table
+from station.sweep.dataset import Parts, write_provenance, write_table
 from station.sweep.plan import SweepPlan
 from station.sweep.solving import Outcome, Task
 
 Solve = Callable[[Iterable[Task]], Iterator[tuple[dict[str, Outcome], bool]]]
-"""Tasks → key of a case and its outcome, and whether that is for good; see cluster.solve_on."""
+"""Tasks → outcomes by key of the cases, and whether they are final; see cluster.solve_on."""
 
 
 @dataclass(frozen=True)
-class Swept:
-    """The table, and how many of its cases failed, were finished by an earlier run, or have frames left unsolved."""
+class SweepResult:
+    """The table, and the numbers of cases that failed, were finished by an earlier run, or have unsolved frames."""
 
     table: Path
     cases: int
@@ -28,14 +28,15 @@ class Swept:
     unsolved: int
 
 
-def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = silent) -> Swept:
-    """Raises PlanError, or what a reader raises, before anything is solved; a case that fails is a row that says why.
+def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = silent) -> SweepResult:
+    """Run or continue a sweep. A case that fails is a row of the table with the reason.
 
-    However it is ended, by Ctrl-C, a signal or a power cut, the same call goes on with what is left.
+    After Ctrl-C, a signal or a power failure, the same call continues with the remaining cases. Raises PlanError, or
+    the errors of the readers, before the first case is solved.
     """
     ensure_folder(output)
     inputs, parts = SweepInputs(plan), Parts(output)
-    write_account(output, plan, len(inputs.cases))
+    write_provenance(output, plan, len(inputs.cases))
     known = {case.key: parts.read(case.key) for case in inputs.cases}
     outcomes = {key: outcome for key, outcome in known.items() if outcome is not None}
     found = sum(case.key in outcomes for case in inputs.cases)
@@ -47,11 +48,11 @@ def run_sweep(plan: SweepPlan, output: Path, solve: Solve, progress: Progress = 
             outcomes[key] = outcome
         progress("solving cases", len(outcomes), len(known))
     table = write_table(output, plan, inputs.cases, outcomes)
-    each = [outcomes[case.key] for case in inputs.cases]
-    return Swept(
+    rows = [outcomes[case.key] for case in inputs.cases]
+    return SweepResult(
         table=table,
-        cases=len(each),
+        cases=len(rows),
         found_finished=found,
-        failed=sum(outcome["error"] is not None for outcome in each),
-        unsolved=sum(bool(outcome["unsolved"]) for outcome in each),
+        failed=sum(outcome["error"] is not None for outcome in rows),
+        unsolved=sum(bool(outcome["unsolved"]) for outcome in rows),
     )

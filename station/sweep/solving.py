@@ -1,7 +1,6 @@
-"""Solving a task of a sweep: geometry laid once, each case on its own. This is what runs on a worker.
+"""Solve a task of a sweep on a worker: the motion is evaluated once, the cases are solved separately.
 
-A case is never solved together with others, so that its result does not depend, to the last bit, on which others were
-left to do.
+Cases are not solved together, so that the last bit of a result does not depend on the other cases of the task.
 """
 
 from __future__ import annotations
@@ -10,15 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.model import Model, ModelError
-from solver.motion import Kinematics, MotionError
-from solver.multibody.external_loads import ExternalForce
+from solver.model import ModelError
+from solver.motion import MotionError
 from solver.suit.curve_minimum import find_minimum
-from solver.suit.scenarios import SuitedMotion, SuitScenario, prepare_suited_motion, solve_scenarios, solve_without_suit
+from solver.suit.scenarios import (
+    LoadedMotion,
+    SuitedMotion,
+    SuitScenario,
+    prepare_suited_motion,
+    solve_scenarios,
+    solve_without_suit,
+)
 from solver.suit.suit import Suit, SuitError
 
 Outcome = dict[str, float | str | None]
-"""Column → value: those of RESULTS, and `error`, the sentence of a case that failed."""
+"""Column → value: the columns of RESULTS, and `error`, the reason of a case that failed."""
 
 RESULTS = (
     "normalised_cost",
@@ -35,17 +40,8 @@ RESULTS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
-    """A model, with what it holds, its motion, and the loads from outside at all of its frames."""
-
-    model: Model
-    kinematics: Kinematics
-    loads: tuple[ExternalForce, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class WornCase:
-    """What one case wears; the last rest length is the suit's reference, those before are searched for an optimum."""
+    """Suit and cuffs of a case. The last rest length is the reference of the suit; the others are for the optimum."""
 
     key: str
     suit: Suit
@@ -54,20 +50,20 @@ class WornCase:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Cases of one geometry, or the sentence why it cannot be laid; their suits differ in the cord only."""
+    """Cases of one motion, or the reason why it cannot be evaluated; their suits differ in the cord only."""
 
-    geometry: Geometry | str
+    motion: LoadedMotion | str
     every: int
     cases: tuple[WornCase, ...]
 
 
 def solve_task(task: Task) -> dict[str, Outcome]:
-    """The key of each case → what came of it."""
-    laid = task.geometry
-    if isinstance(laid, str):
-        return {case.key: failed(laid) for case in task.cases}
+    """Solve the cases of a task. Returns the outcomes by key."""
+    motion = task.motion
+    if isinstance(motion, str):
+        return {case.key: failed(motion) for case in task.cases}
     try:
-        worn = prepare_suited_motion(laid.model, laid.kinematics, task.cases[0].suit, task.every, loads=laid.loads)
+        worn = prepare_suited_motion(motion, task.cases[0].suit, task.every)
         slack, _ = solve_scenarios(worn, [], workers=1)
     except (ModelError, MotionError, SuitError) as error:
         return {case.key: failed(str(error)) for case in task.cases}
@@ -80,15 +76,15 @@ def failed(sentence: str) -> Outcome:
 
 
 def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcome:
-    """One thread: there are as many workers as there are cores to use."""
+    """Solve with one thread; there is one worker per core."""
     scenario, suited = case.scenario, worn.with_suit(case.suit)
     try:
         suited.ensure_pulls()
         slack, (effort,) = solve_scenarios(suited, [scenario], workers=1)
     except SuitError as error:
         return failed(str(error))
-    tried = scenario.rest_lengths[:-1]
-    lowest = find_minimum(tried, effort.muscles[:-1]) if len(tried) else None
+    searched = scenario.rest_lengths[:-1]
+    lowest = find_minimum(searched, effort.muscles[:-1]) if len(searched) else None
     numbers = (
         effort.muscles[-1],
         effort.reserves[-1],

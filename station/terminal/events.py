@@ -1,6 +1,6 @@
-"""What a session without a page tells, one dataclass an event: as JSON for programs, as text for people.
+"""Events of a session without a page, one dataclass each: as JSON for programs, as text for people.
 
-Fields carry their unit in the name; sentences are for people, everything a program needs has a field of its own.
+Fields carry their unit in the name. Sentences are for people; a program uses the codes and figures beside them.
 """
 
 from __future__ import annotations
@@ -8,13 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from station.journal import Choice
-from station.session.judgement import Figure, Row
+from fitting.results.codes import Verdict
+from recordings.manifest import TrialCondition
+from station.journal_lines import Choice
+from station.session.judgement import Figure, Grade, Judgement, Reason, Row
 
 
 @dataclass(frozen=True)
 class SessionOpened:
-    """done and skipped of trials are decided already."""
+    """Of all trials of the plan, done are accepted and skipped are not recorded."""
 
     event: ClassVar[str] = "session_opened"
     subject: str
@@ -28,7 +30,7 @@ class SessionOpened:
 
 @dataclass(frozen=True)
 class NextTrial:
-    """number counts from 1 in the plan; order is what to do at the bench before."""
+    """number counts from 1 in the plan; order is the preparation at the bench."""
 
     event: ClassVar[str] = "next_trial"
     cuff: str | None
@@ -38,26 +40,33 @@ class NextTrial:
     number: int
     trials: int
     order: str
+    condition: TrialCondition | None = None
 
 
 @dataclass(frozen=True)
 class StateChanged:
-    """state as in the recorder: idle (opening the devices), armed, recording, closing, closed, failed."""
+    """state as in the recorder: idle (opening the devices), armed, recording, closing, closed, failed.
+
+    problems: reasons why a trial that is being recorded will not be accepted; "" if there are none.
+    """
 
     event: ClassVar[str] = "state_changed"
     state: str
     sentence: str
+    codes: tuple[str, ...] = ()
+    problems: str = ""
 
 
 @dataclass(frozen=True)
-class Cued:
-    """What the hands do now; step of steps are done."""
+class CueChanged:
+    """The instruction to the operator; step of steps are done."""
 
     event: ClassVar[str] = "cue"
     sentence: str
     rest: str
     step: int
     steps: int
+    code: str = ""
 
 
 @dataclass(frozen=True)
@@ -76,25 +85,28 @@ class Status:
     disk_left_s: float | None
 
 
-Warning_ = Literal["alarm", "capture_running", "not_ready", "not_recorded", "not_armed", "not_summed_up"]
+WarningCode = Literal["alarm", "capture_running", "not_ready", "not_recorded", "not_armed", "not_summed_up"]
 
 
 @dataclass(frozen=True)
-class Warned:
-    """Something is wrong, and the session goes on.
+class WarningRaised:
+    """A problem; the session continues.
 
-    alarm            the force broke a ceiling: unload the rope
-    capture_running  the sync line is high before the trial: a capture that began too early or is one too many
+    alarm            the force exceeded a limit: unload the rope
+    capture_running  the sync line is high before the trial: a capture began too early or was not planned
     not_ready        a device or the disk is not ready; tried again in retry_s
     not_recorded     a trial ended before its sync edge; armed again
     not_armed        the recorder could not be started
     not_summed_up    fit, assessment or report of the session failed
+
+    cause is the code of the alarm or of the end of the trial, "" if there is none.
     """
 
     event: ClassVar[str] = "warning"
-    code: Warning_
+    code: WarningCode
     sentence: str
     retry_s: float | None = None
+    cause: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,11 +116,15 @@ class TrialEnded:
     accepted: bool
     lost_samples: int
     sentence: str
+    codes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class VerdictGiven:
-    """The figures of one recording with their 95 % intervals, and what they advise."""
+    """The figures of one recording with their 95 % intervals, and the advice that follows from the reasons.
+
+    doubts: results of the donning that are not identified; grade is good, doubtful or bad.
+    """
 
     event: ClassVar[str] = "verdict"
     file: str
@@ -118,11 +134,31 @@ class VerdictGiven:
     figures: tuple[Figure, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+    grade: Grade
+    reason_codes: tuple[Reason, ...]
+    doubts: tuple[str, ...]
+    verdict_codes: tuple[Verdict, ...]
+
+    @classmethod
+    def of(cls, judgement: Judgement) -> VerdictGiven:
+        return cls(
+            judgement.file,
+            judgement.title,
+            judgement.advice,
+            tuple(map(str, judgement.reasons)),
+            judgement.figures,
+            judgement.rows,
+            judgement.notes,
+            judgement.grade,
+            judgement.reasons,
+            judgement.doubts,
+            judgement.verdicts,
+        )
 
 
 @dataclass(frozen=True)
 class Decided:
-    """by: the station itself, if there is no reason to redo the recording; the operator here, or somewhere else."""
+    """by: station if there is no reason to redo the recording; operator here, or elsewhere."""
 
     event: ClassVar[str] = "decided"
     file: str
@@ -133,16 +169,17 @@ class Decided:
 
 
 @dataclass(frozen=True)
-class Skipped:
+class TrialSkipped:
     event: ClassVar[str] = "skipped"
     cuff: str | None
     test: str
     repeat: int
+    condition: TrialCondition | None = None
 
 
 @dataclass(frozen=True)
 class Waiting:
-    """Nothing goes on until one of these commands comes."""
+    """The session waits for one of these commands."""
 
     event: ClassVar[str] = "waiting"
     what: Literal["decision", "pause", "start"]
@@ -151,23 +188,24 @@ class Waiting:
 
 
 @dataclass(frozen=True)
-class Answered:
-    """To a command: what comes of it, or why it cannot be."""
+class CommandAnswered:
+    """Answer to a command: its effect, or the reason of the refusal with its code."""
 
     event: ClassVar[str] = "answer"
     is_refused: bool = field(kw_only=True)
     sentence: str
+    code: str = ""
 
 
 @dataclass(frozen=True)
-class SummingUp:
+class SummaryStarted:
     event: ClassVar[str] = "summing_up"
     sentence: str
 
 
 @dataclass(frozen=True)
-class SummedUp:
-    """cuffs: one row each, heading → text; findings of the assessment in sentences."""
+class SummaryFinished:
+    """cuffs: one row per cuff, heading → text; findings of the assessment in sentences."""
 
     event: ClassVar[str] = "summed_up"
     cuffs: tuple[dict[str, str], ...]
@@ -189,16 +227,16 @@ Event = (
     SessionOpened
     | NextTrial
     | StateChanged
-    | Cued
+    | CueChanged
     | Status
-    | Warned
+    | WarningRaised
     | TrialEnded
     | VerdictGiven
     | Decided
-    | Skipped
+    | TrialSkipped
     | Waiting
-    | Answered
-    | SummingUp
-    | SummedUp
+    | CommandAnswered
+    | SummaryStarted
+    | SummaryFinished
     | SessionClosed
 )

@@ -1,7 +1,7 @@
-"""Where commands come from: keys on a terminal, lines on a pipe.
+"""Sources of commands: keys on a terminal, lines on a pipe.
 
-A thread reads, because a read of a terminal cannot be waited for in one way on all systems; it reads the descriptor
-itself, so that it holds no lock of the interpreter's streams when the process ends.
+A thread reads, because no asynchronous read of a terminal works on all systems; it reads the file descriptor, so that
+it holds no lock of the interpreter's streams when the process ends.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from station.messages.codes import CommandCode
+from station.messages.message import Message
 from station.terminal.commands import KEYS, TAKES_A_REASON, Action, Command, UnknownCommand, parse_command
 
 Post = Callable[[Command | UnknownCommand], None]
@@ -21,7 +23,7 @@ ENTER, ESCAPE, BACKSPACE = "\r\n", "\x1b", "\x7f\b"
 
 
 def is_interactive() -> bool:
-    """Whether a person has this terminal before him: a job in the background may not read it."""
+    """Whether standard input is a terminal in the foreground; a background job may not read it."""
     if not (sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     if not hasattr(os, "tcgetpgrp"):
@@ -30,7 +32,7 @@ def is_interactive() -> bool:
 
 
 class KeyParser:
-    """Keys to commands. After the key of a redo its reason is typed, up to Enter; Escape drops it."""
+    """Parse keys into commands. After the key of a redo its reason is typed, up to Enter; Escape discards it."""
 
     def __init__(self, show_typed: Callable[[str | None], None]) -> None:
         self._show_typed = show_typed
@@ -38,24 +40,25 @@ class KeyParser:
         self._typed = ""
 
     def feed(self, keys: str) -> list[Command | UnknownCommand]:
-        """What was pressed at once; keys that send an escape sequence, as arrows do, mean nothing."""
+        """Take keys that were pressed together; keys that send an escape sequence, such as arrows, have no meaning."""
         if keys.startswith(ESCAPE) and len(keys) > 1:
             return []
-        return [command for key in keys if (command := self._take(key)) is not None]
+        return [command for key in keys if (command := self._parse(key)) is not None]
 
-    def _take(self, key: str) -> Command | UnknownCommand | None:
+    def _parse(self, key: str) -> Command | UnknownCommand | None:
         if self._action is not None:
-            return self._take_reason(self._action, key)
+            return self._parse_reason(self._action, key)
         action = Action.ARM if key in ENTER else KEYS.get(key.lower())
         if action is None:
-            return UnknownCommand(f"no key is {key!r}; ? lists them") if key.isprintable() else None
+            unknown = Message(CommandCode.UNKNOWN_KEY, {"key": repr(key)})
+            return UnknownCommand(unknown) if key.isprintable() else None
         if action not in TAKES_A_REASON:
             return Command(action)
         self._action = action
         self._type("")
         return None
 
-    def _take_reason(self, action: Action, key: str) -> Command | None:
+    def _parse_reason(self, action: Action, key: str) -> Command | None:
         if key in ENTER or key == ESCAPE:
             command = Command(action, self._typed.strip()) if key in ENTER else None
             self._action, self._typed = None, ""
@@ -70,7 +73,7 @@ class KeyParser:
 
 
 class LineParser:
-    """Bytes of a pipe to commands, a line each."""
+    """Parse the bytes of a pipe into commands, one per line."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -78,18 +81,18 @@ class LineParser:
     def feed(self, data: bytes) -> list[Command | UnknownCommand]:
         *lines, self._rest = (self._rest + data).split(b"\n")
         self._rest = self._rest[-LONGEST_LINE:]
-        return [_parsed(line.decode("utf-8", errors="replace")) for line in lines if line.strip()]
+        return [_parse_line(line.decode("utf-8", errors="replace")) for line in lines if line.strip()]
 
 
-def _parsed(line: str) -> Command | UnknownCommand:
+def _parse_line(line: str) -> Command | UnknownCommand:
     try:
-        return parse_command(line.lstrip("\ufeff"))  # which PowerShell sends first
+        return parse_command(line.lstrip("\ufeff"))  # PowerShell sends a byte order mark
     except UnknownCommand as unknown:
         return unknown
 
 
 def listen_to_lines(post: Post) -> None:
-    """Commands from standard input, until it ends: the session goes on without them."""
+    """Read commands from standard input until it ends; the session continues without them."""
     if sys.stdin is None:  # a service without one
         return
     descriptor, parser = sys.stdin.fileno(), LineParser()
@@ -104,19 +107,19 @@ def listen_to_lines(post: Post) -> None:
 
 @contextmanager
 def listening_to_keys(post: Post, show_typed: Callable[[str | None], None]) -> Iterator[None]:
-    """Commands from the terminal's keys, without Enter and without echo; the terminal is set back afterwards."""
+    """Read commands from the keys of the terminal, without Enter and echo; the terminal is restored afterwards."""
     parser = KeyParser(show_typed)
 
-    def take(keys: str) -> None:
+    def on_keys(keys: str) -> None:
         for command in parser.feed(keys):
             post(command)
 
-    with _windows_keys(take) if sys.platform == "win32" else _posix_keys(take):
+    with _windows_keys(on_keys) if sys.platform == "win32" else _posix_keys(on_keys):
         yield
 
 
 @contextmanager
-def _posix_keys(take: Callable[[str], None]) -> Iterator[None]:
+def _posix_keys(on_keys: Callable[[str], None]) -> Iterator[None]:
     import termios
     import tty
 
@@ -126,7 +129,7 @@ def _posix_keys(take: Callable[[str], None]) -> Iterator[None]:
 
     def read() -> None:
         while data := _read(descriptor):
-            take(data.decode("utf-8", errors="ignore"))
+            on_keys(data.decode("utf-8", errors="ignore"))
 
     threading.Thread(target=read, name="keys", daemon=True).start()
     try:
@@ -136,7 +139,7 @@ def _posix_keys(take: Callable[[str], None]) -> Iterator[None]:
 
 
 @contextmanager
-def _windows_keys(take: Callable[[str], None]) -> Iterator[None]:
+def _windows_keys(on_keys: Callable[[str], None]) -> Iterator[None]:
     import msvcrt
 
     def read() -> None:
@@ -145,7 +148,7 @@ def _windows_keys(take: Callable[[str], None]) -> Iterator[None]:
             if key in "\0\xe0":  # an arrow or a function key: its second half follows
                 msvcrt.getwch()  # type: ignore[attr-defined]
             else:
-                take(key)
+                on_keys(key)
 
     threading.Thread(target=read, name="keys", daemon=True).start()
     yield

@@ -1,4 +1,4 @@
-"""At the bench: simulate, check, record."""
+"""Verbs at the bench: simulate, check, record."""
 
 from __future__ import annotations
 
@@ -12,45 +12,63 @@ import typer
 
 from station.end_signals import end_signals
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import ConfigPath, Format, FormatOption, Rerun, Rrd, Seed, Speed, Test, print_result, say
+from station.verbs.options import (
+    ConfigPath,
+    Donning,
+    Format,
+    FormatOption,
+    Repeat,
+    Rerun,
+    Rrd,
+    Seed,
+    Speed,
+    Test,
+    Worn,
+    print_message,
+    print_result,
+)
 
 if TYPE_CHECKING:
     from station.bench.live import LiveView
+    from station.bench.trial_recorder import TrialRecorder
     from station.clock import Clock
     from station.config import StationConfig
     from station.protocol import TrialSpec
 
-PLAN = "The whole session, without --test"
+PLAN = "Whole session (without --test)"
 
 
 def simulate(
     config: ConfigPath = Path("station.toml"),
     speed: Speed = 1.0,
     seed: Seed = 1,
-    cuff: Annotated[str | None, typer.Option(help="Play this cuff's tests in turn; default: the plan.")] = None,
-    test: Annotated[Test | None, typer.Option(help="Play this test; default: the plan, without its bounce.")] = None,
-    faults: Annotated[Path | None, typer.Option(help="A plan of what goes wrong, and when (.toml).")] = None,
+    cuff: Annotated[str | None, typer.Option(help="Simulate this cuff's tests in turn; default: the plan.")] = None,
+    test: Annotated[Test | None, typer.Option(help="Simulate this test; default: the cuff tests of the plan.")] = None,
+    condition: Worn = None,
+    faults: Annotated[Path | None, typer.Option(help="A plan of faults and their times (.toml).")] = None,
 ) -> None:
-    """Serve the simulated devices at the configuration's addresses, for any client, until Ctrl-C.
+    """Serve simulated devices at the addresses of the configuration, for any client, until Ctrl-C.
 
-    While they run, the line `hang 2` hangs 2 kg on the load cell, and `ni unplug for_s=2` lets that fault happen now.
+    Commands on standard input: `hang 2` hangs 2 kg on the load cell, `ni unplug for_s=2` injects a fault.
     """
     from station.bench.simulation import serve_until_stopped
     from station.config import load_config
+    from station.protocol import TrialSpec
 
-    serve_until_stopped(load_config(config), speed, seed, cuff=cuff, test=test, fault_plan=faults)
+    trial = None if test is None and cuff is None else TrialSpec(cuff, test or "static", 1, condition=condition)
+    serve_until_stopped(load_config(config), speed, seed, trial, in_turn=test is None, fault_plan=faults)
 
 
 def check(
     config: ConfigPath = Path("station.toml"),
-    session: Annotated[Path, typer.Option(help="Folder of the session, for the room on its disk.")] = Path(),
+    session: Annotated[Path, typer.Option(help="Session folder, to check its free disk space.")] = Path(),
     known_mass: Annotated[
         float | None,
-        typer.Option(min=0, help="Instead: kg hung on the load cell, 0 for none; kept in the session's folder."),
+        typer.Option(min=0, help="Check the load cell with this mass [kg], 0 for none; stored in the session folder."),
     ] = None,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
-    """Show what answers: devices, rates, force at rest and calibration, the level of the sync line, labels, disk."""
+    """Check the bench: devices, sample rates, force at rest, calibration, sync line, marker labels, disk."""
     from station.bench.check import check_bench
     from station.config import load_config
 
@@ -63,74 +81,80 @@ def check(
 
 def record(
     config: ConfigPath,
-    session: Annotated[Path, typer.Option(help="Folder of the session; made if it is not there.")],
-    test: Annotated[
-        Test | None,
-        typer.Option(help="One trial of this test, a bounce without a cuff; default: the whole plan, trial by trial."),
-    ] = None,
-    cuff: Annotated[str | None, typer.Option(help="The cuff under test, as the configuration names it.")] = None,
-    repeat: Annotated[int, typer.Option(min=1, help="Which repeat of this test on this donning.")] = 1,
+    session: Annotated[Path, typer.Option(help="Session folder; created if it does not exist.")],
+    test: Annotated[Test | None, typer.Option(help="Record one trial of this test; default: the whole plan.")] = None,
+    cuff: Annotated[str | None, typer.Option(help="Name of the cuff in the configuration.")] = None,
+    condition: Worn = None,
+    repeat: Repeat = 1,
     duration: Annotated[
-        float | None, typer.Option(min=0.1, help="Seconds after the edge; without it, until the capture ends.")
+        float | None, typer.Option(min=0.1, help="Seconds after the sync edge; default: whole capture, pose 5 s.")
     ] = None,
-    donning: Annotated[str, typer.Option(help="Which donning of the cuff; repeats of one are pooled.")] = "1",
-    speed: Annotated[
-        float | None,
-        typer.Option(min=0.1, help="Pace of the simulated devices: world seconds per wall second, at most."),
-    ] = None,
+    donning: Donning = "1",
+    speed: Annotated[float | None, typer.Option(min=0.1, help="Largest simulated speed; 1 is real time.")] = None,
     rrd: Rrd = None,
     rerun: Rerun = False,
     format: FormatOption = "table",  # noqa: A002
-    subject: Annotated[str | None, typer.Option(help="Who is measured, a code like P01.", rich_help_panel=PLAN)] = None,
-    operator: Annotated[str, typer.Option(help="Who measures.", rich_help_panel=PLAN)] = "",
+    subject: Annotated[str | None, typer.Option(help="Code of the subject, such as P01.", rich_help_panel=PLAN)] = None,
+    operator: Annotated[str, typer.Option(help="Name of the operator.", rich_help_panel=PLAN)] = "",
     cuffs: Annotated[
-        str, typer.Option(help="In this order, like hand,waist; default: all.", rich_help_panel=PLAN)
+        str, typer.Option(help="Cuffs in their order, such as hand,waist; default: all.", rich_help_panel=PLAN)
     ] = "",
-    repeats: Annotated[int | None, typer.Option(min=1, help="Of each test.", rich_help_panel=PLAN)] = None,
+    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats of each test.", rich_help_panel=PLAN)] = None,
     simulated: Annotated[
-        bool, typer.Option("--simulated", help="On simulated devices, to practise.", rich_help_panel=PLAN)
+        bool, typer.Option("--simulated", help="Practise on simulated devices.", rich_help_panel=PLAN)
     ] = False,
-    seed: Annotated[int, typer.Option(help="Of the simulated devices.", rich_help_panel=PLAN)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the simulated devices.", rich_help_panel=PLAN)] = 1,
     headless: Annotated[
-        bool, typer.Option("--headless", help="Events as lines of JSON, commands as lines.", rich_help_panel=PLAN)
+        bool,
+        typer.Option("--headless", help="Write events as JSON lines, read commands as lines.", rich_help_panel=PLAN),
     ] = False,
 ) -> None:
-    """Record one trial, or without --test the whole session, trial after trial, each with its verdict.
+    """Record one trial, or without --test the whole session with a verdict after each trial.
 
-    Ctrl-C once stops cleanly, twice at once. Prints the files' paths.
+    Press Ctrl-C once to stop cleanly, twice to stop at once. Prints the paths of the files.
     """
     from station.config import load_config
     from station.protocol import TrialSpec
 
     settings = load_config(config)
     if test is None:
-        if (cuff, duration, rrd, rerun, repeat, donning) != (None, None, None, False, 1, "1"):
-            raise typer.BadParameter("--cuff, --repeat, --duration, --donning, --rrd and --rerun are for one --test")
-        from station.terminal.run import planned, practice_folder, run_session
+        if (cuff, condition, duration, rrd, rerun, repeat, donning) != (None, None, None, None, False, 1, "1"):
+            raise typer.BadParameter("--cuff, --condition, --repeat, --duration, --donning, --rrd, --rerun need --test")
+        from station.terminal.run import plan_session, practice_folder, run_session
 
         session = practice_folder(session) if simulated else session
         names = tuple(name.strip() for name in cuffs.split(",") if name.strip())
-        setup = planned(settings, session, _subject(session, subject), operator, names, repeats)
+        setup = plan_session(settings, session, _subject(session, subject), operator, names, repeats)
         raise typer.Exit(
             run_session(settings, session, setup, is_headless=headless, is_simulated=simulated, speed=speed, seed=seed)
         )
     if subject or operator or cuffs or repeats or simulated or headless:
         raise typer.BadParameter(
-            "--subject, --operator, --cuffs, --repeats, --simulated and --headless are without --test"
+            "--subject, --operator, --cuffs, --repeats, --simulated and --headless are for a session; leave out --test"
         )
-    if (cuff is None) != (test == "bounce"):
-        raise typer.BadParameter("a static or dynamic test needs --cuff, and a bounce has none")
-    _record_trial(settings, session, TrialSpec(cuff, test, repeat, donning), duration, speed, rrd, rerun, format)
+    spec = TrialSpec(cuff, test, repeat, donning, condition=condition)
+    _check_spec(spec)
+    _record_trial(settings, session, spec, duration, speed, rrd, rerun, format)
+
+
+def _check_spec(spec: TrialSpec) -> None:
+    from station.protocol import BODY_TESTS, CUFF_TESTS
+
+    if (spec.cuff is not None) != (spec.test in CUFF_TESTS):
+        raise typer.BadParameter("a static or dynamic test needs --cuff; a bounce, pose or motion takes none")
+    is_missing = spec.test == "motion" and spec.condition is None
+    if is_missing or (spec.test not in BODY_TESTS and spec.condition is not None):
+        raise typer.BadParameter("a motion needs --condition, a pose may have one, other tests take none")
 
 
 def _subject(session: Path, subject: str | None) -> str | None:
-    """Asks a person at a terminal for the subject of a new session."""
+    """The subject code; a terminal prompts for that of a new session."""
     from station.journal import JOURNAL_FILE
     from station.terminal.keyboard import is_interactive
 
     if subject is not None or (session / JOURNAL_FILE).exists() or not is_interactive():
         return subject
-    return str(typer.prompt("Subject, a code like P01", err=True))
+    return str(typer.prompt("Code of the subject, such as P01", err=True))
 
 
 def _record_trial(
@@ -146,14 +170,14 @@ def _record_trial(
     from contextlib import ExitStack
 
     from station.bench.bench_clock import BenchClock
-    from station.bench.session_folder import why_not_here
-    from station.bench.simulation import clock_port, serves_simulated
+    from station.bench.session_folder import check_folder
+    from station.bench.simulation import clock_port, is_served_by_simulator
     from station.bench.trial_recorder import TrialRecorder, View
     from station.clock import RealClock
 
     with ExitStack() as stack:
         clock: Clock = RealClock()
-        if speed is not None or serves_simulated(config):
+        if speed is not None or is_served_by_simulator(config):
             clock = stack.enter_context(BenchClock(clock_port(config), speed))
         views: list[View] = [stack.enter_context(_live_view(config, clock, spec))]
         if rrd is not None or rerun:
@@ -161,37 +185,33 @@ def _record_trial(
 
             rope = config.cuffs[spec.cuff].rope_markers if spec.cuff in config.cuffs else ()
             views += open_rerun(stack, rrd, rope, has_viewer=rerun)
-        daemon = TrialRecorder(config, clock, views, why_not_here=why_not_here)
-        _stop_on_signals(daemon)
-        try:
-            result = daemon.record(session, spec, duration)
-        finally:
-            left_behind = daemon.left_behind
+        recorder = TrialRecorder(config, clock, views, check_folder=check_folder)
+        _stop_on_signals(recorder)
+        result = recorder.record(session, spec, duration)
     print_result(result, format)
     code = DONE if result.accepted and not result.lost_samples else LOSSY if result.path else FAILED
-    if left_behind:
-        _leave(code, left_behind)
+    if recorder.abandoned:
+        _exit_at_once(code, recorder.abandoned)
     raise typer.Exit(code)
 
 
 def _live_view(config: StationConfig, clock: Clock, spec: TrialSpec) -> LiveView:
     from station.bench.live import LiveView
 
-    title = f"{spec.cuff or 'load cell'} {spec.test} {spec.repeat}"
     site = config.cuff_site(spec.cuff) if spec.cuff in config.cuffs else None
-    return LiveView(clock, title, load_cell=config.calibration(), cuff=site)
+    return LiveView(clock, spec.title, load_cell=config.calibration(), cuff=site)
 
 
-def _stop_on_signals(daemon: Any) -> None:
+def _stop_on_signals(recorder: TrialRecorder) -> None:
     def stop(_signal: int, _frame: Any) -> None:
-        daemon.stop()
+        recorder.stop()
 
     for number in end_signals():
         signal.signal(number, stop)
 
 
-def _leave(code: int, left_behind: list[str]) -> NoReturn:
-    """A frozen device's thread would hold the interpreter's own way out; everything of ours is closed by now."""
-    say(f"left behind, still frozen: {', '.join(left_behind)}")
+def _exit_at_once(code: int, abandoned: list[str]) -> NoReturn:
+    """The thread of a frozen device would block the exit of the interpreter; all files are closed by now."""
+    print_message(f"device did not close: {', '.join(abandoned)}; check its cable and power")
     sys.stdout.flush()
     os._exit(code)

@@ -1,4 +1,4 @@
-"""From recordings to cuffs: fit."""
+"""Verb on cuffs: fit."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import Format, say
+from station.verbs.options import Format, print_message
 
 if TYPE_CHECKING:
-    from fitting.result import SessionFit
+    from fitting.cuffs.cuff_fit import SessionFit
 
 Method = Literal["default", "paper"]
 
 
 def fit(
-    session: Annotated[Path, typer.Argument(help="Folder of a recorded session.")],
-    output: Annotated[Path | None, typer.Option(help="Default: cuffs.json in the session's folder.")] = None,
-    format: Annotated[Format, typer.Option(help="What to print.")] = "table",  # noqa: A002
+    session: Annotated[Path, typer.Argument(help="Session folder.")],
+    output: Annotated[Path | None, typer.Option(help="Default: cuffs.json in the session folder.")] = None,
+    format: Annotated[Format, typer.Option(help="Table for people or JSON for programs.")] = "table",  # noqa: A002
     method: Annotated[
-        Method, typer.Option(help='"paper": print what the published equations give on the same trials; no cuffs.json.')
+        Method,
+        typer.Option(
+            help='"paper": print the result of the published equations for the same trials, without cuffs.json.'
+        ),
     ] = "default",
 ) -> None:
-    """Stiffness, damping and migration of every cuff in a session, with their uncertainty."""
+    """Fit stiffness, damping and migration of every cuff in a session, with their uncertainty."""
     from rich.console import Console
 
-    from fitting.results.cuffs_json import cuffs_json
+    from fitting.cuffs.cuffs_json import cuffs_json
     from station.fit import fit_session_folder
     from station.progress import progress_bars
     from station.tables import print_cuffs
@@ -36,30 +39,30 @@ def fit(
     with progress_bars(Console(stderr=True)) as progress:
         fitted = fit_session_folder(session, cuffs if method == "default" else None, progress)
     for file, damage in fitted.damage.items():
-        say(f"{file} is damaged: {'; '.join(damage)}")
+        print_message(f"{file} is damaged: {'; '.join(damage)}")
     if method == "paper":
         _compare_with_paper(fitted, output, format)
     elif format == "json":
         print(cuffs_json(fitted), end="")
     else:
         print_cuffs(fitted, Console(markup=False))  # "[mm]" is a unit
-    if not fitted.curves:
-        say("not one trial could be used; why stands beside each above, or in cuffs.json")
+    if not fitted.pulls:
+        print_message("no trial could be used; the reasons are listed above and in cuffs.json")
         raise typer.Exit(LOSSY if fitted.damage else FAILED)
     changed = [file for file, checked in fitted.recordings.items() if checked.standing.is_break]
     for file in changed:
-        say(f"{file} has changed since it was recorded: its SHA-256 is not the one in SHA256SUMS")
-    is_whole = not changed and all(curves.trial.is_whole for curves in fitted.curves.values())
+        print_message(f"{file} has changed since it was recorded: its SHA-256 is not the one in SHA256SUMS")
+    is_whole = not changed and all(curves.pull.trial.is_whole for curves in fitted.pulls.values())
     raise typer.Exit(DONE if is_whole and not fitted.damage else LOSSY)
 
 
 def _compare_with_paper(fitted: SessionFit, output: Path | None, format: Format) -> None:  # noqa: A002
-    """The published method's figures, to stdout and to the output file where one is given."""
+    """Print the results of the published method, and write them to the output file if there is one."""
     import json
 
     from rich.console import Console
 
-    from fitting.published_method import plain_published, published_fits
+    from fitting.cuffs.published_method import plain_published, published_fits
     from station.tables import published_table
     from station.whole_file import write_whole
 

@@ -1,51 +1,67 @@
-"""From cuffs to muscles: rmr, assess, optimise, sweep."""
+"""Verbs on suit and muscles: rmr, emg, assess, optimise, sweep."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import Condition, Freedom, Paths, say
+from station.verbs.options import Condition, End, Freedom, Paths, Start, print_message
 
-CuffsFile = Annotated[Path, typer.Option(help="cuffs.json from `station fit`, or written by hand.")]
-BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled raise of the arm.")]
+if TYPE_CHECKING:
+    from station.assessment.rmr import SolvedMotion
+
+CuffsFile = Annotated[Path, typer.Option(help="cuffs.json of `station fit`, or written by hand.")]
+BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled arm raise.")]
 BundledOrOsim = Annotated[str, typer.Option(help='An .osim file, or "bundled".')]
-ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads: .xml, names its data.")]
+People = Annotated[
+    int | None, typer.Option(min=2, help="People drawn for the total uncertainty and the decision, as 1000.")
+]
+Budget = Annotated[
+    Path | None, typer.Option(help="Sources of uncertainty (.toml); draws its number of people. Default: bundled.")
+]
+Indices = Annotated[
+    int | None,
+    typer.Option(min=8, help="Sobol indices of the sources, from 7 times as many people; a power of two, as 128."),
+]
+ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]
 
 
 def rmr(
     output: Annotated[Path, typer.Option(help="Activations, forces, reserves, joint reaction: .csv, .sto, .parquet.")],
     motion: Annotated[
-        Path | None,
-        typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled raise of the arm."),
+        Path | None, typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled arm raise.")
     ] = None,
     model: BundledOrOsim = "bundled",
+    ignore_forces: Annotated[
+        bool, typer.Option("--ignore-forces", help="Leave out forces and controllers that the solver does not have.")
+    ] = False,
     external_loads: ExternalLoads = None,
-    effort: Annotated[Path | None, typer.Option(help="Weights, and reserves of your own: .toml.")] = None,
+    effort: Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")] = None,
     glenoid: Annotated[
-        bool,
-        typer.Option("--glenoid/--no-glenoid", help="Keep the joint reaction inside the glenoid."),
+        bool, typer.Option("--glenoid/--no-glenoid", help="Keep the joint reaction inside the glenoid.")
     ] = True,
     no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
-    glenoid_aspect: Annotated[float, typer.Option(min=0.1, max=10.0, help="Its width across, over along.")] = 1.0,
-    free_coordinates: Annotated[str, typer.Option(help="Accelerations that need not be tracked: a,b")] = "",
-    joint: Annotated[str, typer.Option(help="Whose reaction it is.")] = "GlenoHumeral",
+    glenoid_aspect: Annotated[
+        float, typer.Option(min=0.1, max=10.0, help="Width ratio of the glenoid, across to along the edge.")
+    ] = 1.0,
+    free_coordinates: Annotated[str, typer.Option(help="Coordinates without tracked acceleration: a,b")] = "",
+    joint: Annotated[str, typer.Option(help="Joint of the reaction.")] = "GlenoHumeral",
     paths: Paths = "opensim",
     cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 3.0,
-    start: Annotated[float | None, typer.Option("--from", help="First second that is solved.")] = None,
-    end: Annotated[float | None, typer.Option("--to", help="Last second that is solved.")] = None,
+    start: Start = None,
+    end: End = None,
     every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
-    plot: Annotated[Path | None, typer.Option(help="Draw it: one .png, or a folder for its parts.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Figures: one .png, or a folder.")] = None,
 ) -> None:
-    """Solve the muscle-redundancy problem of a motion: which muscles do the work."""
+    """Solve the muscle-redundancy problem of a motion: activations, muscle forces and joint reaction."""
     from rich.console import Console
 
     from solver.redundancy.motion import RedundancyOptions
     from station.assessment.compilation import compilation_shown
-    from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles, unsolved_in_words
+    from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles
     from station.assessment.rmr_table import ensure_writable, write_solved
     from station.progress import progress_bars
 
@@ -56,15 +72,14 @@ def rmr(
     options = RedundancyOptions(
         glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint, path_mode=paths
     )
-    inputs, cut = MuscleInputs(motion, model, external_loads, effort), MotionCut(cutoff_hz or None, start, end, every)
+    inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces=ignore_forces)
+    cut = MotionCut(cutoff_hz or None, start, end, every)
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         solved = solve_muscles(inputs, cut, options, progress)
-    say(f"filter: {solved.notes['filter']}")
-    for sentence in unsolved_in_words(solved.solution):
-        say(sentence)
+    _print_conditions(solved)
     left_out = write_solved(output, solved)
     if left_out is not None:
-        say(left_out)
+        print_message(left_out)
     print(output)
     if plot is not None:
         from station.report.rmr_figures import draw_solved
@@ -74,66 +89,155 @@ def rmr(
     raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
 
 
+def _print_conditions(solved: SolvedMotion) -> None:
+    """Filter, forces that were left out, and frames and muscles without a converged solution."""
+    from station.assessment.outcomes import describe_unconverged, describe_unsolved
+
+    print_message(f"filter: {solved.notes['filter']}")
+    if solved.model.left_out:
+        print_message(f"Left out of the model: {solved.notes['left_out']}. The results do not include their loads.")
+    for sentence in (*describe_unsolved(solved.solution), *describe_unconverged(solved.solution)):
+        print_message(sentence)
+
+
+def emg(
+    trials: Annotated[
+        list[Path], typer.Argument(help="EMG of the repeats of a condition: .exp, .csv, .tsv, .txt, .c3d, .mcap.")
+    ],
+    output: Annotated[Path, typer.Option(help="Folder for the envelopes, emg.json and emg_change.csv.")],
+    activations: Annotated[
+        list[Path] | None,
+        typer.Option(help="Activations of the model, one file per trial in order: .sto or .csv of `station rmr`."),
+    ] = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(help="EMG of the reference condition, such as without the suit; may be repeated."),
+    ] = None,
+    reference_activations: Annotated[
+        list[Path] | None, typer.Option(help="Activations of the model, one file per reference.")
+    ] = None,
+    mvc: Annotated[
+        list[Path] | None, typer.Option(help="EMG of maximum voluntary contractions; may be repeated.")
+    ] = None,
+    setup: Annotated[
+        Path | None, typer.Option(help="Filters, and the muscles of every channel: .toml. Default: docs/emg.md.")
+    ] = None,
+    to: Annotated[Literal["sto", "csv"], typer.Option(help="Format of the envelopes.")] = "sto",
+) -> None:
+    """Compute EMG envelopes, normalised to a known MVC, and compare shape and change with the model's activations."""
+    from rich.console import Console
+
+    from station.emg.comparison import ConditionFiles, compare_emg
+    from station.emg.emg_json import write_emg
+    from station.emg.emg_tables import (
+        change_table,
+        findings_text,
+        pooled_table,
+        shape_table,
+        write_change,
+        write_envelopes,
+    )
+
+    condition = ConditionFiles(tuple(trials), tuple(activations or ()))
+    compared_with = ConditionFiles(tuple(reference or ()), tuple(reference_activations or ()))
+    compared = compare_emg(condition, compared_with, mvc or (), setup)
+    files = {
+        "emg": condition.emg,
+        "activations": condition.activations,
+        "reference": compared_with.emg,
+        "reference_activations": compared_with.activations,
+        "mvc": mvc or (),
+        "setup": [setup] if setup else (),
+    }
+    document = write_emg(output, compared, files)
+    written = [*write_envelopes(output, compared, to), write_change(output, compared)]
+    for sentence in findings_text(document):
+        print_message(sentence)
+    for table in (shape_table(document), pooled_table(document), change_table(document)):
+        if table.row_count:
+            Console(markup=False).print(table)
+    for path in filter(None, written):
+        print(path)
+    raise typer.Exit(LOSSY if any(trial.lost for trial in document.trials) else DONE)
+
+
 def assess(
     cuffs: CuffsFile,
-    output: Annotated[Path, typer.Option(help="Folder for assessment.json, activations.csv and report.html.")],
+    output: Annotated[Path, typer.Option(help="Output folder for assessment.json, activations.csv and report.html.")],
     motion: BundledOrMotion = None,
     suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
-    cuff: Annotated[list[str] | None, typer.Option(help="Wear this arm cuff; repeat for more. Default: all.")] = None,
-    emg: Annotated[Path | None, typer.Option(help="Measured: a CSV of muscle,reduction_percent,sd.")] = None,
-    beside: Annotated[Path | None, typer.Option(help="Another motion, to show beside the assessed one.")] = None,
+    cuff: Annotated[list[str] | None, typer.Option(help="Assess this arm cuff; may be repeated. Default: all.")] = None,
+    emg: Annotated[Path | None, typer.Option(help="Measured EMG: a CSV of muscle,reduction_percent,sd.")] = None,
+    beside: Annotated[Path | None, typer.Option(help="Another motion for comparison.")] = None,
+    subject: Annotated[
+        Path | None, typer.Option(help="Session folder with the wearer's pose and motion trials and subject.toml.")
+    ] = None,
     draws: Annotated[
-        int, typer.Option(min=0, help="Cuffs drawn from their fit's covariance; 0 for no interval.")
+        int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs; 0 for no intervals.")
     ] = 200,
+    people: People = None,
+    budget: Budget = None,
+    indices: Indices = None,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler for the people, tcp://…")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Number of processes for the people. Default: this one, with all cores.")
+    ] = None,
     paths: Paths = "opensim",
 ) -> None:
-    """What the suit with these cuffs does for the muscles, over its rest length, and how sure that is."""
+    """Assess the effect of the suit with these cuffs on muscle effort, over its rest length, with intervals."""
     from rich.console import Console
 
     from solver.suit.suit import BUNDLED_SUIT
-    from station.assessment.assess import assess_file
-    from station.assessment.assessment_inputs import AssessmentInputs, cuff_remarks
+    from station.assessment.assess import assess_file, sentences_on
+    from station.assessment.assessment_inputs import AssessmentInputs
     from station.assessment.compilation import compilation_shown
-    from station.assessment.findings import findings
+    from station.assessment.people_run import PeopleOptions, people_run
     from station.progress import progress_bars
     from station.report.page import write_report
     from station.tables import assessment_table
 
+    if subject is not None and (motion, external_loads, beside) != (None, None, None):
+        raise typer.BadParameter("--subject brings its own motion; leave out --motion, --external-loads and --beside")
+    if indices is not None and indices & (indices - 1):
+        raise typer.BadParameter(f"--indices should be a power of two, as 128, and is {indices}")
+    chosen = tuple(cuff or ())
     inputs = AssessmentInputs(
-        cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, tuple(cuff or ()), paths, external_loads
+        cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, chosen, paths, external_loads, subject
     )
-    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
-        assessed = assess_file(inputs, output, draws, progress)
+    with (
+        progress_bars(Console(stderr=True)) as progress,
+        compilation_shown(progress),
+        people_run(output, PeopleOptions(budget, people, indices, scheduler, workers)) as run,
+    ):
+        assessed = assess_file(inputs, output, draws, run, progress)
     write_report(output)
-    Console(markup=False).print(assessment_table(assessed.assessment))
-    for sentence in cuff_remarks(cuffs, assessed.cuffs):
-        say(sentence)
-    for sentence in findings(assessed.assessment):
-        say(sentence)
-    is_changed = assessed.cuffs_standing.is_break
-    raise typer.Exit(LOSSY if assessed.assessment.unsolved or is_changed else DONE)
+    Console(markup=False).print(assessment_table(assessed.assessment, assessed.total))
+    for sentence in sentences_on(assessed, cuffs):
+        print_message(sentence)
+    raise typer.Exit(LOSSY if assessed.assessment.unsolved or assessed.is_changed else DONE)
 
 
 def optimise(
     cuffs: CuffsFile,
-    output: Annotated[Path, typer.Option(help="Folder for optimum.json.")],
+    output: Annotated[Path, typer.Option(help="Output folder for optimum.json.")],
     motion: BundledOrMotion = None,
-    suit: Annotated[Path | None, typer.Option(help="Where to start; default: the bundled exotendon suit.")] = None,
+    suit: Annotated[Path | None, typer.Option(help="Initial suit; default: the bundled exotendon suit.")] = None,
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
-    cuff: Annotated[str | None, typer.Option(help="The arm cuff; may be left out where there is one only.")] = None,
-    condition: Annotated[Condition, typer.Option(help="What the cuffs do.")] = "both",
+    cuff: Annotated[str | None, typer.Option(help="The arm cuff; optional if there is only one.")] = None,
+    condition: Annotated[Condition, typer.Option(help="Effects of the cuffs.")] = "both",
     free: Annotated[
-        list[Freedom] | None, typer.Option(help="Besides the rest length: repeat for more. Points may move by 5 cm.")
+        list[Freedom] | None,
+        typer.Option(help="Further parameters besides the rest length; may be repeated. Points move by up to 5 cm."),
     ] = None,
-    draws: Annotated[int, typer.Option(min=0, help="Cuffs drawn from their fit's covariance.")] = 50,
+    draws: Annotated[int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs.")] = 50,
 ) -> None:
-    """The rest length, and where asked the stiffness and points of the cord, that save the muscles most."""
+    """Find the rest length, and on request the stiffness and points of the cord, with the least muscle effort."""
     from rich.console import Console
 
-    from fitting.cuffs_file import read_cuffs
+    from fitting.cuffs.cuffs_file import read_cuffs
     from solver.suit.optimise import SearchOutcome
     from solver.suit.suit import BUNDLED_SUIT
     from station.assessment.assessment_inputs import AssessmentInputs, chosen_cuffs, cuff_remarks
@@ -144,41 +248,42 @@ def optimise(
 
     chosen = (cuff,) if cuff else ()
     inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=chosen, external_loads=external_loads)
-    freedoms: Any = tuple(each.value for each in free or ())
+    freedoms: Any = tuple(freedom.value for freedom in free or ())
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)
     Console(markup=False).print(optimum_table(optimised))
     for sentence in cuff_remarks(cuffs, chosen_cuffs(read_cuffs(cuffs), chosen)):
-        say(sentence)
+        print_message(sentence)
     for name in dict.fromkeys(optimised.fitted.at_limit + optimised.robust.at_limit):
-        say(f"the search stopped at the end of what {name} may be; a better suit may lie beyond")
+        print_message(f"the search stopped at the limit of {name}; a better suit may exist beyond it")
     if SearchOutcome.NOT_CONVERGED in (optimised.fitted.outcome, optimised.robust.outcome):
-        say("the search did not converge within its limit of tries; free fewer of the suit's parameters")
+        print_message("the search did not converge within its limit of iterations; free fewer parameters of the suit")
 
 
 def sweep(
-    plan: Annotated[Path, typer.Argument(help="What is varied, in TOML; docs/sweep.md has an example.")],
-    output: Annotated[Path, typer.Option(help="Folder for sweep.parquet; what it holds of the plan is kept.")],
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, tcp://…; default: this machine.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, where no scheduler is given.")] = 2,
+    plan: Annotated[Path, typer.Argument(help="The plan of the sweep (.toml); docs/sweep.md has an example.")],
+    output: Annotated[Path, typer.Option(help="Output folder for sweep.parquet; finished cases in it are kept.")],
+    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, tcp://…; default: this computer.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this computer, without --scheduler.")] = 2,
 ) -> None:
-    """Wear many suits in many cases, resumed where it was ended, into one table."""
+    """Assess many suits, models, motions and cuffs in one table; an interrupted sweep is continued."""
     from functools import partial
 
     from rich.console import Console
 
+    from station.dask_cluster import connected
     from station.progress import progress_bars
-    from station.sweep.cluster import connected, solve_on
+    from station.sweep.cluster import solve_on
     from station.sweep.plan import read_plan
     from station.sweep.run import run_sweep
 
     read = read_plan(plan)
     with progress_bars(Console(stderr=True)) as progress, connected(scheduler, workers) as client:
         swept = run_sweep(read, output, partial(solve_on, client), progress)
-    say(f"{swept.cases} cases, {swept.found_finished} of them finished before")
+    print_message(f"{swept.cases} cases, {swept.found_finished} of them from an earlier run")
     if swept.failed:
-        say(f"{swept.failed} cases failed; the column error says why")
+        print_message(f"{swept.failed} cases failed; the column error has the reasons")
     if swept.unsolved:
-        say(f"{swept.unsolved} cases have frames that stayed unsolved; the column unsolved counts them")
+        print_message(f"{swept.unsolved} cases have frames without a solution; the column unsolved counts them")
     print(swept.table)
     raise typer.Exit(LOSSY if swept.failed or swept.unsolved else DONE)

@@ -1,10 +1,9 @@
-"""Options that several verbs share, and what they say on stderr."""
+"""Options that several verbs share, and their messages on stderr."""
 
 from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,19 +15,31 @@ if TYPE_CHECKING:
 
 ConfigPath = Annotated[Path, typer.Option("--config", help="The station's configuration.")]
 Speed = Annotated[
-    float, typer.Option(min=0.1, help="Pace of the simulated world or the replay: its seconds per second, at most.")
+    float, typer.Option(min=0.1, help="Largest speed of the simulated bench or the replay, as a multiple of real time.")
 ]
-Test = Literal["static", "dynamic", "bounce"]
-Rrd = Annotated[Path | None, typer.Option(help="Also write what the live view sees, for Rerun's viewer.")]
-Rerun = Annotated[bool, typer.Option(help="Show it in Rerun's viewer, on this machine only, its analytics off.")]
+Test = Literal["static", "dynamic", "bounce", "pose", "motion"]
+TestOfPull = Literal["static", "dynamic", "bounce"]
+"""Tests that can be imported: the force is that of the load cell."""
+Worn = Annotated[
+    Literal["unsuited", "slack", "tight", "mvc"] | None,
+    typer.Option(
+        "--condition", help="Of a motion trial: without suit, cord slack, cord tight, or maximal voluntary contraction."
+    ),
+]
+Repeat = Annotated[int, typer.Option(min=1, help="Number of the repeat of this test in this donning.")]
+Donning = Annotated[str, typer.Option(help="Donning of the cuff; repeats within a donning are pooled.")]
+Start = Annotated[float | None, typer.Option("--from", help="Start time [s].")]
+End = Annotated[float | None, typer.Option("--to", help="End time [s].")]
+Rrd = Annotated[Path | None, typer.Option(help="Also write the live view to a file for Rerun's viewer.")]
+Rerun = Annotated[bool, typer.Option(help="Show the live view in Rerun's viewer (local, without analytics).")]
 Format = Literal["table", "json"]
-FormatOption = Annotated[Format, typer.Option("--format", help="Words for people or JSON for programs.")]
+FormatOption = Annotated[Format, typer.Option("--format", help="Table for people or JSON for programs.")]
 PathMode = Literal["opensim", "geodesic"]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 
 
 def _path_mode(text: str) -> PathMode:
-    """A PathMode; "faithful" is what "opensim" was called once."""
+    """A PathMode; "faithful" is an older name of "opensim"."""
     known: dict[str, PathMode] = {"opensim": "opensim", "geodesic": "geodesic", "faithful": "opensim"}
     if text not in known:
         raise typer.BadParameter(f"{text!r} is not one of 'opensim', 'geodesic'")
@@ -40,11 +51,11 @@ Paths = Annotated[
     typer.Option(
         parser=_path_mode,
         metavar="[opensim|geodesic]",
-        help="How muscles lie on surfaces: as in OpenSim, or on geodesics (docs/paths.md).",
+        help="Muscle paths over surfaces: as in OpenSim, or geodesic (docs/paths.md).",
     ),
 ]
-SIMULATED_DATA = "simulated data: the devices say that they are simulated"
-Seed = Annotated[int, typer.Option(help="Seed of every random choice of the simulated world.")]
+SIMULATED_DATA = "simulated data: the devices report that they are simulated"
+Seed = Annotated[int, typer.Option(help="Seed of all random numbers of the simulated bench.")]
 
 
 class Freedom(StrEnum):
@@ -57,17 +68,17 @@ class Freedom(StrEnum):
 
 
 def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -> None:  # noqa: A002
-    """What became of a trial: the sentence to stderr, and to stdout the file's path, or all of it as JSON."""
-    say(result.sentence)
+    """Print the outcome of a trial: a message to stderr, the file's path or the complete outcome as JSON to stdout."""
+    print_message(result.sentence)
     if result.origin == "simulated":
-        say(SIMULATED_DATA)
+        print_message(SIMULATED_DATA)
     path = str(result.path) if result.path is not None and is_kept else None
     if format == "json":
-        print(json.dumps({**asdict(result), "path": path}, indent=2, ensure_ascii=False))
+        print(json.dumps({**result.to_json(), "path": path}, indent=2, ensure_ascii=False))
     elif path is not None:
         print(path)
 
 
-def say(words: str) -> None:
-    """Talk goes to stderr; stdout carries data."""
-    print(words, file=sys.stderr, flush=True)
+def print_message(message: str) -> None:
+    """Print a message to stderr; stdout carries results."""
+    print(message, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""The whole way: demo, and the report of all that a folder holds."""
+"""Verbs on whole sessions: demo, serve, judge, verify, report."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import Annotated
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import ConfigPath, FormatOption, Seed, say
+from station.verbs.options import ConfigPath, FormatOption, Seed, print_message
 
 
 def demo(
-    output: Annotated[Path | None, typer.Option(help="Folder of the session; default: simulated/demo.")] = None,
+    output: Annotated[Path | None, typer.Option(help="Session folder; default: simulated/demo.")] = None,
     speed: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Pace of the simulated world, at most; default: as fast as it is handled."),
+        typer.Option(
+            min=0.1, help="Largest speed of the simulated bench, as a multiple of real time; default: no limit."
+        ),
     ] = None,
     seed: Seed = 1,
 ) -> None:
-    """Record a whole session from simulated devices, fit it, assess it, report it."""
+    """Record a session from simulated devices, fit and assess the cuffs, write the report."""
     from station.assessment.compilation import CompilationAhead
 
     with CompilationAhead() as ahead:
@@ -31,20 +33,22 @@ def demo(
 
 def serve(
     config: ConfigPath = Path("station.toml"),
-    host: Annotated[str, typer.Option(help="Beyond this machine only by name: then a token is needed.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; other computers then need the printed token.")
+    ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535)] = 8421,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    simulated: Annotated[bool, typer.Option(help="On simulated devices, to practise or to rehearse on.")] = False,
+    simulated: Annotated[bool, typer.Option(help="Practise on simulated devices.")] = False,
     speed: Annotated[
         float | None,
         typer.Option(
             min=0.1,
-            help="Pace of the simulated world, at most; without --simulated, follow the clock of `station simulate`.",
+            help="Largest speed of the simulated bench; without --simulated, follow the clock of `station simulate`.",
         ),
     ] = None,
     seed: Seed = 1,
 ) -> None:
-    """The operator's console: a page that leads through a session, live to the verdict. Prints its address."""
+    """Serve the operator's console, a page that guides through a session. Prints its address."""
     from station.config import load_config
     from station.console.server import serve as serve_console
 
@@ -60,36 +64,36 @@ def serve(
 
 
 def judge(
-    file: Annotated[Path, typer.Argument(help="A recording in its session's folder.")],
-    redo: Annotated[str | None, typer.Option(help="It does not count, and this is why; without it, it counts.")] = None,
+    file: Annotated[Path, typer.Argument(help="A recording in its session folder.")],
+    redo: Annotated[
+        str | None, typer.Option(help="Reject the recording for this reason; without it, accept it.")
+    ] = None,
 ) -> None:
-    """Let a recording count, or set it aside with the reason; the session's journal keeps both."""
+    """Accept a recording, or reject it with a reason. The session's journal keeps every decision."""
     from station.checksums import changed_files
     from station.journal import write_verdict
 
     if not file.is_file() or file.suffix != ".mcap":
         raise typer.BadParameter(f"there is no recording {file}")
     if redo is not None and not redo.strip():
-        raise typer.BadParameter("--redo needs the reason why the recording does not count, and it is empty")
+        raise typer.BadParameter("--redo is empty, expected the reason why the recording is rejected")
     for sentence in changed_files([file]):
-        say(sentence)
+        print_message(str(sentence))
     write_verdict(file.parent, file.name, "redo" if redo else "accept", redo or "")
-    say(f"{file.name} {'is set aside' if redo else 'counts'}; `station fit` goes by it")
+    print_message(f"{file.name} is {'rejected' if redo else 'accepted'}; `station fit` uses this decision")
 
 
 def verify(
-    folder: Annotated[Path, typer.Argument(help="Folder of a session.")],
-    sign: Annotated[
-        Path | None, typer.Option(help="Then sign the folder with this SSH key, if the chain is whole.")
-    ] = None,
+    folder: Annotated[Path, typer.Argument(help="Session folder.")],
+    sign: Annotated[Path | None, typer.Option(help="Sign the folder with this SSH key if no link is broken.")] = None,
     signers: Annotated[
-        Path | None, typer.Option(help="OpenSSH's list of allowed signers, to check whose signature it is.")
+        Path | None, typer.Option(help="OpenSSH's file of allowed signers, to verify the signature.")
     ] = None,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
-    """Check every file of a session against what was recorded of it, from the report to the recordings.
+    """Compare every file of a session with its recorded hash, from the report to the recordings.
 
-    One line a link; exit code 1 where any has changed or is missing.
+    Prints one line per link; exit code 1 if a file has changed or is missing.
     """
     import json
     from dataclasses import asdict
@@ -100,7 +104,7 @@ def verify(
 
     links = verify_folder(folder)
     if sign is not None:
-        say(f"signed: {sign_folder(folder, sign)}")
+        print_message(f"signed: {sign_folder(folder, sign)}")
         links = verify_folder(folder)
     if signed := signature_of(folder, signers):
         links.insert(0, signed)
@@ -110,17 +114,17 @@ def verify(
         print("\n".join(map(str, links)))
     breaks = sum(link.standing.is_break for link in links)
     unrecorded = sum(link.standing == "no hash recorded" for link in links)
-    say(f"{len(links)} links, {breaks} broken, {unrecorded} without a hash to compare with")
+    print_message(f"{len(links)} links, {breaks} broken, {unrecorded} without a hash to compare with")
     raise typer.Exit(FAILED if breaks else DONE)
 
 
 def report(
     folder: Annotated[Path, typer.Argument(help="A folder with recordings, cuffs.json or assessment.json.")],
 ) -> None:
-    """Write report.html, one self-contained page, of all that a folder holds. Prints its path."""
+    """Write report.html, a self-contained page, from the recordings and results of a folder. Prints its path."""
     from rich.console import Console
 
-    from fitting.seal import Standing
+    from fitting.results.seal import Standing
     from station.files.chain import chain_of
     from station.progress import progress_bars
     from station.report.page import write_report
@@ -132,5 +136,5 @@ def report(
         link for link in chain_of(folder) if link.standing in (Standing.CHANGED, Standing.MISSING, Standing.BY_HAND)
     ]
     for link in links:
-        say(str(link))
+        print_message(str(link))
     raise typer.Exit(LOSSY if any(link.standing.is_break for link in links) else DONE)

@@ -1,4 +1,4 @@
-"""Where samples lie in time: by their device's clock, laid onto the host's UTC."""
+"""Convert the device time of samples to the UTC of the host."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from recordings.samples import Samples
 
 
 class DeviceTimes:
-    """One offset a stream, from the block that was least delayed so far.
+    """One clock offset per stream, from the block with the smallest delay so far.
 
-    With the sync edge the DAQ's offset stays as it is, and the first frame of the capture is laid onto the edge.
+    At the sync edge, the offset of the DAQ is fixed, and the first frame of the capture is aligned with the edge.
     """
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class DeviceTimes:
         self._settled: set[str] = set()
 
     def set_edge(self, device_ns: int | None, frame_rate_hz: float) -> None:
-        """The edge by the clock of /sync, None before it, and the nominal rate of the frames."""
+        """Set the sync edge on the clock of /sync (None before it) and the nominal frame rate."""
         self._edge_device_ns = device_ns
         self._frame_ns = 1e9 / frame_rate_hz if frame_rate_hz > 0 else 0.0
         if device_ns is not None and self.edge_ns is None and "/sync" in self._offsets:
@@ -30,11 +30,11 @@ class DeviceTimes:
             self._settled |= self._offsets.keys() - {"/markers"}
 
     def of(self, samples: Samples) -> NDArray[np.int64]:
-        """(n,) UTC [ns] of a block with at least one sample."""
+        """UTC [ns] (n,) of a block with at least one sample."""
         stream, last_ns = samples.stream, int(samples.device_time_ns[-1])
         if stream not in self._settled:
-            delayed = samples.host_time_ns - last_ns
-            self._offsets[stream] = min(self._offsets.get(stream, delayed), delayed)
+            offset = samples.host_time_ns - last_ns
+            self._offsets[stream] = min(self._offsets.get(stream, offset), offset)
             if stream == "/markers":
                 self._settle_frames(samples)
             if stream == "/sync":
@@ -42,7 +42,7 @@ class DeviceTimes:
         return np.asarray(samples.device_time_ns + self._offsets[stream], dtype=np.int64)
 
     def _settle_frames(self, frames: Samples) -> None:
-        """Frame 1 is exposed at the edge; frames that run on from a preview have another number there."""
+        """Align frame 1 with the edge; a preview that has not ended has another frame number at that time."""
         first_ns = frames.device_time_ns[0] - round((int(frames.sample_numbers[0]) - 1) * self._frame_ns)
         if self.edge_ns is None or not self._frame_ns:
             return
@@ -53,4 +53,4 @@ class DeviceTimes:
 
 
 LATEST_NS = 1_000_000_000
-"""By which frames may arrive after their exposure; numbers that disagree by more are not those of this capture."""
+"""Largest delay of a frame; frame numbers with a larger one are not those of this capture."""

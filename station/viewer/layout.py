@@ -1,4 +1,4 @@
-"""Where each thing stands in Rerun's window; left to itself the viewer opens a window for every curve."""
+"""Layout of Rerun's window; without a blueprint, the viewer opens a panel for every curve."""
 
 from __future__ import annotations
 
@@ -10,38 +10,45 @@ from numpy.typing import NDArray
 
 TIMELINE = "time"
 DISTANCE = 1.6
-"""Of the eye from what it looks at, in diameters of that: the whole of it is in sight, with some room."""
+"""Distance of the eye from the scene in diameters of the scene, which shows all of it with a margin."""
+ELEVATION, EMG = "wearer/elevation_deg", "wearer/emg_uv"
 BODY_NAME = "Muscles from idle (blue) to full activation (red); suit (green)"
 
 
 @dataclass(frozen=True)
-class Framed:
-    """What a view is to show: centre (3,) and diameter [m], in the view's frame."""
+class SceneExtent:
+    """Extent of the points in a view: centre (3,) and diameter [m], in the frame of the view."""
 
     centre: tuple[float, float, float]
     diameter: float
 
     @staticmethod
-    def around(points: NDArray[np.floating]) -> Framed:
-        """Around points (n, 3), all finite."""
+    def around(points: NDArray[np.floating]) -> SceneExtent:
+        """Extent of points (n, 3), all finite."""
         low, high = points.min(axis=0), points.max(axis=0)
         x, y, z = ((low + high) / 2).tolist()
-        return Framed((x, y, z), max(0.1, float(np.linalg.norm(high - low))))
+        return SceneExtent((x, y, z), max(0.1, float(np.linalg.norm(high - low))))
 
     def eye(self, up: tuple[float, float, float]) -> rrb.EyeControls3D:
-        """An eye that looks at it from the front, the side and a little above."""
-        aside = np.roll(np.array(up), 1), np.roll(np.array(up), 2)
-        direction = 0.6 * np.array(up) + aside[0] + 0.6 * aside[1]
+        """An eye that looks from the front, from the side and from slightly above."""
+        horizontal = np.roll(np.array(up), 1), np.roll(np.array(up), 2)
+        direction = 0.6 * np.array(up) + horizontal[0] + 0.6 * horizontal[1]
         position = np.array(self.centre) + DISTANCE * self.diameter * direction / np.linalg.norm(direction)
         return rrb.EyeControls3D(position=position, look_target=self.centre, eye_up=up)
 
 
-def layout(*, framed: Framed | None = None, body: Framed | None = None, has_fit: bool = False) -> rrb.Blueprint:
-    """The bench on the left, above the body that wears the suit; on the right the curves, above what happened.
+def layout(
+    *,
+    markers: SceneExtent | None = None,
+    body: SceneExtent | None = None,
+    has_fit: bool = False,
+    is_of_wearer: bool = False,
+) -> rrb.Blueprint:
+    """Bench (top) and body with the suit (bottom) on the left; curves and the list of events on the right.
 
-    framed and body are what the two spaces show, markers (z up) and body (y up); None: Rerun's own view, and no body.
+    markers (z up) and body (y up): extents of the two scenes; None: Rerun's default view, and no body.
     """
-    eye = framed.eye((0.0, 0.0, 1.0)) if framed else None
+    eye = markers.eye((0.0, 0.0, 1.0)) if markers else None
     contents = ["+ /markers", "+ /rope"]
     spaces = [rrb.Spatial3DView(origin="/", contents=contents, name="Markers and rope", eye_controls=eye)]
     if body:
@@ -50,6 +57,9 @@ def layout(*, framed: Framed | None = None, body: Framed | None = None, has_fit:
     if has_fit:
         fitted = _curves("Force [N]", "fit/force_n", "fit/plateaus_n", "fit/predicted_n")
         curves = [fitted, _curves("Displacement along the rope [mm]", "fit/displacement_mm"), *curves]
+    if is_of_wearer:
+        elevation, emg = _curves("Elevation of the arm [deg]", ELEVATION), _curves("EMG RMS [\u00b5V]", f"{EMG}/**")
+        curves = [elevation, emg, *curves]
     events = rrb.TextLogView(origin="/events", name="Events")
     return rrb.Blueprint(
         rrb.Horizontal(

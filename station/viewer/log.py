@@ -1,7 +1,7 @@
-"""A trial for Rerun: force, sync line, markers and rope on one timeline, in a viewer or as an .rrd to share.
+"""Show a trial in Rerun: force, sync line, markers and rope on one timeline, in a viewer or in an .rrd file.
 
-The viewer is Rerun's own window. It is bound to this machine alone and its analytics are turned off for it: left to
-itself it binds every interface and reports its use. A slow or closed viewer costs the recording nothing.
+The viewer is Rerun's own window. It listens on 127.0.0.1 only and its analytics are disabled; by default it listens on
+every interface and reports its use. A slow or closed viewer does not affect the recording.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from recordings.samples import Event, Item, Samples
 from station.bench.background_view import BackgroundView
 from station.bench.snapshot import Snapshot
 from station.viewer.device_times import DeviceTimes
-from station.viewer.layout import TIMELINE, Framed, layout
+from station.viewer.layout import TIMELINE, SceneExtent, layout
 from station.viewer.viewer import start_viewer
 
 REFRESH_S = 0.5
 BACKLOG = 5000
 CURVE_RATE_HZ, MARKER_RATE_HZ = 100.0, 25.0
-"""As dense as an eye wants it. What Rerun's calls cost goes by their number: one a refresh for each thing that is shown
+"""Rates of the display. The cost of Rerun depends on the number of calls: one per refresh and stream
 (`python -m benchmarks.rerun` measures it)."""
 
-METRES_A_MM = 1e-3
-"""The body that a replay draws beside the markers is in metres."""
+STREAMS = ("/force", "/sync", "/markers")
+METRES_PER_MM = 1e-3
+"""The body that a replay draws is in metres."""
 
 Columns = list[tuple[NDArray[np.int64], NDArray[np.floating]]]
 """Host times [ns], and values at them."""
 
 
 def open_rerun(stack: ExitStack, path: Path | None, rope: tuple[str, ...], *, has_viewer: bool) -> list[RerunLog]:
-    """The views that were asked for: file, viewer, both or none. Raises ViewerError if the viewer does not start."""
+    """Open the requested views: file, viewer, both or none. Raises ViewerError if the viewer does not start."""
     sinks: list[Path | str] = [] if path is None else [path]
     if has_viewer:
         sinks.append(start_viewer())
@@ -43,11 +44,10 @@ def open_rerun(stack: ExitStack, path: Path | None, rope: tuple[str, ...], *, ha
 
 
 class RerunLog(BackgroundView):
-    """A view that writes into an .rrd file, or into a viewer at an address; rope are the labels of its markers.
+    """A view that writes to an .rrd file, or to a viewer at an address. rope: labels of the markers on the rope.
 
-    There is one timeline, TIMELINE: every sample lies where its device's clock puts it, not where it arrived. The clock
-    of a stream is laid onto UTC by the block that was least delayed so far; from the sync edge on it stays, and frame 1
-    of the capture lies at the edge. edge_ns is then the edge on that timeline.
+    TIMELINE is the only timeline. Samples are at the time of their device clock, not at their time of arrival; see
+    DeviceTimes. edge_ns is the sync edge on this timeline.
     """
 
     def __init__(self, sink: Path | str, rope: tuple[str, ...] = ()) -> None:
@@ -62,23 +62,23 @@ class RerunLog(BackgroundView):
         self._rope = rope
         self._labels: tuple[str, ...] = ()
         self._pending: dict[str, Columns] = {}
-        self._last_ns: dict[str, int] = {}
+        self._last_interval: dict[str, int] = {}
         self._times = DeviceTimes()
-        self.framed: Framed | None = None  # what the view of the markers shows, once they were seen
+        self.extent: SceneExtent | None = None  # of the markers, once they are visible
         self.stream.send_blueprint(layout())
-        self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)  # as QTM has it, unless told otherwise
+        self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)  # default of QTM
         self.stream.log("markers", rr.Points3D.from_fields(radii=0.006), static=True)
         self.stream.log("rope", rr.LineStrips3D.from_fields(radii=0.002), static=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """The state is told by the events already; the markers' names come with it."""
+        """Take the labels of the markers and the sync edge; events show the state."""
         streams = {stream.name: stream for stream in snapshot.streams}
         self._labels = streams["/markers"].labels if "/markers" in streams else ()
         self._times.set_edge(snapshot.edge_device_ns, streams["/markers"].rate_hz if self._labels else 0.0)
 
     @property
     def edge_ns(self) -> int | None:
-        """The sync edge on the timeline [UTC, ns]; None before it."""
+        """The sync edge on the timeline [UTC, ns]; None before the edge."""
         return self._times.edge_ns
 
     def __exit__(
@@ -93,27 +93,27 @@ class RerunLog(BackgroundView):
         for name, columns in pending.items():
             times_ns, values = (np.concatenate(parts) for parts in zip(*columns, strict=True))
             if name == "/markers":
-                self._send_markers(times_ns, METRES_A_MM * values[:, :, :3])
+                self._send_markers(times_ns, METRES_PER_MM * values[:, :, :3])
             else:
                 self._send(name, times_ns, rr.Scalars.columns(scalars=values[:, 0]))
 
-    def _take(self, item: Item) -> None:
+    def _handle(self, item: Item) -> None:
         if isinstance(item, Event):
             at_ns = self._times.edge_ns if item.kind == "sync_edge" else None
             self.stream.set_time(TIMELINE, timestamp=np.datetime64(at_ns or item.host_time_ns, "ns"))
             self.stream.log("events", rr.TextLog(item.text))
-        elif isinstance(item, Samples) and len(item.values):
+        elif isinstance(item, Samples) and len(item.values) and item.stream in STREAMS:
             times_ns = self._times.of(item)
-            kept = self._thinned(item.stream, times_ns)
+            kept = self._decimated(item.stream, times_ns)
             if len(kept):
                 self._pending.setdefault(item.stream, []).append((times_ns[kept], item.values[kept]))
 
-    def _thinned(self, name: str, times_ns: NDArray[np.int64]) -> NDArray[np.intp]:
-        """Which samples are shown: in every stretch of time the first."""
-        stretch_ns = round(1e9 / (MARKER_RATE_HZ if name == "/markers" else CURVE_RATE_HZ))
-        stretches = np.concatenate([[self._last_ns.get(name, -1)], times_ns // stretch_ns])
-        self._last_ns[name] = int(stretches[-1])
-        return np.flatnonzero(np.diff(stretches))
+    def _decimated(self, name: str, times_ns: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Indices of the samples that are shown: the first one of every display interval."""
+        interval_ns = round(1e9 / (MARKER_RATE_HZ if name == "/markers" else CURVE_RATE_HZ))
+        intervals = np.concatenate([[self._last_interval.get(name, -1)], times_ns // interval_ns])
+        self._last_interval[name] = int(intervals[-1])
+        return np.flatnonzero(np.diff(intervals))
 
     def _send_markers(self, times_ns: NDArray[np.int64], frames: NDArray[np.floating]) -> None:
         seen = np.isfinite(frames[:, :, 0])
@@ -121,13 +121,13 @@ class RerunLog(BackgroundView):
         labels = np.broadcast_to(np.array(names), seen.shape)[seen].tolist()
         points = rr.Points3D.columns(positions=frames[seen], labels=labels).partition(lengths=seen.sum(axis=1))
         self._send("markers", times_ns, points)
-        if self.framed is None and seen.any():
-            self.framed = Framed.around(frames[seen])
-            self.stream.send_blueprint(layout(framed=self.framed))
+        if self.extent is None and seen.any():
+            self.extent = SceneExtent.around(frames[seen])
+            self.stream.send_blueprint(layout(markers=self.extent))
         rope = frames[:, [number for number, label in enumerate(self._labels) if label in self._rope]]
-        taut = np.isfinite(rope).all(axis=(1, 2))
-        if rope.shape[1] > 1 and taut.any():
-            self._send("rope", times_ns[taut], rr.LineStrips3D.columns(strips=rope[taut]))
+        visible = np.isfinite(rope).all(axis=(1, 2))
+        if rope.shape[1] > 1 and visible.any():
+            self._send("rope", times_ns[visible], rr.LineStrips3D.columns(strips=rope[visible]))
 
     def _send(self, name: str, times_ns: NDArray[np.int64], columns: rr.ComponentColumnList) -> None:
         times = rr.TimeColumn(TIMELINE, timestamp=times_ns.astype("datetime64[ns]"))

@@ -1,4 +1,4 @@
-"""What a fit and an assessment add to a trial in Rerun: plateaus, fitted line, and the body with its muscles."""
+"""Add fit and assessment to a trial in Rerun: plateaus, fitted line, and the body with its muscles."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from documents.plain_data import read_json
-from fitting.curves import TrialCurves
+from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.session import fit_session
-from fitting.trial import read_trial
-from recordings.reader import open_recording
+from fitting.trial.reader import read_trial
+from recordings.reader import read_manifest
 from solver.bundled import bundled_model
 from solver.model import ConditionalPathPoint, Model, PathPoint
 from solver.motion import decimate, differentiate
@@ -22,78 +22,76 @@ from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.suit import SuitPoint, read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
-from station.assessment.sources import BUNDLED, named_hashes
-from station.viewer.layout import TIMELINE, Framed, layout
+from station.sources import BUNDLED, named_hashes
+from station.viewer.curves import DISPLAY_HZ, LineStyle, log_curve
+from station.viewer.layout import TIMELINE, SceneExtent, layout
+from station.viewer.wearer_scene import log_wearer
 
 Array = NDArray[np.float64]
-POINTS_A_SECOND = 25
-Look = tuple[tuple[int, int, int], float]
-MEASURED: Look = ((130, 170, 225), 2.5)
-FITTED: Look = ((245, 150, 40), 1.2)
-"""Colour and width of a curve: what is fitted stays to be seen upon what is measured."""
+MEASURED: LineStyle = ((130, 170, 225), 2.5)
+FITTED: LineStyle = ((245, 150, 40), 1.2)
+"""Colour and width of a curve; the fitted one is drawn thinner, on top of the measured one."""
 GAP_S = 1e-3
-"""After a held level the line ends."""
+"""Gap after a plateau, at which its line ends."""
 SHOWN_CONDITION = "both"
-"""Cuffs that yield and have shifted: what a wearer feels in the end."""
-IDLE, BUSY = np.array([60, 90, 160]), np.array([215, 40, 30])
-"""Colours of a muscle at rest and at full activation."""
+"""Migration and compliance of the cuffs, the condition of a worn suit."""
+IDLE, ACTIVE = np.array([60, 90, 160]), np.array([215, 40, 30])
+"""Colours (RGB) of a muscle at rest and at full activation."""
 
 
-def log_scene(stream: rr.RecordingStream, recording: Path, edge_ns: int | None, framed: Framed | None = None) -> None:
-    """Adds the fit of one recording, and the model where its folder holds an assessment, at the trial's own times.
+def log_scene(
+    stream: rr.RecordingStream, recording: Path, edge_ns: int | None, markers: SceneExtent | None = None
+) -> None:
+    """Add the fit of a recording, and the model if its folder has an assessment, at the times of the trial.
 
-    edge_ns is the sync edge on the timeline, framed what the view of the markers shows.
+    For a pose or a motion of the wearer, add the elevation of the arm and the RMS of the EMG.
+
+    edge_ns: the sync edge on the timeline; markers: extent of the markers in their view.
     """
-    edge_ns = open_recording(recording).manifest.start_utc_ns if edge_ns is None else edge_ns
+    manifest = read_manifest(recording)
+    edge_ns = manifest.start_utc_ns if edge_ns is None else edge_ns
+    if manifest.body is not None:
+        log_wearer(stream, recording, edge_ns)
+        stream.send_blueprint(layout(markers=markers, is_of_wearer=True))
+        return
     trial = read_trial(recording)
-    curves = fit_session([trial]).curves.get(trial.file)
+    curves = fit_session([trial]).pulls.get(trial.file)
     if curves is not None:
         _log_fit(stream, curves, edge_ns)
     activity = _read_activity(recording.parent, bundled_model())
     body = _log_body(stream, activity, edge_ns) if activity is not None else None
-    stream.send_blueprint(layout(framed=framed, body=body, has_fit=curves is not None))
+    stream.send_blueprint(layout(markers=markers, body=body, has_fit=curves is not None))
 
 
-def _log_fit(stream: rr.RecordingStream, curves: TrialCurves, edge_ns: int) -> None:
-    is_seen = np.isfinite(curves.displacement)
-    moved = 1e3 * curves.displacement[is_seen]
-    _curve(stream, "fit/displacement_mm", "cuff", MEASURED, edge_ns, curves.marker_time[is_seen], moved)
-    _curve(stream, "fit/force_n", "measured", MEASURED, edge_ns, curves.force_time, curves.force)
+def _log_fit(stream: rr.RecordingStream, curves: FittedPull, edge_ns: int) -> None:
+    is_seen = np.isfinite(curves.pull.displacement)
+    displacement_mm = 1e3 * curves.pull.displacement[is_seen]
+    marker_time = curves.pull.marker_time[is_seen]
+    log_curve(stream, "fit/displacement_mm", "cuff", MEASURED, edge_ns, marker_time, displacement_mm)
+    log_curve(stream, "fit/force_n", "measured", MEASURED, edge_ns, curves.pull.force_time, curves.pull.force)
     if curves.static is not None:
         plateaus = curves.static.plateaus
         ends = np.array([(held.start, held.end, held.end + GAP_S) for held in plateaus]).ravel()
         levels = np.array([(held.force, held.force, np.nan) for held in plateaus]).ravel()
-        _curve(stream, "fit/plateaus_n", "held", FITTED, edge_ns, ends, levels)
+        log_curve(stream, "fit/plateaus_n", "held", FITTED, edge_ns, ends, levels)
     if curves.dynamic is not None:
         dynamic = curves.dynamic
         fitted = (
             dynamic.stiffness.value * dynamic.displacement + dynamic.damping.value * dynamic.velocity + dynamic.offset
         )
-        _curve(stream, "fit/predicted_n", "k x + c dx/dt", FITTED, edge_ns, dynamic.time, fitted)
-
-
-def _curve(
-    stream: rr.RecordingStream, path: str, name: str, look: Look, edge_ns: int, time: Array, values: Array
-) -> None:
-    """One scalar curve, as dense as an eye wants it; NaN parts it."""
-    step = max(1, len(time) // max(2, int(4 * POINTS_A_SECOND * (time[-1] - time[0]))))
-    at = (edge_ns + (time[::step] * 1e9).astype(np.int64)).astype("datetime64[ns]")
-    stream.log(path, rr.SeriesLines(names=name, colors=look[0], widths=look[1]), static=True)
-    stream.send_columns(
-        path, indexes=[rr.TimeColumn(TIMELINE, timestamp=at)], columns=rr.Scalars.columns(scalars=values[::step])
-    )
+        log_curve(stream, "fit/predicted_n", "k x + c dx/dt", FITTED, edge_ns, dynamic.time, fitted)
 
 
 @dataclass(frozen=True)
 class _Activity:
-    """time (frames,) s, activations (frames, muscles) under one condition."""
+    """Activations (frames, muscles) in one condition at time (frames,) [s]."""
 
     time: Array
     activations: Array
 
 
 def _read_activity(folder: Path, model: Model) -> _Activity | None:
-    """Of the folder's assessment, if that can be read and is of what is drawn: the body and motion of the solver."""
+    """Activations of the assessment in the folder, if they belong to the bundled model and motion; otherwise None."""
     try:
         inputs = dict(read_json(folder / ASSESSMENT_FILE)["inputs"])
         with (folder / ACTIVATIONS_FILE).open(newline="", encoding="utf-8") as file:
@@ -107,15 +105,15 @@ def _read_activity(folder: Path, model: Model) -> _Activity | None:
     return _Activity(time, activations) if is_drawn and first else None
 
 
-def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> Framed:
-    """The bundled body raising its arm, its muscles straight through the points they are fixed to (no wrapping).
+def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> SceneExtent:
+    """Log the bundled model raising its arm; muscles are straight lines through their path points, without wrapping.
 
-    Returns what a view of it is to show.
+    Returns the extent of the scene.
     """
-    stream.log("body", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)  # as OpenSim's models
+    stream.log("body", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)  # axes of OpenSim models
     model, suit = bundled_model(), read_suit()
     motion = differentiate(simulate_arm_raise(model))
-    motion = decimate(motion, max(1, round(len(motion.time) / (POINTS_A_SECOND * float(np.ptp(motion.time))))))
+    motion = decimate(motion, max(1, round(len(motion.time) / (DISPLAY_HZ * float(np.ptp(motion.time))))))
     state = postures(model, motion.positions, motion.speeds)
     strengths = np.array([np.interp(motion.time, activity.time, column) for column in activity.activations.T]).T
     lines = [_muscle_points(model, state, muscle) for muscle in range(len(model.muscles))]
@@ -123,7 +121,7 @@ def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> 
     bones = [(joint.parent, joint.child) for joint in model.joints]
     for frame, time in enumerate(motion.time):
         stream.set_time(TIMELINE, timestamp=np.datetime64(edge_ns + int(time * 1e9), "ns"))
-        colours = (IDLE + strengths[frame][:, None] * (BUSY - IDLE)).astype(np.uint8)
+        colours = (IDLE + strengths[frame][:, None] * (ACTIVE - IDLE)).astype(np.uint8)
         stream.log("body/muscles", rr.LineStrips3D([line[frame] for line in lines], colors=colours, radii=0.003))
         origins = state.origin_in_ground[frame]
         stream.log(
@@ -134,11 +132,11 @@ def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> 
             "body/cuffs", rr.Points3D(cord[frame, [0, 2]], colors=[30, 140, 60], radii=0.02, labels=["waist", "arm"])
         )
     drawn = [state.origin_in_ground.reshape(-1, 3), *(line.reshape(-1, 3) for line in lines)]
-    return Framed.around(np.concatenate(drawn))
+    return SceneExtent.around(np.concatenate(drawn))
 
 
 def _muscle_points(model: Model, state: Postures, muscle: int) -> Array:
-    """(frames, points, 3) m in ground."""
+    """Path points (frames, points, 3) [m] in ground."""
     fixed = [
         point for point in model.muscles[muscle].path.points if isinstance(point, PathPoint | ConditionalPathPoint)
     ]

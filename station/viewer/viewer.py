@@ -1,4 +1,4 @@
-"""Rerun's viewer, started so that it listens on this machine only and tells nobody of it."""
+"""Start Rerun's viewer so that it listens on 127.0.0.1 only, without analytics."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ import sys
 import time
 
 from station.errors import StationError
+from station.messages.message import Message
+from station.messages.sweep_codes import SweepCode
 
 WAIT_S = 20.0
 
 
 class ViewerError(StationError):
-    """The viewer did not start; one sentence."""
+    """The viewer did not start."""
 
 
 def start_viewer() -> str:
-    """Starts a viewer in a process of its own, which outlives this one, and returns the address it listens at."""
+    """Start a viewer in a separate process, which outlives this one. Returns its address."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    child = subprocess.Popen(  # noqa: S603  (our own words)
+    child = subprocess.Popen(  # noqa: S603  (constant arguments)
         [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", "1GB"],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
@@ -36,6 +38,4 @@ def start_viewer() -> str:
             if tried.connect_ex(("127.0.0.1", port)) == 0:
                 return f"rerun+http://127.0.0.1:{port}/proxy"
         time.sleep(0.1)
-    raise ViewerError(
-        "Rerun's viewer did not start; it needs a display: write a file with --rrd and open it where there is one"
-    )
+    raise ViewerError(Message(SweepCode.NO_VIEWER))

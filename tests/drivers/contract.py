@@ -7,18 +7,19 @@ speaks of. Bench.lose may be None where nobody can pull the plug.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from drivers.device import Device
-from drivers.errors import DeviceError, DeviceLost, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceError, DeviceLost, DeviceUnavailable
 from recordings.samples import Item, Loss, Samples
 from tests.timeout import scaled_timeout
 
-TOPICS = {"/force", "/sync", "/markers"}
+TOPICS = {"/force", "/sync", "/markers", "/emg", "/emg_sync", "/emg_clock", "/analog"}
 PATIENCE_S = 10.0  # wall; a bound on failing tests, not an expectation
 
 
@@ -50,6 +51,16 @@ def is_one_sentence(error: DeviceError) -> bool:
     """One line, and no vendor's stack of paragraphs."""
     text = str(error)
     return 20 < len(text) < 600 and "\n" not in text and "Traceback" not in text
+
+
+@contextmanager
+def refused(code: DeviceCode, naming: str = "") -> Iterator[None]:
+    """The block raises a DeviceError of this code, in one sentence that names the device or the wrong value."""
+    with pytest.raises(DeviceError) as caught:
+        yield
+    assert caught.value.code is code
+    assert naming in str(caught.value)
+    assert is_one_sentence(caught.value)
 
 
 class DeviceContract:

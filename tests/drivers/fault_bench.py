@@ -17,6 +17,7 @@ from drivers.simulators.bench import Bench
 from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.settings import settings_from_dict
 from recordings.samples import Event, Item, Loss, Samples
+from tests.drivers.simulated_daq import WIRING
 from tests.timeout import scaled_timeout
 
 PACE = 10.0  # world seconds of a fault for each second that it lasts on the wall's own bench
@@ -210,10 +211,7 @@ def device_options(ports: Mapping[str, int]) -> dict[str, dict[str, Any]]:
     return {
         "ni": {
             "source": "nidaq",
-            "device": "Dev1",
-            "force_channel": "ai0",
-            "sync_channel": "ai1",
-            "sample_rate_hz": 1000.0,
+            **WIRING,
             "grpc_target": f"127.0.0.1:{ports['ni']}",
         },
         "qtm": {"source": "qualisys", "host": "127.0.0.1", "port": ports["qtm"], "control": "start"},

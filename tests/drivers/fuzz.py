@@ -20,7 +20,7 @@ from drivers.device import Device
 from drivers.errors import DeviceError
 from drivers.qualisys import Qualisys
 from drivers.qualisys_parameters import decode_parameters
-from drivers.qualisys_wire import decode_frame, readable
+from drivers.qualisys_wire import decode_frame, markers_alone
 from drivers.serial_load_cell import LONGEST_LINE, SerialLoadCell
 from drivers.simulators.faults import FAULTS, fault_from_dict, read_fault_plan
 from recordings.samples import Item, Loss, Samples
@@ -105,7 +105,7 @@ def _a_frame_is_whole_or_refused(body: bytes) -> None:
     with contextlib.suppress(ValueError):
         frame = decode_frame(body)
         assert len(frame.points) % 16 == 0
-        assert decode_frame(readable(body)) == frame
+        assert decode_frame(markers_alone(body)) == frame
 
 
 def _settings_are_usable_or_refused(xml: bytes) -> None:

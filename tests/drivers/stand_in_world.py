@@ -24,7 +24,10 @@ class _Nobody:
 
 
 class StandInWorld:
-    """Amplifier at 1 V + 10 mV per second, sync line high from edge_s on; is_standing: time moves by advance() only."""
+    """Amplifier at 1 V + 10 mV per second, EMG at 1 V and 2 V, sync line high from edge_s on.
+
+    is_standing: time moves by advance() only.
+    """
 
     def __init__(self, speed: float = 50.0, is_standing: bool = False) -> None:
         self.clock = WorldClock(None if is_standing else speed)
@@ -54,6 +57,9 @@ class StandInWorld:
     def amplifier_voltage(self, t: Array) -> Array:
         self.flows.wait(10)
         return 1.0 + 0.01 * t
+
+    def emg_voltage(self, channel: str, t: Array) -> Array:
+        return np.full_like(t, {"deltoid": 1.0, "trapezius": 2.0}[channel])
 
     def sync_voltage(self, t: Array) -> Array:
         return np.where(t >= self.edge_s, 5.0, 0.0)

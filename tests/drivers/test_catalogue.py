@@ -5,7 +5,8 @@ from importlib import import_module
 import pytest
 
 from drivers.catalogue import CATALOGUE, make_device
-from drivers.errors import DeviceMisconfigured
+from drivers.errors import DeviceCode
+from tests.drivers.contract import refused
 
 
 @pytest.mark.parametrize("source", sorted(CATALOGUE))
@@ -24,5 +25,5 @@ def test_a_device_is_made_with_its_options_and_not_opened() -> None:
 
 
 def test_an_unknown_source_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(DeviceMisconfigured, match=r'"labjack".*nidaq, qualisys, serial_load_cell'):
+    with refused(DeviceCode.UNKNOWN_DRIVER, naming="labjack"):
         make_device("labjack", host_clock=lambda: 0)

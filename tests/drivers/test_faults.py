@@ -40,7 +40,7 @@ def test_a_fault_is_seen_counted_and_over_and_nothing_else_suffers(bench: FaultB
         assert_markers_are_where_they_belong(aftermath, bench)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_under_random_faults_every_numbered_sample_was_received_or_counted_as_lost(
     bench: FaultBench, seed: int
 ) -> None:

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 from serial.tools import list_ports
 
-from drivers.nidaq import NiDaq
 from drivers.serial_load_cell import SerialLoadCell
 from drivers.simulators.nidaq import NiDaqSimulator
 from drivers.simulators.serial_load_cell import SerialLoadCellSimulator
 from recordings.samples import DeviceIdentity
 from tests.drivers.other_qtm import OtherQtm, packet, proper
+from tests.drivers.simulated_daq import daq
 from tests.drivers.simulated_qtm import driver, opened, simulator
 from tests.drivers.stand_in_world import StandInWorld
 
@@ -22,16 +22,10 @@ def world() -> StandInWorld:
     return StandInWorld()
 
 
-def nidaq(server: NiDaqSimulator, world: StandInWorld) -> NiDaq:
-    return NiDaq(
-        device="Dev1", sync_channel="ai1", sample_rate_hz=1000, host_clock=world.utc_ns, grpc_target=server.target
-    )
-
-
 def ask_nidaq(world: StandInWorld) -> DeviceIdentity:
     server = NiDaqSimulator(world)
     server.start()
-    device = nidaq(server, world)
+    device = daq(server.port, world.utc_ns)
     try:
         device.open()
         return device.identity

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,44 +16,43 @@ import pytest
 from nidaqmx.constants import AcquisitionType, TerminalConfiguration
 
 from drivers import nidaq, nidaq_session
-from drivers.errors import DeviceUnavailable
+from drivers.errors import DeviceCode
 from drivers.nidaq import NiDaq
 from drivers.reconnecting import Reconnecting
 from drivers.simulators.faults import Fault
 from drivers.simulators.nidaq import NiDaqSimulator, _Service
-from drivers.simulators.settings import DaqClockSettings
 from drivers.simulators.usb6008 import DaqmxError
 from recordings.samples import Event, Item, Loss, Samples
-from tests.drivers.contract import blocks
+from tests.drivers.contract import blocks, refused
 from tests.drivers.fault_bench import unaccounted
+from tests.drivers.simulated_daq import daq
 from tests.drivers.stand_in_world import StandInWorld
 from tests.drivers.tcp_proxy import TcpProxy
 from tests.timeout import scaled_timeout
 
-
-@pytest.fixture
-def world() -> StandInWorld:
-    return StandInWorld(is_standing=True)
+DEATHS, BREAKS = 5, 5  # in a row
 
 
-@pytest.fixture
-def server(world: StandInWorld, monkeypatch: pytest.MonkeyPatch) -> Iterator[NiDaqSimulator]:
+@pytest.fixture(autouse=True)
+def _connects_within_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nidaq, "CONNECT_TIMEOUT_S", scaled_timeout(1.0))
-    server = NiDaqSimulator(world, clock=DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0))
-    server.start()
-    yield server
-    server.stop()
 
 
-def driver(port: int, world: StandInWorld) -> NiDaq:
-    return NiDaq(
-        device="Dev1",
-        force_channel="ai0",
-        sync_channel="ai1",
-        sample_rate_hz=1000.0,
-        host_clock=world.utc_ns,
-        grpc_target=f"127.0.0.1:{port}",
-    )
+@dataclass(frozen=True)
+class Link:
+    """An open device behind a proxy that can break its connection."""
+
+    proxy: TcpProxy
+    device: Reconnecting
+
+
+@pytest.fixture
+def link(server: NiDaqSimulator, world: StandInWorld) -> Iterator[Link]:
+    with TcpProxy(server.port) as proxy:
+        device = Reconnecting(daq(proxy.port, world.utc_ns), world.utc_ns, timeout_s=scaled_timeout(30.0))
+        device.open()
+        yield Link(proxy, device)
+        device.close()
 
 
 def die(device: NiDaq) -> None:
@@ -80,8 +80,8 @@ def other_program(server: NiDaqSimulator) -> Iterator[Any]:
 
 
 def test_the_task_of_a_dead_program_is_cleared_by_the_next_one(server: NiDaqSimulator, world: StandInWorld) -> None:
-    for _ in range(20):
-        device = driver(server.port, world)
+    for _ in range(DEATHS):
+        device = daq(server.port, world.utc_ns)
         device.open()
         assert reads_ten_samples(device, world)
         die(device)
@@ -95,17 +95,15 @@ def test_the_task_of_a_dead_program_is_cleared_by_the_next_one(server: NiDaqSimu
 def test_a_device_that_another_program_reads_is_refused_and_never_reset(
     server: NiDaqSimulator, world: StandInWorld, other_program: Any
 ) -> None:
-    left = driver(server.port, world)
+    left = daq(server.port, world.utc_ns)
     left.open()
     die(left)
-    device = driver(server.port, world)
+    device = daq(server.port, world.utc_ns)
     device.open()  # clears what was left
     device.close()
     other_program.start()
     for _ in range(3):
-        with pytest.raises(
-            DeviceUnavailable, match=r"in use by another program \(NI error -200022\); close that program"
-        ):
+        with refused(DeviceCode.IN_USE):
             device.open()
     world.advance(0.1)
     assert len(other_program.read(100)) == 100
@@ -114,9 +112,9 @@ def test_a_device_that_another_program_reads_is_refused_and_never_reset(
 def test_another_recording_on_this_computer_is_refused_and_the_first_goes_on(
     server: NiDaqSimulator, world: StandInWorld
 ) -> None:
-    first, second = driver(server.port, world), driver(server.port, world)
+    first, second = daq(server.port, world.utc_ns), daq(server.port, world.utc_ns)
     first.open()
-    with pytest.raises(DeviceUnavailable, match="in use by another recording on this computer"):
+    with refused(DeviceCode.IN_USE):
         second.open()
     assert reads_ten_samples(first, world)
     first.close()
@@ -128,12 +126,12 @@ def test_another_recording_on_this_computer_is_refused_and_the_first_goes_on(
 def test_a_device_whose_task_cannot_be_cleared_is_reset_where_our_own_task_held_it(
     server: NiDaqSimulator, world: StandInWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left = driver(server.port, world)
+    left = daq(server.port, world.utc_ns)
     left.open()
     assert reads_ten_samples(left, world)
     die(left)
     monkeypatch.setattr(_Service, "ClearTask", forget_the_session_and_fail)
-    device = driver(server.port, world)
+    device = daq(server.port, world.utc_ns)
     device.open()
     assert reads_ten_samples(device, world)
     monkeypatch.undo()
@@ -144,52 +142,40 @@ def test_a_task_that_cannot_be_cleared_and_did_not_acquire_resets_nothing(
     server: NiDaqSimulator, world: StandInWorld, other_program: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other_program.start()
-    device = driver(server.port, world)
+    device = daq(server.port, world.utc_ns)
     monkeypatch.setattr(_Service, "ClearTask", forget_the_session_and_fail)
     for _ in range(2):  # the first attempt leaves a task that never started
-        with pytest.raises(DeviceUnavailable, match="-200022"):
+        with refused(DeviceCode.IN_USE):
             device.open()
     monkeypatch.undo()
     world.advance(0.1)
     assert len(other_program.read(100)) == 100
 
 
-def test_a_task_that_goes_on_behind_a_broken_link_is_read_on_without_a_loss(
-    server: NiDaqSimulator, world: StandInWorld
-) -> None:
-    with ExitStack() as stack:
-        proxy = stack.enter_context(TcpProxy(server.port))
-        device = Reconnecting(driver(proxy.port, world), world.utc_ns, patience_s=scaled_timeout(30.0))
-        stack.callback(device.close)
-        device.open()
-        items = read_beyond(device, world, 0.5)
-        for _ in range(20):
-            proxy.refuse()
-            world.advance(0.5)  # seconds in which nobody hears the device
-            items += read_until_lost(device)
-            proxy.listen()
-            items += read_beyond(device, world, 0.1)
+def test_a_task_that_goes_on_behind_a_broken_link_is_read_on_without_a_loss(link: Link, world: StandInWorld) -> None:
+    items = read_beyond(link.device, world, 0.5)
+    for _ in range(BREAKS):
+        link.proxy.refuse()
+        world.advance(0.5)  # seconds in which nobody hears the device
+        items += read_until_lost(link.device)
+        link.proxy.listen()
+        items += read_beyond(link.device, world, 0.1)
     numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/force")])
     np.testing.assert_array_equal(numbers, np.arange(len(numbers)))
-    assert len(numbers) > 20 * 600
+    assert len(numbers) > BREAKS * 600
     assert not [item for item in items if isinstance(item, Loss)]
-    assert [item.kind for item in items if isinstance(item, Event)] == ["connection_lost", "connection_restored"] * 20
+    events = [item.kind for item in items if isinstance(item, Event)]
+    assert events == ["connection_lost", "connection_restored"] * BREAKS
 
 
-def test_samples_whose_reply_was_lost_with_the_link_are_counted_to_the_sample(
-    server: NiDaqSimulator, world: StandInWorld
-) -> None:
-    with ExitStack() as stack:
-        proxy = stack.enter_context(TcpProxy(server.port))
-        device = Reconnecting(driver(proxy.port, world), world.utc_ns, patience_s=scaled_timeout(30.0))
-        stack.callback(device.close)
-        device.open()
-        items = read_beyond(device, world, 0.5)
-        world.advance(1.0)
-        proxy.on_data = lambda data: proxy.reset() if len(data) > 4000 else None  # a thousand samples of two channels
-        items += read_until_lost(device)
-        proxy.on_data = lambda data: None
-        items += read_beyond(device, world, 0.1)
+def test_samples_whose_reply_was_lost_with_the_link_are_counted_to_the_sample(link: Link, world: StandInWorld) -> None:
+    proxy = link.proxy
+    items = read_beyond(link.device, world, 0.5)
+    world.advance(1.0)
+    proxy.on_data = lambda data: proxy.reset() if len(data) > 4000 else None  # a thousand samples of two channels
+    items += read_until_lost(link.device)
+    proxy.on_data = lambda data: None
+    items += read_beyond(link.device, world, 0.1)
     losses = [item for item in items if isinstance(item, Loss)]
     assert [(loss.stream, loss.cause) for loss in losses] == [("/force", "disconnected"), ("/sync", "disconnected")]
     assert losses[0].count == 1000
@@ -198,19 +184,14 @@ def test_samples_whose_reply_was_lost_with_the_link_are_counted_to_the_sample(
     assert first.values[0, 0] == pytest.approx(1.0 + 0.01 * first.device_time_ns[0] * 1e-9, abs=0.02)
 
 
-def test_a_task_that_died_behind_a_broken_link_is_begun_anew(server: NiDaqSimulator, world: StandInWorld) -> None:
-    with ExitStack() as stack:
-        proxy = stack.enter_context(TcpProxy(server.port))
-        device = Reconnecting(driver(proxy.port, world), world.utc_ns, patience_s=scaled_timeout(30.0))
-        stack.callback(device.close)
-        device.open()
-        items = read_beyond(device, world, 0.5)
-        proxy.refuse()
-        world.faults.inject(Fault("ni", "unplug", at_s=0.0, for_s=0.2))
-        world.advance(0.5)
-        items += read_until_lost(device)
-        proxy.listen()
-        items += read_beyond(device, world, 0.1)
+def test_a_task_that_died_behind_a_broken_link_is_begun_anew(link: Link, world: StandInWorld) -> None:
+    items = read_beyond(link.device, world, 0.5)
+    link.proxy.refuse()
+    world.faults.inject(Fault("ni", "unplug", at_s=0.0, for_s=0.2))
+    world.advance(0.5)
+    items += read_until_lost(link.device)
+    link.proxy.listen()
+    items += read_beyond(link.device, world, 0.1)
     loss = next(item for item in items if isinstance(item, Loss))
     assert loss.count == pytest.approx(599, abs=2)
     assert unaccounted(items, "/force") == []
@@ -223,9 +204,9 @@ def test_a_network_of_half_a_second_each_way_is_named_as_the_reason(
     monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(10.0))
     with (  # a call may take a tenth of the time-out for connecting
         TcpProxy(server.port, delay_s=0.5) as slow,
-        pytest.raises(DeviceUnavailable, match=r"takes 1\.\d s to answer a call, .* the network is too slow: connect"),
+        refused(DeviceCode.NETWORK_TOO_SLOW),
     ):
-        driver(slow.port, world).open()
+        daq(slow.port, world.utc_ns).open()
 
 
 def test_a_link_in_the_place_of_the_note_leads_to_no_other_file(
@@ -234,7 +215,7 @@ def test_a_link_in_the_place_of_the_note_leads_to_no_other_file(
     monkeypatch.setattr(nidaq_session, "FOLDER", str(tmp_path))
     other = tmp_path / "precious.txt"
     other.write_text("precious")
-    device = driver(server.port, world)
+    device = daq(server.port, world.utc_ns)
     device.open()
     note = next(tmp_path.glob("*.session"))
     device.close()
@@ -243,6 +224,23 @@ def test_a_link_in_the_place_of_the_note_leads_to_no_other_file(
     device.open()
     device.close()
     assert other.read_text() == "precious"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_in_place_of_the_note_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nidaq_session, "FOLDER", str(tmp_path))
+    claim = nidaq_session.SessionClaim("127.0.0.1:31763", "Dev1")
+    claim.acquire()
+    claim.note()
+    (note,) = tmp_path.glob("*.session")
+    noted = claim.name
+    claim.acquire()
+    assert claim.name == noted, "the name of a session that was left open is read"
+    note.unlink()
+    os.mkfifo(note)
+    claim.acquire()
+    claim.release()
+    assert claim.name != noted
 
 
 def read_until_lost(device: Reconnecting) -> list[Item]:
@@ -269,5 +267,5 @@ def forget_the_session_and_fail(service: _Service, request: Any, context: grpc.S
     """As NI's server does where NI-DAQmx cannot clear a task: the session is removed first."""
     service.sessions._tasks.pop(request.task.name, None)
     error = DaqmxError(-200088, "Task specified is invalid or does not exist.")
-    context.set_trailing_metadata((("ni-error", str(error.code)),))
+    context.set_trailing_metadata((("ni-error", str(error.error_code)),))
     context.abort(grpc.StatusCode.UNKNOWN, str(error))

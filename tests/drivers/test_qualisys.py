@@ -12,9 +12,9 @@ import pytest
 
 from drivers import qualisys_connection
 from drivers.device import CaptureControl
-from drivers.errors import DeviceLost, DeviceMisconfigured, DeviceUnavailable
+from drivers.errors import DeviceCode
 from recordings.samples import Event, Loss, Samples
-from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until
+from tests.drivers.contract import Bench, DeviceContract, blocks, read_until, refused
 from tests.drivers.other_qtm import DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
 from tests.drivers.simulated_qtm import (
     driver,
@@ -116,18 +116,15 @@ def test_where_numbers_begin_anew_after_a_preview_an_event_says_so_and_nothing_i
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "code"),
     [
-        ({"wanted_labels": ("cuff_1", "cuff_9")}, "no marker cuff_9; it has anchor_1, .*cuff_1"),
-        ({"control": "start", "password": "guess"}, '"Wrong or missing password"; correct mocap.password'),
+        ({"wanted_labels": ("cuff_1", "cuff_9")}, DeviceCode.NO_MARKER),
+        ({"control": "start", "password": "guess"}, DeviceCode.REFUSED),
     ],
 )
-def test_what_qtm_cannot_do_is_refused_in_a_sentence(options: dict[str, Any], words: str) -> None:
-    with simulator(password="secret") as qtm:  # noqa: S106
-        device = driver(qtm.port, **options)
-        with pytest.raises(DeviceMisconfigured, match=words) as caught:
-            device.open()
-        assert is_one_sentence(caught.value)
+def test_what_qtm_cannot_do_is_refused_in_a_sentence(options: dict[str, Any], code: DeviceCode) -> None:
+    with simulator(password="secret") as qtm, refused(code):  # noqa: S106
+        driver(qtm.port, **options).open()
 
 
 def test_when_ten_clients_are_there_already_it_is_told_so() -> None:
@@ -135,7 +132,7 @@ def test_when_ten_clients_are_there_already_it_is_told_so() -> None:
         others = [socket.create_connection(("127.0.0.1", qtm.port)) for _ in range(10)]
         for other in others:
             other.recv(100)  # the welcome: it is counted
-        with pytest.raises(DeviceMisconfigured, match="Max number of clients"):
+        with refused(DeviceCode.REFUSED):
             driver(qtm.port).open()
         for other in others:
             other.close()
@@ -145,7 +142,7 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
     with (
         simulator() as qtm,
         opened(driver(qtm.port)) as device,
-        pytest.raises(DeviceMisconfigured, match=r'"You must be master.*mocap.control = "start"'),
+        refused(DeviceCode.REFUSED),
     ):
         device.start_capture()
 
@@ -155,17 +152,15 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
 
 def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", 0.2)
-    with socket.create_server(("127.0.0.1", 0)) as mute:
-        with pytest.raises(DeviceUnavailable, match="did not answer in time") as caught:
-            driver(mute.getsockname()[1]).open()
-        assert is_one_sentence(caught.value)
+    with socket.create_server(("127.0.0.1", 0)) as mute, refused(DeviceCode.NO_ANSWER):
+        driver(mute.getsockname()[1]).open()
 
 
 def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", 0.2)
     with (
         OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
-        pytest.raises(DeviceUnavailable, match="asked for its settings"),
+        refused(DeviceCode.NO_ANSWER),
     ):
         driver(qtm.port).open()
 
@@ -174,7 +169,7 @@ def test_settings_without_labels_are_refused() -> None:
     bare = packet(XML, b"<Q><General><Frequency>100</Frequency></General></Q>\0")
     with (
         OtherQtm(lambda command: bare if command.startswith(b"getparameters") else proper(command)) as qtm,
-        pytest.raises(DeviceMisconfigured, match="settings without labels"),
+        refused(DeviceCode.UNUSABLE_SETTINGS),
     ):
         driver(qtm.port).open()
 
@@ -225,7 +220,7 @@ def test_a_packet_that_cannot_be_read_is_told_and_passed_over(nonsense: bytes) -
 def test_a_length_that_cannot_be_true_ends_the_connection(size: int) -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(struct.pack("<II", size, DATA))
-        with pytest.raises(DeviceLost, match=rf"claims {size} bytes.*cannot be read any further"):
+        with refused(DeviceCode.UNREADABLE):
             read_until(device, lambda _: False)
 
 
@@ -291,7 +286,7 @@ def test_what_qtm_says_it_drops_is_told_whenever_it_gets_worse() -> None:
     told = [item.text for item in items if is_event(item, "images_dropped") and isinstance(item, Event)]
     assert len(told) == 2
     assert "at frame 3 that 2.5 %" in told[0]
-    assert "dropped and 0.4 % out of step" in told[1]
+    assert "0.4 %" in told[1]
 
 
 def test_frames_that_nobody_reads_are_dropped_beyond_a_bound_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -320,6 +315,5 @@ def test_a_connection_that_breaks_delivers_first_what_had_come() -> None:
         assert qtm.client is not None
         qtm.client.shutdown(socket.SHUT_RDWR)
         assert numbers(received(device, 2)) == [1, 2]
-        with pytest.raises(DeviceLost, match="closed the connection") as caught:
+        with refused(DeviceCode.DISCONNECTED):
             device.read(5.0)
-    assert is_one_sentence(caught.value)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceLost, DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceLost, DeviceUnavailable
 from drivers.reconnecting import Reconnecting
 from recordings.samples import Event, Item, Loss, Samples, Stream
 
@@ -58,10 +58,10 @@ def samples(first: int, count: int = 2, stream: str = "/force") -> Samples:
     return Samples(stream, numbers, numbers.astype(np.int64) * 100, 7, np.zeros((count, 1)))
 
 
-def opened(device: Scripted, patience_s: float = 10.0) -> Reconnecting:
+def opened(device: Scripted, timeout_s: float = 10.0) -> Reconnecting:
     clock = StandingClock()
     device.now = lambda: clock.wall_s
-    reconnecting = Reconnecting(device, lambda: 42, patience_s, lambda: clock.wall_s, clock.sleep)
+    reconnecting = Reconnecting(device, lambda: 42, timeout_s, lambda: clock.wall_s, clock.sleep)
     reconnecting.open()
     return reconnecting
 
@@ -76,10 +76,12 @@ GONE = DeviceLost("the device is gone; plug it in")
 def test_a_loss_is_told_at_once_and_the_return_too_with_one_gap_between_them() -> None:
     device = opened(Scripted([[samples(0)], GONE, [], [samples(9)]], [None]))
     _, lost, back, gap, after = delivered(device, 4)
-    assert lost == Event(
-        "connection_lost", "the device is gone; plug it in; it is tried again for 10 s", 42, device.name
-    )
-    assert back == Event("connection_restored", "the device is back after 0.1 s", 42, device.name)
+    assert isinstance(lost, Event)
+    assert isinstance(back, Event)
+    assert (lost.kind, lost.host_time_ns) == ("connection_lost", 42)
+    assert lost.text.startswith(str(GONE))
+    assert (back.kind, back.host_time_ns) == ("connection_restored", 42)
+    assert "0.1 s" in back.text
     assert gap == Loss("/force", "disconnected", 2, 7, last_device_time_ns=100, host_time_ns=7)
     assert isinstance(after, Samples)
 
@@ -96,7 +98,7 @@ def test_numbers_that_begin_anew_are_told_and_no_loss_is_claimed() -> None:
     device = opened(Scripted([[samples(10)], GONE, [samples(1)]], [None]))
     items = delivered(device, 3)
     assert not any(isinstance(item, Loss) for item in items)
-    assert "anew, from 1 after 11" in next(i.text for i in items if isinstance(i, Event) and "number" in i.kind)
+    assert [item.kind for item in items if isinstance(item, Event)][-1] == "numbering_restarted"
 
 
 def test_where_nothing_was_missed_nothing_is_claimed() -> None:
@@ -117,9 +119,10 @@ def test_a_loss_that_the_device_counts_itself_after_its_return_is_not_counted_tw
 def test_attempts_come_at_growing_intervals_until_patience_is_over() -> None:
     refusal = DeviceUnavailable("nothing there")
     device = Scripted([[samples(0)], GONE], [refusal] * 20)
-    reconnecting = opened(device, patience_s=6.0)
-    with pytest.raises(DeviceLost, match="is gone; plug it in; it did not come back within 6 s"):
+    reconnecting = opened(device, timeout_s=6.0)
+    with pytest.raises(DeviceLost) as caught:
         delivered(reconnecting, 30)
+    assert caught.value.code is DeviceCode.NOT_RECONNECTED
     assert np.diff([0.0, *device.attempts_s]) == pytest.approx([0.1, 0.2, 0.4, *[0.5] * 11])
 
 
@@ -137,5 +140,6 @@ def test_a_device_that_answers_and_goes_at_once_has_not_come_back() -> None:
 def test_a_closed_device_is_not_brought_back() -> None:
     device = opened(Scripted([GONE]))
     device.close()
-    with pytest.raises(DeviceLost, match="is gone"):
+    with pytest.raises(DeviceLost) as caught:
         device.read(0.0)
+    assert caught.value is GONE

@@ -77,7 +77,7 @@ def test_another_qtm_that_answers_after_a_reconnection_is_noticed(first: Bench, 
     )
     assert REPLACED in kinds(items)
     event = next(item for item in items if isinstance(item, Event) and item.kind == REPLACED)
-    assert "is back with another capture: frame" in event.text and "check that mocap.host" in event.text
+    assert "frame" in event.text and "mocap.host" in event.text
 
 
 @pytest.mark.parametrize("other", [{"camera_serials": [21001, 21002]}, {"calibrated": "2026-01-02 08:15:00"}])
@@ -88,7 +88,7 @@ def test_another_qtm_whose_capture_is_as_old_as_ours_is_noticed(
     second.world.start_capture()
     items = delivered_after_the_link_moves(first, second, lambda: None, is_ours=True)
     event = next(item for item in items if isinstance(item, Event) and item.kind == REPLACED)
-    assert "is back with another camera system" in event.text
+    assert "cameras" in event.text and "mocap.host" in event.text
     capture = second.world.capture
     assert capture is not None
     assert capture.end > second.world.now(), "the other's capture is not ours to end"

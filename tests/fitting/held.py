@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fitting.timing.clocks import LagUncertainty
-from fitting.trial import Trial
+from fitting.trial.clocks import LagUncertainty
+from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import ANCHOR, CUFF, PULL
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from fitting.timing.clocks import LagUncertainty
-from fitting.trial import Trial
+from fitting.trial.clocks import LagUncertainty
+from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
 from tests.fitting.experiment import ANCHOR, CUFF
 from tests.fitting.held import wander

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from fitting.dynamic.errors_in_variables import Record
+from fitting.dynamic.swing import Swing
 
 STIFFNESS, DAMPING, MASS = 5500.0, 120.0, 0.2
 
@@ -24,7 +24,7 @@ def swing(
     frequency: float = 1.0,
     lag_sd: float = 0.0,
     lag_error: float = 0.0,
-) -> Record:
+) -> Swing:
     """About ± 12 N at a frequency that wanders; marker noise with a correlation time of `colour` seconds.
 
     The true lag is drawn from its prior, lag_sd; lag_error comes on top of it.
@@ -45,7 +45,7 @@ def swing(
     if colour:
         memory = np.exp(-0.01 / colour)
         noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise)
-    return Record(
+    return Swing(
         force_time,
         force + force_noise * random.standard_normal(len(force_time)),
         marker_time,

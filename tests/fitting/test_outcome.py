@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from fitting.bounce import BounceTrial, calibrate, fit_bounce
+from fitting.cuffs.cuff_fit import CuffFit
 from fitting.dynamic.errors_in_variables import estimate
 from fitting.dynamic.output_error import output_error
-from fitting.outcome import FitOutcome, NotConverged, worst
-from fitting.result import CuffFit
-from fitting.results.codes import Verdict
+from fitting.errors import NotConverged
+from fitting.pull.pull import Pull, make_pulls
+from fitting.results.codes import RejectionCode, TrialNoteCode, Verdict
+from fitting.results.outcome import FitOutcome, worst
 from fitting.session import fit_session
 from fitting.spatial.held_tensor import held_tensor
-from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor
-from fitting.trial import Trial, build_bounce, build_trial
+from fitting.trial.bounce import BounceTrial, calibrate, fit_bounce
+from fitting.trial.trial import Trial, build_bounce, build_trial
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounced
 from tests.fitting.experiment import Session, published
@@ -44,11 +46,11 @@ def _bounce() -> BounceTrial:
 
 
 @cache
-def _in_space(test: str) -> tuple[ReducedTrial, ...]:
+def _in_space(test: str) -> tuple[Pull, ...]:
     random = np.random.default_rng(1)
     space = elbow(random)
     trials = [pulled(space, u, test, number, random) for number, u in enumerate(directions(30), 1)]
-    return tuple(reduce_trials(trials)[0])
+    return tuple(make_pulls(trials)[0])
 
 
 def test_with_their_rounds_all_fits_converge() -> None:
@@ -70,7 +72,7 @@ def test_a_damping_whose_fit_is_starved_is_given_and_not_identified(
     assert fit.verdicts == (Verdict.DAMPING_NOT_CONVERGED,)
     assert fit.damping is not None
     assert fit.missing == ("damping",)
-    assert any("did not converge" in note for trial in fit.trials for note in trial.notes)
+    assert TrialNoteCode.NOT_CONVERGED in [note.code for trial in fit.trials for note in trial.notes]
 
 
 def test_output_error_that_is_starved_checks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,11 +116,27 @@ def test_a_damping_in_space_whose_fit_is_starved_is_not_identified(monkeypatch: 
 
 
 def test_a_bounce_whose_fit_is_starved_calibrates_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fitting.bounce.MAX_ROUNDS", 1)
+    monkeypatch.setattr("fitting.trial.bounce.MAX_ROUNDS", 1)
     with pytest.raises(NotConverged) as caught:
         fit_bounce(_bounce())
     assert caught.value.outcome is FitOutcome.NOT_CONVERGED
-    assert "did not converge" in calibrate([_bounce()])[1]["test-bounce_run-1.mcap"]
+    reason = calibrate([_bounce()])[1]["test-bounce_run-1.mcap"]
+    assert reason.code is RejectionCode.BOUNCE_NOT_CONVERGED
+
+
+def test_a_spread_between_repeats_that_is_starved_leaves_nothing_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session(published("hand", hold=4.0, duration=12.0), 2)
+    trials = []
+    for repeat in (1, 2):
+        trials.append(build_trial(*session.static(repeat), f"s{repeat}", "s"))
+        trials.append(build_trial(*session.dynamic(repeat), f"d{repeat}", "d"))
+    apart = [*trials[:2], *(replace(trial, force=1.1 * trial.force) for trial in trials[2:])]
+    monkeypatch.setattr("fitting.uncertainty.ROUNDS", 5)
+    fit = fit_session(apart).cuffs["hand"]
+    assert {Verdict.STIFFNESS_NOT_CONVERGED, Verdict.DAMPING_NOT_CONVERGED} <= set(fit.verdicts)
+    bounces = [_bounce(), replace(_bounce(), repeat=2, file="b", force=1.1 * _bounce().force)]
+    calibration, _ = calibrate(bounces)
+    assert calibration and TrialNoteCode.BOUNCES_NOT_CONVERGED in [note.code for note in calibration.notes]
 
 
 def test_the_worst_part_is_the_outcome_of_the_whole() -> None:

@@ -9,12 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fitting.result import CuffFit
-from fitting.results.codes import NoteCode, Verdict
-from fitting.results.cuffs_json import cuffs_json
+from fitting.cuffs.cuff_fit import CuffFit
+from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.results.codes import NoteCode, RejectionCode, TrialNoteCode, Verdict
 from fitting.session import fit_session
-from fitting.trial import RejectedTrial, Trial, build_trial
+from fitting.trial.trial import RejectedTrial, Trial, build_trial
 from tests.fitting.experiment import PUBLISHED, Session, published
+from tests.fitting.refusals import figures_by_code
 
 
 @cache
@@ -156,18 +157,19 @@ def test_a_load_cell_of_the_wrong_sign_is_listed_with_its_reason() -> None:
     static = _donning("hand")[0][0]
     fit = _fit([replace(static, force=-static.force)])
     assert fit.trials[0].state == "unusable"
-    assert "polarity" in fit.trials[0].reason
+    assert fit.trials[0].reason
+    assert fit.trials[0].reason.code is RejectionCode.FORCE_POLARITY
 
 
 def test_a_swing_that_pushes_the_rope_names_the_load_cell_s_sign() -> None:
     dynamic = _donning("hand")[0][1]
     (upside_down,) = _fit([replace(dynamic, force=-dynamic.force)]).trials
-    assert any("polarity" in note for note in upside_down.notes)
+    assert TrialNoteCode.POLARITY in figures_by_code(upside_down.notes)
     assert upside_down.damping and upside_down.damping.value == pytest.approx(210.0, rel=0.2)
     tared = replace(dynamic, force=dynamic.force - 25.0)
     for sound in (dynamic, tared):
         (trial,) = _fit([sound]).trials
-        assert not any("polarity" in note for note in trial.notes)
+        assert TrialNoteCode.POLARITY not in figures_by_code(trial.notes)
 
 
 def test_an_unusable_trial_is_listed_and_the_others_are_fitted() -> None:
@@ -178,7 +180,8 @@ def test_an_unusable_trial_is_listed_and_the_others_are_fitted() -> None:
     assert fit.stiffness
     listed = {trial.file: trial for trial in fit.trials}
     assert listed[second.file].state == "unusable"
-    assert "hidden" in listed[second.file].reason
+    reason = listed[second.file].reason
+    assert reason and reason.code is RejectionCode.MARKERS_HIDDEN
     assert list(fit.sources) == [first.file, dynamic.file]
 
 
@@ -238,7 +241,7 @@ def test_donnings_are_never_pooled() -> None:
 
 def test_the_curves_of_every_used_trial_are_there_for_the_figures() -> None:
     trials = _donning("hand")[0]
-    curves = fit_session(trials).curves
+    curves = fit_session(trials).pulls
     static, dynamic = (curves[trial.file] for trial in trials)
     assert static.static is not None
     line = PUBLISHED["hand"][0] * np.array([p.displacement for p in static.static.plateaus]) + static.static.offset

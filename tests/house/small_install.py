@@ -1,5 +1,6 @@
-"""Run `station` as if no extra were installed: `python -m tests.house.small_install VERB ...`; `library SESSION` walks
-the public package instead.
+"""Run `station` as if no extra were installed: `python -m tests.house.small_install VERB ... [+ VERB ...]`.
+
+`library SESSION` walks the public package instead.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -53,9 +55,21 @@ def main() -> None:
     if sys.argv[1] == "library":
         walk_library(Path(sys.argv[2]))
     else:
-        from station.cli import main as station
+        _run_verbs(sys.argv[1:])
 
-        station()
+
+def _run_verbs(words: Sequence[str]) -> None:
+    """One after the other, up to the first that fails."""
+    from station.cli import main as station
+
+    ends = [place for place, word in enumerate(words) if word == "+"]
+    for start, end in pairwise([-1, *ends, len(words)]):
+        sys.argv = ["station", *words[start + 1 : end]]
+        try:
+            station()
+        except SystemExit as ended:
+            if ended.code:
+                raise
 
 
 if __name__ == "__main__":

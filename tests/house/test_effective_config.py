@@ -5,28 +5,26 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
+from tests.house.sources import SOURCES, name_of, nodes_of
+
 NAME = "effective_config"
 ALLOWED = {
     "recordings/manifest.py": "declares it",
     "recordings/older_manifest.py": "reads settings of older recordings into typed fields",
-    "station/bench/trial_recorder.py": "writes it",
-    "station/files/import_trial.py": "writes it",
     "station/files/replay.py": "replays with it",
     "station/fit.py": "hands it to older_manifest for an assignment of an older journal",
+    "station/manifest.py": "writes it",
 }
 
 
 def test_only_audit_and_replay_mention_the_configuration_that_was_in_force() -> None:
-    sources = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-    mentioning = {path.relative_to(ROOT).as_posix() for path in sources if _mentions(path)}
+    mentioning = {name_of(path) for path in SOURCES if _mentions(path)}
     assert mentioning == set(ALLOWED)
 
 
 def _mentions(path: Path) -> bool:
     """Whether the code, beyond docstrings, uses the name as an attribute, a variable, a keyword or a key."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         used = {getattr(node, field, None) for field in ("attr", "id", "arg", "value") if _is_text(node, field)}
         if NAME in used:
             return True

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-from pathlib import Path
 
 import pytest
 
@@ -17,8 +16,8 @@ from solver.errors import SolverError
 from station import cli
 from station.config import ConfigError
 from station.errors import StationError
+from tests.house.sources import ROOT, nodes_of
 
-ROOT = Path(__file__).parents[2]
 ROOTS: dict[str, type[Exception]] = {
     "station": StationError,
     "drivers": DeviceError,
@@ -31,7 +30,7 @@ CLASSES = [
     (path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."), node.name)
     for folder in ROOTS
     for path in sorted((ROOT / folder).rglob("*.py"))
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    for node in nodes_of(path)
     if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
 ]
 
@@ -51,7 +50,8 @@ def test_the_command_line_ends_with_the_sentence_and_the_exit_code_of_the_root(
     error: Exception, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _ended(error, monkeypatch) == code
-    assert capsys.readouterr().err == f"station: {error}\n"
+    shown = f" [{stable}]" if (stable := getattr(error, "code", "")) else ""
+    assert capsys.readouterr().err == f"station: {error}{shown}\n"
 
 
 def test_any_other_exception_is_a_bug_and_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +69,7 @@ def _is_in(module: str, folder: str) -> bool:
 
 
 def _ended(error: Exception, monkeypatch: pytest.MonkeyPatch) -> object:
-    def fail() -> None:
+    def fail(**_options: str) -> None:
         raise error
 
     monkeypatch.setattr(cli, "app", fail)

@@ -1,4 +1,4 @@
-"""Every term of the glossary stands once, in one line, and the place in the code that it names exists."""
+"""Every term of the glossary has one line, and its place in the code exists."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ ROWS = [
 ]
 
 
-def test_there_are_forty_terms_and_each_stands_once() -> None:
+def test_there_are_at_least_forty_terms_and_none_twice() -> None:
     terms = [row[0] for row in ROWS]
-    assert len(terms) == 40
+    assert len(terms) >= 40
     assert len(set(terms)) == len(terms)
 
 

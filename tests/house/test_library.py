@@ -12,7 +12,6 @@ import pytest
 
 import cuffstation as cs
 from station.fit import SessionError
-from tests.house import one_cuff
 
 FUNCTIONS = {
     "assess",
@@ -41,13 +40,6 @@ TYPES = {
 }
 ERRORS = {"DeviceError", "FitError", "RecordingError", "SolverError", "StationError"}
 EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("library") / "session"
-    one_cuff.main(folder, is_pinned=False)
-    return folder
 
 
 def test_the_public_names_are_these_and_each_is_documented() -> None:

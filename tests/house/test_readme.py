@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 import socket
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.station.study.synthetic_sessions import write_sessions
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +36,7 @@ cuffs = "simulated/monday/cuffs.json"
 cuff = "hand"
 condition = "rigid"
 """
+STUDY = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "study.md").read_text(encoding="utf-8"), re.M | re.S)[0]
 STATIC = "simulated/monday/cuff-hand_test-static_run-1.mcap"
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
@@ -92,6 +95,10 @@ class Desk:
                 (self.folder / "made" / f"{Path(STATIC).stem}{theirs}").rename(self.folder / ours)
         elif "sweep" in words:
             (self.folder / "plan.toml").write_text(PLAN)
+        elif "plan" in words:
+            (self.folder / "study.toml").write_text(STUDY, encoding="utf-8")
+        elif "catalogue" in words:
+            write_sessions(self.folder / "sessions", volunteers=4)
 
     def _words(self, words: list[str]) -> list[str]:
         assert self._command is not None, "the station command is not installed"

@@ -26,20 +26,16 @@ def made(folder: Path, *options: str, loops: int = 0) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made(tmp_path_factory.mktemp("plain"))
-
-
 def assert_same(one: Path, other: Path) -> None:
-    assert len(list(one.glob("*.mcap"))) == 3
+    assert len(list(one.glob("*.mcap"))) == 6
     assert differences(one, other) == []
 
 
-def test_busy_loops_beside_it_change_nothing(plain: Path, tmp_path: Path) -> None:
-    assert_same(plain, made(tmp_path, loops=LOOPS))
+@pytest.mark.slow
+def test_busy_loops_beside_it_change_nothing(recorded_session: Path, tmp_path: Path) -> None:
+    assert_same(recorded_session, made(tmp_path, loops=LOOPS))
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not pin a process to a core")
-def test_a_single_core_changes_nothing(plain: Path, tmp_path: Path) -> None:
-    assert_same(plain, made(tmp_path, "--pinned"))
+def test_a_single_core_changes_nothing(recorded_session: Path, tmp_path: Path) -> None:
+    assert_same(recorded_session, made(tmp_path, "--pinned"))

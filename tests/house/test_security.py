@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterable
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
@@ -11,24 +12,22 @@ from typing import Any
 import psutil
 import pytest
 
+from station import dask_cluster
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import ConfigError, parse_config
 from station.journal import JOURNAL_FILE, JournalError, read_journal
-from station.sweep import cluster
 from station.viewer import viewer as rerun_viewer
+from tests.house.sources import SOURCES, name_of, nodes_of
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("station", "drivers", "recordings", "fitting", "solver", "documents")
-SOURCES = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
 RUNS_CODE = {"pickle", "cPickle", "dill", "cloudpickle", "marshal", "shelve", "yaml", "joblib"}
 CALLS = {"eval", "exec", "compile", "__import__"}
 SHELLS = {"system", "popen", "getoutput", "getstatusoutput", "create_subprocess_shell"}
 ANYWHERE = re.compile(r"0\.0\.0\.0|^::$|\[::\]")
 
 
-def _offences(tree: ast.AST) -> list[str]:
+def _offences(nodes: Iterable[ast.AST]) -> list[str]:
     found = []
-    for node in ast.walk(tree):
+    for node in nodes:
         match node:
             case ast.Import(names=names) if {name.name.split(".")[0] for name in names} & RUNS_CODE:
                 found.append(f"line {node.lineno} imports what runs code out of files")
@@ -45,9 +44,9 @@ def _offences(tree: ast.AST) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_file_runs_code_of_another_or_listens_everywhere(path: Path) -> None:
-    assert _offences(ast.parse(path.read_text(encoding="utf-8"))) == []
+def test_no_file_runs_code_of_another_or_listens_everywhere() -> None:
+    offences = {name_of(path): _offences(nodes_of(path)) for path in SOURCES}
+    assert {name: found for name, found in offences.items() if found} == {}
 
 
 @pytest.mark.parametrize(
@@ -63,7 +62,7 @@ def test_no_file_runs_code_of_another_or_listens_everywhere(path: Path) -> None:
     ],
 )
 def test_the_search_finds_what_it_looks_for(source: str) -> None:
-    assert _offences(ast.parse(source))
+    assert _offences(ast.walk(ast.parse(source)))
 
 
 def test_the_simulated_devices_listen_on_this_machine_alone() -> None:
@@ -93,9 +92,9 @@ def test_the_workers_of_a_sweep_listen_on_this_machine_alone(monkeypatch: pytest
         def __init__(self, *_: object, **__: object) -> None:
             raise OSError("nobody")
 
-    monkeypatch.setattr(cluster, "LocalCluster", NoCluster)
-    monkeypatch.setattr(cluster, "Client", NoClient)
-    with pytest.raises(cluster.ClusterError), cluster.connected(None, 1):
+    monkeypatch.setattr(dask_cluster, "LocalCluster", NoCluster)
+    monkeypatch.setattr(dask_cluster, "Client", NoClient)
+    with pytest.raises(dask_cluster.ClusterError), dask_cluster.connected(None, 1):
         pass
     assert asked["host"] == "127.0.0.1"
     assert asked["scheduler_kwargs"] == {"dashboard": False}
@@ -123,7 +122,7 @@ def test_rerun_s_viewer_is_told_to_listen_here_and_to_report_to_nobody(monkeypat
 @pytest.mark.parametrize("name", ["../hand", "a/b", "a\\b", "..", "", "C:x", "hand\n", "{0}"])
 def test_a_cuff_s_name_cannot_lead_out_of_the_session_s_folder(name: str) -> None:
     cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-    with pytest.raises(ConfigError, match="no cuff's name"):
+    with pytest.raises(ConfigError, match=re.escape(repr(name))):
         parse_config({"cuffs": {name: cuff}}, "t")
 
 

@@ -19,10 +19,23 @@ from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+FOLDERS = (
+    "benchmarks",
+    "cuffstation",
+    "docs",
+    "documents",
+    "drivers",
+    "examples",
+    "fitting",
+    "recordings",
+    "solver",
+    "station",
+    "tests",
+)
 LOADED = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
 
 
-def test_the_readme_shows_pictures_a_table_and_ten_lines_of_python_before_any_list_of_commands() -> None:
+def test_the_front_page_shows_pictures_a_table_and_ten_lines_of_python_before_any_list_of_commands() -> None:
     commands = README.index("\n    station ")
     pictures = re.findall(r"^!\[.+\]\((docs/pictures/[\w-]+\.png)\)", README[:commands], re.M)
     assert sorted(Path(picture).stem.split("-")[0] for picture in pictures) == ["console", "report"]
@@ -32,8 +45,8 @@ def test_the_readme_shows_pictures_a_table_and_ten_lines_of_python_before_any_li
     assert "| cuff | k [N/m] |" in README[: README.index("```python")]
 
 
-def test_the_folder_picture_of_the_readme_is_the_tree() -> None:
-    picture = README[README.index("\n    station/  ") : README.index("`drivers/simulators` speaks")]
+def test_the_picture_of_the_layout_is_the_tree() -> None:
+    picture = README[README.index("\n    station/  ") : README.index("\n`drivers/simulators`")]
     top, drawn = "", set()
     for line in filter(str.strip, picture.splitlines()):
         for place, name in ((match.start(), match[1]) for match in re.finditer(r"(?<![\w/.])([\w-]+)/(?=\s|$)", line)):
@@ -47,10 +60,28 @@ def test_the_folder_picture_of_the_readme_is_the_tree() -> None:
     assert {name for name in folders if not name.startswith("tests/") and "__pycache__" not in name} <= drawn
 
 
-def test_every_page_that_the_readme_lists_is_there_and_every_page_is_listed() -> None:
+def test_every_page_of_the_front_page_is_there_and_every_page_is_listed() -> None:
     listed = set(re.findall(r"^    (docs/[\w./-]+|[\w/]+\.md|[\w]+\.toml|benchmarks/)  ", README, re.M))
     assert {name for name in listed if not (ROOT / name).exists()} == set()
     assert {f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")} - listed == {"docs/index.md"}
+
+
+def test_every_file_that_a_page_names_exists() -> None:
+    pages_read = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "recordings" / "FORMAT.md"]
+    named = {
+        (page.relative_to(ROOT).as_posix(), path)
+        for page in pages_read
+        for path in re.findall(rf"`((?:{'|'.join(FOLDERS)})/[a-z0-9_./-]*)`", page.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 100
+    assert {(page, path) for page, path in named if not (ROOT / path).exists()} == set()
+
+
+def test_decisions_are_numbered_without_gap_or_double_and_their_titles_repeat_the_number() -> None:
+    decisions = sorted((ROOT / "docs" / "decisions").glob("*.md"))
+    assert [page.name[:4] for page in decisions] == [f"{number:04d}" for number in range(1, len(decisions) + 1)]
+    titles = {page.name: page.read_text(encoding="utf-8").splitlines()[0] for page in decisions}
+    assert {name: title for name, title in titles.items() if not title.startswith(f"# {name[:4]} ")} == {}
 
 
 @pytest.mark.parametrize("verb", VERBS)

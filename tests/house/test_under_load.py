@@ -34,7 +34,7 @@ def test_a_command_keeps_its_exit_code_and_is_measured_without_and_under_load(
 def test_the_loops_keep_running_until_the_command_has_ended_and_end_with_it() -> None:
     with busy_loops(2, at_most_s=600.0) as loops:
         processes = [psutil.Process(loop.pid) for loop in loops]
-        assert measure(_python(WORK), loops).loops == 2
+        assert measure(_python("pass"), loops).loops == 2
         assert {process.nice() for process in processes} == {psutil.Process().nice()}, "of equal priority"
     assert not any(process.is_running() for process in processes)
 
@@ -42,7 +42,7 @@ def test_the_loops_keep_running_until_the_command_has_ended_and_end_with_it() ->
 def test_a_loop_ends_by_itself_after_its_time(capfd: pytest.CaptureFixture[str]) -> None:
     with busy_loops(1, at_most_s=0.01) as loops:
         assert loops[0].wait(scaled_timeout(20)) == 0
-        assert measure(_python(WORK), loops).loops == 0
+        assert measure(_python("pass"), loops).loops == 0
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows keeps a dead parent's number: loops end by their time")

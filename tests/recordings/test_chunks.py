@@ -28,12 +28,13 @@ def test_a_whole_file_has_no_damage_and_every_message_in_its_chunk(whole: Path) 
     assert entries[-1].topic == "/outcome"
 
 
-def test_a_cut_at_every_byte_keeps_the_messages_of_every_whole_chunk(whole: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("step", [7, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_cut_at_any_byte_keeps_the_messages_of_every_whole_chunk(step: int, whole: Path, tmp_path: Path) -> None:
     data, ends = whole.read_bytes(), chunk_ends(whole)
     entries, _ = _read(whole)
     path = tmp_path / "cut.mcap"
     path.write_bytes(data)
-    for cut in reversed(range(1, len(data))):
+    for cut in sorted({*range(1, len(data), step), *ends, *(end - 1 for end in ends)}, reverse=True):
         with path.open("r+b") as file:
             file.truncate(cut)
         found, damage = _read(path)

@@ -13,10 +13,11 @@ import pytest
 from mcap.writer import Writer
 
 from recordings import topics
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import TrackCollector, open_recording
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
+from tests.recordings.refusals import refused
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -75,7 +76,7 @@ def test_a_stream_without_samples_loads_as_empty_arrays(tmp_path: Path) -> None:
 def test_a_stream_that_was_not_recorded_is_named(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS[:1])
     writer.close(ACCEPTED)
-    with pytest.raises(RecordingError, match="has no stream /markers, only /force"):
+    with refused(RecordingCode.NO_STREAM):
         open_recording(tmp_path / "a.mcap").load("/markers")
 
 
@@ -104,18 +105,19 @@ def test_a_file_cut_around_any_chunk_opens_up_to_it(tmp_path: Path, small: tuple
         _check_cut(tmp_path / "cut.mcap", data, ends, items, cut)
 
 
-def test_three_hundred_random_cuts_keep_every_whole_chunk(
-    tmp_path: Path, large: tuple[bytes, list[int], list[Any]]
-) -> None:
+def test_random_cuts_keep_every_whole_chunk(tmp_path: Path, large: tuple[bytes, list[int], list[Any]]) -> None:
     data, ends, items = large
-    for cut in np.random.default_rng(1).integers(0, len(data), 300).tolist():
+    for cut in np.random.default_rng(1).integers(0, len(data), 100).tolist():
         _check_cut(tmp_path / "cut.mcap", data, ends, items, cut)
 
 
-def test_a_flipped_bit_never_changes_an_item_unseen(tmp_path: Path, small: tuple[bytes, list[int], list[Any]]) -> None:
+@pytest.mark.parametrize("step", [23, pytest.param(5, marks=pytest.mark.slow)])
+def test_a_flipped_bit_never_changes_an_item_unseen(
+    step: int, tmp_path: Path, small: tuple[bytes, list[int], list[Any]]
+) -> None:
     data, _, items = small
     path = tmp_path / "flipped.mcap"
-    for at in range(0, len(data), 5):
+    for at in range(0, len(data), step):
         flipped = bytearray(data)
         flipped[at] ^= 1 << at % 8
         path.write_bytes(flipped)
@@ -177,18 +179,18 @@ def test_reading_takes_no_more_memory_for_a_longer_file(tmp_path: Path) -> None:
 
 def test_an_empty_file_says_so(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").touch()
-    with pytest.raises(RecordingError, match="is empty"):
+    with refused(RecordingCode.EMPTY):
         open_recording(tmp_path / "a.mcap")
 
 
 def test_a_text_file_says_so(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_text("time,force\n" * 1000, encoding="utf-8")
-    with pytest.raises(RecordingError, match="is not an MCAP file"):
+    with refused(RecordingCode.NOT_MCAP):
         open_recording(tmp_path / "a.mcap")
 
 
 def test_a_missing_file_says_so(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="cannot be read: No such file"):
+    with refused(RecordingCode.UNREADABLE):
         open_recording(tmp_path / "a.mcap")
 
 
@@ -202,7 +204,7 @@ def test_a_foreign_mcap_file_says_so(tmp_path: Path, use_chunking: bool) -> None
     writer.add_message(channel_id=channel, log_time=1, publish_time=1, data=bytes(12))
     writer.finish()
     (tmp_path / "a.mcap").write_bytes(file.getvalue())
-    with pytest.raises(RecordingError, match="is an MCAP file of another program"):
+    with refused(RecordingCode.OTHER_PROGRAM):
         open_recording(tmp_path / "a.mcap")
 
 

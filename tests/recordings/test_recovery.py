@@ -11,10 +11,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from recordings.errors import RecordingError
+from recordings.errors import RecordingCode
 from recordings.reader import open_recording
 from recordings.recovery import recover, recovered_path
 from tests.recordings.cutting import Victim, record_boundaries, whole_file
+from tests.recordings.refusals import refused
 from tests.recordings.trials import chunk_ends, items_of, record, trial
 
 
@@ -46,7 +47,7 @@ def test_a_file_cut_in_its_index_loses_nothing(whole: Path, tmp_path: Path) -> N
 
 def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Path, tmp_path: Path) -> None:
     size, ends = whole.stat().st_size, chunk_ends(whole)
-    random = np.random.default_rng(3).integers(ends[0], size, 60).tolist()
+    random = np.random.default_rng(3).integers(ends[0], size, 20).tolist()
     for cut_at in {*random, *(end + step for end in ends for step in (-1, 0, 1) if end + step >= ends[0])}:
         cut = _cut(whole, tmp_path, cut_at)
         before = cut.read_bytes()
@@ -65,7 +66,7 @@ def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Pat
             assert len(list(StreamReader(file, validate_crcs=True).records)) > len(messages)
 
 
-@pytest.mark.parametrize(("seconds", "cuts"), [(3.7, 150), (60.0, 8)])
+@pytest.mark.parametrize(("seconds", "cuts"), [(3.7, 60), pytest.param(60.0, 8, marks=pytest.mark.slow)])
 def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float, cuts: int) -> None:
     victim = Victim(whole_file(tmp_path, seconds), tmp_path)
     for size in np.random.default_rng(4).integers(0, len(victim.data) + 1, cuts).tolist():
@@ -74,7 +75,7 @@ def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float
 
 
 def test_a_cut_around_any_record_keeps_exactly_the_whole_chunks(tmp_path: Path) -> None:
-    victim = Victim(whole_file(tmp_path, 1.0), tmp_path)
+    victim = Victim(whole_file(tmp_path, 0.5), tmp_path)
     for boundary in record_boundaries(victim.data):
         for size in {max(0, boundary - 1), boundary, min(boundary + 1, len(victim.data))}:
             victim.ensure_cut_is_recovered(size)
@@ -83,7 +84,7 @@ def test_a_cut_around_any_record_keeps_exactly_the_whole_chunks(tmp_path: Path) 
 
 def test_a_flipped_bit_costs_no_more_than_its_chunk(tmp_path: Path) -> None:
     victim = Victim(whole_file(tmp_path, 3.7), tmp_path)
-    for bit in np.random.default_rng(5).integers(0, 8 * len(victim.data), 50).tolist():
+    for bit in np.random.default_rng(5).integers(0, 8 * len(victim.data), 20).tolist():
         victim.ensure_flip_is_recovered(bit)
     assert min(victim.kept) < len(victim.messages)
 
@@ -157,7 +158,7 @@ def test_without_any_manifest_the_samples_are_kept_all_the_same(whole: Path, tmp
     damaged[ends[0] - 3] ^= 1
     path = tmp_path / "damaged.mcap"
     path.write_bytes(damaged)
-    with pytest.raises(RecordingError, match="has lost its manifest"):
+    with refused(RecordingCode.MANIFEST_LOST):
         open_recording(path)
     report = recover(path)
     assert report.contents.manifest is None
@@ -167,10 +168,10 @@ def test_without_any_manifest_the_samples_are_kept_all_the_same(whole: Path, tmp
 def test_a_different_file_in_the_way_is_left_alone(whole: Path, tmp_path: Path) -> None:
     cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
     (tmp_path / "b.mcap").write_bytes(b"precious")
-    with pytest.raises(RecordingError, match="exists and holds something else"):
+    with refused(RecordingCode.OUTPUT_EXISTS):
         recover(cut, tmp_path / "b.mcap")
     assert (tmp_path / "b.mcap").read_bytes() == b"precious"
-    with pytest.raises(RecordingError, match="exists and holds something else"):
+    with refused(RecordingCode.OUTPUT_EXISTS):
         recover(cut, cut)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b.mcap", "cut.mcap"]
 
@@ -178,13 +179,13 @@ def test_a_different_file_in_the_way_is_left_alone(whole: Path, tmp_path: Path) 
 def test_a_file_with_nothing_to_keep_leaves_no_output(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("time,force\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match="is not an MCAP file"):
+    with refused(RecordingCode.NOT_MCAP):
         recover(path)
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_an_output_that_cannot_be_written_is_named(whole: Path, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="cannot be written"):
+    with refused(RecordingCode.NOT_WRITABLE):
         recover(whole, tmp_path / "no_such_folder" / "b.mcap")
 
 

@@ -2,62 +2,71 @@
 
     NUMBA_DISABLE_JIT=1 python -m tests.solver.starved
 
-Without its compiler numba leaves plain functions, whose limits can be changed one by one.
+Without its compiler numba leaves plain functions, whose limits can be changed one by one. They are slow: there is one
+posture.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from solver.bundled import bundled_model
-from solver.motion import decimate, differentiate
+from solver.motion import Kinematics
 from solver.multibody.postures import postures
+from solver.muscle import muscle_forces
 from solver.paths import PathMode, evaluate_paths
-from solver.raise_arm import simulate_arm_raise
 from solver.redundancy import frames, interior_point
 from solver.redundancy.motion import solve_motion
+from tests.solver.references import certified
 
 MODEL = bundled_model()
-MOTION = decimate(differentiate(simulate_arm_raise(MODEL)), 150)
-LIMITS: tuple[tuple[PathMode, str, str, int], ...] = (
-    ("opensim", "solver.wrapping.tangent", "MOST_ITERATIONS", 1),
-    ("opensim", "solver.wrapping.closest", "MOST_ITERATIONS", 1),
-    ("opensim", "solver.wrapping.opensim_path", "MOST_SWEEPS", 1),
-    ("opensim", "solver.wrapping.cylinder", "MOST_ADJUSTMENTS", 1),
-    ("geodesic", "solver.geodesics.shortest_path", "MOST_STEPS", 1),
-    ("geodesic", "solver.geodesics.contact_order", "MOST_ROUNDS", 1),
-)
+Q, U = certified()["q"][:1], certified()["u"][:1]
+STATE = postures(MODEL, Q, U)
+MOTION = Kinematics(np.zeros(1), 0.01, Q, U, np.zeros_like(Q), None)
 
 
 @contextmanager
-def limited(module: str, name: str, limit: int) -> Iterator[None]:
-    """The constant of the module at another value."""
+def limited(limit: str, value: int) -> Iterator[None]:
+    """The constant "module.NAME" at another value."""
+    module, _, name = limit.rpartition(".")
     found = importlib.import_module(module)
     before = getattr(found, name)
-    setattr(found, name, limit)
+    setattr(found, name, value)
     yield
     setattr(found, name, before)
 
 
 def path_outcomes(mode: PathMode) -> list[str]:
-    """Outcomes that occur among all paths of the motion."""
-    state = postures(MODEL, MOTION.positions, MOTION.speeds)
-    return sorted(set(evaluate_paths(MODEL, state, mode=mode).outcomes.ravel().tolist()))
+    """Of the paths of all muscles."""
+    return sorted(set(evaluate_paths(MODEL, STATE, mode=mode).outcomes.ravel()))
+
+
+def opensim_outcomes() -> list[str]:
+    return path_outcomes("opensim")
+
+
+def geodesic_outcomes() -> list[str]:
+    return path_outcomes("geodesic")
+
+
+def curve_outcomes() -> list[str]:
+    """Of the forces of all muscles at lengths between the nodes of their curves."""
+    lengths = evaluate_paths(MODEL, STATE).lengths
+    return sorted(set(muscle_forces(MODEL, lengths, np.full_like(lengths, 0.01)).outcomes.ravel()))
 
 
 def frame_outcomes() -> list[str]:
-    """Outcomes that occur among the frames of the motion."""
-    return sorted({outcome.name for outcome in np.ravel(solve_motion(MODEL, MOTION).outcomes)})
+    return sorted(set(solve_motion(MODEL, MOTION).outcomes))
 
 
 def interior_point_outcomes() -> list[str]:
-    """Outcomes of the interior point itself, which Newton's method asks for where it is starved."""
+    """Of the interior-point method itself, which solves the frame if Newton's method is starved."""
     codes: set[int] = set()
 
     def recorded(*arguments: Any) -> int:
@@ -66,26 +75,32 @@ def interior_point_outcomes() -> list[str]:
         return code
 
     frames.interior_point, whole = recorded, frames.interior_point
-    with limited("solver.redundancy.newton", "MOST_STEPS", 0):
+    with limited("solver.redundancy.newton.MOST_STEPS", 0):
         frame_outcomes()
     frames.interior_point = whole
     return [("solved", "infeasible", "not_converged")[code] for code in sorted(codes)]
 
 
+LIMITS: dict[str, tuple[Callable[[], list[str]], int]] = {
+    "solver.wrapping.tangent.MOST_ITERATIONS": (opensim_outcomes, 1),
+    "solver.wrapping.closest.MOST_ITERATIONS": (opensim_outcomes, 1),
+    "solver.wrapping.opensim_path.MOST_SWEEPS": (opensim_outcomes, 1),
+    "solver.wrapping.cylinder.MOST_ADJUSTMENTS": (opensim_outcomes, 1),
+    "solver.geodesics.series.MOST_STEPS": (geodesic_outcomes, 1),
+    "solver.geodesics.shortest_path.MOST_STEPS": (geodesic_outcomes, 1),
+    "solver.geodesics.contact_order.MOST_ROUNDS": (geodesic_outcomes, 1),
+    "solver.functions.bezier.NEWTON_STEPS": (curve_outcomes, 1),
+    "solver.redundancy.newton.MOST_STEPS": (frame_outcomes, 0),
+    "solver.redundancy.interior_point.MOST_STEPS": (interior_point_outcomes, 1),
+}
+"""Limit → the outcomes that depend on it, and a value that is too small."""
+
+
 def main() -> None:
-    found = {
-        "opensim": path_outcomes("opensim"),
-        "geodesic": path_outcomes("geodesic"),
-        "frames": frame_outcomes(),
-        "interior_point": interior_point_outcomes(),
-    }
-    for mode, module, name, limit in LIMITS:
-        with limited(module, name, limit):
-            found[f"{module}.{name}"] = path_outcomes(mode)
-    with limited("solver.redundancy.newton", "MOST_STEPS", 0):
-        found["solver.redundancy.newton.MOST_STEPS"] = frame_outcomes()
-    with limited("solver.redundancy.interior_point", "MOST_STEPS", 1):
-        found["solver.redundancy.interior_point.MOST_STEPS"] = interior_point_outcomes()
+    found = {outcomes.__name__: outcomes() for outcomes, _ in LIMITS.values()}
+    for limit, (outcomes, value) in LIMITS.items():
+        with limited(limit, value):
+            found[limit] = outcomes()
     print(json.dumps(found))
 
 

@@ -40,7 +40,7 @@ def _allocations(run: Callable[[], object]) -> int:
     return int(rtsys.get_allocation_stats().alloc - before)
 
 
-@pytest.mark.parametrize("mode", ["opensim", "geodesic"])
+@pytest.mark.parametrize("mode", ["opensim", pytest.param("geodesic", marks=pytest.mark.slow)])
 def test_more_frames_of_a_motion_allocate_no_more(mode: PathMode) -> None:
     few, many = (
         _allocations(

@@ -2,7 +2,7 @@
 
 certified    20 states of the bundled model, in certified.json
 golden       24 states of the published model, beside the repository
-random       200 states of the bundled model, built and evaluated in OpenSim here and now
+random       60 states of the bundled model, built and evaluated in OpenSim here and now
 motions      some frames of every published motion beside the repository, the model read from its file by OpenSim, and
              golden's states again, for the multipliers that golden.npz does not hold
 """
@@ -18,22 +18,18 @@ from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.model import Model
-from solver.motion import differentiate, read_motion
+from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.constraints import constraint_gaps
-from solver.multibody.dynamics import (
-    EquationsOfMotion,
-    ResponseMaps,
-    equations_of_motion,
-    multipliers,
-    response_maps,
-)
+from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion, multipliers
 from solver.multibody.postures import Postures, jacobians, postures, speeds_from_rates
 from solver.muscle import MuscleForces, muscle_forces
 from solver.osim.reader import read_osim
 from solver.paths import PathState, evaluate_paths
+from solver.redundancy.response_maps import ResponseMaps, response_maps
 from tests.solver.references import NO_WEIGHT, SHARED, certified, golden, greatest_difference, relative_difference
 
 Array = NDArray[np.float64]
+RANDOM_STATES = 60
 
 
 @dataclass(frozen=True)
@@ -133,13 +129,14 @@ def test_gap_of_the_constraint_and_speeds_of_the_scapula() -> None:
 
 @pytest.mark.shared
 @pytest.mark.oracle
+@pytest.mark.parametrize("every", [12, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("file", sorted((SHARED / "motions").glob("*.mot")), ids=lambda file: file.stem)
-def test_every_frame_of_every_published_motion(file: Path) -> None:
+def test_frames_of_every_published_motion(file: Path, every: int) -> None:
     pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
     from tests.solver.certify import Oracle
 
     model = read_osim(NO_WEIGHT)
-    kinematics = differentiate(read_motion(file, model))
+    kinematics = decimate(differentiate(read_motion(file, model)), every)
     q, u = kinematics.positions, kinematics.speeds
     state = postures(model, q, u)
     paths, equations = evaluate_paths(model, state), equations_of_motion(model, state)
@@ -165,9 +162,9 @@ def _random() -> tuple[Model, dict[str, Array]]:
     from tests.solver.certify import Oracle
 
     model, random = bundled_model(), np.random.default_rng(200)
-    q = model.default_coordinates + 0.2 * random.normal(size=(200, len(model.coordinates)))
+    q = model.default_coordinates + 0.2 * random.normal(size=(RANDOM_STATES, len(model.coordinates)))
     # An arm that hangs down is where the shoulder's three angles are singular, and no two programs agree to 1e-12.
-    q[:, model.coordinate_index("shoulder_elv")] = random.uniform(0.3, 2.3, 200)
+    q[:, model.coordinate_index("shoulder_elv")] = random.uniform(0.3, 2.3, RANDOM_STATES)
     return model, Oracle(model).evaluate_all(q, random.normal(size=q.shape))
 
 
@@ -178,7 +175,7 @@ def _motions() -> tuple[Model, dict[str, Array]]:
     model = read_osim(NO_WEIGHT)
     moves = [differentiate(read_motion(file, model)) for file in sorted((SHARED / "motions").glob("*.mot"))]
     q, u = (
-        np.concatenate([*(getattr(move, name)[::40] for move in moves), golden()[letter]])
+        np.concatenate([*(getattr(move, name)[::80] for move in moves), golden()[letter]])
         for name, letter in (("positions", "q"), ("speeds", "u"))
     )
     return model, Oracle(model, NO_WEIGHT).evaluate_all(q, u)

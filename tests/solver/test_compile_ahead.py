@@ -15,7 +15,7 @@ COMMAND = (sys.executable, "-m", "solver.compile_ahead")
 ASSESS_AFTERWARDS = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from solver.compile_ahead import KERNELS, compile_ahead, count_ready
+from solver.compile_ahead import KERNELS, count_ready, main
 
 def signatures():
     return {
@@ -24,13 +24,13 @@ def signatures():
         for value in vars(module).values() if isinstance(value, Dispatcher) and value.signatures
     }
 
-compile_ahead()
+main()
 before = signatures()
-assert count_ready() == len(KERNELS) == 8, before
+assert count_ready() == len(KERNELS) == 11, before
 
 import numpy as np
 from pathlib import Path
-from fitting.cuffs_file import read_cuffs
+from fitting.cuffs.cuffs_file import read_cuffs
 from station.assessment.assess import assess_cuffs
 from station.assessment.assessment_inputs import AssessmentInputs
 
@@ -51,19 +51,23 @@ CUFFS = {
 }
 
 
-def test_after_it_an_assessment_compiles_nothing(tmp_path: Path) -> None:
-    file = tmp_path / "cuffs.json"
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> subprocess.CompletedProcess[str]:
+    """A process without what other tests have compiled: ahead of an assessment, and the assessment."""
+    file = tmp_path_factory.mktemp("cuffs") / "cuffs.json"
     file.write_text(json.dumps({"cuffs": CUFFS}), encoding="utf-8")
-    ran = subprocess.run(  # noqa: S603 (a process without what other tests have compiled)
+    return subprocess.run(  # noqa: S603
         [sys.executable, "-c", ASSESS_AFTERWARDS, str(file)], capture_output=True, text=True, check=False
     )
+
+
+def test_after_it_an_assessment_compiles_nothing(ran: subprocess.CompletedProcess[str]) -> None:
     assert ran.returncode == 0, ran.stderr
 
 
-def test_it_says_how_many_kernels_are_ready(monkeypatch: pytest.MonkeyPatch) -> None:
-    ran = subprocess.run(COMMAND, capture_output=True, text=True, check=True)  # noqa: S603
+def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str]) -> None:
     counts = [json.loads(line) for line in ran.stdout.splitlines()]
-    assert counts[-1] == {"ready": 8, "kernels": 8}
+    assert counts[-1] == {"ready": 11, "kernels": 11}
     assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
     assert ran.stderr == ""
 

@@ -13,12 +13,15 @@ import pytest
 from solver import compiled
 
 KERNEL = """
+from collections import namedtuple
 from solver.compiled import compiled, compiled_for_python
 FACTOR = {factor}
+Pair = namedtuple("Pair", "{fields}")
 
 @compiled
 def scaled(x):
-    return FACTOR * x{more}
+    first, _ = Pair(x=FACTOR * x{more}, y=0.0)
+    return first
 
 @compiled_for_python
 def kernel(x):
@@ -31,13 +34,13 @@ def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
 
 
-def _kernel(folder: Path, factor: float = 2.0, more: str = "") -> Any:
+def _kernel(folder: Path, factor: float = 2.0, more: str = "", fields: str = "x y") -> Any:
     file = folder / "kernel.py"
     if not file.exists():  # the source as the compiler sees it never changes
         file.write_text(KERNEL, encoding="utf-8")
     module = ModuleType("kernel")
     module.__file__ = str(file)
-    exec(compile(KERNEL.format(factor=factor, more=more), file, "exec"), vars(module))  # noqa: S102
+    exec(compile(KERNEL.format(factor=factor, more=more, fields=fields), file, "exec"), vars(module))  # noqa: S102
     return vars(module)["kernel"]
 
 
@@ -55,7 +58,9 @@ def test_what_is_kept_on_disk_is_not_compiled_again(tmp_path: Path, caplog: pyte
     assert not caplog.records
 
 
-@pytest.mark.parametrize(("change", "expected"), [({"factor": 5.0}, 15.0), ({"more": " + 1.0"}, 7.0)])
+@pytest.mark.parametrize(
+    ("change", "expected"), [({"factor": 5.0}, 15.0), ({"more": " + 1.0"}, 7.0), ({"fields": "y x"}, 0.0)]
+)
 def test_a_change_in_what_a_kernel_calls_compiles_it_again(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, change: dict[str, Any], expected: float
 ) -> None:

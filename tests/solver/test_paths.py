@@ -7,10 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
-from solver.model import GROUND, ConditionalPathPoint, ModelError, MovingPathPoint, Path, PathWrap, Placement
+from solver.model import GROUND, ConditionalPathPoint, MovingPathPoint, Path, PathWrap, Placement
 from solver.multibody.postures import jacobians, postures, speeds_from_rates
 from solver.paths import evaluate_paths
+from tests.solver.refused import refused
 from tests.solver.wrapping.laid import point
 
 Array = NDArray[np.float64]
@@ -110,13 +112,13 @@ def test_points_on_one_body_pull_on_nothing() -> None:
 def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
     beginning, nowhere = point(GROUND, (0.0, 0.0, 0.0)), point(99, (0.0, 0.0, 0.0))
     stranger = _mover(GROUND, 99, (0.0, 1.0))
-    for path, complaint in (
-        (Path((beginning,), ()), "path 0 has 1 points, expected at least 2"),
-        (Path((beginning, nowhere), ()), "body 99, but .* has the bodies 0 to 7"),
-        (Path((beginning, stranger), ()), "coordinate 99, but .* has the coordinates 0 to 16"),
-        (Path((beginning, beginning), (PathWrap(99, "hybrid"),)), "surface 99, but .* surfaces"),
+    for path, naming in (
+        (Path((beginning,), ()), "1 points"),
+        (Path((beginning, nowhere), ()), "body 99"),
+        (Path((beginning, stranger), ()), "coordinate 99"),
+        (Path((beginning, beginning), (PathWrap(99, "hybrid"),)), "surface 99"),
     ):
-        with pytest.raises(ModelError, match=complaint):
+        with refused(SolverCode.WRONG_PATH, naming):
             evaluate_paths(MODEL, STATE, [path])
 
 

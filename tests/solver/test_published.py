@@ -15,7 +15,7 @@ from solver.redundancy.motion import (
     solve_redundancy,
 )
 from solver.suit.assessment import assess
-from solver.suit.scenarios import CUFF_CONDITIONS
+from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit
 from tests.solver.published import (
     FREE_IN_SHRUGS,
@@ -126,7 +126,7 @@ def study():
         CuffParameters("tube", "arm", 5510.0, 38.0, 0.009),
         CuffParameters("elbow", "arm", 2530.0, 139.0, 0.022),
     ]
-    return assess(model, kinematics, read_suit(), cuffs, every=EVERY)
+    return assess(LoadedMotion(model, kinematics), read_suit(), cuffs, every=EVERY)
 
 
 def test_every_frame_of_the_published_study_is_solved(study):

@@ -8,6 +8,7 @@ from recordings.samples import Event, Item, Samples, Stream
 from station.bench.trial_rules import TrialRules
 from station.bench.trial_state_machine import TrialStateMachine
 from station.clock import ManualClock
+from station.messages.codes import TrialCode
 
 STREAMS = [Stream(n, "V", (n[1:],), 1000.0, "NI Dev1") for n in ("/force", "/sync")] + [
     Stream("/markers", "mm", ("anchor_1",), 100.0, "QTM 127.0.0.1:22223")
@@ -50,6 +51,11 @@ class Bench:
     def arm(self) -> Bench:
         self.trial.arm(STREAMS, {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM"})
         return self
+
+    @property
+    def codes(self) -> list[TrialCode]:
+        """Of the trial's state, or of its end."""
+        return [message.code for message in self.trial.messages]
 
     def run(self, station_s: float) -> None:
         for _ in range(round(station_s / BLOCK_S)):

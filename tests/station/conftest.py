@@ -1,4 +1,4 @@
-"""The command line, run in this process."""
+"""The command line, run in this process; a wearer's session, recorded once."""
 
 from __future__ import annotations
 
@@ -7,17 +7,42 @@ from collections.abc import Callable
 
 import pytest
 
-from station.cli import main
+from drivers.errors import DeviceError
+from fitting.errors import CodedError
+from solver.errors import SolverError
+from station import cli
+from station.errors import StationError
 from tests.station.command import Ran
+from tests.station.wearer import WearerSession, record_wearer
+
+
+@pytest.fixture(scope="session")
+def wearer(tmp_path_factory: pytest.TempPathFactory) -> WearerSession:
+    return record_wearer(tmp_path_factory.mktemp("wearer") / "simulated" / "session")
 
 
 @pytest.fixture
 def station(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
-    def run(*words: object) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["station", *(str(word) for word in words)])
-        with pytest.raises(SystemExit) as caught:
-            main()
+    def run(*arguments: object) -> Ran:
+        codes = [""]
+        app = cli.app
+
+        def app_with_code(**options: str) -> None:
+            try:
+                app(**options)
+            except CodedError as error:
+                codes.append(error.reason.code)
+                raise
+            except (StationError, DeviceError, SolverError) as error:
+                codes.append(error.code)
+                raise
+
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", ["station", *map(str, arguments)])
+            patch.setattr(cli, "app", app_with_code)
+            with pytest.raises(SystemExit) as caught:
+                cli.main()
         captured = capsys.readouterr()
-        return Ran(int(caught.value.code or 0), captured.out, captured.err)
+        return Ran(int(caught.value.code or 0), captured.out, captured.err, codes[-1])
 
     return run

@@ -79,18 +79,18 @@ class FakeMocap:
         self.name = "QTM fake"
         self.streams = (Stream("/markers", "mm", ("anchor_1", "cuff_1"), 100.0, self.name),)
         self.identity = DeviceIdentity(self.name, "", None)
-        self._clock, self._capture, self._sent, self._told = clock, capture, 0, 0
+        self._clock, self._capture, self._sent, self._reported = clock, capture, 0, 0
 
     def open(self) -> None:
-        self._sent = self._told = 0
+        self._sent = self._reported = 0
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         _pause(timeout_s)
         now = self._clock.station_s()
         items: list[Item] = []
         due = self._capture.frames_due(now)
-        if due and not self._told:
-            self._told = 1
+        if due and not self._reported:
+            self._reported = 1
             items.append(Event("capture_started", "capture started", self._clock.utc_ns(), self.name))
         if due > self._sent:
             numbers = np.arange(self._sent + 1, due + 1, dtype=np.uint64)
@@ -98,8 +98,8 @@ class FakeMocap:
             times = (numbers.astype(np.int64) - 1) * 10_000_000
             items.append(Samples("/markers", numbers, times, self._clock.utc_ns(), values))
             self._sent = due
-        if self._capture.has_ended(now) and self._told == 1:
-            self._told = 2
+        if self._capture.has_ended(now) and self._reported == 1:
+            self._reported = 2
             items.append(Event("capture_stopped", "capture stopped", self._clock.utc_ns(), self.name))
         return items
 
@@ -108,5 +108,5 @@ class FakeMocap:
 
 
 def _pause(timeout_s: float) -> None:
-    """Lets samples gather where time goes on by itself; on a stepped clock nobody may wait."""
+    """Wait for samples while time passes by itself; a stepped clock does not wait."""
     time.sleep(min(timeout_s, 0.005))

@@ -64,23 +64,23 @@ def _a_file_is_a_configuration_or_a_sentence(content: bytes) -> None:
             assert "\n" not in str(error), str(error)
 
 
-def _what_is_in_a_file_is_told_or_refused(changes: list[Change], messages: list[tuple[str, bytes]]) -> None:
+def _a_file_is_shown_or_refused(changes: list[Change], messages: list[tuple[str, bytes]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for path in (damaged_file(changes, Path(folder)), forged_file(messages, Path(folder))):
-            with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()):
+            with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()):
                 try:
                     assert show_contents(path, as_json=True) in (0, 3)
                 except RecordingError as error:
                     assert "\n" not in str(error), str(error)
                 else:
-                    assert "sync_sentence" in json.loads(said.getvalue())
+                    assert "sync_sentence" in json.loads(out.getvalue())
 
 
 TARGETS = (
     Target(
         "info",
         st.tuples(changes_to_a_file, st.lists(forged_messages, max_size=12)),
-        lambda both: _what_is_in_a_file_is_told_or_refused(*both),
+        lambda both: _a_file_is_shown_or_refused(*both),
         0.25,
     ),
     Target("configuration", _configurations, _data_is_a_configuration_or_a_sentence),

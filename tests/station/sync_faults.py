@@ -9,9 +9,9 @@ from typing import Any
 from drivers.simulators.bench import Bench
 from drivers.simulators.faults import Fault, Faults, fault_from_dict
 from drivers.simulators.settings import Settings, settings_from_dict
-from fitting.quality import UnusableTrial
-from fitting.timing.decimation import decimate
-from fitting.timing.sync_certificate import SyncCertificate, certify
+from fitting.errors import UnusableTrial
+from fitting.trial.decimation import decimate
+from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench.bench_clock import BenchClock
@@ -63,14 +63,14 @@ CASES = (
 class Suffered:
     """What became of the trial; certificate is None where there is none, and words says why.
 
-    told_after_s  world seconds from the fault to the station's event, None without one
+    reported_after_s  world seconds from the fault to the station's event, None without one
     """
 
     result: TrialResult
     events: tuple[Event, ...]
     certificate: SyncCertificate | None
     words: str
-    told_after_s: float | None
+    reported_after_s: float | None
 
 
 @dataclass
@@ -104,15 +104,17 @@ def suffer(case: Case, folder: Path, speed: float | None = None) -> Suffered:
         return Suffered(result, (), None, result.sentence, None)
     recording = open_recording(result.path)
     events = tuple(item for item in recording.items() if isinstance(item, Event))
-    told = [event.host_time_ns for event in events if case.event and event.kind == case.event]
-    after_s = (told[0] - moment_utc_ns) * 1e-9 if told else None
+    times_ns = [event.host_time_ns for event in events if case.event and event.kind == case.event]
+    after_s = (times_ns[0] - moment_utc_ns) * 1e-9 if times_ns else None
     try:
         tracks = {stream.name: recording.load(stream.name) for stream in recording.streams}
         certificate = certify(recording.manifest, decimate(recording.manifest, tracks))
     except UnusableTrial as error:
         return Suffered(result, events, None, str(error), after_s)
     assert certificate is not None
-    return Suffered(result, events, certificate, "; ".join((certificate.sentence, *certificate.findings)), after_s)
+    return Suffered(
+        result, events, certificate, "; ".join(map(str, (certificate.summary, *certificate.findings))), after_s
+    )
 
 
 def _settings() -> Settings:

@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
+from fitting.results.codes import FitErrorCode
 from station.cli import VERBS
+from station.messages.file_codes import ExportCode
+from station.messages.setup_codes import ConfigCode, FolderCode
 from tests.station.bench.test_trial_recorder import Rig
-from tests.station.command import assert_one_sentence
+from tests.station.command import assert_one_sentence, assert_refused
 
 EXAMPLE = Path(__file__).parents[2] / "station.toml"
 CONFIG = str(EXAMPLE)
@@ -20,7 +23,7 @@ CONFIG = str(EXAMPLE)
 def trial_file(folder: Path) -> Path:
     from station.protocol import TrialSpec
 
-    path = Rig().daemon().record(folder, TrialSpec("hand", "static", 1)).path
+    path = Rig().recorder().record(folder, TrialSpec("hand", "static", 1)).path
     assert path is not None
     return path
 
@@ -28,7 +31,7 @@ def trial_file(folder: Path) -> Path:
 RECORD = ("record", "--session", "s", "--cuff", "hand", "--test", "static", "--repeat", "1")
 
 
-def test_help_tells_the_way_from_left_to_right(station) -> None:
+def test_help_lists_the_verbs_in_the_order_of_their_use(station) -> None:
     ran = station("--help")
     places = [
         ran.out.index(f"\u2502 {verb} ") for verb in ("simulate", "check", "record", "info", "fit", "assess", "report")
@@ -45,12 +48,13 @@ def test_wrong_usage_is_code_2(station, words: list[str]) -> None:
 def test_a_configuration_that_cannot_be_used_is_code_2(station, tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text("[daq]\nsample_rate_hz = 6000\n")
-    assert_one_sentence(station(*RECORD, "--config", bad), 2, "at most 5000")
-    assert_one_sentence(station(*RECORD, "--config", tmp_path / "none.toml"), 2, "cannot read")
-    assert_one_sentence(station(*RECORD[:3], "--cuff", "knee", *RECORD[5:], "--config", CONFIG), 2, "[cuffs.knee]")
+    knee = (*RECORD[:3], "--cuff", "knee", *RECORD[5:])
+    assert_refused(station(*RECORD, "--config", bad), 2, ConfigCode.WRONG_VALUE)
+    assert_refused(station(*RECORD, "--config", tmp_path / "none.toml"), 2, ConfigCode.UNREADABLE)
+    assert_refused(station(*knee, "--config", CONFIG), 2, ConfigCode.UNKNOWN_CUFF)
 
 
-def test_devices_that_are_not_there_are_one_sentence_and_leave_nothing(station, tmp_path: Path) -> None:
+def test_missing_devices_are_refused_without_a_recording(station, tmp_path: Path) -> None:
     config = tmp_path / "station.toml"
     text = EXAMPLE.read_text(encoding="utf-8")
     config.write_text(text.replace("31763", "9").replace("22223", "9"), encoding="utf-8")
@@ -72,18 +76,17 @@ def test_check_names_every_device_that_does_not_answer(station, tmp_path: Path) 
 @pytest.mark.parametrize(
     "words", [["--test", "static"], ["--test", "bounce", "--cuff", "hand"]], ids=["no cuff", "a cuff too many"]
 )
-def test_a_cuff_is_what_a_static_test_needs_and_a_bounce_has_not(station, tmp_path: Path, words: list[str]) -> None:
+def test_a_static_test_needs_a_cuff_and_a_bounce_has_none(station, tmp_path: Path, words: list[str]) -> None:
     ran = station("record", "--config", CONFIG, "--session", tmp_path, *words)
-    assert ran.code == 2
-    assert "needs --cuff, and a bounce has none" in " ".join(ran.err.replace("\u2502", " ").split())
+    assert ran.code == 2 and "--cuff" in ran.err
 
 
-def test_a_known_mass_weighs_something_and_needs_a_load_cell_that_answers(station, tmp_path: Path) -> None:
+def test_a_known_mass_is_not_negative_and_needs_a_load_cell_that_answers(station, tmp_path: Path) -> None:
     assert station("check", "--config", CONFIG, "--known-mass", -2).code == 2
-    nobody = tmp_path / "station.toml"
-    nobody.write_text('[daq]\ngrpc_target = "127.0.0.1:9"\n[mocap]\nport = 9\n')
-    ran = station("check", "--config", nobody, "--session", tmp_path, "--known-mass", 2)
-    assert_one_sentence(ran, 1, "sent 0 samples, expected at least 6")
+    unreachable = tmp_path / "station.toml"
+    unreachable.write_text('[daq]\ngrpc_target = "127.0.0.1:9"\n[mocap]\nport = 9\n')
+    ran = station("check", "--config", unreachable, "--session", tmp_path, "--known-mass", 2)
+    assert_refused(ran, 1, FitErrorCode.CHECK_SHORT)
 
 
 def test_a_recording_is_shown_as_a_table_and_as_json(station, tmp_path: Path) -> None:
@@ -118,26 +121,27 @@ def test_a_recovery_is_reported_as_json(station, tmp_path: Path) -> None:
     assert report["lossless"] is False and report["missing"]
 
 
-def test_an_export_is_told_as_json(station, tmp_path: Path) -> None:
+def test_an_export_is_reported_as_json(station, tmp_path: Path) -> None:
     path, broken = trial_file(tmp_path), tmp_path / "cuff-hand_test-static_run-2.mcap"
     broken.write_text("no recording\n")
     ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out", "--format", "json")
-    told = json.loads(ran.out)
+    result = json.loads(ran.out)
     assert ran.code == 3
-    assert len(told["written"]) == 3 and all(Path(name).stem.startswith(path.stem) for name in told["written"])
-    assert len(told["refused"]) == 1 and broken.name in told["refused"][0]
+    assert len(result["written"]) == 3 and all(Path(name).stem.startswith(path.stem) for name in result["written"])
+    assert [refused["code"] for refused in result["refused_codes"]] == [ExportCode.NOT_EXPORTED]
+    assert broken.name in result["refused"][0]
 
 
-def test_a_replay_is_told_as_json(station, tmp_path: Path) -> None:
+def test_a_replay_is_reported_as_json(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     ran = station("replay", path, "--session", tmp_path / "again", "--speed", "20", "--format", "json")
     result = json.loads(ran.out)
-    assert set(result) == {"path", "accepted", "lost_samples", "sentence", "origin"}
+    assert set(result) == {"path", "accepted", "lost_samples", "sentence", "codes", "origin"}
     assert Path(result["path"]).is_file() and result["sentence"] in ran.err
     assert json.loads(station("replay", path, "--speed", "20", "--format", "json").out)["path"] is None
 
 
-def test_a_check_is_told_as_json(station, tmp_path: Path) -> None:
+def test_a_check_is_reported_as_json(station, tmp_path: Path) -> None:
     config = tmp_path / "station.toml"
     text = EXAMPLE.read_text(encoding="utf-8")
     config.write_text(text.replace("31763", "9").replace("22223", "9"), encoding="utf-8")
@@ -148,13 +152,13 @@ def test_a_check_is_told_as_json(station, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("typed", "words"), [("station ", set(VERBS)), ("station rec", {"record", "recover"})])
 def test_the_shell_completes_verbs(station, monkeypatch: pytest.MonkeyPatch, typed: str, words: set[str]) -> None:
-    """`station --install-completion` writes what asks this of us."""
+    """The request of the script that `station --install-completion` installs."""
     for name, value in {"_STATION_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": "1"}.items():
         monkeypatch.setenv(name, value)
     assert set(station().out.split()) == words
 
 
-def test_a_foreign_file_is_one_sentence(station, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_recording_is_refused_with_its_name(station, tmp_path: Path) -> None:
     text, foreign, empty = (tmp_path / name for name in ("text.mcap", "foreign.mcap", "empty.mcap"))
     text.write_text("not a recording\n")
     empty.touch()
@@ -165,68 +169,64 @@ def test_a_foreign_file_is_one_sentence(station, tmp_path: Path) -> None:
         assert_one_sentence(station("info", path), 1, path.name)
 
 
-def test_fitting_what_cannot_be_fitted_is_one_sentence(station, tmp_path: Path) -> None:
+def test_a_folder_without_recordings_is_not_fitted(station, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    assert_one_sentence(station("fit", tmp_path / "none"), 1, "is not a folder")
-    ran = station("fit", tmp_path / "empty")
-    assert ran.code == 1 and "holds no recording" in ran.err
+    assert_refused(station("fit", tmp_path / "none"), 1, FolderCode.NOT_A_FOLDER)
+    assert_refused(station("fit", tmp_path / "empty"), 1, FolderCode.NO_RECORDING)
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"cuffs": 3}', '{"cuffs": {"hand": {"stiffness_n_per_m": "soft"}}}'])
-def test_a_broken_cuffs_file_is_one_sentence(station, tmp_path: Path, text: str) -> None:
+def test_a_broken_cuffs_file_is_refused(station, tmp_path: Path, text: str) -> None:
     cuffs = tmp_path / "cuffs.json"
     cuffs.write_text(text)
     ran = station("assess", "--cuffs", cuffs, "--output", tmp_path)
-    assert ran.code == 1
+    assert ran.code == 1 and ran.error
     assert ran.err.strip().splitlines()[-1].startswith("station: ")
-    assert "Traceback" not in ran.err
 
 
-def test_a_motion_without_a_coordinate_is_one_sentence(station, tmp_path: Path) -> None:
+def test_a_motion_without_a_coordinate_is_refused(station, tmp_path: Path) -> None:
     motion = tmp_path / "short.mot"
     motion.write_text("m\nnRows=2\nnColumns=2\ninDegrees=yes\nendheader\ntime\tclav_prot\n0\t1\n0.01\t1\n")
     ran = station("rmr", "--motion", motion, "--output", tmp_path / "a.csv")
-    assert ran.code == 1 and "lacks" in ran.err and "Traceback" not in ran.err
+    assert ran.code == 1 and ran.err.strip().splitlines()[-1].startswith("station: ")
     assert not (tmp_path / "a.csv").exists()
 
 
-def test_a_folder_with_nothing_to_report_is_one_sentence(station, tmp_path: Path) -> None:
-    assert_one_sentence(station("report", tmp_path), 1, "holds no recording")
+def test_an_empty_folder_is_not_reported(station, tmp_path: Path) -> None:
+    assert_refused(station("report", tmp_path), 1, FolderCode.NOTHING_TO_REPORT)
 
 
-def test_a_recording_that_is_set_aside_is_listed_by_the_fit_with_the_reason(station, tmp_path: Path) -> None:
+def test_the_fit_lists_a_rejected_recording_with_the_reason(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     assert station("judge", path, "--redo", "the wearer coughed").code == 0
-    assert "set aside by the operator: the wearer coughed" in station("fit", tmp_path).err
+    assert "the wearer coughed" in station("fit", tmp_path).err
     assert station("judge", path).code == 0
-    assert "set aside" not in station("fit", tmp_path).err
+    assert "the wearer coughed" not in station("fit", tmp_path).err
 
 
 @pytest.mark.parametrize("name", ["none.mcap", "report.html"])
-def test_only_a_recording_that_is_there_is_judged(station, tmp_path: Path, name: str) -> None:
+def test_only_an_existing_recording_is_judged(station, tmp_path: Path, name: str) -> None:
     (tmp_path / "report.html").touch()
     ran = station("judge", tmp_path / name)
     assert ran.code == 2
-    assert "there is no recording" in ran.err
     assert not (tmp_path / "session.jsonl").exists()
 
 
-def test_a_session_of_which_no_trial_can_be_used_has_failed(station, tmp_path: Path) -> None:
+def test_a_session_without_a_usable_trial_is_not_fitted(station, tmp_path: Path) -> None:
     station("judge", trial_file(tmp_path), "--redo", "the wearer coughed")
     ran = station("fit", tmp_path)
-    assert ran.code == 1
-    assert "no recording" in ran.err or "not one trial" in ran.err
+    assert (ran.code, ran.error) == (1, FolderCode.NOT_USABLE)
 
 
-def test_a_file_that_cannot_be_written_is_named_and_its_draft_is_not(station, tmp_path: Path) -> None:
-    path, in_the_way = trial_file(tmp_path), tmp_path / "taken"
-    in_the_way.touch()
-    ran = station("export", path, "--to", "csv", "--output", in_the_way)
-    assert_one_sentence(ran, 1, str(in_the_way), "File exists")
+def test_the_error_of_a_file_that_cannot_be_written_names_it_and_not_its_draft(station, tmp_path: Path) -> None:
+    path, obstacle = trial_file(tmp_path), tmp_path / "taken"
+    obstacle.touch()
+    ran = station("export", path, "--to", "csv", "--output", obstacle)
+    assert_one_sentence(ran, 1, str(obstacle), "File exists")
     assert "Errno" not in ran.err
     (tmp_path / "folder.osim").mkdir()
     ran = station("export", "--osim", "--output", tmp_path / "folder.osim")
-    assert_one_sentence(ran, 1, "folder.osim cannot be used: Is a directory")
+    assert_one_sentence(ran, 1, "folder.osim", "Is a directory")
     assert ".draft" not in ran.err
     assert not list(tmp_path.glob(".draft*"))
 
@@ -236,7 +236,7 @@ def _in_its_own_process(*words: object, **environment: str) -> subprocess.Comple
     return subprocess.run(command, env={**os.environ, **environment}, capture_output=True, check=False)  # noqa: S603
 
 
-def test_a_name_that_is_not_utf_8_keeps_its_bytes_on_the_way_out(tmp_path: Path) -> None:
+def test_a_file_name_that_is_not_utf_8_is_printed_with_its_bytes(tmp_path: Path) -> None:
     folder = tmp_path / os.fsdecode(b"se\xffsion")
     try:
         folder.mkdir()
@@ -249,7 +249,7 @@ def test_a_name_that_is_not_utf_8_keeps_its_bytes_on_the_way_out(tmp_path: Path)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
-def test_what_is_printed_is_utf_8_whatever_the_terminal_was_thought_to_speak(tmp_path: Path, encoding: str) -> None:
+def test_output_is_utf_8_for_every_encoding_of_the_terminal(tmp_path: Path, encoding: str) -> None:
     folder = tmp_path / "ẋ mäßig"
     folder.mkdir()
     ran = _in_its_own_process("export", trial_file(folder), "--to", "trc", PYTHONIOENCODING=encoding)

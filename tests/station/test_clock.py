@@ -3,7 +3,7 @@ from __future__ import annotations
 from station.clock import ManualClock, RealClock, SteppedClock
 
 
-def test_the_manual_clock_moves_by_what_it_is_told_and_by_steps() -> None:
+def test_the_manual_clock_advances_on_request_and_by_steps() -> None:
     clock = ManualClock(step_s=0.5)
     before = clock.utc_ns()
     clock.advance(2.0)
@@ -12,7 +12,7 @@ def test_the_manual_clock_moves_by_what_it_is_told_and_by_steps() -> None:
     assert clock.utc_ns() - before == 2_500_000_000
 
 
-def test_only_a_clock_that_is_moved_is_stepped() -> None:
+def test_only_a_simulated_clock_is_a_stepped_clock() -> None:
     assert isinstance(ManualClock(), SteppedClock)
     assert not isinstance(RealClock(), SteppedClock)
 

@@ -1,4 +1,4 @@
-"""Bits that flip in a stored recording: the fit names the damage first, diagnoses nothing else, and ends with 3."""
+"""Flipped bits in a stored recording: the fit reports the damage first, without other diagnoses, and exits with 3."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ import pytest
 
 from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
-from fitting.trial import RejectedTrial, Trial, read_alone
+from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.trial.reader import read_alone
+from fitting.trial.trial import RejectedTrial, Trial
 from station.bench.bench_clock import BenchClock
 from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
+from station.messages.setup_codes import FolderCode
 from station.protocol import TrialSpec
 from tests.recordings.trials import chunk_starts
 from tests.station.command import Ran
@@ -30,12 +33,12 @@ SETTINGS = {
     "mocap": {"occlusions_per_minute": 0},
 }
 ADVICE = ("active high", "check the cable", "sync output", "armed before", "warm", "likely:")
-"""Of wires and devices, which a damaged file says nothing of."""
+"""Words of advice on wires and devices, of which a damaged file is no evidence."""
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A static and a dynamic trial, as the station recorded them over its wires."""
+    """A static and a dynamic trial, recorded from simulated devices."""
     folder = tmp_path_factory.mktemp("recorded")
     with Bench(settings_from_dict(SETTINGS), None, seed=3) as bench, BenchClock(bench.ports["clock"]) as clock:
         config = {
@@ -59,21 +62,22 @@ def _flipped(recorded: Path, folder: Path, file: str, byte: int) -> Path:
     return session
 
 
-def _assert_only_damage_is_told(ran: Ran, session: Path, file: str) -> None:
+def _assert_only_damage_is_reported(ran: Ran, session: Path, file: str) -> None:
     assert ran.code == 3, ran.err
     first = next(line for line in ran.err.splitlines() if not line.startswith(("reading trials", "fitting cuffs")))
-    assert first.startswith(f"{file} is damaged: damage at byte"), ran.err
-    told = " ".join(line for line in (ran.err + ran.out).splitlines() if file in line)
-    assert not [advice for advice in ADVICE if advice in told], told
+    assert first.startswith(file), ran.err
+    lines = " ".join(line for line in (ran.err + ran.out).splitlines() if file in line)
+    assert not [advice for advice in ADVICE if advice in lines], lines
     fitted = json.loads((session / "cuffs.json").read_text(encoding="utf-8"))
-    listed = {each["file"]: each for each in (*fitted["rejected"], *fitted["cuffs"]["waist"]["trials"])}
-    assert listed[file]["damage"]
-    sentences = [listed[file]["reason"], *listed[file].get("notes", ())]
-    assert "the file is damaged (damage at byte" in " ".join(sentences)
-    assert not [advice for advice in ADVICE if advice in " ".join(sentences)]
+    by_file = {entry["file"]: entry for entry in (*fitted["rejected"], *fitted["cuffs"]["waist"]["trials"])}
+    entry = by_file[file]
+    assert entry["damage"]
+    reason = [entry["reason_code"]] if entry["reason_code"] else []
+    codes = {code["code"] for code in (*reason, *entry.get("note_codes", ()))}
+    assert codes <= {RejectionCode.DAMAGED, TrialNoteCode.DAMAGED} and codes
 
 
-def test_a_sound_session_is_told_of_no_damage(station, recorded: Path, tmp_path: Path) -> None:
+def test_an_intact_session_has_no_damage(station, recorded: Path, tmp_path: Path) -> None:
     session = shutil.copytree(recorded, tmp_path / "session")
     ran = station("fit", session)
     assert ran.code == 0, ran.err
@@ -81,14 +85,12 @@ def test_a_sound_session_is_told_of_no_damage(station, recorded: Path, tmp_path:
 
 
 @pytest.mark.parametrize("file", [STATIC, DYNAMIC])
-def test_one_flipped_bit_at_byte_3000_is_damage_and_no_wiring_fault(
-    station, recorded: Path, tmp_path: Path, file: str
-) -> None:
+def test_a_flipped_bit_is_damage_and_not_a_wiring_fault(station, recorded: Path, tmp_path: Path, file: str) -> None:
     session = _flipped(recorded, tmp_path, file, 3000)
-    _assert_only_damage_is_told(station("fit", session), session, file)
+    _assert_only_damage_is_reported(station("fit", session), session, file)
 
 
-def test_a_session_whose_only_recording_is_damaged_beyond_use_ends_with_3_too(
+def test_a_session_whose_only_recording_is_unusable_through_damage_exits_with_3(
     station, recorded: Path, tmp_path: Path
 ) -> None:
     session = tmp_path / "session"
@@ -99,7 +101,7 @@ def test_a_session_whose_only_recording_is_damaged_beyond_use_ends_with_3_too(
         data[start + 200] ^= 0x10
     (session / STATIC).write_bytes(data)
     ran = station("fit", session)
-    assert f"station: {STATIC} is damaged, and no recording in" in ran.err
+    assert ran.error == FolderCode.DAMAGED and STATIC in ran.err
     assert not [advice for advice in ADVICE if advice in ran.err], ran.err
     assert ran.code == 3, ran.err
 
@@ -111,35 +113,35 @@ def test_a_bit_flipped_anywhere_among_the_samples_is_damage(
     starts = chunk_starts(recorded / STATIC)
     chunk = int(part * len(starts))
     session = _flipped(recorded, tmp_path, STATIC, starts[chunk] + 200)
-    _assert_only_damage_is_told(station("fit", session), session, STATIC)
+    _assert_only_damage_is_reported(station("fit", session), session, STATIC)
 
 
 def test_a_bit_flipped_anywhere_is_damage_or_changes_nothing(recorded: Path, tmp_path: Path) -> None:
-    sound = read_alone(recorded / STATIC)
-    assert isinstance(sound, Trial)
+    intact = read_alone(recorded / STATIC)
+    assert isinstance(intact, Trial)
     data, path, damaged = (recorded / STATIC).read_bytes(), tmp_path / STATIC, 0
-    every = np.random.default_rng(1).integers(0, len(data), 60).tolist()
-    for byte in (*range(0, 120, 7), *every, *range(len(data) - 400, len(data), 13)):
-        spoilt = bytearray(data)
-        spoilt[byte] ^= 1 << byte % 8
-        path.write_bytes(spoilt)
+    positions = np.random.default_rng(1).integers(0, len(data), 60).tolist()
+    for byte in (*range(0, 120, 7), *positions, *range(len(data) - 400, len(data), 13)):
+        damaged_data = bytearray(data)
+        damaged_data[byte] ^= 1 << byte % 8
+        path.write_bytes(damaged_data)
         reading = read_alone(path)
         if isinstance(reading, RejectedTrial) or reading.damage:
             assert reading.damage, f"byte {byte}: {reading}"
             damaged += 1
         else:
-            np.testing.assert_array_equal(reading.force, sound.force)
-            np.testing.assert_array_equal(reading.markers, sound.markers)
-            assert reading.notes == sound.notes or not reading.is_whole, "an end that looks like a cut is told, too"
+            np.testing.assert_array_equal(reading.force, intact.force)
+            np.testing.assert_array_equal(reading.markers, intact.markers)
+            assert reading.notes == intact.notes or not reading.is_whole, "an end that looks truncated is noted, too"
     assert damaged > 50, "most of a file is its samples"
 
 
-def test_a_damaged_file_that_is_the_only_one_is_named_as_that(station, recorded: Path, tmp_path: Path) -> None:
+def test_the_only_file_is_reported_as_damaged(station, recorded: Path, tmp_path: Path) -> None:
     session = _flipped(recorded, tmp_path, STATIC, 3000)
     (session / DYNAMIC).unlink()
     ran = station("fit", session)
     assert ran.code == 3
-    assert f"{STATIC} is damaged" in ran.err
+    assert STATIC in ran.err
     assert not [advice for advice in ADVICE if advice in ran.err]
 
 
@@ -148,14 +150,13 @@ def test_a_recovered_copy_of_a_damaged_file_is_not_diagnosed_either(station, rec
     assert station("recover", session / STATIC).code == 3
     ran = station("fit", session)
     assert ran.code == 3
-    assert "is damaged: /" in ran.err, "it lacks messages that its end counted"
     (rejected,) = json.loads((session / "cuffs.json").read_text(encoding="utf-8"))["rejected"]
-    assert rejected["reason"].startswith("the file is damaged (/")
+    assert rejected["damage"] and rejected["reason_code"]["code"] == RejectionCode.DAMAGED
     assert not [advice for advice in ADVICE if advice in rejected["reason"]]
 
 
-def test_info_of_a_damaged_file_advises_on_no_wires(station, recorded: Path, tmp_path: Path) -> None:
+def test_info_of_a_damaged_file_has_no_advice_on_wires(station, recorded: Path, tmp_path: Path) -> None:
     ran = station("info", _flipped(recorded, tmp_path, STATIC, 3000) / STATIC)
     assert ran.code == 3
-    assert "damage at byte" in ran.out
+    assert "damage" in ran.out
     assert not [advice for advice in ADVICE if advice in ran.out]

@@ -1,4 +1,4 @@
-"""`station fit`: what it prints and where it writes."""
+"""`station fit`: printed results and written files."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fitting.result import SessionFit
-from fitting.results.cuffs_json import cuffs_json
+from fitting.cuffs.cuff_fit import SessionFit
+from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.session import fit_session
-from fitting.trial import build_trial
+from fitting.trial.trial import build_trial
 from recordings.manifest import TrialOutcome
 from recordings.reader import Track
 from recordings.samples import Samples
@@ -47,7 +47,7 @@ def fitted() -> SessionFit:
 
 @pytest.fixture
 def folder(fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A session whose recordings are taken as read."""
+    """A session whose fit is given."""
 
     def fit(_folder: Path, output: Path | None, _progress: object) -> SessionFit:
         if output is not None:
@@ -58,7 +58,7 @@ def folder(fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     return tmp_path
 
 
-def test_the_published_method_is_printed_and_leaves_the_fit_alone(station, folder: Path) -> None:
+def test_the_published_method_is_printed_without_cuffs_json(station, folder: Path) -> None:
     ran = station("fit", folder, "--method", "paper", "--format", "json")
     assert ran.code == 0
     cuff = json.loads(ran.out)["cuffs"]["waist"]
@@ -66,14 +66,14 @@ def test_the_published_method_is_printed_and_leaves_the_fit_alone(station, folde
     assert not (folder / "cuffs.json").exists()
 
 
-def test_the_published_method_goes_to_the_file_that_is_asked_for(station, folder: Path) -> None:
+def test_the_published_method_is_written_to_the_output_file(station, folder: Path) -> None:
     ran = station("fit", folder, "--method", "paper", "--output", folder / "paper.json")
     assert ran.code == 0
     assert "predicted" in ran.out
     assert json.loads((folder / "paper.json").read_text(encoding="utf-8"))["method"] == "paper"
 
 
-def test_a_method_nobody_knows_is_wrong_usage(station, folder: Path) -> None:
+def test_an_unknown_method_is_wrong_usage(station, folder: Path) -> None:
     assert station("fit", folder, "--method", "guess").code == 2
 
 
@@ -82,12 +82,12 @@ def test_the_fit_is_written_beside_the_recordings(station, folder: Path) -> None
     assert json.loads((folder / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
 
 
-def test_the_table_has_the_bound_the_law_and_what_may_be_wrong(
+def test_the_table_has_the_bound_the_law_and_likely_causes(
     station, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "160")
     out = " ".join(station("fit", folder).out.split())
     assert "at best" in out
     assert "[mm]" in out
-    assert "its law is slip" in out
+    assert "law slip" in out
     assert "likely: slip explains" in out

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from fitting.result import CuffFit
+from fitting.cuffs.cuff_fit import CuffFit
 from fitting.results.codes import Verdict
 from fitting.uncertainty import Estimate
 from station.interval import between, bracketed, digits_of, of_cuff, plus_minus
 
 
-def test_an_interval_is_told_to_two_figures_of_its_half_width() -> None:
+def test_an_interval_has_two_digits_of_its_half_width() -> None:
     assert bracketed(0.89893, (0.89881, 0.89905)) == "0.89893 (0.89881\u00a0to\u00a00.89905)"
     assert plus_minus(2140.123, (2134.323, 2145.923)) == "2140.1 ± 5.8"
     assert bracketed(8524.4, (8480.4, 8567.9)) == "8524 (8480\u00a0to\u00a08568)"
@@ -27,22 +27,22 @@ def test_a_half_width_that_rounds_up_to_the_next_power_of_ten_has_no_third_figur
     assert plus_minus(1.0, (1.0 - 0.0996, 1.0 + 0.0996)) == "1.00 ± 0.10"
 
 
-def test_a_scale_counts_as_part_of_the_number_and_turns_the_ends_round_where_it_is_negative() -> None:
+def test_a_scale_is_applied_before_rounding_and_a_negative_one_swaps_the_ends() -> None:
     assert bracketed(0.012224, (0.012183, 0.012265), 1e3) == "12.224 (12.183\u00a0to\u00a012.265)"
     assert between((-0.3, -0.1), -1.0) == "0.10 to 0.30"
 
 
-def test_without_a_width_the_number_stands_alone_with_the_digits_that_were_asked_for() -> None:
+def test_without_a_width_the_number_has_the_requested_digits() -> None:
     assert bracketed(0.8703, None, digits=3) == "0.870"
     assert bracketed(0.8703, (0.8703, math.nextafter(0.8703, 1.0)), digits=3) == "0.870"
     assert digits_of((-math.inf, math.inf), otherwise=1) == 1
 
 
-def test_nothing_is_minus_zero() -> None:
+def test_zero_has_no_sign() -> None:
     assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
 
 
-def test_a_figure_that_nobody_should_wear_is_told_as_such() -> None:
+def test_a_figure_that_is_not_identified_is_marked() -> None:
     wide, known = Estimate(210.0, 120.0, (-25.0, 445.0)), Estimate(8520.0, 10.0, (8500.0, 8540.0))
     fit = CuffFit("hand", "arm", "1", known, wide, None, (Verdict.LAG,), np.zeros((3, 3)), {})
     assert of_cuff(fit, "damping", "210 ± 240") == "not identified: 210 ± 240"

@@ -11,6 +11,7 @@ import pytest
 
 from recordings.manifest import CuffSite
 from station import journal
+from station.errors import StationError
 from station.journal import (
     JOURNAL_FILE,
     Assignment,
@@ -25,16 +26,31 @@ from station.journal import (
     write_mark,
     write_recorded,
     write_setup,
+    write_skipped,
     write_undone,
     write_verdict,
 )
+from station.messages.codes import JournalCode, TrialCode
+from station.messages.message import Figures, Message
+from station.protocol import TrialSpec
+from tests.station.refusal import refused
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
-TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, "the mocap capture ended")
+ENDED = Message(TrialCode.CAPTURE_ENDED)
+TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, str(ENDED), codes=(ENDED,))
 
 
-LATER = '{"kind": "donned", "at": "", "format": 2, "cuff": "hand"}'
+OLDER = (
+    '{"at": "2026-01-01T08:00:00.000+00:00", "kind": "setup", "subject": "P01", "operator": "ab", '
+    '"cuffs": ["hand", "elbow"], "repeats": 3, "has_bounce": true, "number": "1", "step_masses_kg": []}',
+    '{"at": "", "kind": "skipped", "cuff": "hand", "test": "dynamic", "repeat": 1, "donning": "1", "name": "x"}',
+    '{"at": "", "kind": "recorded", "format": 1, "file": "a.mcap", "cuff": "hand", "test": "static", "repeat": 1, '
+    '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": "the mocap capture ended", "origin": "unknown"}',
+)
+PUBLISHED = Path(__file__).parents[2] / "docs" / "schemas" / "session.schema.json"
 HOSTILE = (
+    '{"kind": "recorded", "at": "", "format": 1, "file": "a.mcap", "cuff": null, "test": "static", "repeat": 1, '
+    '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": "", "codes": [{"code": "dream"}]}',
     "[" * 100_000,
     '{"a":' * 100_000,
     '{"kind": "setup", "at": "", "subject": "P01", "operator": "a", "cuffs": ["hand"], "repeats": 1000000000}',
@@ -55,7 +71,7 @@ def test_a_folder_without_a_journal_has_an_empty_one(tmp_path: Path) -> None:
     assert read_journal(tmp_path) == Journal()
 
 
-def test_what_was_written_is_read(tmp_path: Path) -> None:
+def test_written_entries_are_read(tmp_path: Path) -> None:
     write_setup(tmp_path, SETUP)
     write_recorded(tmp_path, TRIAL)
     write_verdict(tmp_path, "a.mcap", "redo", " the cuff slipped ")
@@ -70,6 +86,35 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert journal.donnings == {"hand": 1}
 
 
+def test_lines_of_older_stations_are_read(tmp_path: Path) -> None:
+    """The first two without a format, the last of format 1 without codes."""
+    (tmp_path / JOURNAL_FILE).write_text("".join(f"{line}\n" for line in OLDER))
+    journal = read_journal(tmp_path)
+    assert journal.setup == SETUP and journal.begun == "2026-01-01T08:00:00.000+00:00"
+    assert journal.skipped == {TrialSpec("hand", "dynamic", 1)}
+    assert journal.recorded == (replace(TRIAL, codes=()),)
+
+
+def test_every_line_that_is_written_fits_the_published_schema(tmp_path: Path) -> None:
+    write_setup(tmp_path, SETUP)
+    write_recorded(tmp_path, TRIAL)
+    write_verdict(tmp_path, "a.mcap", "redo", "the cuff slipped")
+    write_mark(tmp_path, "a.mcap", 1, "coughed")
+    write_donned(tmp_path, "hand")
+    write_skipped(tmp_path, TrialSpec(None, "bounce", 1))
+    write_undone(tmp_path, "a.mcap", donned_cuff="hand")
+    write_assigned(tmp_path, "a.mcap", Assignment(CuffSite("elbow", "arm", ("a",), ("d",)), "static", 1, "1"))
+    lines = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
+    schema = json.loads(PUBLISHED.read_text())
+    kinds = {kind: name.rpartition("/")[2] for kind, name in schema["discriminator"]["mapping"].items()}
+    assert {line["kind"] for line in lines} == set(kinds)
+    for line in lines:
+        assert set(line) == set(schema["$defs"][kinds[line["kind"]]]["properties"])
+    (recorded,) = (line for line in lines if line["kind"] == "recorded")
+    assert recorded["codes"] == [{"code": "capture_ended", "figures": {}}]
+    assert "capture_ended" in schema["$defs"]["TrialCode"]["enum"]
+
+
 def test_the_later_verdict_counts_and_the_earlier_stays_in_the_file(tmp_path: Path) -> None:
     write_verdict(tmp_path, "a.mcap", "redo", "the wearer moved")
     write_verdict(tmp_path, "a.mcap", "accept", "on second thought")
@@ -77,7 +122,7 @@ def test_the_later_verdict_counts_and_the_earlier_stays_in_the_file(tmp_path: Pa
     assert (tmp_path / JOURNAL_FILE).read_text().count('"kind": "verdict"') == 2
 
 
-def test_a_decision_that_is_undone_is_none_and_takes_its_donning_along(tmp_path: Path) -> None:
+def test_an_undone_decision_is_removed_with_its_donning(tmp_path: Path) -> None:
     write_verdict(tmp_path, "a.mcap", "redo", "the wearer moved")
     write_donned(tmp_path, "hand")
     write_verdict(tmp_path, "b.mcap", "accept", "")
@@ -96,7 +141,7 @@ def test_an_assigned_recording_is_of_the_other_trial(tmp_path: Path) -> None:
     assert journal.recorded == (replace(TRIAL, cuff="elbow", test="dynamic", repeat=2),)
 
 
-def test_a_session_tells_when_it_began(tmp_path: Path) -> None:
+def test_a_session_has_its_start_time(tmp_path: Path) -> None:
     before = datetime.now(UTC)
     write_setup(tmp_path, SETUP)
     write_recorded(tmp_path, TRIAL)
@@ -104,13 +149,13 @@ def test_a_session_tells_when_it_began(tmp_path: Path) -> None:
     assert before - timedelta(seconds=1) <= begun <= datetime.now(UTC)
 
 
-def test_a_redo_wants_a_reason(tmp_path: Path) -> None:
-    with pytest.raises(JournalError, match="no reason is given"):
+def test_a_redo_needs_a_reason(tmp_path: Path) -> None:
+    with refused(JournalError, JournalCode.NO_REASON):
         write_verdict(tmp_path, "a.mcap", "redo", "  ")
     assert not (tmp_path / JOURNAL_FILE).exists()
 
 
-def test_a_line_torn_by_a_power_cut_is_passed_over_and_never_glued_to_the_next(tmp_path: Path) -> None:
+def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path) -> None:
     write_setup(tmp_path, SETUP)
     write_recorded(tmp_path, TRIAL)
     path = tmp_path / JOURNAL_FILE
@@ -137,14 +182,20 @@ def test_a_line_torn_by_a_power_cut_is_passed_over_and_never_glued_to_the_next(t
 )
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     (tmp_path / JOURNAL_FILE).write_text(line + "\n")
-    with pytest.raises(JournalError, match="line 1: expected an entry"):
+    with refused(JournalError, JournalCode.WRONG_LINE) as caught:
         read_journal(tmp_path)
+    assert figures_of(caught.value)["line"] == 1
 
 
-def test_a_disk_that_refuses_is_told(tmp_path: Path) -> None:
+def test_a_failed_write_is_an_error(tmp_path: Path) -> None:
     (tmp_path / JOURNAL_FILE).mkdir()
-    with pytest.raises(JournalError, match="cannot be written"):
+    with refused(JournalError, JournalCode.NOT_WRITTEN):
         write_setup(tmp_path, SETUP)
+
+
+def figures_of(error: StationError) -> Figures:
+    assert isinstance(error.cause, Message)
+    return error.cause.figures
 
 
 def test_two_processes_that_write_at_once_keep_every_line_of_both(tmp_path: Path) -> None:
@@ -176,8 +227,6 @@ def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: str) -
     other = tmp_path / "letter.txt"
     other.write_text("first line\nlast line")
     getattr(tmp_path / JOURNAL_FILE, link)(other)
-    with pytest.raises(
-        JournalError, match=r"session.jsonl cannot be written: a (symbolic link|file with a second name)"
-    ):
+    with refused(JournalError, JournalCode.NOT_WRITTEN):
         write_verdict(tmp_path, "a.mcap", "accept", "")
     assert other.read_text() == "first line\nlast line"

@@ -27,7 +27,7 @@ def test_left_and_right_mirror_each_other() -> None:
         assert [label[1:] for label in left] == [label[1:] for label in right]
 
 
-def test_a_preset_stands_for_the_anchor_s_labels_and_the_recording_names_them() -> None:
+def test_a_preset_gives_the_labels_of_the_anchor_and_of_the_recording() -> None:
     cuff = {"anchor_preset": "qualisys_sports.left_arm", "label_prefix": "Q_", "cuff_markers": ["strap"]}
     config = parse_config({"cuffs": {"hand": cuff}}, "test")
     expected = ("Q_LShoulderTop", "Q_LArm", "Q_LElbowOut", "Q_LElbowIn")
@@ -36,14 +36,14 @@ def test_a_preset_stands_for_the_anchor_s_labels_and_the_recording_names_them() 
 
 
 @pytest.mark.parametrize(
-    ("cuff", "words"),
+    ("cuff", "reason"),
     [
-        ({"anchor_preset": "sports"}, "'sports' is no preset, expected one of qualisys_sports.left_arm, "),
-        ({"anchor_preset": "qualisys_sports.markers"}, "is no preset"),
+        ({"anchor_preset": "sports"}, "'sports' is not a preset, expected one of qualisys_sports.left_arm, "),
+        ({"anchor_preset": "qualisys_sports.markers"}, "is not a preset"),
         ({"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]}, "are both given"),
         ({"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]}, "unknown key cuffs.hand.label_prefix"),
     ],
 )
-def test_a_preset_that_is_none_is_one_sentence(cuff: dict[str, object], words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
+def test_an_unknown_preset_is_refused(cuff: dict[str, object], reason: str) -> None:
+    with pytest.raises(ConfigError, match=reason):
         parse_config({"cuffs": {"hand": {**cuff, "cuff_markers": ["strap"]}}}, "test")

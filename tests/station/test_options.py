@@ -17,19 +17,19 @@ def test_the_version_is_shown(station) -> None:
     assert (ran.code, ran.out.split()) == (0, ["cuffstation", version("cuffstation")])
 
 
-def test_a_recording_is_not_set_aside_without_a_reason(station, tmp_path: Path) -> None:
+def test_a_recording_is_not_rejected_without_a_reason(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     for reason in ("", "  "):
         ran = station("judge", path, "--redo", reason)
-        assert ran.code == 2 and "needs the reason" in " ".join(ran.err.split())
+        assert ran.code == 2 and "--redo" in ran.err
     assert not (tmp_path / "session.jsonl").exists()
     assert station("judge", path).code == 0
 
 
-def test_of_a_whole_file_nothing_is_to_recover(station, tmp_path: Path) -> None:
+def test_a_complete_file_is_its_own_recovery(station, tmp_path: Path) -> None:
     path = trial_file(tmp_path)
     ran = station("recover", path)
-    assert ran.code == 0 and ran.out.strip() == str(path) and "nothing to recover" in ran.err
+    assert ran.code == 0 and ran.out.strip() == str(path)
     report = json.loads(station("recover", path, "--format", "json").out)
     assert (report["output"], report["lossless"], report["missing"]) == (str(path), True, [])
     assert [file.name for file in tmp_path.glob("*.mcap")] == [path.name]
@@ -65,17 +65,17 @@ def test_an_unknown_cuff_is_wrong_usage_in_every_verb(
 
 
 @pytest.mark.parametrize(("given", "has_glenoid"), [((), True), (("--glenoid",), True), (("--no-glenoid",), False)])
-def test_the_glenoid_has_a_name_either_way(
+def test_the_glenoid_has_an_option_for_both_values(
     station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], has_glenoid: bool
 ) -> None:
-    asked = []
+    requested = []
 
     def solve(_inputs: object, _cut: object, options: object, _progress: object) -> None:
-        asked.append(options)
+        requested.append(options)
         raise OSError(0, "enough")
 
     monkeypatch.setattr("station.assessment.rmr.solve_muscles", solve)
     for older in ((), ("--no-no-glenoid",)):
         station("rmr", "--output", tmp_path / "out.csv", *given, *older)
-        assert asked.pop().has_glenoid_cone == (has_glenoid or bool(older)), "the option of before is still accepted"
+        assert requested.pop().has_glenoid_cone == (has_glenoid or bool(older)), "the earlier option is still accepted"
     assert "--no-no-glenoid" not in station("rmr", "--help").out

@@ -78,7 +78,7 @@ def test_an_interrupted_stage_has_its_line(log: StringIO, clock: ManualClock) ->
     assert log.getvalue() == "recording trials: 7 of 25 in 20 s\n"
 
 
-def test_a_stage_that_has_ended_is_not_told_again(log: StringIO, clock: ManualClock) -> None:
+def test_a_stage_that_has_ended_is_not_printed_again(log: StringIO, clock: ManualClock) -> None:
     with progress_bars(Console(file=log), clock) as progress:
         for _ in range(2):
             progress("solving muscles", 60, 60)

@@ -17,5 +17,5 @@ def test_the_published_schema_is_the_one_in_use(name: str) -> None:
     assert published == schema_text(name), "publish it anew: python -m station.schemas docs/schemas"
 
 
-def test_every_published_schema_is_of_a_file_of_ours() -> None:
+def test_every_published_schema_is_of_a_file_of_the_station() -> None:
     assert {path.name for path in PUBLISHED.iterdir()} == set(SCHEMAS)

@@ -1,9 +1,9 @@
-"""What cannot be used is recorded again, once, and what stays missing is named. The bench is a fake."""
+"""An unusable trial is recorded a second time, and a missing one is named. The bench is a fake."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -11,11 +11,14 @@ import pytest
 from drivers.errors import DeviceUnavailable
 from station.bench.trial_recorder import TrialRefused, TrialResult
 from station.journal import read_journal
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 from station.progress import silent
 from station.protocol import TrialSpec, published_plan
 from station.second_attempt import RecordedTrial, record_plan
 
 GOOD = ""
+SILENT = (Message(TrialCode.DEVICE_LOST, {"text": "QTM went silent"}),)
 
 
 @dataclass
@@ -38,44 +41,44 @@ class FakeBench:
         path.write_bytes(b"")
         self.problems[path.name] = str(outcome)
         if isinstance(outcome, TrialResult):
-            return TrialResult(path, outcome.lost_samples, outcome.sentence, accepted=outcome.accepted)
-        return TrialResult(path, 0, "the capture ended", accepted=True)
+            return replace(outcome, path=path)
+        return TrialResult(path, 0, (Message(TrialCode.CAPTURE_ENDED),), accepted=True)
 
 
 @dataclass
 class Ran:
     trials: list[RecordedTrial]
-    said: list[str]
+    messages: list[str]
     bench: FakeBench
 
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def run(*outcomes: object, repeats: int = 1) -> Ran:
-        bench, said = FakeBench(tmp_path, iter(outcomes)), []
+        bench, messages = FakeBench(tmp_path, iter(outcomes)), []
         monkeypatch.setattr("station.second_attempt.read_alone", lambda path, _: path.name)
-        monkeypatch.setattr("station.second_attempt.why_unusable", lambda name: bench.problems[name])
+        monkeypatch.setattr("station.second_attempt.find_rejection", lambda name: bench.problems[name])
         plan = list(published_plan(["hand"], repeats, has_bounce=True))
-        return Ran(record_plan(tmp_path, plan, bench, said.append, silent), said, bench)
+        return Ran(record_plan(tmp_path, plan, bench, messages.append, silent), messages, bench)
 
     return run
 
 
-def test_a_plan_without_problems_is_recorded_once_and_nothing_is_said(run, tmp_path: Path) -> None:
+def test_a_plan_without_problems_is_recorded_once_without_messages(run, tmp_path: Path) -> None:
     ran = run(repeats=2)
     assert [trial.problem for trial in ran.trials] == [GOOD] * 5
     assert len(ran.bench.attempts) == 5
     assert [is_new for _, is_new in ran.bench.attempts] == [False, True, False, False, False]
-    assert ran.said == []
+    assert ran.messages == []
     assert not (tmp_path / "session.jsonl").exists()
 
 
-def test_a_trial_that_is_not_accepted_is_recorded_again_and_set_aside(run, tmp_path: Path) -> None:
-    ran = run(GOOD, GOOD, TrialResult(tmp_path, 0, "QTM went silent", accepted=False))
+def test_a_trial_that_is_not_accepted_is_rejected_and_recorded_again(run, tmp_path: Path) -> None:
+    ran = run(GOOD, GOOD, TrialResult(tmp_path, 0, SILENT, accepted=False))
     assert [trial.problem for trial in ran.trials] == [GOOD] * 3
     assert ran.trials[2].result.path == tmp_path / "cuff-hand_test-dynamic_run-2.mcap"
-    (said,) = ran.said
-    assert "hand, dynamic, repeat 1" in said and "QTM went silent" in said
+    (message,) = ran.messages
+    assert "hand, dynamic, repeat 1" in message and "QTM went silent" in message
     assert read_journal(tmp_path).redone == {"cuff-hand_test-dynamic_run-1.mcap": "not accepted: QTM went silent"}
 
 
@@ -100,15 +103,15 @@ def test_a_later_static_trial_is_repeated_in_the_same_donning(run, tmp_path: Pat
     assert read_journal(tmp_path).donnings == {}
 
 
-def test_what_fails_twice_is_named_and_the_plan_goes_on(run) -> None:
+def test_a_trial_that_fails_twice_is_named_and_the_plan_continues(run) -> None:
     ran = run(GOOD, "no loads", "no loads again")
     assert [trial.problem for trial in ran.trials] == [GOOD, "no loads again", GOOD]
     assert len(ran.bench.attempts) == 4
-    assert ran.said[1].startswith("hand, static, repeat 1: no loads again")
-    assert "missing" in ran.said[1]
+    assert ran.messages[1].startswith("hand, static, repeat 1: no loads again")
+    assert "missing" in ran.messages[1]
 
 
-def test_after_two_static_trials_that_fail_the_cuff_is_donned_anew_for_what_follows(run, tmp_path: Path) -> None:
+def test_after_two_failed_static_trials_the_cuff_is_donned_anew(run, tmp_path: Path) -> None:
     ran = run(GOOD, "no loads", "no loads again", repeats=2)
     placed = [(spec.test, spec.repeat, spec.donning, is_new) for spec, is_new in ran.bench.attempts[3:]]
     assert placed == [("dynamic", 1, "3", True), ("static", 2, "3", False), ("dynamic", 2, "3", False)]
@@ -125,6 +128,6 @@ def test_a_trial_that_cannot_begin_is_tried_twice(run, tmp_path: Path, error: Ex
 
 
 def test_the_first_recording_still_counts_where_the_second_attempt_records_nothing(run, tmp_path: Path) -> None:
-    ran = run(GOOD, GOOD, "too short a swing", TrialResult(None, 0, "no edge came", accepted=False))
-    assert "no edge came" in ran.trials[2].problem
+    ran = run(GOOD, GOOD, "too short a swing", TrialResult(None, 0, (Message(TrialCode.CANCELLED),), accepted=False))
+    assert str(Message(TrialCode.CANCELLED)) in ran.trials[2].problem
     assert read_journal(tmp_path).redone == {}

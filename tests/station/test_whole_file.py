@@ -8,12 +8,12 @@ import pytest
 from station.whole_file import drafted, write_whole
 
 
-def test_a_text_that_holds_a_name_of_other_bytes_is_written_as_utf_8(tmp_path: Path) -> None:
+def test_a_text_with_a_name_that_is_not_utf_8_is_written_as_utf_8(tmp_path: Path) -> None:
     write_whole(tmp_path / "report.html", "session " + os.fsdecode(b"\xff") + " \u00b1")
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == "session ? \u00b1"
 
 
-def test_what_cannot_be_written_leaves_what_was_there_and_names_the_file(tmp_path: Path) -> None:
+def test_a_failed_write_keeps_the_previous_file_and_names_it(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     write_whole(path, "before")
     with pytest.raises(OSError, match="No space left") as caught, drafted(path) as draft:

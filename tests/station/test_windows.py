@@ -1,4 +1,4 @@
-"""What can be held to Windows without one: files that are open, names, lengths, Ctrl-Break, the packages' wheels."""
+"""Rules of Windows, tested on Linux: open files, names, path lengths, Ctrl-Break, missing wheels."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ from station import end_signals
 from station.bench.trial_recorder import TrialRefused
 from station.config import ConfigError, parse_config
 from station.journal import Setup, read_journal, write_setup, write_verdict
+from station.messages.codes import RefusalCode
+from station.messages.setup_codes import ConfigCode
 from station.session import trial_process
 from station.whole_file import write_whole
-from station.windows_names import why_no_windows_name
+from station.windows_names import windows_name_fault
 from tests.station.bench.test_trial_recorder import SPEC, Rig
+from tests.station.refusal import refused
 from tests.windows_files import behave_as_windows
 
 ROOT = Path(__file__).parents[2]
@@ -42,11 +45,11 @@ OWNERS = ("os", "signal", "socket", "select", "loop", "time")
 GUARDED = {
     "station/terminal/keyboard.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
     "station/session/worker.py": {"nice"},
-    "station/bench/typed_faults.py": {"SIGTTIN"},
+    "station/bench/typed_commands.py": {"SIGTTIN"},
     "solver/compile_ahead.py": {"nice"},
 }
-"""Every name that POSIX alone has, by file; docs/windows.md says how each is guarded."""
-pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks at open files as Linux shows them")
+"""Names that only POSIX has, by file; docs/windows.md describes the guards."""
+pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="reads the open files from /proc")
 
 
 @pytest.fixture
@@ -70,13 +73,13 @@ def test_the_file_system_of_these_tests_refuses_what_windows_refuses(windows: Pa
 
 
 def test_a_trial_is_recorded_read_recovered_and_one_without_an_edge_leaves_nothing(windows: Path) -> None:
-    result = Rig().daemon().record(windows, SPEC)
+    result = Rig().recorder().record(windows, SPEC)
     assert result.accepted and result.path is not None
     assert open_recording(result.path).complete
     cut = windows / "cut.mcap"
     cut.write_bytes(result.path.read_bytes()[:-2000])
     assert open_recording(recover(cut).output).complete
-    assert Rig(delay_s=100.0).daemon().record(windows, SPEC).path is None
+    assert Rig(delay_s=100.0).recorder().record(windows, SPEC).path is None
     assert sorted(path.name for path in windows.glob("*.mcap")) == [
         "cuff-hand_test-static_run-1.mcap",
         "cut.mcap",
@@ -100,28 +103,29 @@ def test_decisions_drafts_and_notes_are_written_and_a_file_that_is_open_elsewher
 
 
 @pytest.mark.parametrize("name", ["aux", "NUL.mcap", "lpt9.x.mcap", "a?b", "a:b", "trailing.", "trailing ", "tab\t"])
-def test_a_name_that_windows_gives_no_file_is_told(name: str) -> None:
-    assert why_no_windows_name(name)
+def test_a_name_that_windows_does_not_allow_has_a_fault(name: str) -> None:
+    assert windows_name_fault(name)
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    "data",
     [
-        ({"session": {"file_name": "x?{test}_{cuff}_{run}"}}, "which no file name on Windows may"),
-        ({"session": {"file_name": "con.{test}_{cuff}_{run}"}}, "a device of Windows"),
-        ({"session": {"file_name": "{test}_{cuff}_{run}."}}, "ends in a dot"),
+        {"session": {"file_name": "x?{test}_{cuff}_{run}"}},
+        {"session": {"file_name": "con.{test}_{cuff}_{run}"}},
+        {"session": {"file_name": "{test}_{cuff}_{run}."}},
     ],
 )
-def test_a_configuration_that_windows_could_not_follow_is_refused_everywhere(
-    data: dict[str, object], words: str
+def test_a_configuration_with_names_that_windows_does_not_allow_is_refused_on_every_system(
+    data: dict[str, object],
 ) -> None:
-    with pytest.raises(ConfigError, match=words):
+    with refused(ConfigError, ConfigCode.WRONG_VALUE) as caught:
         parse_config(data, "test")
+    assert "session.file_name" in caught.value.cause.figures["reason"]
 
 
-def test_two_cuffs_that_differ_in_case_alone_are_refused() -> None:
+def test_two_cuffs_that_differ_in_case_only_are_refused() -> None:
     cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-    with pytest.raises(ConfigError, match="Hand and hand differ in case alone"):
+    with refused(ConfigError, ConfigCode.WRONG_VALUE):
         parse_config({"cuffs": {"Hand": cuff, "hand": cuff}}, "test")
 
 
@@ -129,18 +133,18 @@ def test_a_path_that_is_too_long_for_windows_is_refused_before_anything_is_recor
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(station.bench.trial_recorder.sys, "platform", "win32")
-    with pytest.raises(TrialRefused, match="too long for Windows"):
-        Rig().daemon().record(tmp_path / ("x" * 120) / ("y" * 120), SPEC)
+    with refused(TrialRefused, RefusalCode.PATH_TOO_LONG):
+        Rig().recorder().record(tmp_path / ("x" * 120) / ("y" * 120), SPEC)
 
 
-def test_ctrl_break_ends_what_ctrl_c_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_break_has_the_effect_of_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows has SIGBREAK and no SIGHUP."""
     monkeypatch.setattr(signal, "SIGBREAK", signal.SIGUSR1, raising=False)
     monkeypatch.delattr(signal, "SIGHUP")
     assert end_signals.end_signals() == (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 
 
-def test_a_recorder_is_no_part_of_its_consoles_window_or_group(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recorder_is_not_in_the_window_or_group_of_its_console(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "win32")
     try:
         flags = importlib.reload(trial_process).DETACHED
@@ -152,7 +156,7 @@ def test_a_recorder_is_no_part_of_its_consoles_window_or_group(monkeypatch: pyte
 
 
 @pytest.mark.parametrize("encoding", ["cp437", "cp1252", "cp65001", "utf-16-le"])
-def test_a_console_of_any_code_page_gets_utf_8_and_half_a_pair_of_utf_16_is_spelt_out(encoding: str) -> None:
+def test_every_code_page_gets_utf_8_and_an_unpaired_surrogate_is_escaped(encoding: str) -> None:
     program = (
         "import importlib, sys, station.cli\n"
         "sys.platform = 'win32'\n"
@@ -168,7 +172,7 @@ def test_a_console_of_any_code_page_gets_utf_8_and_half_a_pair_of_utf_16_is_spel
     assert ran.stdout.split() == ["ẋ".encode(), b"\\ud800"]
 
 
-def test_every_call_that_is_posix_alone_is_listed_and_guarded() -> None:
+def test_every_call_that_only_posix_has_is_listed_and_guarded() -> None:
     found: dict[str, set[str]] = {}
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):
@@ -192,11 +196,11 @@ def _posix_names(path: Path) -> set[str]:
     return names
 
 
-def test_c3d_without_its_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_c3d_without_its_package_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on Linux on arm64, for which ezc3d has no wheel."""
     path = tmp_path / "trial.c3d"
     path.write_bytes(b"")
     monkeypatch.setattr("recordings.exchange.c3d.read_c3d_layout", lambda _: None)
     monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with pytest.raises(ForeignFile, match="C3D needs the package ezc3d, which is not installed"):
+    with pytest.raises(ForeignFile, match="ezc3d"):
         read_c3d_markers(path)

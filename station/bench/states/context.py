@@ -1,4 +1,4 @@
-"""What the states of one trial hand on: streams, counters, the writer."""
+"""What the states of one trial share: streams, counters, the writer."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from recordings.samples import Event, Item, Loss, Samples, Stream
-from station.bench.first_frame import FirstFrame
-from station.bench.overload import Overload
+from station.bench.first_frame import FirstFrameCheck
+from station.bench.overload import OverloadMonitor
 from station.bench.shortfall import Shortfall
 from station.bench.stream_watchdog import StreamWatchdog
 from station.bench.sync_line import GLITCH_NS, Edge, SyncLine
 from station.bench.trial_rules import TrialRules
 from station.clock import Clock
+from station.messages.codes import TrialCode
+from station.messages.message import Figures, Message
 
 
 class ItemWriter(Protocol):
@@ -26,9 +28,9 @@ class ItemWriter(Protocol):
 
 @dataclass(frozen=True)
 class DeviceFailure:
-    """A device that ends the trial: a sentence, its name, and the cause of its Loss."""
+    """A device that ends the trial: the message, the device's name, and the cause of its Loss."""
 
-    sentence: str
+    message: Message[TrialCode]
     device: str = ""
     cause: str = "disconnected"
 
@@ -36,7 +38,8 @@ class DeviceFailure:
 class TrialContext:
     """Streams, counters and writer of one trial, from arming to its end.
 
-    latest_device_ns is the time of the last sample of /sync on the clock of its device.
+    latest_device_ns is the time of the last sample of /sync on the clock of its device. notes are written at the sync
+    edge, and are part of the final message.
     """
 
     def __init__(
@@ -50,22 +53,26 @@ class TrialContext:
         self.rules, self.writer, self.clock, self.streams = rules, writer, clock, tuple(streams)
         self.watchdog = StreamWatchdog(clock, streams, device_by_stream)
         self.shortfall = Shortfall(streams, self.watchdog)
-        self.first_frame = FirstFrame(streams)
+        self.first_frame = FirstFrameCheck(streams)
         self.sync = SyncLine(rules.threshold_v)
-        self.overload = Overload()
-        self.notes: list[Event] = []  # written at the sync edge, and part of the last sentence
+        self.overload = OverloadMonitor()
+        self.notes: list[Message[TrialCode]] = []
         self.lost_samples = self.marks = self.latest_device_ns = 0
 
     def record_arrival(self, item: Item) -> None:
         """Restart the silence timer of a stream that delivered samples, update its clock, check the first frame."""
         if isinstance(item, Samples) and len(item.device_time_ns):
             self.watchdog.record_arrival(item.stream)
-            self.shortfall.feed(item)
+            self.shortfall.update(item)
             if item.stream == "/markers":
-                self.write_loss(self.first_frame.feed(item))  # a loss is known after the sync edge alone
+                self.write_loss(self.first_frame.update(item))  # a loss is known after the sync edge alone
 
     def write_event(self, kind: str, text: str) -> None:
         self.writer.write(self.event(kind, text))
+
+    def write_message(self, message: Message[TrialCode]) -> None:
+        """Record the message as an event of its kind."""
+        self.write_event(message.kind, str(message))
 
     def write_loss(self, loss: Loss | None) -> None:
         """Count and record samples that the station itself found missing."""
@@ -77,9 +84,10 @@ class TrialContext:
         return Event(kind, text, self.clock.utc_ns(), "station")
 
     def glitch_event(self, glitch: Edge) -> Event:
-        change = f"the sync line {'spiked' if glitch.rising else 'dipped'} to {glitch.to_v:z.2f} V"
-        place = f"for less than {GLITCH_NS * 1e-6:g} ms at sample {glitch.sample_number}"
-        return self.event("sync_glitch", f"{change} {place}, which starts nothing and ends nothing")
+        code = TrialCode.GLITCH_UP if glitch.rising else TrialCode.GLITCH_DOWN
+        figures = {"to_v": glitch.to_v, "glitch_ms": GLITCH_NS * 1e-6, "sample": glitch.sample_number}
+        message = Message(code, figures)
+        return self.event(message.kind, str(message))
 
     def silence(self, expected: Sequence[str], since_s: float) -> DeviceFailure | None:
         """The first expected stream that fell silent, as the failure of its device."""
@@ -87,6 +95,11 @@ class TrialContext:
         if silent is None:
             return None
         stream = silent.stream
-        found = f"{stream.source} sent nothing on {stream.name} for {silent.silence_s:.1f} s"
-        advice = f"expected {stream.rate_hz:g} samples a second; check the device and its cable"
-        return DeviceFailure(f"{found}, {advice}", self.watchdog.device_of(stream.name), "silent")
+        figures: Figures = {
+            "source": stream.source,
+            "stream": stream.name,
+            "silence_s": silent.silence_s,
+            "rate_hz": stream.rate_hz,
+        }
+        message = Message(TrialCode.DEVICE_SILENT, figures)
+        return DeviceFailure(message, self.watchdog.device_of(stream.name), "silent")

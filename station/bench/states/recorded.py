@@ -1,4 +1,4 @@
-"""What recording and closing have in common: every item is written."""
+"""What the states recording and closing share: every item is written."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class RecordedState(OpenState):
         if isinstance(item, Loss):
             context.lost_samples += item.count
         context.writer.write(item)
-        if overloaded := context.overload.feed(item, context.clock.utc_ns()):
-            context.write_event("overloaded", overloaded)
+        for message in context.overload.update(item, context.clock.utc_ns()):
+            context.write_message(message)
 
     def mark(self) -> None:
         self.context.marks += 1

@@ -1,4 +1,4 @@
-"""A state of a trial: it takes what happens and returns the next state."""
+"""A state of a trial: it takes items, time and commands, and returns the next state."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from recordings.samples import Event, Item, Samples
 from station.bench.snapshot import TrialState
 from station.bench.states.context import DeviceFailure, TrialContext
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 
 
 @dataclass(frozen=True)
@@ -19,10 +21,10 @@ class StartEdge:
 
 
 class State:
-    """Every method returns the next state; by default this one. `sentence` tells the operator how the trial stands."""
+    """Every method returns the next state; by default this one. `messages` are the state of the trial for views."""
 
     name: TrialState
-    sentence: str
+    messages: tuple[Message[TrialCode], ...]
     edge: StartEdge | None = None
     armed_s: float | None = None  # station seconds at which the time-out began, while one runs
     wants_capture_start = False
@@ -43,23 +45,23 @@ class State:
         """A device is lost."""
         return self
 
-    def cut_short(self, kind: str, sentence: str) -> State:  # noqa: ARG002
-        """The trial cannot go on: what was recorded is closed well and kept, and not accepted."""
+    def cut_short(self, message: Message[TrialCode]) -> State:  # noqa: ARG002
+        """End a trial that cannot continue: what was recorded is closed and kept, and not accepted."""
         return self
 
     def note_stall(self, event: Event) -> None:
         """The station itself was suspended."""
 
     def mark(self) -> None:
-        """The operator marks this moment, where something is recorded."""
+        """The operator marks this moment, if samples are being recorded."""
 
 
-class Over(State):
+class Ended(State):
     """CLOSED (accepted) or FAILED."""
 
-    def __init__(self, sentence: str, edge: StartEdge | None = None, *, is_accepted: bool = False) -> None:
+    def __init__(self, *messages: Message[TrialCode], edge: StartEdge | None = None, is_accepted: bool = False) -> None:
         self.name = TrialState.CLOSED if is_accepted else TrialState.FAILED
-        self.sentence, self.edge = sentence, edge
+        self.messages, self.edge = messages, edge
 
 
 class OpenState(State, ABC):
@@ -73,7 +75,7 @@ class OpenState(State, ABC):
         self.store(item)
         if isinstance(item, Event):
             self.context.watchdog.handle_event(item)
-            self.context.first_frame.follow(item)
+            self.context.first_frame.handle_event(item)
             return self.handle_event(item)
         if isinstance(item, Samples) and item.stream == "/sync" and len(item.device_time_ns):
             self.context.latest_device_ns = int(item.device_time_ns[-1])

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from drivers import nidaq, qualisys_connection
 from drivers.catalogue import make_device
-from drivers.nidaq import NiDaq
 from drivers.qualisys import Qualisys
 from drivers.simulators.bench import Bench
 from drivers.simulators.settings import settings_from_dict
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import blocks, read_until
 from tests.drivers.fault_bench import unaccounted
+from tests.drivers.simulated_daq import WIRING, daq
 from tests.timeout import scaled_timeout
 
 SPEED = 30.0
@@ -40,14 +40,7 @@ SHORT = {
 
 def recorded(ports: dict[str, int]) -> list[Item]:
     """What both drivers deliver from before the capture until it is over."""
-    ni = NiDaq(
-        device="Dev1",
-        force_channel="ai0",
-        sync_channel="ai1",
-        sample_rate_hz=1000.0,
-        grpc_target=f"127.0.0.1:{ports['ni']}",
-        host_clock=time.time_ns,
-    )
+    ni = daq(ports["ni"], time.time_ns)
     qtm = Qualisys(host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
     items: list[Item] = []
     give_up = time.monotonic() + scaled_timeout(PATIENCE_S)
@@ -169,9 +162,11 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     assert ready["truth"]["cuffs"]["hand"]["migration_m"] == 0.02
     assert ready["labels"][0] == "anchor_1"
     socket.create_connection(("127.0.0.1", ready["ports"]["qtm"])).close()
-    trial = {"cuff": "hand", "test": "dynamic"}
-    assert child.ask({"trial": trial}) == {"trial": trial, "now": 0.0}
-    assert child.ask({"don": "tube"}) == {"trial": {"cuff": "tube", "test": "static"}, "now": 0.0}
+    trial = {"cuff": "hand", "test": "dynamic", "condition": None}
+    assert child.ask({"trial": {"cuff": "hand", "test": "dynamic"}}) == {"trial": trial, "now": 0.0}
+    assert child.ask({"don": "tube"})["trial"] == {"cuff": "tube", "test": "static", "condition": None}
+    assert "no trial is" in child.ask({"trial": {"cuff": "hand", "test": "dance"}})["error"]
+    assert "and no person" in child.ask({"trial": {"cuff": None, "test": "motion", "condition": "tight"}})["error"]
     assert child.ask({"pause_s": 60}) == {"pause_s": 60, "now": 60.0}
     assert child.ask({"speed": 3}) == {"speed": 3.0, "now": 60.0}
     assert child.ask({"speed": None})["speed"] is None
@@ -195,15 +190,7 @@ def test_a_process_that_stands_still_is_noticed_on_both_wires_and_brought_back(
     monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", scaled_timeout(0.5))
     monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", scaled_timeout(0.5))
     ports = child.ask({"speed": 10, "mocap": {"has_preview": True}, "operator": {"capture": "remote"}})["ports"]
-    ni = make_device(
-        "nidaq",
-        device="Dev1",
-        force_channel="ai0",
-        sync_channel="ai1",
-        sample_rate_hz=1000.0,
-        grpc_target=f"127.0.0.1:{ports['ni']}",
-        host_clock=time.time_ns,
-    )
+    ni = make_device("nidaq", **WIRING, grpc_target=f"127.0.0.1:{ports['ni']}", host_clock=time.time_ns)
     qtm = make_device("qualisys", host="127.0.0.1", port=ports["qtm"], host_clock=time.time_ns)
     for device, stream in ((ni, "/sync"), (qtm, "/markers")):
         device.open()

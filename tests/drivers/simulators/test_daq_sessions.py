@@ -19,19 +19,6 @@ from tests.drivers.stand_in_world import StandInWorld
 NAME = "our_task"
 
 
-@pytest.fixture
-def world() -> StandInWorld:
-    return StandInWorld(is_standing=True)
-
-
-@pytest.fixture
-def server(world: StandInWorld) -> Iterator[NiDaqSimulator]:
-    server = NiDaqSimulator(world)
-    server.start()
-    yield server
-    server.stop()
-
-
 @contextlib.contextmanager
 def client(server: NiDaqSimulator) -> Iterator[grpc.Channel]:
     """A client that goes without a word, as a killed one does."""

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.simulators.marker_frames import Camera
 from drivers.simulators.markers import MarkerCloud, Wearer
 from drivers.simulators.settings import Settings, settings_from_dict
+from drivers.simulators.world import World
 
 T = np.arange(0.0, 60.0, 0.05)
 
@@ -87,3 +89,12 @@ def test_a_rope_may_carry_no_markers() -> None:
     markers = cloud(settings_from_dict({"mocap": {"rope_markers_mm": {}}}))
     assert markers.labels[-1] == "cuff_1"
     assert markers.seen(T[:5], np.zeros(5)).shape == (5, 5, 3)
+
+
+@pytest.mark.parametrize("start", [0.0, 2.5, 11.5, 33.5, 33.13, 1234.57])
+def test_a_capture_has_no_frame_at_its_end_however_the_end_is_rounded(start: float) -> None:
+    bench = World(settings_from_dict({}), speed=None, seed=1)
+    for frames in (549, 1759, 2400):
+        camera = Camera(bench, start)
+        exposed = camera.frames_before(start + frames / 100.0)
+        assert exposed is not None and int(exposed.numbers[-1]) == frames

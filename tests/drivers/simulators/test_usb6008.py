@@ -29,7 +29,7 @@ def task_on(device: Usb6008, *channels: str, reach_v: float = 10.0, buffer_size:
 
 
 def code_of(error: pytest.ExceptionInfo[DaqmxError]) -> int:
-    return error.value.code
+    return error.value.error_code
 
 
 def test_volts_are_whole_codes_of_12_bits(world: StandInWorld) -> None:

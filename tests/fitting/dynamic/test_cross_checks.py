@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from fitting.dynamic.cross_checks import Checks, check, disagreements, without_lag
-from fitting.dynamic.errors_in_variables import Record, Solution, estimate
+from fitting.dynamic.errors_in_variables import Solution, estimate
+from fitting.dynamic.swing import Swing
+from fitting.results.codes import TrialNoteCode
 from tests.fitting.swinging import swing
 
 
-def _checked(record: Record) -> tuple[Solution, Checks]:
+def _checked(record: Swing) -> tuple[Solution, Checks]:
     solution = estimate(record)
     return solution, check(record, solution, 1.0)
 
@@ -30,8 +32,13 @@ def test_a_method_that_is_four_standard_errors_off_is_named_with_both_figures() 
     k, c = without_lag(solution)
     apart = 4 * np.hypot(c.standard_error, other.damping.standard_error)
     wrong = replace(other, damping=replace(other.damping, value=c.value + apart))
-    (sentence,) = disagreements((k, c), replace(checks, others=(wrong,)))
-    assert sentence.startswith(f"weak form gives a damping of {c.value + apart:.0f} ±")
+    (note,) = disagreements((k, c), replace(checks, others=(wrong,)))
+    assert (note.code, note.figures["method"], note.figures["quantity"]) == (
+        TrialNoteCode.DISAGREES,
+        "weak form",
+        "damping",
+    )
+    assert note.figures["other"] == c.value + apart
 
 
 @pytest.mark.parametrize(("colour", "is_coloured"), [(0.0, False), (0.05, True), (0.5, True)])

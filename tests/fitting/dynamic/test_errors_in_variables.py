@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.dynamic.errors_in_variables import C, K, Record, estimate
+from fitting.dynamic.errors_in_variables import C, K, estimate
+from fitting.dynamic.swing import Swing
 from fitting.session import fit_session
-from fitting.trial import build_trial
+from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published
 
 TRUE_K, TRUE_C, MASS = 5500.0, 120.0, 0.2
 W = 2 * np.pi * 1.1
 
 
-def _record(
-    seed: int, *, lag: float = 0.0, lag_sd: float = 0.5e-3, noise: float = 1.0, seconds: float = 10.0
-) -> Record:
+def _record(seed: int, *, lag: float = 0.0, lag_sd: float = 0.5e-3, noise: float = 1.0, seconds: float = 10.0) -> Swing:
     random = np.random.default_rng(seed)
     force_time, marker_time = np.arange(0, seconds, 0.01), np.arange(0.003, seconds, 0.01)
     phase = random.uniform(0, 6)
@@ -30,7 +29,7 @@ def _record(
 
     at = force_time + lag
     force = TRUE_K * motion(at, 0) + TRUE_C * motion(at, 1) + MASS * motion(at, 2) + 25.0 + 0.02 * force_time
-    return Record(
+    return Swing(
         force_time,
         force + noise * 0.25 * random.standard_normal(len(force_time)),
         marker_time,

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fitting.dynamic.errors_in_variables import C, Solution, estimate
-from fitting.dynamic.magnitude import LagPosterior, lag_of_magnitude
+from fitting.dynamic.errors_in_variables import C, LagPosterior, Solution, estimate, lag_from_magnitude
 from fitting.uncertainty import normal_estimate
 from tests.fitting.swinging import MASS, swing
 
@@ -20,7 +19,7 @@ def _posterior(seed: int, k: float, c: float, lag: float) -> tuple[LagPosterior,
     """What is found, and c at the lag that was found; the stiffness is known to 0.5 %, and drawn so."""
     record = swing(seed, k=k, c=c, rate=100.0, seconds=15.0, lag_error=lag)
     known = normal_estimate(k * (1 + 0.005 * float(np.random.default_rng(seed).standard_normal())), 0.005 * k)
-    posterior = lag_of_magnitude(estimate(record), MASS, 1.0, known, SPREAD)
+    posterior = lag_from_magnitude(estimate(record), MASS, 1.0, known, SPREAD)
     at_lag: Solution = estimate(replace(record, force_time=record.force_time + posterior.lag))
     return posterior, float(at_lag.parameters[C])
 

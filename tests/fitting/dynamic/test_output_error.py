@@ -10,7 +10,7 @@ from scipy import stats
 
 from fitting.dynamic.errors_in_variables import C, estimate
 from fitting.dynamic.output_error import output_error
-from fitting.outcome import FitOutcome
+from fitting.results.outcome import FitOutcome
 from tests.fitting.swinging import DAMPING, STIFFNESS, swing
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from fitting.dynamic.slip import Slip, find_slip
-from fitting.oscillation import Oscillation
+from fitting.results.codes import TrialNoteCode
 from fitting.session import fit_session
-from fitting.trial import build_trial
+from fitting.trial.oscillation import Oscillation
+from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published
 
 K = 8000.0
@@ -50,11 +51,13 @@ def test_slip_without_an_end_is_told_by_the_work_it_takes() -> None:
 def test_a_hidden_cycle_is_no_slip() -> None:
     seen = (time < 6.0) | (time > 7.0)
     slip = find_slip(time[seen], np.full(np.count_nonzero(seen), 0.01), 2e-4, SWING, K, 2.0)
-    assert slip == Slip(True, 0, 0.0, pytest.approx(0.0, abs=1e-6))
+    assert slip == Slip(settles=True, cycles=0, distance=0.0, damping=pytest.approx(0.0, abs=1e-6))
 
 
 def test_too_few_cycles_cannot_tell() -> None:
-    assert find_slip(time, 1e-3 * time, 2e-4, replace(SWING, end=5.0), K, 2.0) == Slip(True, 0, 0.0, 0.0)
+    assert find_slip(time, 1e-3 * time, 2e-4, replace(SWING, end=5.0), K, 2.0) == Slip(
+        settles=True, cycles=0, distance=0.0, damping=0.0
+    )
 
 
 def test_damping_of_a_cuff_that_slips_anew_in_the_swing_is_from_the_cycles_after() -> None:
@@ -65,4 +68,4 @@ def test_damping_of_a_cuff_that_slips_anew_in_the_swing_is_from_the_cycles_after
     fit = fit_session(trials).cuffs["hand"]
     assert fit.damping
     assert abs(fit.damping.value - truth.damping) < 3 * fit.damping.standard_error
-    assert "left out" in fit.trials[1].notes[-1]
+    assert fit.trials[1].notes[-1].code is TrialNoteCode.START_LEFT_OUT

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.laws.history import History, history_of
 from fitting.laws.model_class import KELVIN_VOIGT, ModelComparison, compare_classes
+from fitting.laws.sampled_pull import SampledPull, sample_pull
 from fitting.session import fit_session
-from fitting.trial import build_trial
+from fitting.trial.trial import build_trial
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import Session, Truth, published
 
@@ -92,10 +92,10 @@ def test_two_effects_at_once_are_both_named() -> None:
     assert set(both.chosen) == {"standard linear solid", "creep"}
 
 
-def _still(force: np.ndarray) -> History:
+def _still(force: np.ndarray) -> SampledPull:
     n = len(force)
     still = np.zeros(n)
-    return History(
+    return SampledPull(
         time=np.arange(n) * 0.04,
         force=force,
         drifts=True,
@@ -115,17 +115,17 @@ def test_without_a_load_there_is_nothing_to_compare() -> None:
     assert compare_classes([_still(np.zeros(500))]) is None
 
 
-def test_a_history_keeps_the_swing_and_bridges_hidden_frames() -> None:
+def test_a_sampled_pull_keeps_the_swing_and_interpolates_hidden_frames() -> None:
     session = Session(published("hand", hold=4.0, duration=14.0, occlusion=0.1), 3)
     fitted = fit_session([build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")])
-    history = history_of(fitted.curves["d"])
-    assert np.isfinite(history.displacement).all()
-    swing = fitted.curves["d"].dynamic
-    assert swing
-    kept = history.time[history.kept]
+    swing, held_loads = fitted.pulls["d"], fitted.pulls["s"]
+    assert swing.oscillation
+    swung = sample_pull(swing.pull, (), swing.oscillation)
+    assert np.isfinite(swung.displacement).all()
+    kept = swung.time[swung.kept]
     assert swing.oscillation.start <= kept[0] <= kept[-1] <= swing.oscillation.end
-    assert not history.is_held
-    held = history_of(fitted.curves["s"])
+    assert not swung.is_held
+    held = sample_pull(held_loads.pull, held_loads.plateaus, None)
     assert held.is_held
     assert 0.3 < held.kept.mean() < 0.95
     assert 2e-5 < held.play < 2e-4

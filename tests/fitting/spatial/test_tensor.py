@@ -10,23 +10,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fitting.results.cuffs_json import cuffs_json
+from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.pull.pull import Pull, make_pulls
+from fitting.results.codes import RejectionCode, TensorCode, TrialNoteCode
+from fitting.results.rendering import Note
 from fitting.session import fit_session
 from fitting.spatial.held_tensor import held_tensor
-from fitting.spatial.reduction import ReducedTrial, reduce_trials
 from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
+from tests.fitting.refusals import figures_by_code, refused
 
 RUNS = 12
 
 
-def _reduced(space: Space, pulls: NDArray[np.float64], random: np.random.Generator) -> list[ReducedTrial]:
+def _reduced(space: Space, pulls: NDArray[np.float64], random: np.random.Generator) -> list[Pull]:
     trials = [pulled(space, u, test, i, random) for i, u in enumerate(pulls, 1) for test in ("static", "dynamic")]
-    return reduce_trials(trials)[0]
+    return make_pulls(trials)[0]
 
 
-def _of(trials: list[ReducedTrial], test: str) -> list[ReducedTrial]:
+def _of(trials: list[Pull], test: str) -> list[Pull]:
     return [each for each in trials if each.trial.test == test]
 
 
@@ -96,25 +99,24 @@ def test_an_axis_between_equal_eigenvalues_is_not_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pulls", "words"),
+    ("pulls", "code", "count"),
     [
-        (directions(30, 1), "along one line (1 direction), which tells 3 of six entries; record two more directions"),
-        (directions(4), "along one line (1 direction)"),
-        (directions(30)[[0, 1, 3]], "in one plane (3 directions), which tells 5 of six entries; record one more"),
+        (directions(30, 1), TensorCode.ONE_LINE, 1),
+        (directions(4), TensorCode.ONE_LINE, 1),
+        (directions(30)[[0, 1, 3]], TensorCode.ONE_PLANE, 3),
     ],
 )
-def test_directions_that_do_not_span_space_are_refused_with_the_one_that_is_missing(
-    pulls: NDArray[np.float64], words: str
+def test_directions_that_do_not_span_space_are_refused(
+    pulls: NDArray[np.float64], code: TensorCode, count: int
 ) -> None:
-    with pytest.raises(NoTensor, match="three dimensions") as refused:
+    with refused(code, quantity="stiffness", test="static", directions=count):
         require_span(pulls, "stiffness", "static")
-    assert words in str(refused.value)
 
 
 def test_the_missing_direction_is_named() -> None:
-    with pytest.raises(NoTensor) as refused:
+    with pytest.raises(NoTensor) as caught:
         require_span(directions(30)[[0, 1, 3]], "stiffness", "static")
-    named = np.array([float(part) for part in str(refused.value).split("towards (")[1].rstrip(")").split(", ")])
+    named = np.array([float(part) for part in str(caught.value.reason.figures["missing"]).strip("()").split(", ")])
     assert abs(named @ (0.0, 0.0, 1.0)) == pytest.approx(1.0, abs=0.01)
 
 
@@ -124,8 +126,8 @@ def test_the_frame_of_the_room_turns_the_tensor_and_nothing_else() -> None:
     trials = [pulled(space, u, "static", i, random) for i, u in enumerate(directions(30), 1)]
     turn = np.linalg.qr(random.standard_normal((3, 3)))[0]
     turn *= np.linalg.det(turn)
-    straight = held_tensor(reduce_trials(trials)[0], 0.0)
-    turned = held_tensor(reduce_trials([replace(each, markers=each.markers @ turn.T) for each in trials])[0], 0.0)
+    straight = held_tensor(make_pulls(trials)[0], 0.0)
+    turned = held_tensor(make_pulls([replace(each, markers=each.markers @ turn.T) for each in trials])[0], 0.0)
     np.testing.assert_allclose(turned.value, turn @ straight.value @ turn.T, rtol=1e-6, atol=1e-3)
 
 
@@ -142,9 +144,9 @@ def test_a_donning_pulled_in_five_directions_keeps_one_line_and_adds_space() -> 
     assert fit.tensors.damping
     along = 1 / (pulls[0] @ np.linalg.inv(space.stiffness) @ pulls[0])
     assert fit.stiffness.value == pytest.approx(along, rel=0.01)
-    notes = {trial.file: " ".join(trial.notes) for trial in fit.trials}
-    assert "counts in three dimensions only" in notes["static-2"]
-    assert "counts in three dimensions only" not in notes["static-1"]
+    notes = {trial.file: figures_by_code(trial.notes) for trial in fit.trials}
+    assert notes["static-2"][TrialNoteCode.ANOTHER_LINE]["angle_deg"] == pytest.approx(30.0, abs=1.0)
+    assert TrialNoteCode.ANOTHER_LINE not in notes["static-1"]
     assert len(fit.sources) == 10
     plain = json.loads(cuffs_json(session))["cuffs"]["elbow"]
     assert len(plain["stiffness_tensor_n_per_m"]["eigenvalues"]) == 3
@@ -168,7 +170,7 @@ def test_every_direction_has_repeats_of_its_own() -> None:
         trials.append(replace(trial, repeat=1, run=run, start_utc_ns=run))
     fit = fit_session(trials).cuffs["elbow"]
     assert [trial.state for trial in fit.trials] == ["used", "used", "superseded", "used"]
-    assert fit.trials[2].reason == "recorded again as static-4"
+    assert fit.trials[2].reason == Note(RejectionCode.RECORDED_AGAIN, {"file": "static-4"})
     assert fit.tensors
     assert fit.tensors.stiffness
     assert fit.tensors.stiffness.directions == 3
@@ -181,10 +183,10 @@ def test_without_rope_markers_trials_that_go_another_way_are_told() -> None:
     for i, u in enumerate(directions(40, 2), 1):
         trial = pulled(space, u, "static", i, random)
         trials.append(replace(trial, cuff=replace(trial.cuff, rope_markers=())))
-    first, second = reduce_trials(trials)[0]
-    assert not any("turned pull" in note for note in first.notes)
-    assert any("turned pull" in note for note in second.notes)
-    assert not second.is_elsewhere
+    first, second = make_pulls(trials)[0]
+    assert TrialNoteCode.TURNED not in figures_by_code(first.notes)
+    assert TrialNoteCode.TURNED in figures_by_code(second.notes)
+    assert not second.is_along_another_line
 
 
 def test_swings_that_all_go_another_way_are_a_fault_to_name_and_no_set_of_directions() -> None:
@@ -192,7 +194,7 @@ def test_swings_that_all_go_another_way_are_a_fault_to_name_and_no_set_of_direct
     space = elbow(random)
     ahead, aside = directions(40, 2)
     trials = [pulled(space, ahead, "static", 1, random), pulled(space, aside, "dynamic", 1, random)]
-    assert not any(each.is_elsewhere for each in reduce_trials(trials)[0])
+    assert not any(each.is_along_another_line for each in make_pulls(trials)[0])
 
 
 def test_swings_count_along_the_rope_that_pulls_them() -> None:
@@ -213,8 +215,8 @@ def test_one_direction_gives_its_line_and_says_why_no_tensor() -> None:
     assert fit.stiffness
     assert fit.tensors
     assert fit.tensors.stiffness is None
-    assert "span space" in fit.tensors.no_stiffness
-    assert "rope_markers" in fit.tensors.no_damping
+    assert fit.tensors.no_stiffness and fit.tensors.no_stiffness.code is TensorCode.ONE_LINE
+    assert fit.tensors.no_damping and fit.tensors.no_damping.code is TensorCode.NO_ROPE
 
 
 def test_a_symmetric_matrix_is_its_six_entries() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from fitting.pull.plateaus import Plateau
 from fitting.static.migration import fit_migration
-from fitting.static.plateaus import Plateau
 
 
 def _trial(*held: tuple[float, float]) -> list[Plateau]:

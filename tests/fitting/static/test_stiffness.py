@@ -10,10 +10,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from fitting.quality import UnusableTrial
-from fitting.static.plateaus import Plateau
-from fitting.static.stiffness import fit_stiffness, require_positive_loads, trial_stiffness
+from fitting.pull.plateaus import Plateau
+from fitting.pull.plausibility import require_positive_loads
+from fitting.results.codes import RejectionCode
+from fitting.static.stiffness import fit_stiffness, trial_stiffness
 from fitting.uncertainty import NORMAL_95
+from tests.fitting.refusals import refused
 
 K = 8000.0
 NOISE = 2e-5
@@ -73,16 +75,16 @@ def test_a_cuff_that_slips_under_every_rise_is_read_from_unloading_only() -> Non
     assert fit.stiffness.value == pytest.approx(K, rel=1e-9)
 
 
-def test_a_cuff_put_back_between_trials_does_not_go_further() -> None:
+def test_a_cuff_put_back_between_trials_has_no_progressive_slip() -> None:
     loads = UP + DOWN
     slipped = _held(loads, _slipping(loads))
     put_back, ratcheting = (
         fit_stiffness([slipped, again], 0.0) for again in (slipped, _held(loads, _slipping(loads) + 5e-3))
     )
     assert put_back.slips_again
-    assert put_back.further == 0
+    assert put_back.progressive_slip == 0
     assert ratcheting.slips_again
-    assert ratcheting.further == pytest.approx(5e-3)
+    assert ratcheting.progressive_slip == pytest.approx(5e-3)
 
 
 @pytest.mark.parametrize("friction", [0.5, 4.0])
@@ -172,7 +174,7 @@ def test_the_interval_is_honest_and_half_of_it_would_not_be() -> None:
 
 def test_a_load_cell_of_the_wrong_sign_is_named() -> None:
     falling = [Plateau(0, 8, -load, 0.01, load / K, NOISE, (load / K, NOISE)) for load in UP + DOWN]
-    with pytest.raises(UnusableTrial, match="polarity"):
+    with refused(RejectionCode.FORCE_POLARITY):
         require_positive_loads(falling)
     require_positive_loads(_held(UP + DOWN))
     require_positive_loads([])

@@ -160,7 +160,7 @@ def test_sentences_are_ours(tmp_path: Path, place: int) -> None:
         assert word not in str(caught.value)
 
 
-@pytest.mark.parametrize("frames", [FRAMES, 70_000])
+@pytest.mark.parametrize("frames", [FRAMES, pytest.param(70_000, marks=pytest.mark.slow)])
 def test_a_second_reader_finds_markers_and_a_single_channel(tmp_path: Path, frames: int) -> None:
     c3d = pytest.importorskip("c3d", reason="needs the package c3d: install the extra test")
     turns = -(-frames // FRAMES)

@@ -18,7 +18,7 @@ from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import RedundancyOptions, evaluate_motion, solve_motion
-from solver.suit.scenarios import prepare_suited_motion
+from solver.suit.scenarios import LoadedMotion, prepare_suited_motion
 from solver.suit.suit import BUNDLED_SUIT, read_suit
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
 from tests.solver.wrapping.laid import point
@@ -148,7 +148,7 @@ def test_the_redundancy_problem_is_posed_on_the_paths_that_are_asked_for() -> No
     assert solved.unsolved == 0
     suit = read_suit(BUNDLED_SUIT)
     geodesic, opensim_paths = (
-        prepare_suited_motion(MODEL, kinematics, suit, options=RedundancyOptions(path_mode=mode))
+        prepare_suited_motion(LoadedMotion(MODEL, kinematics, options=RedundancyOptions(path_mode=mode)), suit)
         for mode in ("geodesic", "opensim")
     )
     bare = evaluate_motion(MODEL, kinematics, path_mode="geodesic")

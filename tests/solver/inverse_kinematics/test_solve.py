@@ -48,6 +48,17 @@ def test_markers_at_their_places_give_the_posture_back(make: Callable[[], Model]
 
 
 @MODELS
+def test_a_first_frame_far_from_the_default_posture_reaches_the_lowest_optimum(make: Callable[[], Model]) -> None:
+    model = with_markers(make())
+    for observed in seen_from(model, random_postures(model, 10, 1.0, 3)):
+        found = solve_inverse_kinematics(model, observed[None], tasks_of(model))
+        assert found.outcomes == (SOLVED,)
+        assert found.cost[0] < 1e-15
+        turned = np.abs(found.coordinates[0] - model.default_coordinates)
+        assert turned.max() < np.pi + 0.1  # no whole turns
+
+
+@MODELS
 def test_the_lagrangian_is_stationary_at_the_posture_found(make: Callable[[], Model]) -> None:
     """Derivatives by central differences of another derivation of points and gaps."""
     model = with_markers(make())
@@ -141,6 +152,7 @@ def test_clamped_coordinates_reach_the_optimum_that_scipy_finds() -> None:
     assert found.outcomes == (SOLVED,) * 3
     bounds = [clamped.get(k, (None, None)) for k in range(len(model.coordinates))]
     at_bound = 0
+    assert found.rounds.max() < 20
     for frame, q in enumerate(found.coordinates):
         seen = observed[frame : frame + 1]
         best = minimize(

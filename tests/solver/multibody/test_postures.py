@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
-from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model, ModelError
+from solver.model import GROUND, NO_COORDINATE, AxisMotion, Model
 from solver.multibody.postures import (
     Postures,
     jacobians,
@@ -21,6 +22,7 @@ from solver.multibody.postures import (
 )
 from solver.multibody.rotations import rotate, skew_matrix
 from tests.solver.linkage import linkage
+from tests.solver.refused import refused
 
 Array = NDArray[np.float64]
 
@@ -128,5 +130,5 @@ def test_the_scapula_keeps_to_its_ellipsoid() -> None:
 
 
 def test_coordinates_of_the_wrong_number_are_refused() -> None:
-    with pytest.raises(ModelError, match=r"expected q and u of shape \(6, 17\), found \(6, 16\)"):
+    with refused(SolverCode.WRONG_SHAPE, naming="(6, 16)"):
         postures(MODEL, Q[:, :16], Q)

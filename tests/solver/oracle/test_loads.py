@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from solver.bundled import bundled_model
 from solver.model import Model
 from solver.motion import decimate, differentiate, write_table
-from solver.multibody.dynamics import equations_of_motion, response_maps
+from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.external_loads import load_wrenches
 from solver.multibody.postures import postures
 from solver.muscle import muscle_forces
@@ -22,6 +22,7 @@ from solver.paths import evaluate_paths
 from solver.point_mass import with_point_mass
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import solve_motion
+from solver.redundancy.response_maps import response_maps
 from tests.solver.oracle.two_bodies import model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.model import Model, ScapulothoracicMotion
+from solver.model import AnyPathPoint, AxisMotion, Model, MovingPathPoint, ScapulothoracicMotion
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from solver.scaling import Scaling, scale_model
-from tests.solver.oracle.two_bodies import opensim
+from tests.solver.oracle.two_bodies import model_with, opensim
 
 pytestmark = pytest.mark.oracle
 
@@ -40,11 +41,56 @@ def test_a_scaled_model_is_opensims(seed: int, mass: float | None, keeps_masses:
             np.testing.assert_allclose(one.motion.winging_origin, other.motion.winging_origin, atol=1e-12)
     for one, other in zip(ours.surfaces, theirs.surfaces, strict=True):
         np.testing.assert_allclose(one.dimensions, other.dimensions, atol=1e-12)
+        np.testing.assert_allclose(one.placement.translation, other.placement.translation, atol=1e-12)
+    for one, other in zip(ours.constraints, theirs.constraints, strict=True):
+        for side in ("location_1", "location_2"):  # OpenSim leaves joined points where they were
+            np.testing.assert_allclose(getattr(one, side), getattr(other, side), atol=1e-12)
     for one, other in zip(ours.markers, theirs.markers, strict=True):
         np.testing.assert_allclose(one.location, other.location, atol=1e-12)
     for one, other in zip(ours.muscles, theirs.muscles, strict=True):
         assert one.optimal_fiber_length == pytest.approx(other.optimal_fiber_length, rel=1e-6)
         assert one.tendon_slack_length == pytest.approx(other.tendon_slack_length, rel=1e-6)
+        for point, same in zip(one.path.points, other.path.points, strict=True):
+            is_printed = isinstance(point, MovingPathPoint)  # OpenSim prints coefficients with six digits
+            np.testing.assert_allclose(places_of(point), places_of(same), atol=1e-6 if is_printed else 1e-12)
+
+
+def places_of(point: AnyPathPoint) -> np.ndarray:
+    """(places, 3) of a path point in its body, at five values of the coordinate that moves it."""
+    if not isinstance(point, MovingPathPoint):
+        return point.location[None]
+    values = np.linspace(0.1, 0.5, 5)
+    local = np.stack([function.derivatives(values)[0] for function in point.functions], axis=1)
+    return point.placement.translation + local @ point.placement.rotation.T
+
+
+def test_a_joint_that_slides_by_a_function_slides_by_as_much_as_opensims(tmp_path: Path) -> None:
+    """Functions of translations are scaled along their axes; a plain degree of freedom has no size."""
+    model = model_with(sliding)
+    model.initSystem()
+    model.printToXML(str(tmp_path / "generic.osim"))
+    factors = {"ground": np.array([1.1, 0.95, 1.2]), "upper": np.array([1.2, 0.9, 1.1])}
+    ours = scale_model(read_osim(tmp_path / "generic.osim"), Scaling(factors, scales_joined_points=False))
+    theirs = scaled_by_opensim(tmp_path, factors, None, False)
+    q = np.array([-0.7, 0.2, 1.1])
+    for one, other in zip(ours.joints, theirs.joints, strict=True):
+        assert isinstance(one.motion, AxisMotion)
+        assert isinstance(other.motion, AxisMotion)
+        for function, same in zip(one.motion.functions, other.motion.functions, strict=True):
+            np.testing.assert_allclose(function.derivatives(q)[0], same.derivatives(q)[0], atol=1e-12)
+
+
+def sliding(*sides: Any) -> Any:
+    """A custom joint: `turn` turns about x and slides along an oblique axis, `lift` slides along y."""
+    transform = opensim.SpatialTransform()
+    oblique = opensim.Vec3(0.6, 0.0, -0.8)
+    for index, driver, slope, axis in ((0, "turn", 1.0, None), (3, "turn", 0.4, oblique), (4, "lift", 1.0, None)):
+        moved = transform.updTransformAxis(index)
+        moved.setCoordinateNames(opensim.ArrayStr(driver, 1))
+        moved.set_function(opensim.LinearFunction(slope, 0.0 if slope == 1.0 else 0.1))
+        if axis is not None:
+            moved.setAxis(axis)
+    return opensim.CustomJoint(*sides, transform)
 
 
 def scaled_by_opensim(folder: Path, factors: dict[str, np.ndarray], mass: float | None, keeps_masses: bool) -> Model:

@@ -118,7 +118,11 @@ class Difference:
 
 def difference(model: Any, folder: Path, spread: float = 0.6) -> Difference:
     """Of the solver from OpenSim, at random coordinates (normal, `spread`) and speeds (normal, 1)."""
-    ours = read_back(model, folder)
+    return difference_to(model, read_back(model, folder), spread)
+
+
+def difference_to(model: Any, ours: Model, spread: float = 0.6) -> Difference:
+    """As difference, of a model that has been read."""
     theirs = _opensims(model, ours, *random_states(ours, spread))
     found = solvers_values(ours, theirs["q"], theirs["u"])
     scales = {

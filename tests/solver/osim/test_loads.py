@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.model import ModelError
-from solver.motion import MotionError, write_table
+from solver.errors import SolverCode
+from solver.motion import write_table
 from solver.osim.loads import read_external_loads
+from tests.solver.refused import refused
 
 MODEL = bundled_model()
 HAND, THORAX = MODEL.body_index("hand"), MODEL.body_index("thorax")
@@ -70,35 +71,42 @@ def test_a_body_that_is_not_named_is_the_ground(files: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new", "code", "naming"),
     [
-        (">hand<", ">paw<", r"handle\.xml, line 2: ExternalForce handle has the applied_to_body paw, .* thorax, "),
-        ("/bodyset/hand", "paw", "has the point_expressed_in_body paw"),
-        ("handle_v", "lever_v", r"needs three columns of handle\.mot that begin with lever_v, and there are 0"),
-        ("handle_v", "handle_", "begin with handle_, and there are 6"),
-        (FORCE, "", "names neither force nor torque"),
-        (FORCE, "<torque_identifier>handle_v</torque_identifier>", "names a point and no force"),
-        ("<datafile>handle.mot</datafile>", "", "names no <datafile>"),
-        ("ExternalForce", "PrescribedForce", "PrescribedForce handle is a load the solver does not have"),
-        ("</objects>", "", r"handle\.xml is not well-formed XML: mismatched tag in line 10"),
-        ("ExternalLoads", "ForceSet", "OpenSimDocument holds no ExternalLoads"),
+        (
+            ">hand<",
+            ">paw<",
+            SolverCode.UNKNOWN_NAME,
+            "handle.xml, line 2: ExternalForce handle has the applied_to_body paw",
+        ),
+        ("/bodyset/hand", "paw", SolverCode.UNKNOWN_NAME, "point_expressed_in_body paw"),
+        ("handle_v", "lever_v", SolverCode.MALFORMED, "lever_v, and there are 0"),
+        ("handle_v", "handle_", SolverCode.MALFORMED, "handle_, and there are 6"),
+        (FORCE, "", SolverCode.MALFORMED, "force_identifier"),
+        (FORCE, "<torque_identifier>handle_v</torque_identifier>", SolverCode.MALFORMED, "point"),
+        ("<datafile>handle.mot</datafile>", "", SolverCode.MALFORMED, "<datafile>"),
+        ("ExternalForce", "PrescribedForce", SolverCode.UNSUPPORTED, "PrescribedForce handle"),
+        ("</objects>", "", SolverCode.UNREADABLE_FILE, "line 10"),
+        ("ExternalLoads", "ForceSet", SolverCode.WRONG_DOCUMENT, "ExternalLoads"),
     ],
 )
-def test_a_fault_in_the_file_of_loads_is_one_sentence(files: Path, old: str, new: str, sentence: str) -> None:
+def test_a_fault_in_the_file_of_loads_is_one_sentence(
+    files: Path, old: str, new: str, code: SolverCode, naming: str
+) -> None:
     assert old in XML
     files.write_text(XML.replace(old, new))
-    with pytest.raises(ModelError, match=sentence):
+    with refused(code, naming):
         read_external_loads(files, MODEL, TIME)
 
 
 def test_a_fault_in_its_data_is_one_sentence(files: Path) -> None:
-    with pytest.raises(MotionError, match=r"handle\.mot should cover the motion, 0 to 1\.5 s, and has 0 to 1 s; cut"):
+    with refused(SolverCode.NOT_COVERED, naming="0 to 1.5 s"):
         read_external_loads(files, MODEL, 1.5 * TIME)
     data = files.with_name("handle.mot")
     text = data.read_text()
     data.write_text(text.replace("\n0.5\t", "\n0.2\t"))
-    with pytest.raises(MotionError, match="begin with a column time that increases"):
+    with refused(SolverCode.MALFORMED_TABLE, naming="handle.mot"):
         read_external_loads(files, MODEL, TIME)
     data.unlink()
-    with pytest.raises(MotionError, match=r"handle\.mot should be a motion file and cannot be read"):
+    with refused(SolverCode.UNREADABLE_TABLE, naming="handle.mot"):
         read_external_loads(files, MODEL, TIME)

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.functions.coordinate import Sine, polynomial
 from solver.functions.fibre import ThelenCurves
-from solver.model import BallMotion, CoordinateCoupler, CoordinateForce, CoordinateLock, Model, ModelError
+from solver.model import BallMotion, CoordinateCoupler, CoordinateForce, CoordinateLock, Model
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
+from tests.solver.refused import refused
 
 MODEL = bundled_model()
 SHOULDER = MODEL.joint("GlenoHumeral")
@@ -80,24 +82,24 @@ def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("model", "sentence"),
+    ("model", "name"),
     [
-        (with_shoulder(BallMotion((6, 7, 8), ())), "no ball and free joints, and thoracoscapular has"),
-        (with_shoulder(moved_by(Sine(1, 1, 0, 0))), "has only polynomials"),
+        (with_shoulder(BallMotion((6, 7, 8), ())), "has GlenoHumeral"),
+        (with_shoulder(moved_by(Sine(1, 1, 0, 0))), "polynomials"),
         (
             replace(MODEL, constraints=(CoordinateCoupler("follows", 3, 4, polynomial([0.0])),)),
-            "only point constraints and locks, .* has follows",
+            "has follows",
         ),
         (
             replace(MODEL, muscles=(replace(MODEL.muscles[0], curves=ThelenCurves()),)),
-            "only Millard's muscles, and thoracoscapular has TrapeziusScapula_M",
+            "has TrapeziusScapula_M",
         ),
         (
             replace(MODEL, coordinate_forces=(CoordinateForce("stop", 3, polynomial([0.0]), polynomial([0.0])),)),
-            "no forces of coordinates, and thoracoscapular has stop",
+            "has stop",
         ),
     ],
 )
-def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, sentence: str) -> None:
-    with pytest.raises(ModelError, match=sentence):
+def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, name: str) -> None:
+    with refused(SolverCode.NOT_WRITABLE, naming=name):
         osim_document(model)

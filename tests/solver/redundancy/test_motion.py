@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.model import GROUND, ModelError
-from solver.motion import MotionError, decimate, differentiate
+from solver.errors import SolverCode
+from solver.model import GROUND
+from solver.motion import decimate, differentiate
 from solver.multibody.dynamics import response_to_loads
 from solver.multibody.external_loads import ExternalForce
 from solver.raise_arm import simulate_arm_raise
@@ -17,13 +18,13 @@ from solver.redundancy.motion import (
     LoadResponse,
     RedundancyOptions,
     RedundancyProblem,
-    Reserve,
     build_redundancy,
     evaluate_motion,
     solve_motion,
     solve_redundancy,
-    with_reserves,
 )
+from solver.redundancy.reserves import Reserve, with_reserves
+from tests.solver.refused import refused
 
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 40)
@@ -90,7 +91,6 @@ def test_where_only_the_rate_forbids_it_the_frame_is_solved_and_says_so():
     solution = solve_redundancy(replace(problem, cone=np.stack([CONE_ALONG_X, CONE_ALONG_Y])))
     assert list(solution.outcomes[0]) == [FrameOutcome.SOLVED, FrameOutcome.BEYOND_ACTIVATION_RATE]
     assert np.isfinite(solution.controls).all()
-    assert "cannot change their activation" in solution.outcomes[0, 1].value
 
 
 def test_an_infeasible_frame_is_an_outcome_and_the_next_one_is_solved():
@@ -179,9 +179,9 @@ def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator()
 
 def test_a_weight_of_nobody_or_below_zero_is_refused():
     mechanics = evaluate_motion(MODEL, decimate(SLOW, 10))
-    with pytest.raises(ModelError, match="weight of biceps_of_nobody"):
+    with refused(SolverCode.UNKNOWN_NAME, naming="biceps_of_nobody"):
         build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"biceps_of_nobody": 1.0}))
-    with pytest.raises(ModelError, match="the least is -1"):
+    with refused(SolverCode.NEGATIVE_WEIGHT, naming="-1"):
         build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"plane_elv": -1.0}))
 
 
@@ -211,22 +211,22 @@ def test_the_joint_whose_reaction_counts_may_have_another_name():
     elbow = solve_motion(MODEL, motion, RedundancyOptions(has_glenoid_cone=False, joint="elbow"))
     assert np.linalg.norm(elbow.reaction[:, 3:], axis=1).max() < np.linalg.norm(expected.reaction[:, 3:], axis=1).max()
     assert np.isnan(elbow.contact).all()
-    with pytest.raises(ModelError, match="has no joint GlenoHumeral; it has"):
+    with refused(SolverCode.UNKNOWN_NAME, naming="GlenoHumeral"):
         solve_motion(renamed, motion)
 
 
 def test_a_model_without_muscles_is_refused():
-    with pytest.raises(ModelError, match="should have muscles that share the work and has none"):
+    with refused(SolverCode.NO_MUSCLES):
         solve_motion(replace(MODEL, muscles=()), decimate(SLOW, 10))
 
 
 def test_an_unknown_free_coordinate_is_named():
-    with pytest.raises(ModelError, match="elbow_twist"):
+    with refused(SolverCode.UNKNOWN_NAME, naming="elbow_twist"):
         solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))
 
 
 def test_a_motion_in_which_nothing_can_be_evaluated_is_refused():
-    with pytest.raises(MotionError, match="has them in none of 16 postures"):
+    with refused(SolverCode.NO_ACCELERATIONS, naming="16 postures"):
         solve_motion(MODEL, replace(SLOW, positions=np.full_like(SLOW.positions, np.nan)))
 
 

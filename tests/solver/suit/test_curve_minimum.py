@@ -23,6 +23,7 @@ def test_of_a_parabola_all_three_are_exact():
 def test_at_the_edge_of_what_was_tried_there_is_none(lowest):
     found = find_minimum(LENGTHS, parabola(lowest, 0.8, 10.0))
     assert np.isnan([found.rest_length, found.cost, found.width]).all()
+    assert found.edge == np.sign(lowest - 0.75)
 
 
 def test_a_width_that_goes_beyond_what_was_tried_is_unknown():

@@ -19,8 +19,11 @@ from station.assessment.assess import AssessedSuit, assess_cuffs, write_assessme
 from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.emg import EmgError, read_emg
+from station.messages.codes import AssessmentCode, InputCode
+from station.messages.message import Message
 from station.report.page import write_report
 from tests.station.loads import write_weight
+from tests.station.refusal import refused
 
 
 def fitted(value: float, error: float) -> dict[str, float]:
@@ -67,14 +70,14 @@ def plain(assessed: AssessedSuit, folder: Path) -> dict[str, Any]:
 
 
 def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
-    """Every bare number with its place, except the file's format and what is under "value" and "ci95"."""
+    """Every bare number with its place, except the format, values with their intervals, and figures of a finding."""
     if isinstance(plain, dict):
-        for key, each in plain.items():
-            if key not in {"value", "ci95", "format"}:
-                yield from numbers_in(each, f"{where}.{key}")
+        for key, entry in plain.items():
+            if key not in {"value", "ci95", "format", "figures"}:
+                yield from numbers_in(entry, f"{where}.{key}")
     elif isinstance(plain, list):
-        for each in plain:
-            yield from numbers_in(each, where)
+        for entry in plain:
+            yield from numbers_in(entry, where)
     elif isinstance(plain, int | float) and not isinstance(plain, bool):
         yield where, plain
 
@@ -116,8 +119,10 @@ def test_what_went_in_is_named_with_its_hash_and_the_versions(plain: dict[str, A
 def test_the_file_has_a_format_and_one_of_a_later_format_is_refused(plain: dict[str, Any], tmp_path: Path) -> None:
     assert plain["format"] == 1
     path = tmp_path / "assessment.json"
-    path.write_text(json.dumps({name: entry for name, entry in plain.items() if name != "format"}), encoding="utf-8")
-    assert read_assessment(path)["cuffs"] == plain["cuffs"], "of an older station"
+    older = {name: entry for name, entry in plain.items() if name not in ("format", "finding_codes")}
+    older["unsolved"] = {name: entry for name, entry in older["unsolved"].items() if name != "outcome_codes"}
+    path.write_text(json.dumps(older), encoding="utf-8")
+    assert read_assessment(path) == {**older, "format": 1}, "of an older station"
     path.write_text(json.dumps({**plain, "format": 2}), encoding="utf-8")
     with pytest.raises(AssessmentFileError, match="format is 2, expected 1"):
         read_assessment(path)
@@ -133,29 +138,30 @@ def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
     assessed: AssessedSuit, plain: dict[str, Any], folder: Path
 ) -> None:
     page = write_report(folder).read_text(encoding="utf-8")
-    assert plain["findings"][0].startswith("Choose hand: shifted and yielding it costs the muscles 0.")
-    assert "hand costs" in plain["findings"][1] and plain["findings"][1].endswith("the two differ.")
-    assert "draws of the cuffs on every 20th frame" in page
+    choice, comparison, best, *_ = plain["finding_codes"]
+    assert (choice["code"], choice["figures"]["cuff"]) == (AssessmentCode.LEAST_EFFORT, "hand")
+    assert (comparison["code"], comparison["figures"]["first"]) == (AssessmentCode.DIFFERENT, "hand")
+    assert (best["code"], best["figures"]["cuff"]) == (AssessmentCode.BEST_REST_LENGTH, "hand")
+    assert [str(Message(AssessmentCode(entry["code"]), entry["figures"])) for entry in plain["finding_codes"]] == plain[
+        "findings"
+    ]
     for sentence in plain["findings"]:
         assert str(escape(sentence)) in page
     assert "our own calibration" in page
     assert "bundled raise of the arm with 2 kg in the hand" in page
-    assert page.count("data:image/png;base64,") == 1 + 2 * 3
-    assert plain["findings"][2].startswith(
-        "With a cord of its own best rest length, shifted and yielding, it is hand 0."
-    )
+    assert page.count("<figcaption>") == 3 + 2 * 3, "three of all cuffs; of each arm cuff effort, activations, EMG"
 
 
 def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
     assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]
-    with pytest.raises(InputError, match="should hold knee and holds waist, hand, elbow"):
+    with refused(InputError, InputCode.UNKNOWN_CUFF):
         worn_cuffs(cuffs, ("knee", "hand"))
 
 
 def test_no_cuff_may_be_called_what_the_tables_call_the_rigid_suit(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
-    with pytest.raises(InputError, match=r"a cuff is called rigid, .* rename it"):
+    with refused(InputError, InputCode.CUFF_NAMED_RIGID):
         worn_cuffs({"rigid": replace(cuffs["hand"], name="rigid")}, ())
 
 
@@ -178,15 +184,17 @@ def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> Non
     [
         ({"law": "exponential"}, "exponential"),
         ({"law": "tensor"}, "tensor"),
-        ({"model_class": {"chosen": "slip + stiffening"}}, r"slip \+ stiffening"),
+        ({"model_class": {"chosen": "slip + stiffening"}}, "slip + stiffening"),
         ({"model_class": {"chosen": "creep"}}, "creep"),
         ({"model_class": "creep"}, "creep"),
         ({"damping_tensor_n_s_per_m": {"value": [[1, 0, 0], [0, 2, 0], [0, 0, 3]]}}, "tensor"),
     ],
 )
 def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
-    with pytest.raises(InputError, match=rf"the cuff hand has the law {law}, .* kelvin_voigt only"):
+    with refused(InputError, InputCode.RICHER_LAW) as caught:
         read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", **named))
+    cause = caught.value.cause
+    assert isinstance(cause, Message) and cause.figures["law"] == law
 
 
 @pytest.mark.parametrize("chosen", ["Kelvin-Voigt", "slip"])
@@ -208,7 +216,7 @@ def test_a_cuff_of_a_richer_law_is_refused_wherever_it_comes_from(
 ) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     cuffs["hand"] = replace(cuffs["hand"], law=chosen)
-    with pytest.raises(InputError, match=r"the cuff hand has the law slip \+ creep") if is_refused else nullcontext():
+    with refused(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
 
 
@@ -216,7 +224,7 @@ def test_a_cuff_in_three_dimensions_is_refused(tmp_path: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     for law, is_refused in (((), False), (("tensor",), True)):
         cuffs["hand"] = replace(cuffs["hand"], law=law)
-        with pytest.raises(InputError, match="the cuff hand has the law tensor") if is_refused else nullcontext():
+        with refused(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
             assert len(worn_cuffs(cuffs, ())) == 3
 
 
@@ -243,26 +251,25 @@ def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "line"),
     [
-        (
-            "muscle,reduction\nbiceps,3\n",
-            "should have the columns muscle,reduction_percent,sd and has muscle,reduction",
-        ),
-        ("", "has no row"),
-        ("muscle,reduction_percent,sd\ncalf,3,1\n", "line 2, names calf, which is no muscle of the model and no group"),
-        ("muscle,reduction_percent,sd\nbiceps,3,1\nbiceps,much,1\n", "line 3, should give numbers in percent"),
-        ("muscle,reduction_percent,sd\nbiceps,3,-1\n", "line 2, should give numbers in percent"),
-        ("muscle,reduction_percent,sd\nbiceps,3\n", "line 2, should give numbers in percent"),
+        ("muscle,reduction\nbiceps,3\n", InputCode.EMG_COLUMNS, None),
+        ("", InputCode.EMG_COLUMNS, None),
+        ("muscle,reduction_percent,sd\ncalf,3,1\n", InputCode.EMG_MUSCLE, 2),
+        ("muscle,reduction_percent,sd\nbiceps,3,1\nbiceps,much,1\n", InputCode.EMG_NUMBER, 3),
+        ("muscle,reduction_percent,sd\nbiceps,3,-1\n", InputCode.EMG_NUMBER, 2),
+        ("muscle,reduction_percent,sd\nbiceps,3\n", InputCode.EMG_NUMBER, 2),
     ],
 )
-def test_a_malformed_emg_file_gives_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+def test_a_malformed_emg_file_is_refused(tmp_path: Path, text: str, code: InputCode, line: int | None) -> None:
     path = tmp_path / "emg.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(EmgError, match=sentence):
+    with refused(EmgError, code) as caught:
         read_emg(path, ("biceps", "triceps"))
+    cause = caught.value.cause
+    assert isinstance(cause, Message) and cause.figures.get("line") == line
 
 
 def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(EmgError, match="cannot be read"):
+    with refused(EmgError, InputCode.EMG_UNREADABLE):
         read_emg(tmp_path / "none.csv", ())

@@ -15,12 +15,14 @@ from solver.osim.suited import add_suit
 from solver.osim.suited_reader import read_suited
 from solver.osim.writer import osim_document
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.scenarios import Condition, SuitScenario, prepare_suited_motion, solve_scenarios
+from solver.suit.scenarios import Condition, LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.export_model import SuitToExport, write_suited_model
+from station.messages.codes import InputCode
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.command import assert_one_sentence
+from tests.station.refusal import refused
 
 
 def written(worn: SuitToExport, folder: Path) -> Xml.Element:
@@ -71,17 +73,18 @@ def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("worn", "sentence"),
+    ("worn", "code"),
     [
-        ({"condition": "both"}, "the condition both needs cuffs, and none are given"),
-        ({"cuffs": "cuffs.json"}, "wears one arm cuff and there are hand, elbow; choose one by --cuff"),
-        ({"cuffs": "cuffs.json", "cuff": "knee"}, "should hold knee and holds waist, hand, elbow"),
+        ({"condition": "both"}, InputCode.CONDITION_WITHOUT_CUFFS),
+        ({"cuff": "hand"}, InputCode.NO_CUFFS_FILE),
+        ({"cuffs": "cuffs.json"}, InputCode.ONE_ARM_CUFF),
+        ({"cuffs": "cuffs.json", "cuff": "knee"}, InputCode.UNKNOWN_CUFF),
     ],
 )
-def test_what_is_worn_has_to_be_clear(tmp_path: Path, worn: dict[str, str], sentence: str) -> None:
+def test_the_cuffs_of_the_suit_must_be_unambiguous(tmp_path: Path, worn: dict[str, str], code: InputCode) -> None:
     write_cuffs(tmp_path / "cuffs.json")
     named = {key: tmp_path / value if key == "cuffs" else value for key, value in worn.items()}
-    with pytest.raises(InputError, match=sentence):
+    with refused(InputError, code):
         write_suited_model(SuitToExport(**named), tmp_path / "out.osim")  # type: ignore[arg-type]
     assert not (tmp_path / "out.osim").exists()
 
@@ -127,7 +130,7 @@ def test_rmr_reads_the_suited_model_and_finds_what_an_assessment_does(
     table = pd.read_csv(out, comment="#")
     motion = differentiate(simulate_arm_raise(bundled_model()))
     suit = read_suit()
-    worn = prepare_suited_motion(bundled_model(), motion, suit, 60)
+    worn = prepare_suited_motion(LoadedMotion(bundled_model(), motion), suit, 60)
     waist, arm = (
         (cuff if condition != "rigid" else None) for cuff in worn_cuffs(read_cuffs_to_wear(cuffs, ("hand",)), ("hand",))
     )
@@ -177,3 +180,10 @@ def test_a_suit_that_was_changed_into_none_of_ours_is_refused(
     at = text.index(old, text.index("<PathSpring") if old.startswith("<") else 0)
     file.write_text(text[:at] + text[at:].replace(old, new, 1), encoding="utf-8")
     assert_one_sentence(station("rmr", "--model", file, "--output", tmp_path / "out.csv"), 1, words)
+
+
+def test_the_suit_is_not_added_to_a_document_in_the_layout_of_opensim_3() -> None:
+    root = osim_document(bundled_model())
+    root.set("Version", "30000")
+    with pytest.raises(SuitError, match="layout of OpenSim 3"):
+        add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))

@@ -1,4 +1,4 @@
-"""The sentences: what they claim follows from the intervals, and they say when nothing is known."""
+"""Findings follow from the intervals, and an unknown figure is never a number."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from solver.muscle import MuscleOutcome
 from solver.redundancy.motion import FrameOutcome
-from solver.suit.assessment import Assessment, Comparison, EffortCurve, Quantity, UncertaintySummary
+from solver.suit.assessment import Assessment, Comparison, EffortCurve, UncertaintySummary
+from solver.suit.quantity import Quantity
 from solver.suit.readouts import CurveReadouts
-from station.assessment.findings import findings
+from station.assessment.assessment_json import plain_assessment
+from station.assessment.findings import MUSCLE_OUTCOMES, OUTCOMES, Finding, findings
+from station.messages.codes import AssessmentCode
 
 
 def curve(cuff: str | None, cost: float | None, condition: str = "both") -> EffortCurve:
@@ -18,6 +22,10 @@ def curve(cuff: str | None, cost: float | None, condition: str = "both") -> Effo
     values = {name: Quantity(None) for name in names} | {"at_reference": Quantity(cost)}
     nothing = np.zeros((0, 0))
     return EffortCurve(condition, cuff, nothing, np.array([0.5, 0.0012]), nothing, 0, values, {})  # type: ignore[arg-type]
+
+
+def with_figures(plain: EffortCurve, **figures: float) -> EffortCurve:
+    return replace(plain, figures={**plain.figures, **{name: Quantity(value) for name, value in figures.items()}})
 
 
 def assessment(*curves: EffortCurve, **more: object) -> Assessment:
@@ -36,110 +44,129 @@ def assessment(*curves: EffortCurve, **more: object) -> Assessment:
         uncertainty=None,
         scenarios=4,
         outcomes={},
+        muscle_outcomes={},
     )
     return replace(plain, **more)  # type: ignore[arg-type]
 
 
-def compared(value: float | None, ci95: tuple[float, float] | None) -> list[str]:
-    pair = (curve("hand", 0.85), curve("tube", 0.84))
+def compared(value: float | None, ci95: tuple[float, float] | None) -> list[Finding]:
+    pair = (curve("hand", 0.88), curve("tube", 0.84))
     return findings(assessment(*pair, comparisons=(Comparison(("hand", "tube"), Quantity(value, ci95)),)))
 
 
-def test_the_cheapest_is_chosen_and_stands_alone_where_all_others_differ() -> None:
-    assert compared(0.01, (0.005, 0.015))[:2] == [
-        "Choose tube: shifted and yielding it costs the muscles 0.840 of what the slack suit does, at 0.74 m, the "
-        "least of hand, tube.",
-        "hand costs 0.0100 more than tube at 0.74 m (95 % interval 0.0050 to 0.0150): the two differ.",
-    ]
+def one(found: list[Finding], code: AssessmentCode) -> Finding:
+    (finding,) = (finding for finding in found if finding.code is code)
+    return finding
 
 
-def test_a_rival_that_cannot_be_told_apart_is_named() -> None:
-    choice, comparison, *_ = compared(0.01, (-0.005, 0.025))
-    assert choice.endswith("but hand cannot be told apart from it.")
-    assert comparison.endswith("(95 % interval -0.005 to 0.025): the two cannot be told apart.")
-
-
-def test_less_is_said_the_right_way_round() -> None:
-    assert (
-        "hand costs 0.0100 less than tube at 0.74 m (95 % interval 0.0050 to 0.0150)"
-        in compared(-0.01, (-0.015, -0.005))[1]
-    )
+def test_the_cuff_with_the_least_effort_is_chosen_if_all_others_differ() -> None:
+    choice, comparison, *_ = compared(0.04, (0.035, 0.045))
+    assert choice.code is AssessmentCode.LEAST_EFFORT
+    assert choice.figures == {"cuff": "tube", "effort": 0.84, "at_m": 0.74, "cuffs": "hand, tube"}
+    assert comparison.code is AssessmentCode.DIFFERENT
+    assert str(comparison) == "hand − tube: +4.00 % effort at 0.74 m (95 % CI +3.50 to +4.50 %)."
 
 
 @pytest.mark.parametrize(
-    ("value", "sentence"), [(0.01, "how sure that is was not determined"), (None, "cannot be compared")]
+    ("value", "ci95", "code"),
+    [
+        (0.01, (-0.005, 0.025), AssessmentCode.NOT_DISTINGUISHED),
+        (0.004, (0.0039, 0.0041), AssessmentCode.NOT_RELEVANT),
+    ],
 )
-def test_what_is_not_known_is_said(value: float | None, sentence: str) -> None:
-    assert sentence in compared(value, None)[1]
+def test_an_equivalent_cuff_is_named(value: float, ci95: tuple[float, float], code: AssessmentCode) -> None:
+    choice, comparison, *_ = compared(value, ci95)
+    assert (choice.code, choice.figures["equivalent"]) == (AssessmentCode.EQUIVALENT, "hand")
+    assert comparison.code is code
+
+
+def test_a_negative_difference_keeps_its_sign_and_interval() -> None:
+    figures = compared(-0.04, (-0.045, -0.035))[1].figures
+    assert [figures[name] for name in ("difference_percent", "low_percent", "high_percent")] == [
+        "-4.00",
+        "-4.50",
+        "-3.50",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "code"), [(0.01, AssessmentCode.WITHOUT_INTERVAL), (None, AssessmentCode.NOT_COMPARED)]
+)
+def test_an_unknown_difference_or_interval_has_a_code(value: float | None, code: AssessmentCode) -> None:
+    assert compared(value, None)[1].code is code
 
 
 def test_one_cuff_alone_and_none_that_was_solved() -> None:
-    assert "no other cuff to compare" in findings(assessment(curve("hand", 0.85)))[0]
-    assert "No cuff can be chosen" in findings(assessment(curve("hand", None)))[0]
+    assert findings(assessment(curve("hand", 0.85)))[0].code is AssessmentCode.ONLY_CUFF
+    assert findings(assessment(curve("hand", None)))[0].code is AssessmentCode.NO_CHOICE
 
 
-def test_what_each_costs_with_a_cord_of_its_own_is_said_where_it_is_known() -> None:
-    best = curve("hand", 0.85)
-    best = replace(best, figures={**best.figures, "lowest_cost": Quantity(0.7852), "rest_length": Quantity(0.692)})
-    told = findings(assessment(best, curve("tube", 0.84)))
-    assert "With a cord of its own best rest length, shifted and yielding, it is hand 0.785 at 0.692 m." in told
+def test_the_effort_with_the_best_rest_length_is_given_if_it_is_known() -> None:
+    best = with_figures(curve("hand", 0.85), lowest_cost=0.7852, rest_length=0.692)
+    finding = one(findings(assessment(best, curve("tube", 0.84))), AssessmentCode.BEST_REST_LENGTH)
+    assert finding.figures == {"cuff": "hand", "effort": 0.7852, "at_m": 0.692}
 
 
-@pytest.mark.parametrize(("waist", "who"), [(None, "hand"), ("belt", "hand and the waist")])
-def test_what_migration_takes_is_said_of_those_that_slip(waist: str | None, who: str) -> None:
-    slipped = curve("hand", 0.83, "shift")
-    known = {"cord_force_lost": Quantity(0.2), "cost_per_migration": Quantity(3.2)}
-    sentences = findings(assessment(replace(slipped, figures={**slipped.figures, **known}), waist_cuff=waist))
-    words = f"The migration of {who} takes 20 % of the cord's largest force and 3.2 percentage points of cost"
-    assert any(sentence.startswith(words) for sentence in sentences)
+@pytest.mark.parametrize(("waist", "cuffs"), [(None, "hand"), ("belt", "hand and the waist cuff")])
+def test_the_cost_of_migration_is_given_for_cuffs_that_migrate(waist: str | None, cuffs: str) -> None:
+    migrated = with_figures(curve("hand", 0.83, "shift"), cord_force_lost=0.2, cost_per_migration=3.2)
+    finding = one(findings(assessment(migrated, waist_cuff=waist)), AssessmentCode.MIGRATION_COST)
+    assert finding.figures == {"cuff": "hand", "cuffs": cuffs, "lost_percent": 20.0, "percent_per_cm": 3.2}
 
 
 def test_a_dash_that_is_no_failure_is_explained() -> None:
-    sentence = "A dash in place of a best rest length, or of its width, says that it lies beyond those tried, 0.60 to"
-    assert any(said.startswith(sentence) for said in findings(assessment(curve("hand", 0.85))))
-    known = {"rest_length": Quantity(0.7), "permissible_error": Quantity(0.04)}
-    inside = [
-        replace(each, figures={**each.figures, **known}) for each in (curve(None, 0.79, "rigid"), curve("a", 0.8))
-    ]
-    assert not any("A dash" in said for said in findings(replace(assessment(), curves=tuple(inside))))
+    finding = one(findings(assessment(curve("hand", 0.85))), AssessmentCode.OUTSIDE_RANGE)
+    assert finding.figures == {"first_m": 0.6, "last_m": 0.75}
+    inside = tuple(
+        with_figures(plain, rest_length=0.7, permissible_error=0.04)
+        for plain in (curve(None, 0.79, "rigid"), curve("a", 0.8))
+    )
+    assert AssessmentCode.OUTSIDE_RANGE not in [found.code for found in findings(replace(assessment(), curves=inside))]
 
 
-def test_what_reserves_add_near_the_reference_is_told() -> None:
-    sentence = "Reserve actuators, which are in none of these costs, would add at most 0.0012 at 0.75 m."
-    assert sentence in findings(assessment(curve("hand", 0.85)))
+@pytest.mark.parametrize(
+    ("reserve", "code"), [(0.0012, AssessmentCode.RESERVES_SMALL), (3.0, AssessmentCode.RESERVES_LARGE)]
+)
+def test_the_effort_of_reserves_near_the_reference_is_given(reserve: float, code: AssessmentCode) -> None:
+    cuff = replace(curve("hand", 0.85), reserve_cost=np.array([4.0, reserve]))
+    assert one(findings(assessment(cuff)), code).figures == {"effort": reserve, "at_m": 0.75}
 
 
 def test_what_unsolved_frames_leave_unknown_is_never_a_number() -> None:
     unknown = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
     names = ("at_reference", "rest_length", "lowest_cost", "permissible_error")
-    sentences = findings(assessment(unknown, uncertainty=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan))))
-    assert any(sentence.endswith("thinning alone changes is not known of all figures.") for sentence in sentences)
-    assert not any("nan" in sentence for sentence in sentences)
+    found = findings(assessment(unknown, uncertainty=UncertaintySummary(5, 20, dict.fromkeys(names, np.nan))))
+    assert one(found, AssessmentCode.INTERVALS_UNVERIFIED).figures == {"draws": 5, "every": 20}
+    assert not any("nan" in str(finding) for finding in found)
 
 
-def test_thinning_and_unsolved_frames_are_told() -> None:
+def test_the_effect_of_decimation_is_given() -> None:
     names = ("at_reference", "lowest_cost", "rest_length", "permissible_error")
-    sure = UncertaintySummary(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
-    told = findings(assessment(curve("hand", 0.85), uncertainty=sure, outcomes={FrameOutcome.NOT_CONVERGED.value: 3}))
-    (sure_of,) = (said for said in told if said.startswith("Intervals come from 200 draws of the cuffs on every 20th "))
-    assert sure_of.endswith(
-        "costs by up to 0.0020, best rest lengths by up to 0.5 mm and permissible errors by up to 1.5 mm."
-    )
-    assert told[-1] == (
-        "3 of 8 frames of all scenarios together did not come out as they should: the solver stopped before its "
-        "residuals were small; its last point is given; costs hold it, and are not to be believed."
-    )
+    summary = UncertaintySummary(200, 20, dict(zip(names, (0.001, 0.002, 0.0005, 0.0015), strict=True)))
+    finding = one(findings(assessment(curve("hand", 0.85), uncertainty=summary)), AssessmentCode.INTERVALS)
+    assert finding.figures == {
+        "draws": 200,
+        "every": 20,
+        "effort": 0.002,
+        "rest_length_mm": 0.5,
+        "permissible_error_mm": 1.5,
+    }
 
 
-def test_frames_without_a_solution_are_told_with_what_follows_and_what_to_do() -> None:
-    told = findings(assessment(curve("hand", None), outcomes={FrameOutcome.INFEASIBLE.value: 8}))[-1]
-    assert told.startswith("8 of 8 frames of all scenarios together did not come out as they should: no activations")
-    assert told.endswith("every number that would need it: take a lighter load, or leave that part of the motion out.")
+@pytest.mark.parametrize("outcome", OUTCOMES)
+def test_frames_without_a_regular_solution_are_counted_by_outcome(outcome: FrameOutcome) -> None:
+    found = findings(assessment(curve("hand", None), outcomes={outcome: 3}))
+    assert (found[-1].code, found[-1].figures) == (OUTCOMES[outcome], {"frames": 3, "all_frames": 8})
 
 
-def test_reserves_that_do_the_work_are_no_side_note() -> None:
-    heavy = replace(curve("hand", 0.99), reserve_cost=np.array([4.0, 3.0]))
-    assert (
-        "The muscles do not do this work: reserve actuators, which are in none of these costs, would add up to 3 at "
-        "0.75 m; take a lighter load or another motion."
-    ) in findings(assessment(heavy))
+@pytest.mark.parametrize("outcome", MUSCLE_OUTCOMES)
+def test_frames_with_an_unconverged_muscle_are_counted_by_outcome_in_findings_and_file(outcome: MuscleOutcome) -> None:
+    counted = assessment(curve("hand", 0.85), muscle_outcomes={outcome: 1})
+    found = findings(counted)[-1]
+    assert (found.code, found.figures) == (MUSCLE_OUTCOMES[outcome], {"frames": 1, "all_frames": 2})
+    assert plain_assessment(counted)["muscle_outcome_codes"] == {str(outcome): {"value": 1, "ci95": None}}
+
+
+def test_every_outcome_but_solved_has_a_finding() -> None:
+    assert set(OUTCOMES) == set(FrameOutcome) - {FrameOutcome.SOLVED}
+    assert set(MUSCLE_OUTCOMES) == set(MuscleOutcome) - {MuscleOutcome.CONVERGED}

@@ -11,7 +11,9 @@ import pytest
 from station.assessment.assess import assess_cuffs, assess_file
 from station.assessment.assessment_inputs import AssessmentInputs, InputError, read_cuffs_to_wear
 from station.assessment.optimum import optimise_file
+from station.messages.codes import InputCode
 from tests.station.assessment.test_assess import write_cuffs
+from tests.station.refusal import refused
 
 
 def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
@@ -35,7 +37,7 @@ def test_the_suits_found_are_worn_by_the_next_assessment_at_the_cost_that_was_fo
     for name, tried in (("suit.toml", found.fitted), ("robust_suit.toml", found.robust)):
         worn = replace(inputs, suit=tmp_path / name)
         assessment = assess_cuffs(read_cuffs_to_wear(cuffs), worn, most_rest_lengths=5, draws=0).assessment
-        (curve,) = [each for each in assessment.curves if each.condition == "both"]
+        (curve,) = [curve for curve in assessment.curves if curve.condition == "both"]
         assert assessment.reference_rest_length == tried.suit.reference_rest_length
         assert worn.read_suit().stiffness == tried.suit.stiffness
         assert curve.figures["at_reference"].value == pytest.approx(tried.cost, rel=1e-9)
@@ -50,10 +52,10 @@ def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:
 def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     for solve in (optimise_file, assess_file):
-        with pytest.raises(InputError, match="should be a folder to write into and is a file"):
+        with refused(InputError, InputCode.OUTPUT_IS_FILE):
             solve(inputs, inputs.cuffs)
 
 
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="one arm cuff at a time and there are hand, elbow; choose one by --cuff"):
+    with refused(InputError, InputCode.ONE_ARM_CUFF):
         optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json")), tmp_path)

@@ -14,10 +14,12 @@ from pyarrow import parquet
 
 from solver.bundled import bundled_model
 from solver.motion import write_table
+from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import RedundancyOptions
-from station.assessment import sources
-from station.assessment.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles, unsolved_in_words
+from station import sources
+from station.assessment.outcomes import describe_unconverged, describe_unsolved
+from station.assessment.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles
 from station.assessment.rmr_table import solved_columns, write_solved
 from station.report.rmr_figures import draw_solved
 from tests.solver.redundancy.test_reachability import with_a_singular_elbow, with_locks
@@ -92,6 +94,19 @@ def test_a_table_carries_everything_that_was_found(solved: SolvedMotion) -> None
     assert {"effort", "equality_residual", "cone_slack_n", "contact_m.along_edge"} < set(columns)
 
 
+def test_frames_with_a_path_that_did_not_converge_are_told_by_their_code() -> None:
+    cut = MotionCut(start=1.3, end=1.4)
+    solved = solve_muscles(MuscleInputs(), cut, RedundancyOptions())
+    assert solved.notes["muscle_outcomes"] == "path_not_converged in 2 frames of Subscapularis_M"
+    assert solved.solution.time[values(solved)["muscles_not_converged"] == 1].tolist() == [1.35, 1.36]
+    assert not solved.solution.unsolved
+    (sentence,) = describe_unconverged(solved.solution)
+    assert "Subscapularis_M" in sentence and MuscleOutcome.PATH_NOT_CONVERGED in sentence
+    exact = solve_muscles(MuscleInputs(), cut, RedundancyOptions(path_mode="geodesic"))
+    assert exact.notes["muscle_outcomes"] == "converged"
+    assert describe_unconverged(exact.solution) == []
+
+
 def test_the_formats_hold_the_same_numbers(solved: SolvedMotion, tmp_path: Path) -> None:
     for suffix in (".csv", ".sto", ".parquet"):
         write_solved(tmp_path / f"raise{suffix}", solved)
@@ -150,7 +165,7 @@ def test_infeasible_frames_are_told_with_the_smallest_violation(infeasible: Solv
     assert 2 < lost.sum() < len(lost)
     assert np.isnan(found.activations[lost]).all() and np.isfinite(found.activations[~lost]).all()
     assert np.isfinite(found.cone_slack).all() and np.isfinite(found.equality_residual).all()
-    (sentence,) = (words for words in unsolved_in_words(found) if "no activations" in words)
+    (sentence,) = (text for text in describe_unsolved(found) if "misses accelerations" in text)
     first = found.time[np.argmax(lost)]
     assert sentence.startswith(f"{lost.sum()} of {len(lost)} frames, the first at {first:g} s: ")
     missed = found.equality_residual[lost].max()
@@ -183,7 +198,7 @@ def test_a_model_that_lacks_something_is_told_of_and_drawn(lacking: str, tmp_pat
     monkeypatch.setattr(sources, "bundled_model", lambda: replace(MODEL, **{lacking: ()}))
     solved = solve_muscles(MuscleInputs(), CUT, RedundancyOptions(has_glenoid_cone=False))
     assert np.isnan(solved.solution.contact).all() == (lacking == "markers")
-    assert bool(unsolved_in_words(solved.solution)) == (lacking == "actuators")
+    assert bool(describe_unsolved(solved.solution)) == (lacking == "actuators")
     draw_solved(tmp_path / "page.png", solved)
     assert (tmp_path / "page.png").stat().st_size > 10_000
 
@@ -258,7 +273,7 @@ def test_paths_may_be_geodesics(station, motion: Path, tmp_path: Path) -> None:
 
 def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> None:
     words, effort = ("rmr", "--motion", motion, "--output"), tmp_path / "bad.toml"
-    assert_one_sentence(station(*words, tmp_path / "out.xlsx"), 2, "should end in .csv, .sto, .parquet and is out.xlsx")
+    assert_one_sentence(station(*words, tmp_path / "out.xlsx"), 2, "out.xlsx", ".csv, .sto, .parquet")
     assert station(*words, tmp_path / "out.csv", "--plot", tmp_path / "out.pdf").code == 2
     out = tmp_path / "out.csv"
     assert_one_sentence(station(*words, out, "--effort", tmp_path / "none.toml"), 2, "cannot read the weights")

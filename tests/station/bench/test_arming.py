@@ -3,12 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from station.bench.falls import ALREADY_CAPTURING, ARMED
 from station.bench.snapshot import TrialState
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 from tests.station.bench_by_hand import Bench
 
 
-def test_exactly_the_last_two_seconds_before_the_edge_are_kept_of_the_daq() -> None:
+def test_two_seconds_of_daq_samples_before_the_edge_are_kept() -> None:
     bench = Bench().arm()
     bench.run(7.0)
     bench.start_capture()
@@ -29,15 +30,23 @@ def test_marker_frames_that_came_before_the_block_with_the_edge_are_kept() -> No
     assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 50
 
 
-@pytest.mark.parametrize(("level", "words"), [(0.0, "stands at 0.00 V"), (5.0, "stands at 5.00 V since arming")])
-def test_no_edge_in_time_fails_with_the_level_seen(level: float, words: str) -> None:
+@pytest.mark.parametrize(("level", "code"), [(0.0, TrialCode.NO_SYNC_EDGE_LOW), (5.0, TrialCode.NO_SYNC_EDGE_HIGH)])
+def test_no_edge_in_time_fails_with_the_level_of_the_line(level: float, code: TrialCode) -> None:
     bench = Bench(timeout_s=6.0).arm()
     bench.level = level
     bench.run(6.5)
     assert bench.trial.state is TrialState.FAILED
     assert not bench.trial.has_edge
-    assert words in bench.trial.sentence
+    (message,) = bench.trial.messages
+    assert (message.code, message.figures["level_v"]) == (code, level)
     assert bench.writer.items == []
+
+
+def test_a_time_out_without_samples_of_the_line_has_its_own_code() -> None:
+    bench = Bench(timeout_s=1.0).arm()
+    bench.daq_sends = False
+    bench.run(1.5)
+    assert bench.codes == [TrialCode.NO_SYNC_EDGE_NO_SAMPLES]
 
 
 @pytest.mark.parametrize("cut", [43, 41])
@@ -55,21 +64,21 @@ def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file(cut: int) -> Non
     assert "sync_glitch" in bench.writer.events()
 
 
-def test_an_edge_in_the_last_samples_of_a_block_is_no_capture_that_runs_already() -> None:
+def test_an_edge_at_the_end_of_a_block_is_not_a_running_capture() -> None:
     bench = Bench().arm()
     bench.run(2.5)
     bench.send_daq(np.r_[np.zeros(97), np.full(3, 5.0)])
     bench.trial.tick()
-    assert bench.trial.sentence == ARMED
+    assert bench.codes == [TrialCode.ARMED]
     bench.send_daq(np.full(100, 5.0))
     assert bench.trial.state is TrialState.RECORDING
 
 
-def test_a_line_that_was_high_before_the_trial_was_armed_is_a_capture_that_runs_already() -> None:
+def test_a_line_that_is_high_before_arming_is_a_running_capture() -> None:
     bench = Bench()
     bench.level = 5.0
     bench.arm().run(0.2)
-    assert bench.trial.sentence == ALREADY_CAPTURING
+    assert bench.codes == [TrialCode.CAPTURE_RUNNING]
 
 
 def test_an_inverted_line_is_named_when_the_capture_starts() -> None:
@@ -80,10 +89,10 @@ def test_an_inverted_line_is_named_when_the_capture_starts() -> None:
     bench.event("capture_started")
     bench.run(2.0)
     assert bench.trial.state is TrialState.FAILED
-    assert "fell from 5.00 V to 0.00 V" in bench.trial.sentence
+    assert bench.trial.messages == (Message(TrialCode.WRONG_POLARITY, {"from_v": 5.0, "to_v": 0.0}),)
 
 
-def test_the_end_of_an_earlier_capture_is_no_wrong_polarity() -> None:
+def test_the_end_of_an_earlier_capture_is_not_a_wrong_polarity() -> None:
     bench = Bench().arm()
     bench.level = 5.0
     bench.run(2.0)
@@ -106,7 +115,7 @@ def test_the_hardware_trigger_starts_the_trial_with_the_first_sample() -> None:
     assert bench.writer.samples("/force")[0].sample_numbers[0] == 0
 
 
-def test_armed_tells_the_level_seen_and_the_time_left() -> None:
+def test_an_armed_trial_shows_level_and_time_left() -> None:
     bench = Bench(timeout_s=10.0).arm()
     bench.level = 0.3
     bench.run(4.0)
@@ -130,13 +139,14 @@ def test_a_silent_daq_is_noticed_while_armed() -> None:
     bench.daq_sends = False
     bench.run(4.0)
     assert bench.trial.state is TrialState.FAILED
-    assert "NI Dev1 sent nothing" in bench.trial.sentence
+    (message,) = bench.trial.messages
+    assert (message.code, message.figures["source"]) == (TrialCode.DEVICE_SILENT, "NI Dev1")
 
 
 def test_a_trial_that_is_cut_short_while_armed_records_nothing() -> None:
     bench = Bench().arm()
     bench.run(1.0)
-    bench.trial.cut_short("disk_nearly_full", "the disk is nearly full")
+    bench.trial.cut_short(Message(TrialCode.DISK_NEARLY_FULL))
     assert (bench.trial.state, bench.writer.items) == (TrialState.FAILED, [])
 
 

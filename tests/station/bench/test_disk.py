@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from recordings.samples import Stream
-from station.bench.disk import RESERVE_BYTES, USUAL_TRIAL_S, DiskWatch, bytes_free, bytes_needed
+from station.bench.disk import RESERVE_BYTES, USUAL_TRIAL_S, DiskMonitor, bytes_free, bytes_needed
 from station.clock import ManualClock
 from station.config import parse_config
 
@@ -23,7 +23,7 @@ def test_the_plan_needs_all_of_its_trials_and_the_reserve(tmp_path: Path) -> Non
     assert bytes_needed([FORCE, MARKERS], CONFIG, tmp_path, None) == pytest.approx(expected)
 
 
-def test_what_is_recorded_already_needs_no_more_room_and_one_trial_always_does(tmp_path: Path) -> None:
+def test_recorded_trials_need_no_space_and_one_trial_always_does(tmp_path: Path) -> None:
     def needed() -> float:
         return bytes_needed([FORCE], CONFIG, tmp_path, 10.0) - RESERVE_BYTES
 
@@ -33,11 +33,11 @@ def test_what_is_recorded_already_needs_no_more_room_and_one_trial_always_does(t
         (tmp_path / f"{done}.mcap").touch()
 
 
-def test_the_room_of_a_folder_that_is_not_there_yet_is_that_of_its_parent(tmp_path: Path) -> None:
+def test_the_free_space_of_a_missing_folder_is_that_of_its_parent(tmp_path: Path) -> None:
     assert bytes_free(tmp_path / "not" / "yet") == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.1)
 
 
-def test_the_watch_looks_once_a_second_and_warns_below_the_reserve(
+def test_the_monitor_polls_once_a_second_and_warns_below_the_reserve(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks: list[Path] = []
@@ -49,20 +49,20 @@ def test_the_watch_looks_once_a_second_and_warns_below_the_reserve(
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
     clock = ManualClock()
-    watch = DiskWatch(tmp_path, clock)
+    watch = DiskMonitor(tmp_path, clock)
     for _ in range(30):
-        assert watch.warning() is None
+        assert watch.poll() is None
         clock.advance(0.1)
     assert len(looks) == 3
     free = RESERVE_BYTES - 1e6
     clock.advance(1.0)
-    warning = watch.warning()
-    assert warning is not None and "49 MB left" in warning
+    warning = watch.poll()
+    assert warning is not None and warning.figures["free_mb"] == 49.0
 
 
-def test_a_disk_that_cannot_be_asked_is_left_to_the_next_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_an_answer_has_no_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def usage(path: Path) -> SimpleNamespace:
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
-    assert DiskWatch(tmp_path, ManualClock()).warning() is None
+    assert DiskMonitor(tmp_path, ManualClock()).poll() is None

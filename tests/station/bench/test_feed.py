@@ -8,7 +8,7 @@ import pytest
 import station.bench.feed
 from drivers.errors import DeviceLost, DeviceUnavailable
 from recordings.samples import DeviceIdentity, Event, Item, Stream
-from station.bench.feed import Delivered, DeviceFeed, FeedQueue, Gone, Opened
+from station.bench.feed import DeviceFailed, DeviceFeed, DeviceOpened, FeedQueue, ItemsReceived
 
 
 class Scripted:
@@ -21,7 +21,7 @@ class Scripted:
     def __init__(self, script: Sequence[Sequence[Item] | Exception], refuses: Exception | None = None) -> None:
         self._script, self._refuses = list(script), refuses
         self.closed = threading.Event()
-        self.asked: list[str] = []
+        self.requests: list[str] = []
 
     def open(self) -> None:
         if self._refuses:
@@ -37,23 +37,23 @@ class Scripted:
         return step
 
     def start_capture(self) -> None:
-        self.asked.append("start")
+        self.requests.append("start")
 
     def stop_capture(self) -> None:
-        self.asked.append("stop")
+        self.requests.append("stop")
 
     def close(self) -> None:
         self.closed.set()
 
 
-def test_what_a_device_delivers_arrives_in_order() -> None:
+def test_the_items_of_a_device_arrive_in_order() -> None:
     events = [Event(str(i), "", i, "x") for i in range(3)]
     inbox = FeedQueue()
     feed = DeviceFeed(Scripted([[events[0]], [], events[1:]]), inbox)
     feed.start()
-    assert inbox.get(timeout=5) == Opened("scripted", (), Scripted.identity)
-    assert inbox.get(timeout=5) == Delivered("scripted", [events[0]])
-    assert inbox.get(timeout=5) == Delivered("scripted", events[1:])
+    assert inbox.get(timeout=5) == DeviceOpened("scripted", (), Scripted.identity)
+    assert inbox.get(timeout=5) == ItemsReceived("scripted", [events[0]])
+    assert inbox.get(timeout=5) == ItemsReceived("scripted", events[1:])
     feed.ask_to_stop()
     assert feed.has_ended(within_s=5)
 
@@ -64,20 +64,20 @@ def test_a_device_that_does_not_open_or_is_lost_is_reported_and_closed() -> None
         feed = DeviceFeed(device, inbox)
         feed.start()
         message = inbox.get(timeout=5)
-        if isinstance(message, Opened):
+        if isinstance(message, DeviceOpened):
             message = inbox.get(timeout=5)
-        assert isinstance(message, Gone)
+        assert isinstance(message, DeviceFailed)
         assert feed.has_ended(within_s=5)
         assert device.closed.is_set()
 
 
-def test_a_fault_in_a_driver_becomes_a_sentence() -> None:
+def test_an_unexpected_error_of_a_driver_is_a_lost_device() -> None:
     inbox = FeedQueue()
     feed = DeviceFeed(Scripted([ZeroDivisionError("oops")]), inbox)
     feed.start()
     inbox.get(timeout=5)
     message = inbox.get(timeout=5)
-    assert isinstance(message, Gone)
+    assert isinstance(message, DeviceFailed)
     assert "ZeroDivisionError: oops" in str(message.error)
     assert feed.has_ended(within_s=5)
 
@@ -92,10 +92,10 @@ def test_capture_requests_are_done_by_the_device_s_own_thread_even_when_stopping
     feed.request_capture(start=False)
     feed.ask_to_stop()
     assert feed.has_ended(within_s=5)
-    assert device.asked == ["start", "stop"]
+    assert device.requests == ["start", "stop"]
 
 
-def test_while_nobody_listens_the_device_is_not_read_and_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_queue_pauses_the_device_without_a_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 3)
     monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
     events = [Event(str(i), "", i, "x") for i in range(20)]
@@ -107,12 +107,12 @@ def test_while_nobody_listens_the_device_is_not_read_and_nothing_is_lost(monkeyp
         device.closed.wait(0.001)
     assert len(device._script) >= 20 - 4
     taken = [inbox.get(timeout=5) for _ in range(21)]
-    assert [message.items[0] for message in taken if isinstance(message, Delivered)] == events
+    assert [message.items[0] for message in taken if isinstance(message, ItemsReceived)] == events
     feed.ask_to_stop()
     assert feed.has_ended(within_s=5)
 
 
-def test_a_feed_ends_though_nobody_takes_what_it_delivered(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_feed_with_a_full_queue_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(station.bench.feed, "MOST_WAITING", 1)
     monkeypatch.setattr(station.bench.feed, "READ_TIMEOUT_S", 0.01)
     device = Scripted([[Event(str(i), "", i, "x")] for i in range(5)])

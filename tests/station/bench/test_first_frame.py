@@ -1,4 +1,4 @@
-"""A capture whose first frames never came is told, by how many; live preview before it is not taken for one."""
+"""Missing first frames of a capture are counted; a live preview before it is not a capture."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_frames_that_begin_late_are_counted_as_lost() -> None:
     assert bench.trial.state is TrialState.CLOSED
 
 
-def test_a_capture_that_is_heard_before_its_edge_is_settled_is_judged_then() -> None:
+def test_frames_that_arrive_before_the_edge_is_settled_are_checked_then() -> None:
     bench = Bench().arm()
     bench.run(3.0)
     bench.daq_sends = False
@@ -41,7 +41,7 @@ def test_a_capture_that_is_heard_before_its_edge_is_settled_is_judged_then() -> 
     assert [loss.count for loss in _late(bench)] == [3]
 
 
-def test_preview_before_the_edge_and_numbers_that_run_on_are_no_late_capture() -> None:
+def test_a_preview_with_continued_numbers_has_no_late_frames() -> None:
     bench = Bench().arm()
     bench.capturing = True
     bench.run(3.0)
@@ -50,7 +50,7 @@ def test_preview_before_the_edge_and_numbers_that_run_on_are_no_late_capture() -
     assert not _late(bench)
 
 
-def test_numbers_that_start_again_after_preview_are_a_capture_s() -> None:
+def test_numbers_that_restart_after_a_preview_belong_to_a_capture() -> None:
     bench = Bench().arm()
     bench.capturing = True
     bench.run(3.0)
@@ -63,7 +63,7 @@ def test_numbers_that_start_again_after_preview_are_a_capture_s() -> None:
     assert [loss.count for loss in _late(bench)] == [50]
 
 
-def test_a_capture_whose_first_frame_travels_long_has_lost_nothing() -> None:
+def test_a_delayed_first_frame_is_not_a_loss() -> None:
     bench = Bench().arm()
     bench.run(3.0)
     bench.mocap_sends = False

@@ -9,5 +9,5 @@ from tests.station.fuzz import TARGETS
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
-def test_whatever_it_holds_a_configuration_is_used_or_refused_in_a_sentence(target: Target) -> None:
+def test_any_configuration_is_used_or_refused_with_a_sentence(target: Target) -> None:
     assert run(target, 200) > 0

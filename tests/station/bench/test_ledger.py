@@ -17,6 +17,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import parse_config
 from station.files.info import show_contents
+from station.messages.codes import TrialCode
 from station.protocol import TrialSpec
 
 ANCHOR = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
@@ -31,7 +32,7 @@ FAULTS = [
 ]
 
 
-def test_under_many_faults_no_sample_is_unaccounted(
+def test_every_lost_sample_is_counted_under_many_faults(
     simulated_bench: Callable[..., Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench = simulated_bench(faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
@@ -47,8 +48,8 @@ def test_under_many_faults_no_sample_is_unaccounted(
     assert result.lost_samples == sum(contents.lost(name) for name in contents.streams)
     capsys.readouterr()
     assert show_contents(result.path, as_json=True) == 3
-    told = json.loads(capsys.readouterr().out)
-    assert {"connection_lost", "connection_restored", "no_more_data"} <= {event["kind"] for event in told["events"]}
+    found = json.loads(capsys.readouterr().out)
+    assert {"connection_lost", "connection_restored", "no_more_data"} <= {event["kind"] for event in found["events"]}
 
 
 @pytest.mark.parametrize(
@@ -59,7 +60,7 @@ def test_under_many_faults_no_sample_is_unaccounted(
     ],
     ids=lambda value: str(value) if isinstance(value, tuple) else "",
 )
-def test_of_a_device_that_is_lost_for_good_everything_up_to_the_trial_s_end_is_counted(
+def test_the_samples_of_a_lost_device_are_counted_up_to_the_end_of_the_trial(
     simulated_bench: Callable[..., Bench],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -70,7 +71,7 @@ def test_of_a_device_that_is_lost_for_good_everything_up_to_the_trial_s_end_is_c
     bench = simulated_bench(faults=[{**fault, "at_s": 6.0, "for_s": 1e6}], protocol={"static": {"hold_s": 60.0}})
     result = recorded(bench, tmp_path)
     assert result.path is not None and not result.accepted
-    assert "did not come back within 10 s" in result.sentence
+    assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
     contents = contents_of(result.path)
     items = list(open_recording(result.path).items())
     end_ns = next(item.host_time_ns for item in items if isinstance(item, Event) and item.kind == "device_lost")
@@ -80,8 +81,8 @@ def test_of_a_device_that_is_lost_for_good_everything_up_to_the_trial_s_end_is_c
         assert contents.lost(stream) == pytest.approx((end_ns - last_ns) * 1e-9 * rate_hz, rel=0.05)
     assert result.lost_samples == sum(contents.lost(stream) for stream in missing)
     assert show_contents(result.path, as_json=True) == 3
-    told = {gap["stream"]: gap["count"] for gap in json.loads(capsys.readouterr().out)["gaps"]}
-    assert told == {stream: contents.lost(stream) for stream in missing}
+    found = {gap["stream"]: gap["count"] for gap in json.loads(capsys.readouterr().out)["gaps"]}
+    assert found == {stream: contents.lost(stream) for stream in missing}
 
 
 def recorded(bench: Bench, folder: Path) -> TrialResult:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import DeviceCode
 from recordings.reader import open_recording
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 
@@ -29,7 +30,7 @@ def test_the_trial_after_a_killed_recorder_saves_the_capture_that_it_left(tmp_pa
     assert not (folder / ".capture").exists(), "what it began itself it has ended"
 
 
-def test_a_capture_that_this_session_did_not_begin_is_told_and_left_alone(tmp_path: Path) -> None:
+def test_a_capture_of_another_session_is_reported_and_not_stopped(tmp_path: Path) -> None:
     folder = tmp_path / "simulated"
     with simulated_bench(tmp_path / "bench", swing_s=200.0) as (bench, config):
         with Recorder(config, folder / "theirs", bench.clock_port) as theirs:
@@ -37,6 +38,6 @@ def test_a_capture_that_this_session_did_not_begin_is_told_and_left_alone(tmp_pa
             theirs.child.kill()
             theirs.child.wait()
         with Recorder(config, folder / "ours", bench.clock_port) as recorder:
-            refused = recorder.end()["refused"]
-    assert "is capturing, and nothing shows that this station began it; end that in QTM" in refused
+            code = recorder.end()["code"]
+    assert code == DeviceCode.CAPTURE_NOT_OURS
     assert not list((folder / "ours").glob("*.mcap"))

@@ -10,6 +10,8 @@ from recordings.samples import Event, Loss, Samples, Stream
 from station.bench.live import BACKLOG, LiveView
 from station.bench.snapshot import Snapshot, TrialState
 from station.clock import ManualClock
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 
 
 def seen(view_of: list[object], snapshots: list[Snapshot]) -> tuple[str, LiveView]:
@@ -24,19 +26,20 @@ def seen(view_of: list[object], snapshots: list[Snapshot]) -> tuple[str, LiveVie
     return out.getvalue(), view
 
 
-def test_every_state_is_said_once_even_if_it_was_short() -> None:
-    armed, recording = Snapshot(TrialState.ARMED, "waiting"), Snapshot(TrialState.RECORDING, "recording")
-    said, _ = seen([], [armed, armed, recording, Snapshot(TrialState.CLOSED, "the capture ended")])
-    assert said.splitlines() == [
-        "hand static 1: armed: waiting",
-        "hand static 1: recording: recording",
-        "hand static 1: closed: the capture ended",
-    ]
+def test_every_state_is_printed_once_even_if_it_was_short() -> None:
+    states = {
+        TrialState.ARMED: Message(TrialCode.ARMED),
+        TrialState.RECORDING: Message(TrialCode.RECORDING),
+        TrialState.CLOSED: Message(TrialCode.CAPTURE_ENDED),
+    }
+    armed, recording, closed = (Snapshot(state, (message,)) for state, message in states.items())
+    printed, _ = seen([], [armed, armed, recording, closed])
+    assert printed.splitlines() == [f"hand static 1: {state.value}: {message}" for state, message in states.items()]
 
 
-def test_events_and_losses_are_said_as_they_come() -> None:
-    said, _ = seen([Event("x", "the capture started", 0, "QTM"), Loss("/force", "overrun", 5, 12, 0, 0)], [])
-    assert said.splitlines() == ["  the capture started", "  lost 12 samples of /force: overrun"]
+def test_events_and_losses_are_printed_as_they_arrive() -> None:
+    printed, _ = seen([Event("x", "the capture started", 0, "QTM"), Loss("/force", "overrun", 5, 12, 0, 0)], [])
+    assert printed.splitlines() == ["  the capture started", "  lost 12 samples of /force: overrun"]
 
 
 def test_a_view_that_falls_behind_drops_the_oldest_and_counts() -> None:
@@ -49,13 +52,13 @@ def test_a_view_that_falls_behind_drops_the_oldest_and_counts() -> None:
 def test_an_armed_trial_shows_level_time_left_and_how_to_cancel() -> None:
     out = io.StringIO()
     view = LiveView(ManualClock(), "hand static 1", Console(file=out, force_terminal=True, width=200))
-    view.show(Snapshot(TrialState.ARMED, "waiting", sync_level_v=0.31, waited_s=12.0, left_s=48.0))
+    view.show(Snapshot(TrialState.ARMED, sync_level_v=0.31, waited_s=12.0, left_s=48.0))
     with view:
         pass
     assert "armed  for 12 s, 48 s left, Ctrl-C cancels  sync 0.31 V" in out.getvalue()
 
 
-def test_a_trial_shows_newtons_and_the_cuff_s_displacement_beside_what_the_devices_sent() -> None:
+def test_a_trial_shows_force_and_displacement_with_the_values_of_the_devices() -> None:
     labels = ("anchor_1", "anchor_2", "anchor_3", "cuff_1", "rope_1", "rope_2")
     streams = (Stream("/force", "V", ("force",), 1000.0, "NI"), Stream("/markers", "mm", labels, 100.0, "QTM"))
     numbers = np.arange(40, dtype=np.uint64)
@@ -70,7 +73,7 @@ def test_a_trial_shows_newtons_and_the_cuff_s_displacement_beside_what_the_devic
         LoadCell("daq", 100.0, -1),
         CuffSite("hand", "arm", labels[:3], ("cuff_1",), labels[4:]),
     )
-    view.show(Snapshot(TrialState.RECORDING, "recording", streams=streams))
+    view.show(Snapshot(TrialState.RECORDING, streams=streams))
     view.offer(Samples("/force", numbers, numbers.astype(np.int64), 0, np.full((40, 1), -0.25)))
     for part in np.split(numbers, [30]):
         view.offer(Samples("/markers", part, part.astype(np.int64), 0, frames[part]))

@@ -57,7 +57,7 @@ class Breaks:
             self._link.refuse()
 
 
-def test_a_trial_goes_on_without_a_loss_over_twenty_broken_links_to_the_device_server(
+def test_a_trial_continues_without_a_loss_over_twenty_broken_connections(
     simulated_bench: Callable[..., Bench], tmp_path: Path
 ) -> None:
     bench = simulated_bench(protocol={"static": {"lead_in_s": 1.0, "hold_s": 10.0, "step_masses_kg": [3.0]}})

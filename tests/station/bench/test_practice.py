@@ -1,4 +1,4 @@
-"""README's walk on the simulated bench: weighing, and a calibration that arms in the middle of a capture."""
+"""The commands of the README on the simulated bench: known mass, and a bounce that is armed during a capture."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.snapshot import Snapshot, TrialState
 from station.bench.trial_recorder import TrialRecorder
 from station.config import StationConfig, parse_config
+from station.messages.codes import TrialCode
 from station.protocol import TrialSpec
 from tests.station.command import Ran
 
@@ -35,18 +36,16 @@ BOUNCE = {"mass_kg": 2.5, "bounce_s": 8.0}
 STATIC = {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}
 
 
-class Sentences:
-    """A view that keeps what the trial said in each state."""
+class CodeLog:
+    """A view that keeps the codes of every state."""
 
     def __init__(self) -> None:
-        self.said: dict[TrialState, list[str]] = {}
+        self.codes: dict[TrialState, set[TrialCode]] = {}
 
     def offer(self, item: object) -> None: ...
 
     def show(self, snapshot: Snapshot) -> None:
-        said = self.said.setdefault(snapshot.state, [])
-        if snapshot.sentence not in said:
-            said.append(snapshot.sentence)
+        self.codes.setdefault(snapshot.state, set()).update(message.code for message in snapshot.messages)
 
 
 def written(bench: Bench, folder: Path) -> Path:
@@ -70,12 +69,12 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
     bench.world.select_trial(None, "bounce")
     bench.world.start_capture()
     bench.clock.advance(into_the_capture_s)
-    view = Sentences()
+    view = CodeLog()
     with BenchClock(bench.ports["clock"]) as clock:
         result = TrialRecorder(config_for(bench), clock, [view]).record(tmp_path, TrialSpec(None, "bounce", 1))
     assert result.accepted and not result.lost_samples and result.path is not None
     if into_the_capture_s < 10.0:  # else the line falls in the first block, before its level has settled
-        assert "the sync line is high" in " ".join(view.said[TrialState.ARMED])
+        assert TrialCode.CAPTURE_RUNNING in view.codes[TrialState.ARMED]
     assert open_recording(result.path).load("/markers").sample_numbers[0] == 1
     assert open_recording(result.path).load("/sync").values[0] < 0.5, "nothing of the earlier capture is in the file"
     assert station("info", result.path).code == 0
@@ -99,7 +98,7 @@ def test_the_calibration_of_the_readme_s_walk_is_used_by_the_fit(
     assert cuffs["calibration"]["gain_is_used"] and not cuffs["rejected"]
 
 
-def test_a_known_mass_on_the_simulated_cell_reads_what_it_weighs(
+def test_a_known_mass_on_the_simulated_cell_is_right(
     simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path
 ) -> None:
     bench = simulated_bench(speed=5.0, bounce=BOUNCE)
@@ -113,26 +112,26 @@ def test_a_known_mass_on_the_simulated_cell_reads_what_it_weighs(
     assert "expected 19.61" in good.out
     bench.world.hang(2.1)
     assert station(*weighs, 2, "--config", config).code == 1
-    assert bench.world.capture is None, "who weighs gives nobody cause to start a capture"
+    assert bench.world.capture is None, "a known mass starts no capture"
 
 
-def test_record_follows_the_clock_of_a_simulated_bench_that_serves_its_configuration_and_of_no_other(
+def test_record_uses_the_clock_of_the_simulated_bench_of_its_configuration_only(
     simulated_bench: Callable[..., Bench], tmp_path: Path
 ) -> None:
-    from station.bench.simulation import serves_simulated
+    from station.bench.simulation import is_served_by_simulator
     from station.config import load_config
 
     bench, other = simulated_bench(), simulated_bench()
-    assert serves_simulated(load_config(written(bench, tmp_path)))
+    assert is_served_by_simulator(load_config(written(bench, tmp_path)))
     ports = {**bench.ports, "clock": other.ports["clock"]}
     (tmp_path / "station.toml").write_text(CONFIG.format(**ports))
-    assert not serves_simulated(load_config(tmp_path / "station.toml"))
+    assert not is_served_by_simulator(load_config(tmp_path / "station.toml"))
     ports = {**bench.ports, "clock": bench.ports["qtm"]}
     (tmp_path / "station.toml").write_text(CONFIG.format(**ports))
-    assert not serves_simulated(load_config(tmp_path / "station.toml")), "what answers there is no clock"
+    assert not is_served_by_simulator(load_config(tmp_path / "station.toml")), "another program answers there"
 
 
-def test_the_operator_begins_the_next_capture_some_seconds_after_the_last(
+def test_the_simulated_operator_begins_the_next_capture_seconds_after_the_last(
     simulated_bench: Callable[..., Bench], tmp_path: Path
 ) -> None:
     bench = simulated_bench(bounce=BOUNCE)

@@ -1,4 +1,4 @@
-"""Measured and simulated data in folders of their own: by what the devices say on their wires, and by the manifests."""
+"""Measured and simulated data in separate folders, by the identities of the devices and by the manifests."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ import pytest
 from recordings.manifest import DataOrigin
 from recordings.reader import open_recording, read_manifest
 from recordings.samples import DeviceIdentity
-from station.bench.session_folder import why_not_here
+from station.bench.session_folder import check_folder
 from station.bench.simulation import SimulatedBench
 from station.bench.trial_recorder import TrialRecorder, TrialRefused
 from station.clock import ManualClock
 from station.config import StationConfig
 from station.files.replay import replay
 from station.journal import read_journal
+from station.messages.codes import RefusalCode
 from station.protocol import TrialSpec
 from tests.station.bench.test_trial_recorder import CONFIG
-from tests.station.command import Ran
+from tests.station.command import Ran, assert_refused
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
+from tests.station.refusal import refused
 from tests.station.session.benched import Recorder, simulated_bench
 
 Station = Callable[..., Ran]
@@ -40,25 +42,25 @@ def simulated(running: tuple[SimulatedBench, StationConfig], tmp_path_factory: p
     """A trial that the console's recorder took from the simulated devices, over their wires."""
     folder = tmp_path_factory.mktemp("sessions") / "simulated" / "monday"
     with Recorder(running[1], folder, running[0].clock_port) as recorder:
-        said: dict[str, Any] = recorder.end()["result"]
-    assert said["origin"] == "simulated"
-    return folder / said["file"]
+        result: dict[str, Any] = recorder.end()["result"]
+    assert result["origin"] == "simulated"
+    return folder / result["file"]
 
 
 def record(folder: Path, is_simulated: bool | None, test: str = "static") -> Path:
-    """A trial of fake devices that say this of themselves."""
+    """A trial of fake devices with this identity."""
     clock = ManualClock()
     capture = FakeCapture(clock, 5.0, 2.0)
     devices = [FakeDaq(clock, capture), FakeMocap(clock, capture)]
     for device in devices:
         device.identity = DeviceIdentity(device.name, "version 1", is_simulated)
-    daemon = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices, why_not_here=why_not_here)  # type: ignore[arg-type,return-value]
+    daemon = TrialRecorder(CONFIG, clock, make_devices=lambda *_: devices, check_folder=check_folder)  # type: ignore[arg-type,return-value]
     result = daemon.record(folder, TrialSpec("hand", test, 1))  # type: ignore[arg-type]
     assert result.path is not None, result.sentence
     return result.path
 
 
-def test_what_the_devices_said_is_in_the_manifest_and_the_journal(simulated: Path) -> None:
+def test_the_identities_of_the_devices_are_in_the_manifest_and_the_origin_in_the_journal(simulated: Path) -> None:
     manifest = read_manifest(simulated)
     assert manifest.origin is DataOrigin.SIMULATED
     assert [device.is_simulated for device in manifest.devices] == [True, True]
@@ -67,14 +69,14 @@ def test_what_the_devices_said_is_in_the_manifest_and_the_journal(simulated: Pat
     assert [recorded.origin for recorded in read_journal(simulated.parent).recorded] == ["simulated"]
 
 
-def test_info_says_it(simulated: Path, station: Station) -> None:
+def test_info_shows_the_origin(simulated: Path, station: Station) -> None:
     assert "SIMULATED data (NI Dev1: USB-6008" in station("info", simulated).out
     plain = json.loads(station("info", simulated, "--format", "json").out)
     assert plain["origin"] == "simulated"
     assert [device["is_simulated"] for device in plain["manifest"]["devices"]] == [True, True]
 
 
-def test_an_export_says_it_beside_the_files(simulated: Path, tmp_path: Path, station: Station) -> None:
+def test_an_export_has_the_origin_in_its_sidecar(simulated: Path, tmp_path: Path, station: Station) -> None:
     assert station("export", simulated, "--to", "csv", "--output", tmp_path).code == 0
     (sidecar,) = tmp_path.glob("*.json")
     plain = json.loads(sidecar.read_text(encoding="utf-8"))
@@ -83,46 +85,47 @@ def test_an_export_says_it_beside_the_files(simulated: Path, tmp_path: Path, sta
     assert "\ndata=simulated\n" in next(tmp_path.glob("*.mot")).read_text(encoding="utf-8")
 
 
-def test_a_replay_stays_what_its_recording_is(simulated: Path, tmp_path: Path, station: Station) -> None:
+def test_a_replay_has_the_origin_of_its_recording(simulated: Path, tmp_path: Path, station: Station) -> None:
     again = replay(simulated, tmp_path, 1000.0).path
     assert again is not None and read_manifest(again).origin is DataOrigin.SIMULATED
-    refused = station("replay", simulated, "--session", tmp_path / "monday", "--speed", "100")
-    assert refused.code == 1 and f"give --session {tmp_path / 'simulated' / 'monday'}" in refused.err
+    ran = station("replay", simulated, "--session", tmp_path / "monday", "--speed", "100")
+    assert_refused(ran, 1, RefusalCode.SIMULATED_DEVICES)
+    assert str(tmp_path / "simulated" / "monday") in ran.err
 
 
 def test_simulated_devices_are_not_recorded_among_measured_sessions(
     running: tuple[SimulatedBench, StationConfig], tmp_path: Path
 ) -> None:
     with Recorder(running[1], tmp_path / "monday", running[0].clock_port) as recorder:
-        refused = recorder.end()["refused"]
-    assert refused.startswith("NI Dev1 and QTM 127.0.0.1:")
-    assert f"give --session {tmp_path / 'simulated' / 'monday'}" in refused
+        refusal = recorder.end()
+    assert refusal["code"] == RefusalCode.SIMULATED_DEVICES
+    assert str(tmp_path / "simulated" / "monday") in refusal["refused"]
     assert not list(tmp_path.rglob("*.mcap"))
 
 
-@pytest.mark.parametrize(("said", "origin"), [(True, "simulated"), (False, "measured"), (None, "unknown")])
-def test_a_trial_is_what_its_devices_say(tmp_path: Path, said: bool | None, origin: str) -> None:
-    assert open_recording(record(tmp_path / "simulated", said)).manifest.origin == origin
+@pytest.mark.parametrize(("is_simulated", "origin"), [(True, "simulated"), (False, "measured"), (None, "unknown")])
+def test_the_origin_of_a_trial_is_that_of_its_devices(tmp_path: Path, is_simulated: bool | None, origin: str) -> None:
+    assert open_recording(record(tmp_path / "simulated", is_simulated)).manifest.origin == origin
 
 
 @pytest.mark.parametrize("first", [True, False])
 def test_measured_and_simulated_trials_do_not_share_a_session(tmp_path: Path, first: bool) -> None:
     folder = tmp_path / "simulated"
     record(folder, first)
-    with pytest.raises(TrialRefused, match="give a session's folder of its own"):
+    with refused(TrialRefused, RefusalCode.MIXED_ORIGIN):
         record(folder, not first)
     record(folder, first, "dynamic")
     assert len(list(folder.glob("*.mcap"))) == 2
 
 
 def test_one_simulated_device_makes_a_simulated_trial() -> None:
-    said = [DeviceIdentity("a", "", False), DeviceIdentity("b", "", None), DeviceIdentity("c", "", True)]
-    assert DataOrigin.of_devices(said) is DataOrigin.SIMULATED
-    assert DataOrigin.of_devices(said[:2]) is DataOrigin.UNKNOWN
-    assert DataOrigin.of_devices(said[:1]) is DataOrigin.MEASURED
+    identities = [DeviceIdentity("a", "", False), DeviceIdentity("b", "", None), DeviceIdentity("c", "", True)]
+    assert DataOrigin.of_devices(identities) is DataOrigin.SIMULATED
+    assert DataOrigin.of_devices(identities[:2]) is DataOrigin.UNKNOWN
+    assert DataOrigin.of_devices(identities[:1]) is DataOrigin.MEASURED
     assert DataOrigin.of_devices([]) is DataOrigin.UNKNOWN
 
 
-def test_a_recording_of_an_older_station_opens_and_its_origin_is_not_known(station: Station) -> None:
+def test_a_recording_of_an_older_station_opens_with_an_unknown_origin(station: Station) -> None:
     assert read_manifest(GOLDEN).origin is DataOrigin.UNKNOWN
     assert "measured or simulated: not recorded" in station("info", GOLDEN).out

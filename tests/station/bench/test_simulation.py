@@ -9,16 +9,18 @@ from drivers.errors import DeviceMisconfigured
 from drivers.qualisys import Qualisys
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.config import parse_config
+from station.messages.setup_codes import SimulationCode
+from tests.station.refusal import refused
 
 
-def test_the_simulated_bench_is_wired_as_the_configuration_says() -> None:
+def test_the_simulated_bench_has_the_wiring_of_the_configuration() -> None:
     daq = {"device": "cDAQ7", "force_channel": "ai2", "sync_channel": "ai3"}
     settings = simulator_settings(parse_config({"daq": daq, "load_cell": {"capacity_kg": 100}}, "t"))
-    assert settings["wiring"] == daq
+    assert settings["wiring"] == {**daq, "emg": {}}
     assert settings["amplifier"]["capacity_kg"] == 100
 
 
-def test_what_the_simulation_section_says_wins_key_by_key() -> None:
+def test_the_simulation_section_overrides_the_other_sections_key_by_key() -> None:
     simulation = {"protocol": {"static": {"hold_s": 2}}, "amplifier": {"noise_v": 0}}
     settings = simulator_settings(parse_config({"simulation": simulation, "protocol": {"repeats": 2}}, "t"))
     assert settings["protocol"] == {"repeats": 2, "static": {"hold_s": 2}}
@@ -36,19 +38,20 @@ def test_the_simulated_qtm_requires_the_password_of_the_configuration() -> None:
             qtm.close()
 
 
-def test_a_bench_answers_until_it_is_left_and_refuses_in_sentences() -> None:
+def test_a_bench_answers_until_it_is_closed_and_refuses_with_a_code() -> None:
     config = parse_config({"daq": {"device": "Dev7"}}, "t")
     with SimulatedBench(simulator_settings(config), 30.0, 1) as bench:
-        pointed = bench.pointed_at(config)
+        pointed = bench.configure(config)
         assert pointed.daq.grpc_target == f"127.0.0.1:{bench.ready['ports']['ni']}"
         assert pointed.mocap.port == bench.ready["ports"]["qtm"]
-        with pytest.raises(SimulationError, match="refused"):
-            bench.tell({"don": "knee"})
-        assert bench.tell({"truth": True})["truth"]["cuffs"]["hand"]["stiffness_n_per_m"] == 8520
-    with pytest.raises(SimulationError):
-        bench.tell({"truth": True})
+        with refused(SimulationError, SimulationCode.REFUSED):
+            bench.request({"don": "knee"})
+        assert bench.request({"truth": True})["truth"]["cuffs"]["hand"]["stiffness_n_per_m"] == 8520
+    with refused(SimulationError, SimulationCode.NOT_RUNNING):
+        bench.request({"truth": True})
 
 
-def test_settings_that_cannot_be_used_are_one_sentence() -> None:
-    with pytest.raises(SimulationError, match="unknown key gravity"), SimulatedBench({"gravity": 3}, 1.0, 1):
+def test_unknown_settings_are_refused() -> None:
+    with refused(SimulationError, SimulationCode.REFUSED) as caught, SimulatedBench({"gravity": 3}, 1.0, 1):
         pass
+    assert "gravity" in caught.value.cause.figures["reason"]

@@ -9,9 +9,12 @@ import pytest
 from recordings.samples import Event
 from station.bench.snapshot import TrialState
 from station.bench.trial_state_machine import TrialStateMachine
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 from tests.station.bench_by_hand import Bench
 
 IDLE, ARMED, RECORDING, CLOSING, CLOSED, FAILED = TrialState
+FULL = Message(TrialCode.DISK_NEARLY_FULL, {"folder": "monday", "free_mb": 40.0, "reserve_mb": 50.0})
 
 
 def _recording() -> Bench:
@@ -52,7 +55,7 @@ HAPPENINGS: dict[str, Callable[[TrialStateMachine], None]] = {
     "stop": lambda trial: trial.stop(),
     "stop at once": lambda trial: trial.stop(at_once=True),
     "a device is lost": lambda trial: trial.fail("gone", "QTM"),
-    "the disk is full": lambda trial: trial.cut_short("disk_nearly_full", "the disk is nearly full"),
+    "the disk is full": lambda trial: trial.cut_short(FULL),
     "the capture ends": lambda trial: trial.handle(Event("capture_stopped", "", 0, "QTM")),
     "the capture is replaced": lambda trial: trial.handle(Event("capture_replaced", "another's", 0, "QTM")),
     "the writer fails": lambda trial: trial.abandon("the disk is gone"),
@@ -74,7 +77,7 @@ NEXT = {
 
 @pytest.mark.parametrize("happening", HAPPENINGS)
 @pytest.mark.parametrize("state", TrialState)
-def test_every_state_answers_everything_with_the_next_state(state: TrialState, happening: str) -> None:
+def test_every_method_of_a_state_returns_a_state(state: TrialState, happening: str) -> None:
     bench = REACHED[state]()
     assert bench.trial.state is state
     HAPPENINGS[happening](bench.trial)
@@ -82,7 +85,7 @@ def test_every_state_answers_everything_with_the_next_state(state: TrialState, h
 
 
 @pytest.mark.parametrize("state", [IDLE, CLOSED, FAILED])
-def test_what_arrives_before_arming_and_after_the_end_is_not_recorded(state: TrialState) -> None:
+def test_items_before_arming_and_after_the_end_are_not_recorded(state: TrialState) -> None:
     bench = REACHED[state]()
     recorded = len(bench.writer.items)
     bench.run(1.0)

@@ -51,7 +51,7 @@ def _record(folder: Path, before_frame_end_s: float, ppm: float, sync: dict[str,
         (0.0, -300, {"stop_edge": "end_of_frame"}, True),
     ],
 )
-def test_info_covers_the_clock_ratio_wherever_the_line_falls(
+def test_the_interval_of_info_contains_the_clock_ratio(
     station, tmp_path: Path, before_frame_end_s: float, ppm: float, sync: dict[str, Any], is_identified: bool
 ) -> None:
     ran = station("info", _record(tmp_path, before_frame_end_s, ppm, sync), "--format", "json")
@@ -64,7 +64,7 @@ def test_info_covers_the_clock_ratio_wherever_the_line_falls(
     assert found["time_standard_error_s"] > (2e-4 if sync else 1.5e-3)
 
 
-def test_a_capture_too_short_for_its_clock_ratio_says_so(station, tmp_path: Path) -> None:
+def test_the_clock_ratio_of_a_short_capture_is_not_identified(station, tmp_path: Path) -> None:
     ran = station("info", _record(tmp_path, 0.003, 20, {}, hold_s=2.0))
     assert "clock ratio not identified, between " in ran.out
     assert "the capture is too short" in ran.out

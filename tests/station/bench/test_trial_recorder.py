@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.device import Device
-from drivers.errors import DeviceUnavailable
+from drivers.errors import DeviceCode, DeviceUnavailable
 from recordings import writer
 from recordings.durability import BackgroundSync
 from recordings.manifest import CuffSite
@@ -21,11 +21,13 @@ from recordings.reader import open_recording
 from recordings.samples import Event, Item
 from station.bench import disk, stepped_feed
 from station.bench.snapshot import Snapshot, TrialState
-from station.bench.trial_recorder import TrialRecorder, TrialRefused
+from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResult
 from station.clock import Clock, ManualClock
 from station.config import StationConfig, parse_config
+from station.messages.codes import RefusalCode, TrialCode
 from station.protocol import TrialSpec
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
+from tests.station.refusal import refused
 
 SPEC = TrialSpec("hand", "static", 1)
 CONFIG = parse_config(
@@ -38,7 +40,7 @@ CONFIG = parse_config(
 
 
 class Rig:
-    """A daemon on fake devices; a capture of 6 s begins 20 s after they are made. `prepare` may spoil them."""
+    """A recorder on fake devices; a capture of 6 s begins 20 s after they are made. `prepare` may spoil them."""
 
     def __init__(self, delay_s: float = 20.0, prepare: Callable[[FakeDaq], None] = lambda daq: None) -> None:
         self.clock = ManualClock()
@@ -52,13 +54,13 @@ class Rig:
         self.made = [daq, FakeMocap(clock, capture)]
         return self.made
 
-    def daemon(self, *views: object) -> TrialRecorder:
+    def recorder(self, *views: object) -> TrialRecorder:
         return TrialRecorder(CONFIG, self.clock, views, make_devices=self.devices)  # type: ignore[arg-type]
 
 
 def test_a_trial_is_recorded_from_before_the_edge_to_after_the_capture(tmp_path: Path) -> None:
     rig = Rig()
-    result = rig.daemon().record(tmp_path, SPEC)
+    result = rig.recorder().record(tmp_path, SPEC)
     assert result.accepted, result.sentence
     assert result.path == tmp_path / "cuff-hand_test-static_run-1.mcap"
     assert result.lost_samples == 0
@@ -72,20 +74,20 @@ def test_a_trial_is_recorded_from_before_the_edge_to_after_the_capture(tmp_path:
 
 
 def test_a_second_recording_of_the_same_repeat_gets_the_next_number(tmp_path: Path) -> None:
-    paths = [Rig().daemon().record(tmp_path, SPEC).path for _ in range(2)]
+    paths = [Rig().recorder().record(tmp_path, SPEC).path for _ in range(2)]
     assert [p.name for p in paths if p] == [SPEC.file_name(1), SPEC.file_name(2)]
 
 
-def test_a_clock_that_is_set_back_between_two_trials_is_told_and_leaves_their_order(tmp_path: Path) -> None:
-    first = Rig().daemon().record(tmp_path, SPEC)
-    assert first.path is not None and "set back" not in first.sentence
+def test_a_clock_set_back_between_two_trials_is_reported_and_keeps_their_order(tmp_path: Path) -> None:
+    first = Rig().recorder().record(tmp_path, SPEC)
+    assert first.path is not None and codes(first) == [TrialCode.CAPTURE_ENDED]
     an_hour_ahead_s = time.time() + 3600.0
     os.utime(first.path, (an_hour_ahead_s, an_hour_ahead_s))
     rig = Rig()
     rig.clock = ManualClock(ManualClock().utc_ns() - 3600 * 10**9)
-    second = rig.daemon().record(tmp_path, SPEC)
+    second = rig.recorder().record(tmp_path, SPEC)
     assert second.path is not None and second.accepted
-    assert "the clock was set back. This trial is dated after the others" in second.sentence
+    assert codes(second) == [TrialCode.CAPTURE_ENDED, TrialCode.CLOCK_SET_BACK]
     recordings = [open_recording(path) for path in (first.path, second.path)]
     assert recordings[0].manifest.start_utc_ns < recordings[1].manifest.start_utc_ns
     kinds = [item.kind for item in recordings[1].items() if isinstance(item, Event)]
@@ -93,9 +95,9 @@ def test_a_clock_that_is_set_back_between_two_trials_is_told_and_leaves_their_or
 
 
 def test_no_edge_leaves_no_file(tmp_path: Path) -> None:
-    result = Rig(delay_s=1000.0).daemon().record(tmp_path, SPEC)
+    result = Rig(delay_s=1000.0).recorder().record(tmp_path, SPEC)
     assert (result.path, result.accepted) == (None, False)
-    assert "no sync edge came within 40 s" in result.sentence
+    assert codes(result) == [TrialCode.NO_SYNC_EDGE_LOW] and result.messages[0].figures["timeout_s"] == 40
     assert not list(tmp_path.glob("*.mcap"))
 
 
@@ -105,34 +107,35 @@ def test_the_operator_s_stop_keeps_what_was_recorded(tmp_path: Path) -> None:
 
         def show(self, snapshot: Snapshot) -> None:
             if snapshot.state is TrialState.RECORDING and snapshot.recorded_s > 1.0:
-                daemon.stop()
+                recorder.stop()
 
-    daemon = Rig().daemon(StopsAfterASecond())
-    result = daemon.record(tmp_path, SPEC)
-    assert result.accepted and result.sentence == "stopped by the operator"
+    recorder = Rig().recorder(StopsAfterASecond())
+    result = recorder.record(tmp_path, SPEC)
+    assert result.accepted and codes(result) == [TrialCode.OPERATOR_STOP]
 
 
-def test_a_device_that_does_not_open_is_one_error_and_the_others_are_closed(tmp_path: Path) -> None:
+def test_an_error_of_one_device_closes_the_others(tmp_path: Path) -> None:
     def spoil(daq: FakeDaq) -> None:
-        daq._fails = DeviceUnavailable("NI Fake1: no server answers at 127.0.0.1:1")
+        daq._fails = DeviceUnavailable("NI Fake1: no server answers at 127.0.0.1:1", DeviceCode.NO_SERVER)
 
     rig = Rig(prepare=spoil)
-    with pytest.raises(DeviceUnavailable, match="no server answers"):
-        rig.daemon().record(tmp_path, SPEC)
+    with pytest.raises(DeviceUnavailable) as caught:
+        rig.recorder().record(tmp_path, SPEC)
+    assert caught.value.code is DeviceCode.NO_SERVER
     assert not list(tmp_path.glob("*.mcap"))
 
 
-def test_a_device_lost_in_mid_trial_leaves_a_readable_file_that_is_not_accepted(tmp_path: Path) -> None:
+def test_a_device_lost_during_a_trial_leaves_a_readable_file_that_is_not_accepted(tmp_path: Path) -> None:
     def spoil(daq: FakeDaq) -> None:
         daq.lost_after = 22_000
 
-    result = Rig(prepare=spoil).daemon().record(tmp_path, SPEC)
+    result = Rig(prepare=spoil).recorder().record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
-    assert "unplugged" in result.sentence
+    assert codes(result) == [TrialCode.DEVICE_LOST]
     assert len(open_recording(result.path).load("/force").values) > 3000
 
 
-def test_a_device_frozen_for_ever_is_noticed_and_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frozen_device_is_detected_and_abandoned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stepped_feed, "ROUND_TIMEOUT_S", 0.01)
 
     class Freezes:
@@ -143,47 +146,45 @@ def test_a_device_frozen_for_ever_is_noticed_and_left_behind(tmp_path: Path, mon
                 rig.made[0].hangs_on_read = True  # type: ignore[attr-defined]
 
     rig = Rig()
-    daemon = rig.daemon(Freezes())
-    result = daemon.record(tmp_path, SPEC)
+    recorder = rig.recorder(Freezes())
+    result = recorder.record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert result.lost_samples > 0
-    assert daemon.left_behind == ["NI Fake1"]
+    assert recorder.abandoned == ["NI Fake1"]
 
 
 def test_a_second_trial_at_the_same_time_is_refused(tmp_path: Path) -> None:
-    refused: list[str] = []
+    refusals: list[str] = []
 
     class TriesAnother:
         def offer(self, item: Item) -> None: ...
 
         def show(self, snapshot: Snapshot) -> None:
-            if snapshot.state is TrialState.RECORDING and not refused:
+            if snapshot.state is TrialState.RECORDING and not refusals:
                 with pytest.raises(TrialRefused) as caught:
-                    Rig().daemon().record(tmp_path, SPEC)
-                refused.append(str(caught.value))
+                    Rig().recorder().record(tmp_path, SPEC)
+                refusals.append(caught.value.code)
 
-    assert Rig().daemon(TriesAnother()).record(tmp_path, SPEC).accepted
-    assert "another trial is being recorded" in refused[0]
+    assert Rig().recorder(TriesAnother()).record(tmp_path, SPEC).accepted
+    assert refusals == [RefusalCode.FOLDER_IN_USE]
 
 
 def test_a_session_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(TrialRefused, match="cannot be made"):
-        Rig().daemon().record(tmp_path / "file", SPEC)
+    with refused(TrialRefused, RefusalCode.FOLDER_NOT_MADE):
+        Rig().recorder().record(tmp_path / "file", SPEC)
 
 
 def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6))
-    with pytest.raises(TrialRefused, match="5 MB free"):
-        Rig().daemon().record(tmp_path, SPEC)
+    with refused(TrialRefused, RefusalCode.DISK_FULL):
+        Rig().recorder().record(tmp_path, SPEC)
 
 
-def test_a_disk_that_fills_meanwhile_ends_the_trial_well_before_it_is_full(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fills_ends_the_trial_before_it_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = 1e12
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
-    monkeypatch.setattr(disk, "GLANCE_S", 0.0)
+    monkeypatch.setattr(disk, "POLL_INTERVAL_S", 0.0)
 
     class Fills:
         def offer(self, item: Item) -> None: ...
@@ -193,12 +194,13 @@ def test_a_disk_that_fills_meanwhile_ends_the_trial_well_before_it_is_full(
             if snapshot.recorded_s > 1.0:
                 free = 1e6
 
-    result = Rig().daemon(Fills()).record(tmp_path, SPEC)
+    result = Rig().recorder(Fills()).record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
-    assert "1 MB left" in result.sentence
+    assert codes(result) == [TrialCode.DISK_NEARLY_FULL] and result.messages[0].figures["free_mb"] == 1.0
     recording = open_recording(result.path)
     assert recording.complete
     assert recording.outcome is not None and recording.outcome.sentence == result.sentence
+    assert recording.outcome.codes == (TrialCode.DISK_NEARLY_FULL,)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="this system sets no limit to the size of a file")
@@ -211,30 +213,30 @@ def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good
     monkeypatch.setattr(writer, "SYNC_AFTER_S", 0.0)
     monkeypatch.setattr(BackgroundSync, "begin", BackgroundSync._run)  # at once, whatever the wall does
 
-    told: list[str] = []
+    sentences: list[str] = []
 
     class Listens:
         def offer(self, item: Item) -> None: ...
 
         def show(self, snapshot: Snapshot) -> None:
             if snapshot.state is TrialState.FAILED:
-                told.append(snapshot.sentence)
+                sentences.append(snapshot.sentence)
 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
     try:
-        result = Rig().daemon(Listens()).record(tmp_path, SPEC)
+        result = Rig().recorder(Listens()).record(tmp_path, SPEC)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not result.accepted and result.path is not None
-    stored = re.search(r"\(File too large\): the last stored samples are /force (\d+), /sync \d+", told[0])
-    assert stored is not None and result.sentence == told[0]
+    stored = re.search(r"\(File too large\): the last stored samples are /force (\d+), /sync \d+", sentences[0])
+    assert stored is not None and result.sentence == sentences[0]
     recording = open_recording(result.path)
     assert not recording.complete
     assert recording.load("/force").sample_numbers[-1] >= int(stored[1])
 
 
-def test_a_view_that_blocks_its_own_thread_does_not_touch_the_recording(tmp_path: Path) -> None:
+def test_a_blocked_view_does_not_affect_the_recording(tmp_path: Path) -> None:
     from rich.console import Console
 
     from station.bench.live import LiveView
@@ -248,28 +250,32 @@ def test_a_view_that_blocks_its_own_thread_does_not_touch_the_recording(tmp_path
     view = LiveView(rig.clock, "test", StuckTerminal(force_terminal=False))
     view.__enter__()
     before = time.monotonic()
-    result = rig.daemon(view).record(tmp_path, SPEC)
+    result = rig.recorder(view).record(tmp_path, SPEC)
     stuck.set()
     view.__exit__(None, None, None)
     assert result.accepted and result.lost_samples == 0
     assert time.monotonic() - before < 60
 
 
-def test_a_mark_asked_for_in_mid_trial_is_in_the_file(tmp_path: Path) -> None:
+def test_a_mark_during_a_trial_is_in_the_file(tmp_path: Path) -> None:
     class MarksTheSecondSecond:
         def offer(self, item: Item) -> None: ...
 
         def show(self, snapshot: Snapshot) -> None:
             if snapshot.state is TrialState.RECORDING and snapshot.recorded_s > 1.0 and not snapshot.marks:
-                daemon.mark()
+                recorder.mark()
 
-    daemon = Rig().daemon(MarksTheSecondSecond())
-    result = daemon.record(tmp_path, SPEC)
+    recorder = Rig().recorder(MarksTheSecondSecond())
+    result = recorder.record(tmp_path, SPEC)
     assert result.path is not None
     events = [
         item.text for item in open_recording(result.path).items() if isinstance(item, Event) and item.kind == "mark"
     ]
     assert events[0] == "mark 1"
+
+
+def codes(result: TrialResult) -> list[TrialCode]:
+    return [message.code for message in result.messages]
 
 
 class _Removes:
@@ -286,8 +292,8 @@ class _Removes:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows deletes no open file")
-def test_a_session_folder_that_is_removed_in_mid_trial_is_told_and_nothing_is_accepted(tmp_path: Path) -> None:
+def test_a_session_folder_removed_during_a_trial_is_reported_and_the_trial_not_accepted(tmp_path: Path) -> None:
     folder = tmp_path / "monday"
-    result = Rig().daemon(_Removes(folder)).record(folder, SPEC)
+    result = Rig().recorder(_Removes(folder)).record(folder, SPEC)
     assert not result.accepted
-    assert "it was deleted while it was written): the last stored samples are none" in result.sentence
+    assert codes(result) == [TrialCode.WRITE_FAILED]

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from recordings.samples import Event, Loss
 from station.bench.snapshot import TrialState
+from station.messages.codes import TrialCode
+from station.messages.message import Message
 from tests.station.bench_by_hand import Bench
 
 
@@ -32,10 +35,10 @@ def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
     assert bench.trial.state is TrialState.CLOSING
     bench.run(1.0)
     assert bench.trial.state is TrialState.CLOSED
-    assert bench.trial.sentence == "4 s recorded after the edge"
+    assert bench.trial.messages == (Message(TrialCode.DURATION_REACHED, {"duration_s": 4.0}),)
 
 
-def test_frames_that_come_after_the_capture_s_end_are_another_s_and_are_not_recorded() -> None:
+def test_frames_after_the_end_of_the_capture_are_not_recorded() -> None:
     bench = Bench().arm()
     bench.run(3.0)
     bench.start_capture()
@@ -56,7 +59,7 @@ def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
     bench.run(3.0)
     bench.stop_capture()
     bench.run(2.0)
-    assert (bench.trial.state, bench.trial.sentence) == (TrialState.CLOSED, "the mocap capture ended")
+    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
 
 
 def test_a_mocap_system_without_events_ends_its_capture_by_line_and_silence() -> None:
@@ -79,7 +82,7 @@ def test_a_short_sync_pulse_does_not_end_the_trial() -> None:
     assert bench.trial.state is TrialState.RECORDING
 
 
-def test_a_dip_of_the_line_while_recording_is_noted_and_costs_nothing() -> None:
+def test_a_dip_of_the_line_while_recording_is_noted_and_ignored() -> None:
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
@@ -90,28 +93,29 @@ def test_a_dip_of_the_line_while_recording_is_noted_and_costs_nothing() -> None:
     bench.run(1.0)
     bench.stop_capture()
     bench.run(2.0)
-    assert (bench.trial.state, bench.trial.sentence) == (TrialState.CLOSED, "the mocap capture ended")
+    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
     assert "sync_glitch" in bench.writer.events()
 
 
-def test_a_line_that_rises_a_second_time_is_told_at_once_and_the_trial_is_recorded_to_its_end() -> None:
+def test_a_second_rise_is_reported_at_once_and_the_trial_is_recorded_to_its_end() -> None:
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
     bench.run(1.0)
     bench.send_daq(np.repeat([0.0, 5.0], 50))
     assert bench.trial.state is TrialState.RECORDING
-    assert "rose a second time 1.05 s after the first" in bench.trial.snapshot().sentence
+    assert bench.codes == [TrialCode.RECORDING, TrialCode.SECOND_START]
+    assert bench.trial.snapshot().messages[1].figures["after_s"] == pytest.approx(1.05, abs=0.002)
     bench.run(2.0)
     bench.stop_capture()
     bench.run(2.0)
     assert bench.trial.state is TrialState.FAILED
-    assert "rose a second time" in bench.trial.sentence
+    assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.SECOND_START]
     assert bench.writer.events().count("sync_double_edge") == 1
     assert sum(len(s.sample_numbers) for s in bench.writer.samples("/markers")) == 300, "nothing is thrown away"
 
 
-def test_a_line_that_stays_high_after_the_capture_is_told() -> None:
+def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
@@ -120,11 +124,11 @@ def test_a_line_that_stays_high_after_the_capture_is_told() -> None:
     bench.level = 5.0
     bench.run(2.0)
     assert bench.trial.state is TrialState.CLOSED
-    assert "start edge alone ties the clocks" in bench.trial.sentence
+    assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.NO_STOP_EDGE]
     assert "no_stop_edge" in bench.writer.events()
 
 
-def test_stopping_once_keeps_the_trial_and_drains_and_twice_ends_at_once() -> None:
+def test_one_stop_closes_and_keeps_the_trial_and_a_second_ends_it_at_once() -> None:
     bench = Bench().arm()
     bench.run(1.0)
     bench.start_capture()
@@ -136,18 +140,19 @@ def test_stopping_once_keeps_the_trial_and_drains_and_twice_ends_at_once() -> No
 
 
 def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
+    full = Message(TrialCode.DISK_NEARLY_FULL, {"folder": "monday", "free_mb": 40.0, "reserve_mb": 50.0})
     bench = Bench().arm()
     bench.run(3.0)
     bench.start_capture()
     bench.run(1.0)
-    bench.trial.cut_short("disk_nearly_full", "the disk is nearly full")
+    bench.trial.cut_short(full)
     assert bench.trial.state is TrialState.CLOSING
     bench.run(2.0)
-    assert (bench.trial.state, bench.trial.sentence) == (TrialState.FAILED, "the disk is nearly full")
+    assert (bench.trial.state, bench.trial.messages) == (TrialState.FAILED, (full,))
     assert "disk_nearly_full" in bench.writer.events()
 
 
-def test_a_mark_is_recorded_where_there_is_something_to_point_at() -> None:
+def test_a_mark_is_recorded_after_the_sync_edge() -> None:
     bench = Bench().arm()
     bench.trial.mark()
     bench.run(3.0)

@@ -31,7 +31,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize("death", ["killed", "frozen"])
-def test_a_page_whose_console_is_gone_is_grey_within_two_seconds_and_comes_back_by_itself(
+def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects(
     browser: Browser, tmp_path: Path, death: str
 ) -> None:
     """Seconds of the page's own clock, which the test moves."""
@@ -62,7 +62,7 @@ def test_a_page_whose_console_is_gone_is_grey_within_two_seconds_and_comes_back_
         if death == "frozen":
             os.kill(console.pid, signal.SIGCONT)
             expect(lost).to_be_hidden()
-            seen(page, "next: hand: static, repeat 1")
+            seen(page, "next: hand, static, repeat 1")
         else:
             with ServedConsole(config, "--simulated", port=console.port):
                 seen(page, "P01, session 1: hand")
@@ -70,26 +70,26 @@ def test_a_page_whose_console_is_gone_is_grey_within_two_seconds_and_comes_back_
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the recorder is found by /proc")
-def test_data_that_is_old_is_called_old_however_alive_the_console_is(browser: Browser, tmp_path: Path) -> None:
+def test_old_data_are_marked_while_the_console_answers(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
         page = open_page(browser, console.address)
         begin(page)
         page.keyboard.press("a")
         runs(page)
-        seen(page, re.compile(r"^shown \d\.\d s ago$"))
+        seen(page, re.compile(r"^data \d\.\d s old$"))
         recorder = recorder_of(console.pid)
         os.kill(recorder, signal.SIGSTOP)
         try:
-            seen(page, re.compile(r"^WHAT YOU SEE IS \d+\.\d s OLD$"))
+            seen(page, re.compile(r"^DATA ARE \d+\.\d s OLD$"))
             expect(page.get_by_text("The console does not answer")).to_be_hidden()
         finally:
             os.kill(recorder, signal.SIGCONT)
-        seen(page, re.compile(r"^shown \d\.\d s ago$"))
+        seen(page, re.compile(r"^data \d\.\d s old$"))
         page.keyboard.press("s")
         seen(page, "Keep (k)")
 
 
-def test_a_page_that_does_not_draw_is_sent_no_more_pictures(browser: Browser, tmp_path: Path) -> None:
+def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser, tmp_path: Path) -> None:
     """Else it would draw them one after the other when it can again, ever further behind."""
     with ServedConsole(write_config(tmp_path, hold_s=60.0), "--simulated") as console:
         frozen, other = open_page(browser, console.address), open_page(browser, console.address)
@@ -97,7 +97,7 @@ def test_a_page_that_does_not_draw_is_sent_no_more_pictures(browser: Browser, tm
         begin(other)
         other.keyboard.press("a")
         runs(frozen)
-        frozen.wait_for_function("document.querySelector('.age').textContent.startsWith('shown')")
+        frozen.wait_for_function("document.querySelector('.age').textContent.startsWith('data')")
         session = frozen.context.new_cdp_session(frozen)
         session.send("Debugger.enable")
         session.send("Debugger.pause")
@@ -109,7 +109,7 @@ def test_a_page_that_does_not_draw_is_sent_no_more_pictures(browser: Browser, tm
         other.keyboard.press("s")
 
 
-def test_the_markers_are_turned_by_the_mouse_and_reset(browser: Browser, tmp_path: Path) -> None:
+def test_the_markers_are_rotated_by_the_mouse_and_reset(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path)) as console:
         page = open_page(browser, console.address)
         page.evaluate("""() => {

@@ -3,32 +3,39 @@ from __future__ import annotations
 import pytest
 
 from station.config import ProtocolSection
-from station.console.running_view import curves_over_time, state_of, status_of
+from station.console.running_view import (
+    curves_over_time,
+    marker_roles,
+    markers_of,
+    motion_of,
+    state_of,
+    status_of,
+    streams_of,
+)
 from station.protocol import TrialSpec
 from station.session.guide import guide_for
-from station.session.live import Live
+from station.session.live_trial import LiveTrial
+from station.session.wearer_guide import MotionGuide
+from tests.station.wearer import wearer_config
 
 
 @pytest.mark.parametrize(
-    ("said", "shown"),
+    ("telemetry", "shown"),
     [
         ({"state": "armed", "waited_s": 4.2, "left_s": 55.8}, "armed for 4 s, 56 s left"),
-        ({"state": "recording", "recorded_s": 3.21, "sentence": "recording"}, "recording 3.2 s"),
-        (
-            {"state": "recording", "recorded_s": 3.21, "sentence": "recording; the sync line rose a second time"},
-            "recording 3.2 s; the sync line rose a second time",
-        ),
+        ({"state": "recording", "recorded_s": 3.21, "problems": ""}, "recording 3.2 s"),
+        ({"state": "recording", "recorded_s": 3.21, "problems": "a second edge"}, "recording 3.2 s; a second edge"),
         ({"state": "closing", "sentence": "the mocap capture ended"}, "the mocap capture ended"),
     ],
 )
-def test_the_state_is_shown_with_its_time_and_what_speaks_against_the_trial(
-    said: dict[str, object], shown: str
+def test_the_state_is_shown_with_its_time_and_the_problems_of_the_trial(
+    telemetry: dict[str, object], shown: str
 ) -> None:
-    assert state_of(said) == shown
+    assert state_of(telemetry) == shown
 
 
 def test_the_curves_count_from_the_sync_edge() -> None:
-    live = Live(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
+    live = LiveTrial(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
     live.force.extend((t / 10, 0.0) for t in range(401))
     live.displacement.extend([(3.0, 0.0), (39.0, 1.0)])
     live.latest = {"state": "recording", "edge_s": 2.5}
@@ -38,6 +45,22 @@ def test_the_curves_count_from_the_sync_edge() -> None:
 
 
 def test_a_line_at_zero_has_no_sign() -> None:
-    live = Live(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
+    live = LiveTrial(TrialSpec("hand", "static", 1), guide_for("static", ProtocolSection()))
     live.latest = {**live.latest, "sync_v": -0.001}
     assert "sync line 0.00 V" in status_of(live)
+
+
+def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
+    spec = TrialSpec(None, "motion", 1, condition="tight")
+    live = LiveTrial(spec, MotionGuide(3))
+    assert motion_of(live) == "\u2013 deg"
+    live.elevation.append((1.0, 87.6))
+    live.displacement.append((1.0, 3.0))
+    live.latest = {"state": "recording", "edge_s": 0.5, "emg_uv": {"deltoid": 120.4, "biceps": 4.0}}
+    assert motion_of(live) == "88 deg" and curves_over_time(live)[1] == [(0.5, 87.6)]
+    assert "EMG RMS [\u00b5V] deltoid 120, biceps 4" in streams_of(live.latest)
+    roles = marker_roles(wearer_config(), spec)
+    without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))
+    seen = {"ac": True, "cord_arm": False, "cuff_1": False}
+    assert (markers_of(seen, roles), markers_of(seen, without)) == ("hidden: cord_arm", "all 1 markers seen")
+    assert (roles["ac"], roles["ij"], roles["cord_arm"]) == ("arm", "body", "suit") and "cuff_1" not in roles

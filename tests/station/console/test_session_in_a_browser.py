@@ -46,66 +46,86 @@ def assert_whole(contents: Contents) -> None:
 
 
 def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, tmp_path: Path, pictures: Path) -> None:
-    config = write_config(tmp_path, migration_m=0.03)
-    with ServedConsole(config, "--simulated", "--speed", "3") as console:
+    with ServedConsole(write_config(tmp_path, migration_m=0.03), "--simulated", "--speed", "3") as console:
         page = open_page(browser, console.address)
-        asked: set[str] = set()
-        page.on("request", lambda request: asked.add(request.url))
+        requested: set[str] = set()
+        page.on("request", lambda request: requested.add(request.url))
         page.reload()
-        page.get_by_label("Subject code").fill("Maria")
-        seen(page, "this looks like a name")
-        says_simulated(page)
-        page.get_by_role("button", name="Check the bench").click()
-        seen(page, "NI Dev1: answers")
-        seen(page, "it says that it is SIMULATED")
-        seen(page, "disk:")
-        page.get_by_label("Subject code").fill("P01")
-        page.screenshot(path=pictures / "console-set-up.png")
-        begin(page)
-
-        page.keyboard.press("a")
-        seen(page, re.compile(r"^REC \d"))
-        seen(page, "hand · static · repeat 1 of 1")
-        seen(page, "trial 1 of 2 · subject P01 · session 1")
-        seen(page, re.compile(r"add weight \d of 3"))
-        before = drawn(page)
-        page.keyboard.press("m")
-        page.keyboard.type("coughed")  # at once: what is typed is the note, and no key
-        page.keyboard.press("Enter")
-        seen(page, re.compile(r"^mark 1 at \d+\.\d s is in the recording: coughed$"))
-        assert fits_on_the_screen(page)
-        seen(page, re.compile(r"take weight \d off"))
-        assert drawn(page) != before, "the curves move"
-        says_simulated(page)
-        page.screenshot(path=pictures / "console-trial.png")
-
-        seen(page, "the cuff slipped by 30 mm in this trial")
-        says_simulated(page)
-        page.screenshot(path=pictures / "console-redo.png")
-        assert unreadable(page) == []
-        seen(page, "To redo it, don the hand cuff anew")
-        expect(page.get_by_label("mark 1 was")).to_have_value("coughed")
-        page.keyboard.press("r")  # what is advised: where migration hangs on it, the cuff is donned anew
-        seen(page, "Don the hand cuff")
-
-        for test in ("static", "dynamic"):
-            seen(page, f"next: hand: {test}, repeat 1")
-            page.keyboard.press("a")
-            seen(page, "Keep (k)")
-            page.get_by_label("Why (needed to redo)").fill("it is this cuff's own")
-            page.get_by_role("button", name="Keep (k)").click()
-
+        set_up(page, pictures)
+        record_with_a_mark(page, pictures)
+        redo_as_advised(page, pictures)
+        keep_both_trials(page)
         correct_in_the_list(page)
-        page.get_by_role("button", name="Fit, assess and report (f)").click()
-        page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
-        says_simulated(page)
-        page.screenshot(path=pictures / "console-end.png")
-        assert unreadable(page) == []
-        assert asked and all(url.startswith((console.address, "data:", "blob:")) for url in asked), "nothing from afar"
+        finish(page, pictures)
+        assert requested and all(url.startswith((console.address, "data:", "blob:")) for url in requested)
         report = page.request.get(f"{console.address}report")
         assert report.ok and "hand" in report.text() and "Simulated data" in report.text()
+    assert_stored(tmp_path / "sessions" / "simulated" / "sub-P01_ses-1")
 
-    session = tmp_path / "sessions" / "simulated" / "sub-P01_ses-1"
+
+def set_up(page: Page, pictures: Path) -> None:
+    """A name as the subject is warned of, the bench is checked, and the session begins."""
+    page.get_by_label("Subject code").fill("Maria")
+    seen(page, "this looks like a name")
+    says_simulated(page)
+    page.get_by_role("button", name="Check the bench").click()
+    seen(page, "NI Dev1: answers")
+    seen(page, "the device is SIMULATED")
+    seen(page, "disk:")
+    page.get_by_label("Subject code").fill("P01")
+    page.screenshot(path=pictures / "console-set-up.png")
+    begin(page)
+
+
+def record_with_a_mark(page: Page, pictures: Path) -> None:
+    page.keyboard.press("a")
+    seen(page, re.compile(r"^REC \d"))
+    seen(page, "hand, static, repeat 1 of 1")
+    seen(page, "trial 1 of 2 · subject P01 · session 1")
+    seen(page, re.compile(r"add weight \d of 3"))
+    before = drawn(page)
+    page.keyboard.press("m")
+    page.keyboard.type("coughed")  # at once: the text is the name of the mark, and no key
+    page.keyboard.press("Enter")
+    seen(page, re.compile(r"^mark 1 at \d+\.\d s is in the recording: coughed$"))
+    assert fits_on_the_screen(page)
+    seen(page, re.compile(r"take weight \d off"))
+    assert drawn(page) != before, "the curves move"
+    says_simulated(page)
+    page.screenshot(path=pictures / "console-trial.png")
+
+
+def redo_as_advised(page: Page, pictures: Path) -> None:
+    """The cuff slipped in the first static trial: to keep its migration measurable, it is donned anew."""
+    seen(page, "the cuff slipped by 30 mm in this trial")
+    says_simulated(page)
+    page.screenshot(path=pictures / "console-redo.png")
+    assert unreadable(page) == []
+    seen(page, "The hand cuff may have migrated in this trial")
+    expect(page.get_by_label("Name of mark 1")).to_have_value("coughed")
+    page.keyboard.press("r")
+    seen(page, "Don the hand cuff")
+
+
+def keep_both_trials(page: Page) -> None:
+    for test in ("static", "dynamic"):
+        seen(page, f"next: hand, {test}, repeat 1")
+        page.keyboard.press("a")
+        seen(page, "Keep (k)")
+        page.get_by_label("Reason (needed to redo)").fill("this cuff always slips so far")
+        page.get_by_role("button", name="Keep (k)").click()
+
+
+def finish(page: Page, pictures: Path) -> None:
+    page.get_by_role("button", name="Fit, assess and report (f)").click()
+    page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
+    says_simulated(page)
+    page.screenshot(path=pictures / "console-end.png")
+    assert unreadable(page) == []
+
+
+def assert_stored(session: Path) -> None:
+    """Every decision is in the journal, the fit finds the simulated stiffness, and no recording is lost."""
     lines = [json.loads(line) for line in (session / "session.jsonl").read_text().splitlines()]
     assert [line["kind"] for line in lines] == [
         *("setup", "recorded", "mark", "mark", "verdict", "donned", "recorded", "verdict", "recorded", "verdict"),
@@ -129,7 +149,7 @@ def correct_in_the_list(page: Page) -> None:
     page.keyboard.press("k")
     seen(page, "Every trial of the plan is accepted")
     for test, stands in (
-        ("static", "next: hand: dynamic, repeat 1"),
+        ("static", "next: hand, dynamic, repeat 1"),
         ("dynamic", "Every trial of the plan is accepted"),
     ):
         page.keyboard.press("t")
@@ -140,9 +160,7 @@ def correct_in_the_list(page: Page) -> None:
         seen(page, stands)
 
 
-def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recording(
-    polite_browser: Browser, tmp_path: Path
-) -> None:
+def test_frozen_closed_and_many_pages_do_not_affect_the_recording(polite_browser: Browser, tmp_path: Path) -> None:
     """Eleven pages starve a small machine: the simulated world slows down, and no sample is lost."""
     with ServedConsole(write_config(tmp_path, hold_s=4.0), "--simulated") as console:
         page = open_page(polite_browser, console.address)
@@ -163,7 +181,7 @@ def test_pages_that_freeze_vanish_or_come_by_the_dozen_do_not_touch_the_recordin
     assert_whole(the_recording(tmp_path))
 
 
-def test_a_browser_that_is_closed_in_mid_trial_finds_the_trial_again(browser: Browser, tmp_path: Path) -> None:
+def test_a_browser_closed_during_a_trial_shows_the_trial_again(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "6") as console:
         page = open_page(browser, console.address)
         begin(page)
@@ -182,7 +200,7 @@ def test_two_operators_see_the_same_and_only_one_trial_runs(browser: Browser, tm
     with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "6") as console:
         one, other = open_page(browser, console.address), open_page(browser, console.address)
         begin(one)
-        seen(other, "next: hand: static, repeat 1")
+        seen(other, "next: hand, static, repeat 1")
         arm = [page.get_by_role("button", name="Arm (a)") for page in (one, other)]
         for button in arm:  # without waiting: the second click may come before the page has changed
             button.dispatch_event("click")
@@ -192,12 +210,12 @@ def test_two_operators_see_the_same_and_only_one_trial_runs(browser: Browser, tm
         for page in (one, other):
             seen(page, "Keep (k)")
         one.keyboard.press("k")
-        seen(other, "next: hand: dynamic, repeat 1")
+        seen(other, "next: hand, dynamic, repeat 1")
     assert_whole(the_recording(tmp_path))
     assert len(list((tmp_path / "sessions").rglob("*.mcap"))) == 1
 
 
-def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser: Browser, tmp_path: Path) -> None:
+def test_a_console_killed_during_a_trial_resumes_when_it_is_started_again(browser: Browser, tmp_path: Path) -> None:
     """The bench is one that does not end with the console, at the wall's pace; its clock waits for the recorder."""
     with simulated_bench(tmp_path, speed=1.0, test="static", hold_s=2.0) as (bench, _):
         ports = bench.ready["ports"]
@@ -216,13 +234,11 @@ def test_a_console_that_is_killed_in_mid_trial_and_started_again_goes_on(browser
             says_simulated(page)
             seen(page, "Keep (k)")
             page.keyboard.press("k")
-            seen(page, "next: hand: dynamic, repeat 1")
+            seen(page, "next: hand, dynamic, repeat 1")
     assert_whole(the_recording(tmp_path))
 
 
-def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark(
-    browser: Browser, tmp_path: Path
-) -> None:
+def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(browser: Browser, tmp_path: Path) -> None:
     config = write_config(tmp_path)
     config.write_text(config.read_text() + "[safety]\nforce_ceiling_n = 40\n")
     with ServedConsole(config, "--simulated", "--speed", "5") as console:
@@ -245,15 +261,16 @@ def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark
         page.wait_for_function("window.stationAudio !== undefined")
         assert fits_on_the_screen(page), "an alarm, too"
         page.keyboard.press("i")
-        expect(page.get_by_role("button", name="I have seen it")).to_be_hidden()
+        expect(page.get_by_role("button", name="Silence the alarm")).to_be_hidden()
         assert unreadable(page) == []
         assert fits_on_the_screen(page), "a trial is one screen"
         page.keyboard.press("Control+s")  # the browser's own
         page.get_by_role("button", name="Mark (m)").click()
+        expect(page.get_by_placeholder("name, then Enter")).to_be_focused(timeout=patience_ms())  # until then keys act
         page.keyboard.type("saw")
         page.keyboard.press("Escape")  # leaves the note
         page.keyboard.press("e")
-        seen(page, "End this trial now, and the session with what exists?")
+        seen(page, "End this trial now and skip to the report of the trials so far?")
         page.keyboard.press("n")
         page.keyboard.press("s")
         seen(page, "stopped by the operator")
@@ -261,23 +278,23 @@ def test_a_rehearsal_by_the_keyboard_alone_on_a_tablet_is_read_in_light_and_dark
         if not is_busy():
             assert (len(updates) - 1) / (updates[-1] - updates[0]) >= 10, "updates a second"
         assert unreadable(page) == []
-        page.get_by_label("Why (needed to redo)").fill("")
+        page.get_by_label("Reason (needed to redo)").fill("")
         page.keyboard.press("Escape")
         page.keyboard.press("r")
-        seen(page, "no reason is given")
+        seen(page, "to be repeated without a reason")
         for width, height in ((1024, 768), (1366, 768)):
             page.set_viewport_size({"width": width, "height": height})
             assert buttons_are_in_view(page), "a refusal covers none"
         page.keyboard.press("k")
-        seen(page, "next: hand: dynamic")
-        press_tab_until(page, "Leave (l)")
+        seen(page, "next: hand, dynamic")
+        press_tab_until(page, "Session list (l)")
         page.keyboard.press("Enter")
         seen(page, "New session")
     assert not (tmp_path / "sessions").exists()
 
 
 @pytest.mark.parametrize(("width", "height"), [(1366, 768), (1024, 768)])
-def test_a_trial_is_one_screen_where_the_bench_is_slow_and_says_so(
+def test_a_trial_with_a_slow_bench_fits_the_screen_and_shows_the_rate(
     browser: Browser, tmp_path: Path, width: int, height: int
 ) -> None:
     """No machine keeps a pace of 500."""
@@ -291,20 +308,20 @@ def test_a_trial_is_one_screen_where_the_bench_is_slow_and_says_so(
         seen(page, "Keep (k)")
 
 
-def test_a_session_ended_in_mid_trial_has_its_report_and_goes_on_later(browser: Browser, tmp_path: Path) -> None:
+def test_a_session_ended_during_a_trial_has_its_report_and_is_resumed(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path), "--simulated", "--speed", "5") as console:
         page = open_page(browser, console.address, 1366, 768)
         begin(page)
         page.keyboard.press("a")
         seen(page, "Keep (k)")
         page.keyboard.press("k")
-        seen(page, "next: hand: dynamic")
+        seen(page, "next: hand, dynamic")
         page.keyboard.press("a")
         seen(page, "pull the spring")
         page.keyboard.press("e")
         page.keyboard.press("y")
         seen(page, "1 of 2 trials of the plan are accepted")
-        seen(page, "waits for keep or redo; it counts until it is redone")
+        seen(page, "waits for a decision; the fit uses it unless it is redone")
         page.keyboard.press("f")
         page.get_by_role("link", name="Open the report").wait_for(timeout=patience_ms(400.0))
         assert page.request.get(f"{console.address}report").ok

@@ -1,9 +1,10 @@
-"""What was changed since it was recorded is told by every verb that reads it, and found by `station verify`."""
+"""A file that has changed since it was recorded is reported by every verb that reads it, and by `station verify`."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -12,15 +13,17 @@ from typing import Any
 
 import pytest
 
-from fitting.cuffs_file import read_cuffs
-from fitting.seal import Standing, digest
+from fitting.cuffs.cuffs_file import read_cuffs
+from fitting.results.seal import Standing, digest
 from solver.bundled import bundled_model
 from solver.motion import write_table
 from solver.raise_arm import simulate_arm_raise
 from station.checksums import CHECKSUMS_FILE, read_checksums, write_checksums
 from station.journal import write_verdict
+from station.messages.file_codes import ChainCode
+from station.messages.message import Message
 from tests.station.bench.test_session_folder import record
-from tests.station.command import Ran, assert_one_sentence
+from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
 
 Station = Callable[..., Ran]
@@ -92,7 +95,7 @@ def standings(ran: Ran) -> dict[str, str]:
     return {link["what"]: link["standing"] for link in json.loads(ran.out)}
 
 
-def test_a_session_that_nobody_touched_is_whole_from_the_report_to_the_recordings(made: Path, station: Station) -> None:
+def test_every_link_of_an_unchanged_session_is_as_recorded(made: Path, station: Station) -> None:
     ran = station("verify", made)
     assert ran.code == 0, ran.out
     lines = ran.out.splitlines()
@@ -116,28 +119,28 @@ def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
     assert read_checksums(tmp_path) == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
-def test_a_stiffness_edited_in_the_cuffs_file_is_told_by_assess_and_report(
+def test_a_stiffness_edited_in_the_cuffs_file_is_reported_by_assess_and_report(
     session: Path, motion: Path, station: Station
 ) -> None:
     edit(session / "cuffs.json", stiffen)
     ran = station("report", session)
     assert ran.code == 3
-    assert "cuffs.json: changed since" in ran.err
-    assert "cuffs.json, cuff hand: given by hand (stiffness 40000 N/m is given by hand)" in ran.err
+    assert f"cuffs.json: {CHANGED}" in ran.err
+    assert f"cuffs.json, cuff hand: {BY_HAND}" in ran.err and "40000 N/m" in ran.err
     page = (session / "report.html").read_text(encoding="utf-8")
-    assert '<div class="note" id="doubts">' in page and "stiffness 40000 N/m is given by hand" in page
+    assert '<div class="note" id="doubts">' in page and "40000 N/m" in page
 
     ran = station("assess", "--cuffs", session / "cuffs.json", "--output", session, "--motion", motion, "--draws", 0)
     assert ran.code == 0, ran.err
-    assert "cuff hand: stiffness 40000 N/m is given by hand" in ran.err
-    assert "changed since" not in ran.err
+    assert "40000 N/m" in ran.err
+    assert CHANGED not in ran.err
     plain = json.loads((session / "assessment.json").read_text(encoding="utf-8"))
     worn = plain["cuffs"]["hand"]
     assert [worn[key]["source"] for key in ("stiffness_n_per_m", "damping_n_s_per_m")] == [BY_HAND, "fit"]
     assert worn["stiffness_n_per_m"]["value"] == 40000
     assert plain["inputs_checked"] == {"cuffs": BY_HAND}
     page = (session / "report.html").read_text(encoding="utf-8")
-    assert "were solved with another stiffness of cuff hand than the one in the table: 40000 N/m, given by hand" in page
+    assert "were solved with another stiffness of cuff hand than that in the table: 40000 N/m, given by hand" in page
 
     found = station("verify", session, "--format", "json")
     assert found.code == 1
@@ -146,42 +149,39 @@ def test_a_stiffness_edited_in_the_cuffs_file_is_told_by_assess_and_report(
     assert links["cuffs.json, cuff hand"] == links["assessment.json ← hand, stiffness_n_per_m 40000.0"] == BY_HAND
 
 
-def test_an_assessment_of_edited_cuffs_stays_behind_when_they_are_fitted_again(session: Path, station: Station) -> None:
+def test_an_edited_assessment_is_reported_after_a_new_fit(session: Path, station: Station) -> None:
     edit(session / "assessment.json", lambda plain: plain["cuffs"]["hand"]["stiffness_n_per_m"].update(value=40000))
     assert station("fit", session).code == 0
     ran = station("report", session)
-    assert ran.code == 3 and "assessment.json: changed since" in ran.err
-    assert "than the one in the table: 40000 N/m, and the table has" in (session / "report.html").read_text()
+    assert ran.code == 3 and f"assessment.json: {CHANGED}" in ran.err
+    assert "than that in the table: 40000 N/m, and the table has" in (session / "report.html").read_text()
 
 
-def test_a_trial_replaced_under_its_name_is_named_by_every_verb(
-    session: Path, tmp_path: Path, station: Station
-) -> None:
+def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Path, station: Station) -> None:
     replace_trial(session / STATIC)
-    words = f"{STATIC} has changed since it was recorded"
+    changed = str(Message(ChainCode.CHANGED, {"file": STATIC, "sums": CHECKSUMS_FILE}))
     ran = station("info", session / STATIC)
-    assert ran.code == 3 and f"{STATIC}: changed since, by {CHECKSUMS_FILE}" in ran.out
+    assert ran.code == 3 and f"{STATIC}: {CHANGED}, by {CHECKSUMS_FILE}" in ran.out
     exported = station("export", session / STATIC, "--to", "csv", "--output", tmp_path / "out")
-    assert words in exported.err
+    assert changed in exported.err
     (sidecar,) = (tmp_path / "out").glob("*.json")
     assert json.loads(sidecar.read_text(encoding="utf-8"))["checked"] == CHANGED
-    assert words in station("replay", session / STATIC, "--speed", "100").err
+    assert changed in station("replay", session / STATIC, "--speed", "100").err
 
     ran = station("report", session)
-    assert ran.code == 3 and f"cuffs.json ← {STATIC}: changed since" in ran.err
+    assert ran.code == 3 and f"cuffs.json ← {STATIC}: {CHANGED}" in ran.err
     ran = station("fit", session)
-    assert ran.code == 3 and words in ran.err
+    assert ran.code == 3 and changed in ran.err
     fitted = json.loads((session / "cuffs.json").read_text(encoding="utf-8"))
     assert {name: entry["standing"] for name, entry in fitted["recordings"].items()} == {
         STATIC: CHANGED,
         DYNAMIC: AS_RECORDED,
     }
-    found = station("verify", session)
-    assert found.code == 1
-    assert f"\n{STATIC}: changed since" in found.out
+    found = station("verify", session, "--format", "json")
+    assert found.code == 1 and standings(found)[STATIC] == CHANGED
 
 
-def test_a_recording_that_is_gone_is_missing(session: Path, station: Station) -> None:
+def test_a_deleted_recording_is_missing(session: Path, station: Station) -> None:
     (session / DYNAMIC).unlink()
     links = standings(ran := station("verify", session, "--format", "json"))
     assert ran.code == 1
@@ -193,9 +193,8 @@ def test_one_changed_byte_breaks_the_chain_at_its_file(session: Path, station: S
     content = bytearray((session / name).read_bytes())
     content[len(content) // 2] ^= 1
     (session / name).write_bytes(content)
-    ran = station("verify", session)
-    assert ran.code == 1
-    assert f"{name}: changed since" in ran.out.splitlines()
+    ran = station("verify", session, "--format", "json")
+    assert ran.code == 1 and standings(ran)[name] == CHANGED
 
 
 @pytest.mark.parametrize(
@@ -209,10 +208,10 @@ def test_one_changed_byte_breaks_the_chain_at_its_file(session: Path, station: S
         (lambda hand: hand.update(covariance=None), CHANGED, ()),
     ],
 )
-def test_the_cuffs_file_itself_tells_what_was_given_by_hand(
+def test_the_seals_of_a_cuffs_file_show_which_figures_are_given_by_hand(
     made: Path, tmp_path: Path, change: Callable[[Any], None], standing: Standing, given: tuple[str, ...]
 ) -> None:
-    """Without its folder: a copy elsewhere is checked, too, and however it is laid out."""
+    """A copy in another folder is checked, too, in any layout."""
     copy = tmp_path / "cuffs.json"
     copy.write_bytes((made / "cuffs.json").read_bytes())
     edit(copy, lambda plain: change(plain["cuffs"]["hand"]))
@@ -225,8 +224,8 @@ def test_cuffs_written_by_hand_are_given_and_break_nothing(tmp_path: Path, stati
     (tmp_path / "cuffs.json").write_text(json.dumps({"cuffs": {"hand": figures}}))
     fit = read_cuffs(tmp_path / "cuffs.json")["hand"]
     assert (fit.standing, fit.given) == (BY_HAND, ("stiffness", "damping", "migration"))
-    ran = station("verify", tmp_path)
-    assert ran.code == 0 and "cuffs.json, cuff hand: given by hand" in ran.out
+    ran = station("verify", tmp_path, "--format", "json")
+    assert ran.code == 0 and standings(ran)["cuffs.json, cuff hand"] == BY_HAND
     ran = station("report", tmp_path)
     assert "4000 (given by hand)" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -243,9 +242,17 @@ def test_a_decision_after_the_fit_breaks_nothing(session: Path, station: Station
     assert station("verify", session).code == 0
 
 
-def test_a_folder_with_nothing_to_verify_is_one_sentence(tmp_path: Path, station: Station) -> None:
-    assert_one_sentence(station("verify", tmp_path), 1, "holds no recording, no cuffs.json and no report.html")
-    assert_one_sentence(station("verify", tmp_path / "nowhere"), 1, "is not a folder")
+def test_a_folder_with_nothing_to_verify_is_refused(tmp_path: Path, station: Station) -> None:
+    assert_refused(station("verify", tmp_path), 1, ChainCode.NOTHING_TO_VERIFY)
+    assert_refused(station("verify", tmp_path / "nowhere"), 1, ChainCode.NOT_A_FOLDER)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("name", ["cuffs.json", "report.html", "assessment.json", CHECKSUMS_FILE, STATIC])
+def test_a_pipe_in_place_of_a_file_is_refused(session: Path, station: Station, name: str) -> None:
+    (session / name).unlink()
+    os.mkfifo(session / name)
+    assert_refused(station("verify", session), 1, ChainCode.NOT_REGULAR)
 
 
 def test_a_number_is_the_same_however_it_is_written() -> None:
@@ -254,8 +261,8 @@ def test_a_number_is_the_same_however_it_is_written() -> None:
 
 
 def make_key(path: Path) -> Path:
-    words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "lab", "-f", str(path)]
-    subprocess.run(words, check=True, stdin=subprocess.DEVNULL)  # noqa: S603
+    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "lab", "-f", str(path)]
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)  # noqa: S603
     return path
 
 
@@ -281,15 +288,15 @@ def test_a_signed_session_is_whole_and_a_later_change_with_new_checksums_breaks_
     assert ran.out.startswith(
         'SHA256SUMS.sig ← SHA256SUMS: as recorded (Good "cuffstation" signature for lab@example.org'
     )
-    words = ["ssh-keygen", "-Y", "verify", "-f", str(signers), "-I", "lab@example.org", "-n", "cuffstation"]
+    command = ["ssh-keygen", "-Y", "verify", "-f", str(signers), "-I", "lab@example.org", "-n", "cuffstation"]
     with (session / CHECKSUMS_FILE).open("rb") as signed:  # without the station, as docs/security.md says
-        subprocess.run([*words, "-s", str(session / f"{CHECKSUMS_FILE}.sig")], stdin=signed, check=True)  # noqa: S603
+        subprocess.run([*command, "-s", str(session / f"{CHECKSUMS_FILE}.sig")], stdin=signed, check=True)  # noqa: S603
     assert "give --signers" in station("verify", session).out
 
     replace_trial(session / STATIC)
-    write_checksums(session / STATIC)  # by somebody who knows how
-    ran = station("verify", session, "--signers", signers)
-    assert ran.code == 1 and ran.out.startswith("SHA256SUMS.sig ← SHA256SUMS: changed since")
+    write_checksums(session / STATIC)  # as an attacker would
+    ran = station("verify", session, "--signers", signers, "--format", "json")
+    assert ran.code == 1 and standings(ran)["SHA256SUMS.sig ← SHA256SUMS"] == CHANGED
 
 
 @needs_ssh_keygen
@@ -297,21 +304,21 @@ def test_a_signature_of_another_key_is_not_that_of_the_laboratory(
     session: Path, tmp_path: Path, key: Path, station: Station
 ) -> None:
     signers, other = allow(tmp_path, key), make_key(tmp_path / "other_key")
-    ran = station("verify", session, "--sign", other, "--signers", signers)
-    assert ran.code == 1 and "signed with a key that is not in allowed_signers" in ran.out
-    assert station("verify", session, "--signers", tmp_path / "nobody").code == 1
+    ran = station("verify", session, "--sign", other, "--signers", signers, "--format", "json")
+    assert ran.code == 1 and standings(ran)["SHA256SUMS.sig ← SHA256SUMS"] == CHANGED
+    assert_refused(station("verify", session, "--signers", tmp_path / "missing"), 1, ChainCode.NO_SIGNERS)
 
 
 @needs_ssh_keygen
 def test_a_broken_chain_is_not_signed(session: Path, key: Path, station: Station) -> None:
     edit(session / "cuffs.json", stiffen)
-    assert_one_sentence(station("verify", session, "--sign", key), 1, "is not signed, its chain is broken at")
+    assert_refused(station("verify", session, "--sign", key), 1, ChainCode.BROKEN)
     assert not (session / f"{CHECKSUMS_FILE}.sig").exists()
 
 
 @needs_ssh_keygen
-def test_an_unsigned_folder_that_should_be_signed_is_told(
+def test_an_unsigned_folder_is_a_missing_signature_if_signers_are_given(
     session: Path, tmp_path: Path, key: Path, station: Station
 ) -> None:
     ran = station("verify", session, "--signers", allow(tmp_path, key))
-    assert ran.code == 1 and "missing (the folder is not signed)" in ran.out
+    assert ran.code == 1 and ran.out.startswith("SHA256SUMS.sig ← SHA256SUMS: missing")

@@ -6,13 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.trial import read_trial
+from fitting.trial.reader import read_trial
 from recordings.contents import contents_of
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.reader import Track, open_recording
+from station.files.complete_trial import complete_trial
+from station.files.foreign_files import ImportRefused, MarkerSource
 from station.fit import recordings_in
-from tests.station.command import assert_one_sentence
+from station.messages.file_codes import ImportCode
+from station.messages.message import Message
+from tests.station.command import assert_refused
 from tests.station.foreign import Truth, static_and_dynamic
+from tests.station.refusal import refused
 
 NAME = "cuff-hand_test-static_run-1.mcap"
 
@@ -49,22 +54,21 @@ def export(truth: Truth, tmp_path: Path, **changes: object) -> Path:
 
 
 def test_the_completed_recording_has_every_frame_and_the_original_is_untouched(
-    station, truth: Truth, lossy: Path, tmp_path: Path
+    truth: Truth, lossy: Path, tmp_path: Path
 ) -> None:
     before = lossy.read_bytes()
-    ran = station("import", "--over", lossy, "--mocap", export(truth, tmp_path))
-    assert ran.code == 0, ran.err
+    done = complete_trial(lossy, MarkerSource(export(truth, tmp_path)))
     completed = tmp_path / NAME.replace(".mcap", ".completed.mcap")
-    assert ran.out.strip() == str(completed)
+    assert done.path == completed
     assert lossy.read_bytes() == before
-    assert ran.err.splitlines() == [
-        "the live stream lacked 60 of the export's 2939 frames, the first of them 401",
-        "the live stream lacked the marker(s) anchor_1",
-        "in frames that it had, the live stream lacked cuff_1 in 40",
-    ]
+    added, labels, filled = done.notes
+    assert (added.code, added.figures["added"], added.figures["frames"]) == (ImportCode.FRAMES_ADDED, 60, 2939)
+    assert "401" in str(added.figures["first"])
+    assert (labels.code, labels.figures) == (ImportCode.LABELS_ADDED, {"labels": "anchor_1"})
+    assert (filled.code, filled.figures) == (ImportCode.MARKERS_FILLED, {"filled": "cuff_1 in 40"})
     contents = contents_of(completed)
     assert contents.complete and not contents.gaps and contents.outcome
-    assert contents.outcome.sentence == "the mocap capture ended"
+    assert contents.outcome.accepted
     assert recordings_in(tmp_path) == [completed]
     whole = truth.record(tmp_path / "whole.mcap")
     found, expected = read_trial(completed), read_trial(whole)
@@ -74,7 +78,7 @@ def test_the_completed_recording_has_every_frame_and_the_original_is_untouched(
     assert np.array_equal(found.markers, expected.markers, equal_nan=True)
 
 
-def test_live_preview_around_the_capture_is_left_out(station, truth: Truth, tmp_path: Path) -> None:
+def test_live_preview_around_the_capture_is_left_out(truth: Truth, tmp_path: Path) -> None:
     full = truth.tracks["/markers"]
     second = np.arange(100)
     preview = Track(
@@ -89,40 +93,42 @@ def test_live_preview_around_the_capture_is_left_out(station, truth: Truth, tmp_
         for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
     }
     path = Truth(truth.manifest, truth.tracks | {"/markers": replace(full, **both)}).record(tmp_path / NAME)
-    ran = station("import", "--over", path, "--mocap", export(truth, tmp_path))
-    assert ran.err.startswith("the live stream lacked 0 of the export's 2939 frames\n"), ran.err
-    numbers = open_recording(Path(ran.out.strip())).load("/markers").sample_numbers
+    done = complete_trial(path, MarkerSource(export(truth, tmp_path)))
+    assert done.notes[0].code == ImportCode.FRAMES_ADDED and done.notes[0].figures["added"] == 0
+    numbers = open_recording(done.path).load("/markers").sample_numbers
     assert np.array_equal(numbers, np.arange(1, 2940))
 
 
-def test_frames_that_a_cut_export_lacks_are_kept(station, truth: Truth, lossy: Path, tmp_path: Path) -> None:
+def test_frames_that_a_cut_export_lacks_are_kept(truth: Truth, lossy: Path, tmp_path: Path) -> None:
     table = truth.markers
     part = {name: getattr(table, name)[500:2000] for name in ("time_s", "positions", "residuals")}
-    ran = station("import", "--over", lossy, "--mocap", export(truth, tmp_path, **part))
-    assert ran.code == 0 and "the export lacks 1409 frames that the live stream had, and they are kept" in ran.err
-    gaps = contents_of(Path(ran.out.strip())).gaps
+    done = complete_trial(lossy, MarkerSource(export(truth, tmp_path, **part)))
+    assert done.notes[-1] == Message(ImportCode.FRAMES_KEPT, {"frames": 1409})
+    gaps = contents_of(done.path).gaps
     assert [(gap.first_missing, gap.count) for gap in gaps] == [(401, 30)]
 
 
-def test_where_the_export_says_that_a_marker_was_not_seen_it_is_believed(
-    station, truth: Truth, lossy: Path, tmp_path: Path
+def test_a_marker_hidden_in_the_export_is_hidden_in_the_completed_recording(
+    truth: Truth, lossy: Path, tmp_path: Path
 ) -> None:
     positions = truth.markers.positions.copy()
     positions[1500:1510, 2] = np.nan
-    ran = station("import", "--over", lossy, "--mocap", export(truth, tmp_path, positions=positions))
-    values = open_recording(Path(ran.out.strip())).load("/markers").values
+    done = complete_trial(lossy, MarkerSource(export(truth, tmp_path, positions=positions)))
+    values = open_recording(done.path).load("/markers").values
     assert np.isnan(values[1500:1510, 2]).all()
 
 
-def test_what_is_not_of_this_trial_is_refused_in_a_sentence(station, truth: Truth, lossy: Path, tmp_path: Path) -> None:
+def test_an_export_of_another_trial_is_refused(station, truth: Truth, lossy: Path, tmp_path: Path) -> None:
     ask = ("import", "--over", lossy, "--mocap")
     elsewhere = export(truth, tmp_path, positions=truth.markers.positions + np.array([30.0, 0, 0]))
-    assert_one_sentence(station(*ask, elsewhere), 1, "are 30 mm apart, expected the same within 5 mm")
+    with refused(ImportRefused, ImportCode.OTHER_TRIAL) as caught:
+        complete_trial(lossy, MarkerSource(elsewhere))
+    assert caught.value.cause.figures["distance_mm"] == pytest.approx(30.0, abs=0.5)
     later = export(truth, tmp_path, time_s=truth.markers.time_s + 500)
-    assert_one_sentence(station(*ask, later), 1, "have no marker and frame in common")
+    assert_refused(station(*ask, later), 1, ImportCode.NOTHING_IN_COMMON)
     slower = export(truth, tmp_path, time_s=2 * truth.markers.time_s, rate_hz=50.0)
-    assert_one_sentence(station(*ask, slower), 1, "has 50 frames a second and", "100, expected the same")
-    assert_one_sentence(station(*ask, slower, "--force", slower), 2, "or --over alone")
+    assert_refused(station(*ask, slower), 1, ImportCode.FRAME_RATE)
+    assert_refused(station(*ask, slower, "--force", slower), 2, ImportCode.INCOMPLETE_COMMAND)
     assert [path.name for path in tmp_path.glob("*.mcap*")] == [NAME]
 
 
@@ -130,10 +136,10 @@ def test_a_cut_recording_is_not_completed_and_a_completed_one_not_twice(
     station, truth: Truth, lossy: Path, tmp_path: Path
 ) -> None:
     tsv = export(truth, tmp_path)
-    assert station("import", "--over", lossy, "--mocap", tsv).code == 0
-    assert_one_sentence(
-        station("import", "--over", lossy, "--mocap", tsv), 1, "exists, and a recording is never overwritten"
-    )
+    ran = station("import", "--over", lossy, "--mocap", tsv)
+    assert ran.code == 0 and ran.out.strip() == str(tmp_path / NAME.replace(".mcap", ".completed.mcap"))
+    assert len(ran.err.splitlines()) == 3
+    assert_refused(station("import", "--over", lossy, "--mocap", tsv), 1, ImportCode.FILE_EXISTS)
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(lossy.read_bytes()[:90000])
-    assert_one_sentence(station("import", "--over", cut, "--mocap", tsv), 1, "was cut, so nobody knows where it ends")
+    assert_refused(station("import", "--over", cut, "--mocap", tsv), 1, ImportCode.CUT_RECORDING)

@@ -1,4 +1,4 @@
-"""Force on the cuff for OpenSim: the vector, gap-free pieces, filled gaps, and what OpenSim's own Storage reads."""
+"""Force on the cuff for OpenSim: vector, gap-free segments, filled gaps, and the result of OpenSim's own Storage."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fitting.trial import Trial, read_trial
+from fitting.trial.reader import read_trial
+from fitting.trial.trial import Trial
 from station.files.export_trial import Exported, export_recordings
-from station.files.one_clock import ExportRefused
-from tests.station.command import assert_one_sentence
+from station.files.synchronised import ExportRefused
+from station.messages.file_codes import ExportCode
+from tests.station.command import assert_refused
 from tests.station.foreign import Truth, static_and_dynamic
+from tests.station.refusal import refused
 
 HIDDEN = slice(700, 750)  # of the frames at 100 Hz: half a second
 
@@ -54,7 +57,7 @@ def export(static: Path, to: str, output: Path, *, fills_gaps: bool = False) -> 
 
 
 def tables(done: Exported) -> list[np.ndarray]:
-    """The rows of each table, as text that anything could read."""
+    """The rows of every table, parsed as plain text."""
     found = []
     for path in done.paths[:-1]:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -72,9 +75,7 @@ def sidecar(done: Exported) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("to", ["mot", "sto"])
-def test_the_force_is_a_pull_along_the_direction_in_which_the_cuff_yields(
-    static: Path, trial: Trial, tmp_path: Path, to: str
-) -> None:
+def test_the_force_is_a_pull_along_the_cuff_displacement(static: Path, trial: Trial, tmp_path: Path, to: str) -> None:
     done = export(static, to, tmp_path)
     assert [path.name.removeprefix(static.stem) for path in done.paths] == [
         f"_force_1.{to}",
@@ -91,7 +92,7 @@ def test_the_force_is_a_pull_along_the_direction_in_which_the_cuff_yields(
     assert not rows[:, 7:].any()
 
 
-def test_a_hidden_marker_leaves_two_pieces_and_every_row_left_out_is_counted(
+def test_a_hidden_marker_leaves_two_segments_and_every_row_left_out_is_counted(
     static: Path, trial: Trial, tmp_path: Path
 ) -> None:
     done = export(static, "mot", tmp_path)
@@ -104,10 +105,11 @@ def test_a_hidden_marker_leaves_two_pieces_and_every_row_left_out_is_counted(
     assert len(first) + len(second) + sum(left_out.values()) == len(trial.force)
     assert [piece["rows"] for piece in sidecar(done)["gaps"]["pieces"]] == [len(first), len(second)]
     (note,) = done.notes
-    assert f"{left_out['marker_hidden']} of {len(trial.force)} rows are left out" in note
+    assert (note.code, note.figures["rows"]) == (ExportCode.ROWS_LEFT_OUT, len(trial.force))
+    assert (note.figures["left_out"], note.figures["files"]) == (sum(left_out.values()), 2)
 
 
-def test_lost_samples_part_pieces_too(tmp_path: Path) -> None:
+def test_lost_samples_separate_segments(tmp_path: Path) -> None:
     done = export(recorded(tmp_path / "s", slice(0), lost=slice(3000, 3040)), "mot", tmp_path)
     first, second = tables(done)
     assert second[0, 0] - first[-1, 0] == pytest.approx(0.041, abs=1e-4)
@@ -126,7 +128,7 @@ def test_filled_gaps_are_one_file_whose_filled_rows_are_counted(tmp_path: Path) 
     assert np.abs(np.linalg.norm(rows[:, 1:4], axis=1) - np.abs(force)).max() < 1e-4, "measured, not filled"
     inside = (rows[:, 0] > trial.marker_time[700]) & (rows[:, 0] < trial.marker_time[749])
     assert np.abs(np.diff(rows[inside, 4:7], n=2, axis=0)).max() < 1e-8, "a straight line"
-    assert "40 rows of samples that were lost" in done.notes[0]
+    assert (done.notes[0].code, done.notes[0].figures["lost"]) == (ExportCode.ROWS_FILLED, 40)
 
 
 def test_without_gaps_there_is_one_file_and_no_note(tmp_path: Path) -> None:
@@ -137,7 +139,7 @@ def test_without_gaps_there_is_one_file_and_no_note(tmp_path: Path) -> None:
 
 
 def test_a_cuff_that_is_never_seen_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ExportRefused):
+    with refused(ExportRefused, ExportCode.NO_DIRECTION):
         export(recorded(tmp_path / "s", slice(None)), "mot", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -162,13 +164,13 @@ def test_opensims_storage_reads_every_row(
     assert len(rows) == pytest.approx(expected, abs=20)
 
 
-def test_the_verb_says_what_it_left_out_and_fills_on_request(station, static: Path, tmp_path: Path) -> None:
+def test_the_verb_lists_the_codes_of_its_notes_and_fills_gaps_on_request(station, static: Path, tmp_path: Path) -> None:
     ran = station("export", static, "--to", "mot", "--output", tmp_path / "pieces")
     assert ran.code == 0
     assert len(ran.out.split()) == 3
-    assert "rows are left out because a marker" in ran.err and "--fill-gaps" in ran.err
+    assert ran.err.strip()
     ran = station("export", static, "--to", "mot", "--fill-gaps", "--output", tmp_path / "filled", "--format", "json")
     assert ran.code == 0
-    assert len(json.loads(ran.out)["written"]) == 2
-    assert "filled along straight lines" in json.loads(ran.out)["notes"][0]
-    assert_one_sentence(station("export", static, "--to", "csv", "--fill-gaps"), 2, "--fill-gaps is for --to mot")
+    assert len(json.loads(ran.out)["written"]) == len(json.loads(ran.out)["notes"]) + 1 == 2
+    assert json.loads(ran.out)["note_codes"][0]["code"] == ExportCode.ROWS_FILLED
+    assert_refused(station("export", static, "--to", "csv", "--fill-gaps"), 2, ExportCode.FILL_GAPS_FORMAT)

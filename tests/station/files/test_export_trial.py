@@ -13,18 +13,20 @@ import pytest
 from mcap.reader import make_reader
 from pyarrow import parquet
 
-from fitting.trial import Trial, read_trial
+from fitting.trial.reader import read_trial
+from fitting.trial.trial import Trial
 from recordings.contents import contents_of
-from recordings.errors import RecordingError
 from recordings.manifest import BounceRig
 from station.files.export_trial import export_recordings
 from station.files.foreign_files import ForceSource, MarkerSource
 from station.files.import_trial import import_trial
-from station.files.one_clock import ExportRefused
+from station.files.synchronised import ExportRefused
 from station.fit import fit_session_folder
+from station.messages.file_codes import ExportCode
 from station.protocol import TrialSpec
-from tests.station.command import assert_one_sentence
+from tests.station.command import assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
+from tests.station.refusal import refused
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +76,7 @@ def assert_same_trial(found: Trial, expected: Trial, newtons: float, metres: flo
 
 
 @pytest.mark.parametrize(("force", "markers"), [("csv", "tsv"), ("tsv", "tsv"), ("csv", "trc"), ("tsv", "c3d")])
-def test_what_goes_out_as_two_files_comes_back_as_the_same_trial(
+def test_two_exported_files_are_imported_as_the_same_trial(
     static: Path, trial: Trial, tmp_path: Path, force: str, markers: str
 ) -> None:
     out = export(static, force, tmp_path / "out") | export(static, markers, tmp_path / "out")
@@ -84,7 +86,7 @@ def test_what_goes_out_as_two_files_comes_back_as_the_same_trial(
     assert np.isnan(found.positions(("cuff_1",))).all(axis=(1, 2)).sum() == 50
 
 
-def test_a_session_that_went_out_as_c3d_and_came_back_fits_the_same(session: Path, tmp_path: Path) -> None:
+def test_a_session_exported_as_c3d_and_imported_has_the_same_fit(session: Path, tmp_path: Path) -> None:
     for path in session.glob("*.mcap"):
         file = export(path, "c3d", tmp_path)[".c3d"]
         again(file, file, tmp_path / "s", "static" if "static" in path.name else "dynamic")
@@ -95,7 +97,7 @@ def test_a_session_that_went_out_as_c3d_and_came_back_fits_the_same(session: Pat
 
 
 @pytest.mark.parametrize("to", ["c3d", "csv", "mot", "parquet", "trc"])
-def test_a_disk_that_is_full_leaves_no_file_and_says_so(static: Path, tmp_path: Path, to: str) -> None:
+def test_a_full_disk_is_an_error_and_leaves_no_file(static: Path, tmp_path: Path, to: str) -> None:
     resource = pytest.importorskip("resource", reason="Windows has no limit of a file's size")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
@@ -107,7 +109,7 @@ def test_a_disk_that_is_full_leaves_no_file_and_says_so(static: Path, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
-def test_c3d_carries_the_force_at_a_multiple_of_the_frames_within_a_sample_s_noise(
+def test_c3d_has_the_force_at_a_multiple_of_the_frame_rate_within_the_noise(
     static: Path, trial: Trial, tmp_path: Path
 ) -> None:
     c3d = ezc3d.c3d(str(export(static, "c3d", tmp_path)[".c3d"]))
@@ -120,18 +122,18 @@ def test_c3d_carries_the_force_at_a_multiple_of_the_frames_within_a_sample_s_noi
     assert read == pytest.approx(np.interp(time, trial.force_time, trial.force), abs=1e-3)
     assert np.isnan(c3d["data"]["points"][0, -1]).sum() == 50
     points = dict(zip(c3d["parameters"]["POINT"]["LABELS"]["value"], c3d["data"]["points"].swapaxes(0, 1), strict=True))
-    for label, axis, found in each_coordinate(trial):
+    for label, axis, found in coordinates_of(trial):
         assert points[label]["xyz".index(axis)] == pytest.approx(1e3 * found, abs=1e-4, nan_ok=True)
 
 
-def each_coordinate(trial: Trial) -> Iterator[tuple[str, str, np.ndarray]]:
+def coordinates_of(trial: Trial) -> Iterator[tuple[str, str, np.ndarray]]:
     """Label, axis and metres of every frame, NaN where the marker is hidden."""
     for number, label in enumerate(trial.labels):
         for axis in range(3):
             yield label, "xyz"[axis], trial.markers[:, number, axis]
 
 
-def test_tables_have_a_sidecar_that_tells_units_rates_calibration_and_clock(static: Path, tmp_path: Path) -> None:
+def test_tables_have_a_sidecar_with_units_rates_calibration_and_clock(static: Path, tmp_path: Path) -> None:
     out = export(static, "csv", tmp_path)
     plain = json.loads(out[".csv.json"].read_text(encoding="utf-8"))
     assert plain["files"] == [out["_force.csv"].name, out["_markers.csv"].name]
@@ -157,7 +159,7 @@ def test_parquet_has_units_in_its_fields_and_null_where_a_marker_is_missing(
     assert force["force_n"].to_numpy() == pytest.approx(trial.force)
     assert force["time_s"].to_numpy() == pytest.approx(trial.force_time)
     assert markers["time_s"].to_numpy() == pytest.approx(trial.marker_time)
-    for label, axis, found in each_coordinate(trial):
+    for label, axis, found in coordinates_of(trial):
         column = markers[f"{label}_{axis}_m"].to_numpy(zero_copy_only=False)
         assert column == pytest.approx(found, nan_ok=True)
     assert json.loads(force.schema.metadata[b"station"])["test"] == "static"
@@ -183,7 +185,7 @@ def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path,
     assert sum(row[-1] == "n/a" for row in rows) == 50
     names = [channel[0] for channel in channels[1:]]
     columns = {name: [float(row[at].replace("n/a", "nan")) for row in rows] for at, name in enumerate(names)}
-    for label, axis, found in each_coordinate(trial):
+    for label, axis, found in coordinates_of(trial):
         assert columns[f"{label}_{axis}"] == pytest.approx(found, abs=1e-7, nan_ok=True)
     sidecar = json.loads((folder / f"{name}_motion.json").read_text())
     assert (sidecar["SamplingFrequency"], sidecar["TaskName"], sidecar["POSChannelCount"]) == (100.0, "static", 15)
@@ -209,7 +211,9 @@ def test_the_same_recording_gives_the_same_bytes(static: Path, tmp_path: Path) -
         assert [path.read_bytes() for path in once] == [path.read_bytes() for path in twice]
 
 
-def test_a_whole_session_is_exported_and_what_cannot_be_is_told(station, session: Path, tmp_path: Path) -> None:
+def test_a_session_is_exported_and_recordings_that_cannot_be_are_reported(
+    station, session: Path, tmp_path: Path
+) -> None:
     for path in session.glob("*.mcap"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     ran = station("export", "--session", tmp_path, "--to", "trc", "--output", tmp_path / "out")
@@ -223,20 +227,20 @@ def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     truth = static_and_dynamic()[1]
     manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
     path = Truth(manifest, truth.tracks).record(tmp_path / "test-bounce_run-1.mcap")
-    with pytest.raises(ExportRefused, match="is a bounce: it has no cuff"):
+    with refused(ExportRefused, ExportCode.BOUNCE):
         export_recordings([path], "mot", tmp_path, "01")
     assert set(export(path, "csv", tmp_path / "out")) == {"_force.csv", "_markers.csv", ".csv.json"}
     assert contents_of(path).complete
 
 
-def test_bad_asking_is_one_sentence(station, static: Path, tmp_path: Path) -> None:
-    assert_one_sentence(station("export", "--to", "csv"), 2, "needs either a FILE or --session, and --to")
-    assert_one_sentence(station("export", static), 2, "needs either a FILE or --session, and --to")
-    assert_one_sentence(
-        station("export", static, "--session", tmp_path, "--to", "csv"), 2, "either a FILE or --session"
-    )
-    assert_one_sentence(station("export", "--session", tmp_path, "--to", "csv"), 1, "holds no recording")
-    assert_one_sentence(station("export", tmp_path / "none.mcap", "--to", "csv"), 1, "none.mcap")
+def test_a_wrong_command_is_refused(station, static: Path, tmp_path: Path) -> None:
+    for incomplete in (("--to", "csv"), (static,), (static, "--session", tmp_path, "--to", "csv")):
+        assert_refused(station("export", *incomplete), 2, ExportCode.INCOMPLETE_COMMAND)
+    assert_refused(station("export", "--osim"), 2, ExportCode.INCOMPLETE_MODEL_COMMAND)
+    assert_refused(station("export", "--session", tmp_path, "--to", "csv"), 1, ExportCode.NO_RECORDING)
+    missing = station("export", tmp_path / "none.mcap", "--to", "csv")
+    assert_refused(missing, 1, ExportCode.NOT_EXPORTED)
+    assert "none.mcap" in missing.err
     assert station("export", static, "--to", "xlsx").code == 2
 
 
@@ -244,7 +248,7 @@ def test_a_recording_without_a_common_clock_is_refused_and_leaves_nothing(static
     truth = static_and_dynamic()[0]
     low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
     path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
-    with pytest.raises((ExportRefused, RecordingError), match="cannot be exported: the sync line never rises"):
+    with refused(ExportRefused, ExportCode.RAW_POSSIBLE):
         export_recordings([path], "parquet", tmp_path / "out", "01")
     assert not (tmp_path / "out").exists()
 
@@ -253,9 +257,10 @@ def test_csv_gives_the_raw_samples_where_the_sync_line_is_bad(station, tmp_path:
     truth = static_and_dynamic()[0]
     low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
     path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
-    ran = station("export", path, "--to", "csv", "--output", tmp_path / "out")
-    assert ran.code == 3 and "low.mcap has no common clock, each stream is exported raw: the sync line" in ran.err
-    written = {Path(line).name: Path(line) for line in ran.out.split()}
+    ran = station("export", path, "--to", "csv", "--output", tmp_path / "out", "--format", "json")
+    plain = json.loads(ran.out)
+    assert ran.code == 3 and [reason["code"] for reason in plain["refused_codes"]] == [ExportCode.RAW_ONLY]
+    written = {Path(line).name: Path(line) for line in plain["written"]}
     assert set(written) == {"low_force_raw.csv", "low_sync_raw.csv", "low_markers_raw.csv", "low_raw.csv.json"}
     titles, *rows = csv.reader(written["low_force_raw.csv"].read_text().splitlines())
     force = truth.tracks["/force"]
@@ -271,7 +276,6 @@ def test_csv_gives_the_raw_samples_where_the_sync_line_is_bad(station, tmp_path:
     )
     sidecar = json.loads(written["low_raw.csv.json"].read_text())
     assert sidecar["files"]["low_force_raw.csv"]["unit"] == "V" and "sync line" in sidecar["clock"]
-    assert "--to csv gives the raw samples" in station("export", path, "--to", "trc", "--output", tmp_path / "o").err
 
 
 def test_a_recovered_copy_never_replaces_its_original_in_an_export(station, static: Path, tmp_path: Path) -> None:
@@ -284,10 +288,12 @@ def test_a_recovered_copy_never_replaces_its_original_in_an_export(station, stat
     assert names == {f"{static.stem}{end}" for end in ("_force.csv", "_markers.csv", ".csv.json")}
     original.unlink()
     ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
-    assert all(".recovered" in Path(line).name for line in ran.out.split()), "alone it stands for it"
+    assert all(".recovered" in Path(line).name for line in ran.out.split()), (
+        "a recovered copy without its original is exported"
+    )
 
 
-def test_what_foxglove_reads_stands_in_a_folder_of_its_own(station, static: Path, trial: Trial, tmp_path: Path) -> None:
+def test_files_for_foxglove_are_in_a_separate_folder(station, static: Path, trial: Trial, tmp_path: Path) -> None:
     ran = station("export", static, "--to", "foxglove", "--output", tmp_path)
     assert ran.code == 0
     path = Path(ran.out.strip())

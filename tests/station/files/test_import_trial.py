@@ -9,21 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.result import CuffFit
-from fitting.trial import read_trial, read_trials
+from fitting.cuffs.cuff_fit import CuffFit
+from fitting.trial.reader import read_trial, read_trials
 from recordings.contents import contents_of
 from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.reader import open_recording, read_manifest
 from station.checksums import read_checksums
-from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource
+from station.files.foreign_files import ForceSource, ImportRefused, MarkerSource, read_force
 from station.files.import_trial import Imported, import_trial, with_lag
 from station.fit import fit_session_folder
+from station.messages.file_codes import ExportCode, ImportCode
+from station.messages.setup_codes import ConfigCode
 from station.protocol import TrialSpec
 from tests.fitting.bouncing import Bounce, recorded
-from tests.station.command import Ran, assert_one_sentence
+from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
+from tests.station.refusal import refused
 
 STATIC, DYNAMIC = TrialSpec("hand", "static", 1), TrialSpec("hand", "dynamic", 1)
 
@@ -70,7 +73,7 @@ def assert_same_fit(found: CuffFit, expected: CuffFit, rel: float) -> None:
     assert found.migration.value == pytest.approx(expected.migration.value, rel=rel)
 
 
-def test_the_fit_does_not_know_a_tsv_and_a_csv_with_a_sync_line_from_the_wire(
+def test_a_tsv_and_a_csv_with_a_sync_line_give_the_fit_of_the_live_recording(
     pair: tuple[Truth, Truth], wire: CuffFit, tmp_path: Path
 ) -> None:
     for truth, spec in zip(pair, (STATIC, DYNAMIC), strict=True):
@@ -80,7 +83,7 @@ def test_the_fit_does_not_know_a_tsv_and_a_csv_with_a_sync_line_from_the_wire(
 
 
 @pytest.mark.parametrize("suffix", ["tsv", "trc", "c3d"])
-def test_files_that_only_share_a_time_fit_within_what_the_edge_s_place_between_samples_costs(
+def test_files_with_common_times_give_the_fit_within_half_a_sample_of_lag(
     pair: tuple[Truth, Truth], wire: CuffFit, tmp_path: Path, suffix: str
 ) -> None:
     for truth, spec in zip(pair, (STATIC, DYNAMIC), strict=True):
@@ -98,7 +101,7 @@ def test_files_that_only_share_a_time_fit_within_what_the_edge_s_place_between_s
 
 
 @pytest.mark.parametrize(("unit", "column", "per_volt"), [("N", "pull", 98.0665), ("lbs", "force_lbs", 22.0462)])
-def test_newtons_and_pounds_are_stored_as_they_stand_and_fit_as_volts_do(
+def test_newtons_and_pounds_are_stored_unchanged_and_give_the_fit_of_volts(
     pair: tuple[Truth, Truth], tmp_path: Path, unit: str, column: str, per_volt: float
 ) -> None:
     force = pair[0].write_csv(tmp_path / "daq.csv", newtons_per_unit=per_volt, column=column)
@@ -113,7 +116,7 @@ def test_newtons_and_pounds_are_stored_as_they_stand_and_fit_as_volts_do(
     assert trial.force == pytest.approx(of_volts.force, rel=1e-5)
 
 
-def test_the_recording_is_whole_and_says_where_it_came_from(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_the_recording_is_complete_and_names_its_sources(static: tuple[Path, Path], tmp_path: Path) -> None:
     captured = datetime(2025, 3, 4, 12, 0, 0, tzinfo=timezone(timedelta(hours=2)))
     force, mocap = ForceSource(static[0]), MarkerSource(static[1])
     contents = contents_of(import_trial(tmp_path / "s", STATIC, config(), force, mocap, captured).path)
@@ -125,9 +128,7 @@ def test_the_recording_is_whole_and_says_where_it_came_from(static: tuple[Path, 
     )
 
 
-def test_without_a_sync_line_the_manifest_says_so_and_the_declared_lag_reaches_the_fit(
-    pair: tuple[Truth, Truth], tmp_path: Path
-) -> None:
+def test_without_a_sync_line_the_declared_lag_reaches_the_fit(pair: tuple[Truth, Truth], tmp_path: Path) -> None:
     force = ForceSource(pair[0].write_csv(tmp_path / "daq.csv", has_sync=False))
     mocap = MarkerSource(pair[0].write_markers(tmp_path / "trial.tsv"))
     plain = read_trial(import_trial(tmp_path / "a", STATIC, config(), force, mocap).path)
@@ -135,36 +136,36 @@ def test_without_a_sync_line_the_manifest_says_so_and_the_declared_lag_reaches_t
     assert open_recording(lagged).manifest.start == "declared"
     trial = read_trial(lagged)
     assert plain.lag.declared == pytest.approx(np.hypot(0.0005, 0.0005 / np.sqrt(3))), "half a sample at 1 kHz"
-    assert trial.lag.declared == 0.003, "what is said is believed"
+    assert trial.lag.declared == 0.003, "a given value is used as it is"
     assert plain.lag.total(20.0) == pytest.approx(np.hypot(plain.lag.declared, 20 * 50e-6)), "two clocks drift apart"
     assert plain.force_time[0] - trial.force_time[0] == pytest.approx(0.0, abs=1.1e-3), "both begin at time 0"
     shift = np.interp(5.0, trial.force_time, trial.force) - np.interp(5.012, plain.force_time, plain.force)
     assert shift == pytest.approx(0.0, abs=0.3)
 
 
-def test_without_a_sync_line_force_at_20_hz_tells_damping_no_better_than_half_a_sample_does(
+def test_without_a_sync_line_half_a_sample_at_20_hz_is_in_the_uncertainty_of_the_damping(
     pair: tuple[Truth, Truth], tmp_path: Path
 ) -> None:
     whole = pair[1].write_csv(tmp_path / "whole.csv", has_sync=False).read_text().splitlines()
     force, mocap = tmp_path / "daq.csv", pair[1].write_markers(tmp_path / "trial.tsv")
     force.write_text("\n".join([whole[0], *whole[1::50]]))
-    unsaid = run(tmp_path / "s", force, mocap, DYNAMIC)
-    assert read_trial(unsaid.path).lag.declared == pytest.approx(0.025 / np.sqrt(3), rel=1e-3)
-    assert "known to 14.4 ms, half a sample of force at 20 Hz; say it with --lag-sd-s" in unsaid.notes[-1]
+    assumed = run(tmp_path / "s", force, mocap, DYNAMIC)
+    assert read_trial(assumed.path).lag.declared == pytest.approx(0.025 / np.sqrt(3), rel=1e-3)
+    note = assumed.notes[-1]
+    assert (note.code, note.figures["rate_hz"]) == (ImportCode.LAG_ASSUMED, pytest.approx(20))
+    assert note.figures["lag_sd_ms"] == pytest.approx(14.4, abs=0.05)
     (trial,) = fitted(tmp_path / "s").trials
     assert trial.damping and trial.damping.parts["lag"] == pytest.approx(8520 * 0.0144, rel=0.02)
 
-    said = with_lag(config(), None, 0.0005)
-    imported = import_trial(tmp_path / "said", DYNAMIC, said, ForceSource(force), MarkerSource(mocap))
+    given = with_lag(config(), None, 0.0005)
+    imported = import_trial(tmp_path / "given", DYNAMIC, given, ForceSource(force), MarkerSource(mocap))
     assert read_trial(imported.path).lag.declared == 0.0005 and not imported.notes
 
 
-def test_what_has_no_sync_line_cannot_be_played_back_and_says_so(
-    station, pair: tuple[Truth, Truth], tmp_path: Path
-) -> None:
+def test_a_recording_without_a_sync_line_is_not_replayed(station, pair: tuple[Truth, Truth], tmp_path: Path) -> None:
     force = pair[0].write_csv(tmp_path / "daq.csv", has_sync=False)
     path = run(tmp_path / "s", force, pair[0].write_markers(tmp_path / "trial.trc")).path
-    assert_one_sentence(station("replay", path), 1, "was imported without a sync line")
+    assert_refused(station("replay", path), 1, ExportCode.NO_SYNC_EDGE)
 
 
 def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: tuple[Path, Path], tmp_path: Path) -> None:
@@ -172,10 +173,10 @@ def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: tuple[Path
     for i in (3, 0, 5, 1, 4, 2):
         run(tmp_path / "s", *static, plan[i])
     run(tmp_path / "s", *static, plan[2])
-    found = sorted(
-        (read_manifest(path) for path in (tmp_path / "s").glob("*.mcap")), key=lambda each: each.start_utc_ns
-    )
-    assert [(each.repeat, each.test) for each in found] == [(spec.repeat, spec.test) for spec in [*plan[:3], *plan[2:]]]
+    manifests = (read_manifest(path) for path in (tmp_path / "s").glob("*.mcap"))
+    found = sorted(manifests, key=lambda manifest: manifest.start_utc_ns)
+    expected = [(spec.repeat, spec.test) for spec in [*plan[:3], *plan[2:]]]
+    assert [(manifest.repeat, manifest.test) for manifest in found] == expected
     assert found[2].run < found[3].run, "a repeat that is imported anew comes after the one it supersedes"
 
 
@@ -212,16 +213,14 @@ def test_lost_rows_are_losses_of_the_recording(static: tuple[Path, Path], tmp_pa
     assert not read_trial(done.path).is_whole
 
 
-def test_nothing_is_overwritten_and_nothing_is_left_of_what_was_refused(
-    static: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_no_file_is_overwritten_and_a_refused_import_leaves_none(static: tuple[Path, Path], tmp_path: Path) -> None:
     session = tmp_path / "s"
     first = run(session, *static).path
     content = first.read_bytes()
     second = run(session, *static).path
     assert (first.name, second.name) == ("cuff-hand_test-static_run-1.mcap", "cuff-hand_test-static_run-2.mcap")
     static[0].write_text("time_s,force_v,sync_v\n" + "".join(f"{i / 1000},1.0,{5 * (i > 500)}\n" for i in range(30000)))
-    with pytest.raises(ImportRefused, match=r"daq.csv and trial.tsv cannot be used: force reads 1"):
+    with refused(ImportRefused, ImportCode.NOT_USABLE):
         run(session, *static)
     left = {path.name for path in session.iterdir() if not path.name.startswith(".")}
     assert left == {first.name, second.name, "SHA256SUMS"}
@@ -235,7 +234,7 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def ask(station, static: tuple[Path, Path], session: Path, *words: object) -> Ran:
+def import_by_verb(station, static: tuple[Path, Path], session: Path, *options: object) -> Ran:
     """`station import` of these files as the hand cuff's first static test."""
     toml = static[0].with_name("station.toml")
     toml.write_text(
@@ -243,16 +242,16 @@ def ask(station, static: tuple[Path, Path], session: Path, *words: object) -> Ra
     )
     return station(
         *("import", "--session", session, "--cuff", "hand", "--test", "static", "--repeat", 1, "--config", toml),
-        *("--force", static[0], "--mocap", static[1], *words),
+        *("--force", static[0], "--mocap", static[1], *options),
     )
 
 
-def test_the_verb_prints_the_path_and_says_nothing_else(station, static: tuple[Path, Path], tmp_path: Path) -> None:
-    ran = ask(station, static, tmp_path / "s")
+def test_the_verb_prints_the_path_only(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+    ran = import_by_verb(station, static, tmp_path / "s")
     assert (ran.code, ran.out.strip(), ran.err) == (0, str(tmp_path / "s" / "cuff-hand_test-static_run-1.mcap"), "")
 
 
-def test_a_marker_that_stands_twice_is_chosen_by_label(station, pair, static, tmp_path: Path) -> None:
+def test_a_marker_with_two_entries_is_chosen_by_label(station, pair, static, tmp_path: Path) -> None:
     markers = pair[0].markers
     doubled = replace(
         markers,
@@ -262,96 +261,109 @@ def test_a_marker_that_stands_twice_is_chosen_by_label(station, pair, static, tm
     )
     write_c3d(tmp_path / "twice.c3d", doubled, {}, {})
     files = static[0], tmp_path / "twice.c3d"
-    refused = ask(station, files, tmp_path / "s")
-    assert_one_sentence(refused, 1, "has no marker cuff_1", "cuff_1#1, cuff_1#2", "--label THEIRS=OURS")
-    ran = ask(station, files, tmp_path / "s", "--label", "cuff_1#1=cuff_1")
+    ran = import_by_verb(station, files, tmp_path / "s")
+    assert_refused(ran, 1, ImportCode.MARKERS_MISSING)
+    assert "cuff_1#1, cuff_1#2" in ran.err
+    ran = import_by_verb(station, files, tmp_path / "s", "--label", "cuff_1#1=cuff_1")
     assert ran.code == 0
-    assert "more than one marker cuff_1" in ran.err
+    assert "cuff_1" in ran.err
 
 
-def test_markers_are_renamed_as_they_are_said_to_be(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_markers_are_renamed_by_label(station, static: tuple[Path, Path], tmp_path: Path) -> None:
     edit(static[1], "cuff_1", "LHand2")
-    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, "has no marker cuff_1", "--label THEIRS=OURS")
-    assert ask(station, static, tmp_path / "s", "--label", "LHand2=cuff_1").code == 0
-    assert_one_sentence(ask(station, static, tmp_path / "s", "--label", "LHand2"), 2, "names no two labels")
-    assert_one_sentence(ask(station, static, tmp_path / "s", "--label", "x=cuff_1"), 2, "has no marker x to rename")
+    assert_refused(import_by_verb(station, static, tmp_path / "s"), 1, ImportCode.MARKERS_MISSING)
+    assert import_by_verb(station, static, tmp_path / "s", "--label", "LHand2=cuff_1").code == 0
+    for label, code in (("LHand2", ImportCode.WRONG_LABEL_PAIR), ("x=cuff_1", ImportCode.UNKNOWN_LABEL)):
+        assert_refused(import_by_verb(station, static, tmp_path / "s", "--label", label), 2, code)
     assert_one_sentence(
-        ask(station, static, tmp_path / "s", "--label", "LHand2=anchor_1"), 1, "names the marker 'anchor_1' twice"
+        import_by_verb(station, static, tmp_path / "s", "--label", "LHand2=anchor_1"),
+        1,
+        "anchor_1",
     )
 
 
 @pytest.mark.parametrize(
-    ("which", "old", "new", "words"),
+    ("which", "old", "new", "figures"),
     [
-        (0, "force_v", "kraft", "has no column force_v or force_n or force_lbs among time_s, kraft, sync_v"),
-        (0, "force_v", "force_v,force_n", "has columns force_v and force_n among"),
-        (0, "time_s", "t", "has no column time_s, only t, force_v, sync_v"),
-        (0, "\n0.007,", "\n,", "has no number in line 9"),
-        (0, "\n0.007,", "\n0.006,", "has 0.006 s again in line 9"),
-        (0, "\n0.007,", "\n0.001,", "has 0.001 s after 0.006 s in line 9"),
-        (0, "\n0.007,", "\n0.007,wet,", "has 'wet' in column 2, expected a number"),
-        (0, "\n0.007,", "\n0.007,,", "force holds 1 of"),
-        (1, "cuff_1\n", "hand_1\n", "has no marker cuff_1, only anchor_1, anchor_2, anchor_3, anchor_4, hand_1"),
-        (1, "MARKER_NAMES", "NAMES", "has no line MARKER_NAMES"),
-        (1, "FREQUENCY\t100", "FREQUENCY\t200", "announces 200 frames a second, and its times tell 100"),
-        (1, "\n8\t0.07\t", "\n8\t0.06\t", "has 0.06 s again in line 20"),
+        (0, "time_s", "t", ("time_s",)),
+        (0, "\n0.007,", "\n,", ("line 9",)),
+        (0, "\n0.007,", "\n0.006,", ("0.006 s", "line 9")),
+        (0, "\n0.007,", "\n0.001,", ("0.001 s", "0.006 s", "line 9")),
+        (0, "\n0.007,", "\n0.007,wet,", ("'wet'", "column 2")),
+        (0, "\n0.007,", "\n0.007,,", ("force",)),
+        (1, "cuff_1\n", "hand_1\n", ("cuff_1", "hand_1")),
+        (1, "MARKER_NAMES", "NAMES", ("MARKER_NAMES",)),
+        (1, "FREQUENCY\t100", "FREQUENCY\t200", ("200", "100")),
+        (1, "\n8\t0.07\t", "\n8\t0.06\t", ("0.06 s", "line 20")),
     ],
 )
-def test_a_bad_line_is_one_sentence_and_leaves_nothing(
-    station, static: tuple[Path, Path], tmp_path: Path, which: int, old: str, new: str, words: str
+def test_a_bad_line_is_refused_with_its_place_and_writes_nothing(
+    station, static: tuple[Path, Path], tmp_path: Path, which: int, old: str, new: str, figures: tuple[str, ...]
 ) -> None:
     edit(static[which], old, new)
-    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, static[which].name, words)
+    assert_one_sentence(import_by_verb(station, static, tmp_path / "s"), 1, static[which].name, *figures)
     assert not list(tmp_path.glob("s/*"))
 
 
 @pytest.mark.parametrize(
-    ("rows", "words"),
+    ("column", "code"),
+    [("kraft", ImportCode.NO_FORCE_COLUMN), ("force_v,force_n", ImportCode.SEVERAL_FORCE_COLUMNS)],
+)
+def test_a_force_column_that_is_missing_or_ambiguous_is_refused(
+    static: tuple[Path, Path], column: str, code: ImportCode
+) -> None:
+    edit(static[0], "force_v", column)
+    with refused(ImportRefused, code):
+        read_force(ForceSource(static[0]))
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"),
     [
-        (["0.0,1,0", "0.001,2,5"], "share 0.00 s, expected at least half of"),
-        (
-            [f"{i},{i % 7},{5 * (i > 400)}" for i in range(30000)],
-            "tell 1 samples a second, expected 5 to 100000; are they in sec",
-        ),
-        ([f"{i / 1000},{9.95 + i % 3 / 100},{5 * (i > 400)}" for i in range(30000)], "force is saturated in 30000 of"),
-        ([f"{i / 1000},{i % 7},0.1" for i in range(30000)], "the sync line never rises above 2.5 V (highest 0.10 V)"),
-        ([f"{i / 1000},{i % 7},5.0" for i in range(30000)], "the sync line starts at 5.00 V"),
-        ([f"{i / 1000},{i % 7},{5 * (i > 9000)}" for i in range(20000)], "share 11.00 s, expected at least half of"),
+        (["0.0,1,0", "0.001,2,5"], ImportCode.SHORT_OVERLAP),
+        ([f"{i},{i % 7},{5 * (i > 400)}" for i in range(30000)], ImportCode.SAMPLE_RATE),
+        ([f"{i / 1000},{9.95 + i % 3 / 100},{5 * (i > 400)}" for i in range(30000)], ImportCode.NOT_USABLE),
+        ([f"{i / 1000},{i % 7},0.1" for i in range(30000)], ImportCode.NOT_USABLE),
+        ([f"{i / 1000},{i % 7},5.0" for i in range(30000)], ImportCode.NOT_USABLE),
+        ([f"{i / 1000},{i % 7},{5 * (i > 9000)}" for i in range(20000)], ImportCode.SHORT_OVERLAP),
     ],
 )
-def test_a_force_that_is_no_measurement_of_this_trial_is_one_sentence(
-    station, static: tuple[Path, Path], tmp_path: Path, rows: list[str], words: str
+def test_a_force_of_another_measurement_is_refused_and_leaves_no_file(
+    static: tuple[Path, Path], tmp_path: Path, rows: list[str], code: ImportCode
 ) -> None:
     static[0].write_text("\n".join(["time_s,force_v,sync_v", *rows]))
-    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, words)
+    with refused(ImportRefused, code):
+        run(tmp_path / "s", *static)
     assert not list(tmp_path.glob("s/*"))
 
 
-def test_files_that_do_not_overlap_or_end_far_apart_are_told_of(
-    station, static: tuple[Path, Path], tmp_path: Path
+def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_reported(
+    static: tuple[Path, Path], tmp_path: Path
 ) -> None:
     def rows(first: float, seconds: float) -> str:
         times = first + np.arange(round(1000 * seconds)) / 1000
         return "\n".join(["time_s,force_v", *(f"{time:.3f},{1 + i % 4}" for i, time in enumerate(times))])
 
-    static[0].write_text(rows(100.0, 30.0))
-    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, "share 0.00 s", "force from 100.00 to 130.00 s")
-    static[0].write_text(rows(0.0, 12.0))
-    assert_one_sentence(ask(station, static, tmp_path / "s"), 1, "share 12.00 s, expected at least half of 29.38 s")
+    for first, seconds, common in ((100.0, 30.0, 0.0), (0.0, 12.0, 12.0)):
+        static[0].write_text(rows(first, seconds))
+        with refused(ImportRefused, ImportCode.SHORT_OVERLAP) as caught:
+            run(tmp_path / "s", *static)
+        figures = caught.value.cause.figures
+        assert figures["common_s"] == pytest.approx(common, abs=2e-3)
+        assert figures["force_from_s"] == pytest.approx(first)
+        assert figures["expected_s"] == pytest.approx(max(seconds, 29.38), abs=2e-3)
     static[0].write_text(rows(0.0, 28.0))
-    ran = ask(station, static, tmp_path / "s")
-    assert ran.code == 0 and "share 28.00 s, and nothing else of them is used" in ran.err
+    note = run(tmp_path / "s", *static).notes[0]
+    assert (note.code, note.figures["common_s"]) == (ImportCode.PARTIAL_OVERLAP, pytest.approx(28.0, abs=2e-3))
 
 
-def test_positions_in_another_unit_are_noticed(
+def test_positions_in_another_unit_are_refused(
     station, pair: tuple[Truth, Truth], static: tuple[Path, Path], tmp_path: Path
 ) -> None:
     metres = replace(pair[0].markers, positions=pair[0].markers.positions / 1000)
     static[1].write_text(write_qtm_tsv(metres))
-    assert_one_sentence(
-        ask(station, static, tmp_path / "s"), 1, "has its markers within 0.2", "give its unit with --mocap-unit"
-    )
-    ran = ask(station, static, tmp_path / "s", "--mocap-unit", "m")
+    assert_refused(import_by_verb(station, static, tmp_path / "s"), 1, ImportCode.MARKER_DISTANCE)
+    ran = import_by_verb(station, static, tmp_path / "s", "--mocap-unit", "m")
     assert ran.code == 0
     reference = run(tmp_path / "r", static[0], pair[0].write_markers(tmp_path / "mm.tsv")).path
     assert read_trial(Path(ran.out.strip())).markers == pytest.approx(
@@ -362,17 +374,13 @@ def test_positions_in_another_unit_are_noticed(
 def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Path) -> None:
     other = static[1].rename(static[1].with_suffix(".xlsx"))
     session = tmp_path / "s"
-    assert_one_sentence(
-        ask(station, (static[0], other), session), 2, "ends in .xlsx, expected markers in .tsv, .trc or .c3d"
-    )
-    assert_one_sentence(
-        ask(station, (static[0].with_suffix(".tdms"), other.rename(static[1])), session),
-        2,
-        "ends in .tdms, expected force in",
-    )
-    assert_one_sentence(ask(station, static, session, "--test", "bounce"), 2, "a bounce no --cuff")
-    assert_one_sentence(ask(station, static, session, "--cuff", "knee"), 2, "[cuffs.knee]")
-    assert ask(station, static, session, "--lag-sd-s", "-1").code == 2
+    assert_refused(import_by_verb(station, (static[0], other), session), 2, ImportCode.MARKER_FORMAT)
+    files = static[0].with_suffix(".tdms"), other.rename(static[1])
+    assert_refused(import_by_verb(station, files, session), 2, ImportCode.FORCE_FORMAT)
+    bounce = import_by_verb(station, static, session, "--test", "bounce")
+    assert_refused(bounce, 2, ImportCode.INCOMPLETE_COMMAND)
+    assert_refused(import_by_verb(station, static, session, "--cuff", "knee"), 2, ConfigCode.UNKNOWN_CUFF)
+    assert import_by_verb(station, static, session, "--lag-sd-s", "-1").code == 2
     assert not session.exists()
 
 
@@ -385,13 +393,11 @@ def test_an_imported_bounce_calibrates_the_lag_of_the_trials_beside_it(
     force, mocap = tmp_path / "bounce.csv", bounce.write_markers(tmp_path / "bounce.tsv")
     volts = bounce.tracks["/force"].values[:, 0]
     force.write_text(write_columns({"time_s": np.arange(len(volts)) / 1000, "force_v": volts}, ","), encoding="utf-8")
-    words = ("import", "--session", tmp_path / "s", "--test", "bounce", "--config", toml)
-    ran = station(*words, "--force", force, "--mocap", mocap)
+    command = ("import", "--session", tmp_path / "s", "--test", "bounce", "--config", toml)
+    ran = station(*command, "--force", force, "--mocap", mocap)
     assert ran.code == 0, ran.err
     trial_path = run(tmp_path / "s", *static).path
     (trial,), rejected = read_trials([Path(ran.out.strip()), trial_path])
     assert not rejected
     assert trial.lag.value == pytest.approx(-0.012, abs=4 * trial.lag.declared) and trial.lag.declared < 1e-3
-    assert_one_sentence(
-        station(*words, "--force", force, "--mocap", static[1]), 1, "has no marker weight, only anchor_1"
-    )
+    assert_refused(station(*command, "--force", force, "--mocap", static[1]), 1, ImportCode.MARKERS_MISSING)

@@ -28,7 +28,7 @@ CUFF = {
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    path = Rig().daemon().record(tmp_path / "live", SPEC).path
+    path = Rig().recorder().record(tmp_path / "live", SPEC).path
     assert path is not None
     return path
 
@@ -45,15 +45,14 @@ def test_a_replay_holds_the_same_samples_at_the_same_times(recorded: Path, tmp_p
         assert np.array_equal(once.values, again.values, equal_nan=True)
 
 
-def test_a_recording_that_an_operator_stopped_ends_the_same_way(tmp_path: Path) -> None:
-    daemon = Rig().daemon()
-    path = daemon.record(tmp_path / "live", SPEC, duration_s=3.0).path
+def test_a_recording_stopped_by_the_operator_is_replayed_to_the_same_end(tmp_path: Path) -> None:
+    path = Rig().recorder().record(tmp_path / "live", SPEC, duration_s=3.0).path
     assert path is not None
     result = replay(path, tmp_path / "again", AGAIN_SPEED)
     assert result.accepted, result.sentence
 
 
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "none.mcap"
     path.write_bytes(b"")
     with pytest.raises(RecordingError):
@@ -98,9 +97,9 @@ def record_pair(folder: Path) -> Iterator[tuple[TrialSpec, Path]]:
     )
     with SimulatedBench(simulator_settings(config), None, 5) as bench:
         for test in ("static", "dynamic"):
-            bench.tell({"trial": {"cuff": "hand", "test": test}})
+            bench.request({"trial": {"cuff": "hand", "test": test}})
             spec = TrialSpec("hand", test, 1)
             with BenchClock(bench.clock_port) as clock:
-                result = TrialRecorder(bench.pointed_at(config), clock).record(folder, spec)
+                result = TrialRecorder(bench.configure(config), clock).record(folder, spec)
             assert result.path is not None and not result.lost_samples, result.sentence
             yield spec, result.path

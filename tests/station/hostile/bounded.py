@@ -1,4 +1,4 @@
-"""A verb in a process of its own, held to the processor time and the memory that a hostile file may cost it."""
+"""A verb in its own process, with limits of processor time and memory for hostile files."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ ROOT = Path(__file__).parents[3]
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one run: processor time of all its threads, and the largest resident set."""
+    """Cost of one run: processor time of all threads, and the largest resident set."""
 
     processor_s: float
     memory: int
 
 
 def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
-    """Runs `station` with these words. It is killed at the limit of its processor time, and no allocation of more than
-    the address space below succeeds; a time-out of the test ends one that waits for ever.
+    """Run `station` with these arguments. It is killed at the limit of processor time, and allocations beyond the limit
+    of the address space fail; the time-out of the test ends a run that waits.
     """
-    told = folder / "memory"
-    told.unlink(missing_ok=True)
-    command = [sys.executable, "-c", _LIMITED.format(told=str(told)), *map(str, words)]
+    memory_file = folder / "memory"
+    memory_file.unlink(missing_ok=True)
+    command = [sys.executable, "-c", _LIMITED.format(memory_file=str(memory_file)), *map(str, words)]
     with (folder / "out").open("w+b") as out, (folder / "err").open("w+b") as err:
-        child = subprocess.Popen(  # noqa: S603  (our own words)
+        child = subprocess.Popen(  # noqa: S603  (our own arguments)
             command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=ROOT
         )
         try:
@@ -43,8 +43,8 @@ def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
             child.wait()
             raise
         child.returncode = os.waitstatus_to_exitcode(status)
-    # The system's own figure begins with what the parent held at the fork; it stands for a child that was killed.
-    memory = int(told.read_text(encoding="utf-8")) if told.exists() else used.ru_maxrss
+    # ru_maxrss includes the memory of the parent at the fork; it is used for a child that was killed.
+    memory = int(memory_file.read_text(encoding="utf-8")) if memory_file.exists() else used.ru_maxrss
     cost = Cost(used.ru_utime + used.ru_stime, memory * 1024)
     texts = [(folder / name).read_text(encoding="utf-8", errors="replace") for name in ("out", "err")]
     return Ran(child.returncode, *texts), cost
@@ -53,9 +53,9 @@ def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
 _LIMITED = f"""
 import atexit, re, resource
 from pathlib import Path
-def tell():
-    Path({{told!r}}).write_text(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])
-atexit.register(tell)
+def write_memory():
+    Path({{memory_file!r}}).write_text(re.search(r"VmHWM:\\s*(\\d+) kB", Path("/proc/self/status").read_text())[1])
+atexit.register(write_memory)
 resource.setrlimit(resource.RLIMIT_CPU, ({MOST_PROCESSOR_S}, {MOST_PROCESSOR_S + 1}))
 resource.setrlimit(resource.RLIMIT_AS, ({8 * MOST_MEMORY}, {8 * MOST_MEMORY}))  # so that the machine survives a failure
 from station.cli import main
@@ -63,7 +63,7 @@ main()
 """
 
 
-def assert_ends_in_a_sentence(*words: object, folder: Path, codes: tuple[int, ...] = (1, 2, 3)) -> Ran:
+def assert_ends_within_limits(*words: object, folder: Path, codes: tuple[int, ...] = (1, 2, 3)) -> Ran:
     """The verb ends by itself within the limits, with one of these codes and no traceback."""
     ran, cost = run_bounded(*words, folder=folder)
     assert ran.code != -signal.SIGXCPU, f"{words[0]} took more than {MOST_PROCESSOR_S} s of the processor"

@@ -1,4 +1,4 @@
-"""JSON, TOML and XML made to break their reader: each verb ends in one sentence, and names the file."""
+"""JSON, TOML and XML made to break their reader: every verb ends with one sentence that names the file."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Any
 import pytest
 
 from tests.station.command import Ran, assert_one_sentence
-from tests.station.hostile.bounded import assert_ends_in_a_sentence
+from tests.station.hostile.bounded import assert_ends_within_limits
 
 Station = Callable[..., Ran]
 DEEP_JSON = "[" * 100_000 + "]" * 100_000
 DEEP_TOML = f"a = {DEEP_JSON}\n"
 LONG = "7" * 400
-"""An integer that no double and no clock holds."""
+"""An integer beyond the range of a double and of a clock."""
 GOOD = {"stiffness_n_per_m": 8000, "damping_n_s_per_m": 200, "migration_m": 0.01}
 
 
 def last_sentence(ran: Ran) -> str:
-    """Behind whatever told of the progress."""
+    """The last line, after those of progress."""
     last = ran.err.splitlines()[-1]
     assert last.startswith("station: ")
     assert "Traceback" not in ran.err
@@ -71,6 +71,7 @@ def test_every_toml_is_refused_by_name(station: Station, tmp_path: Path, text: s
     for code, *words in (
         (2, "check", "--config", path),
         (2, "rmr", "--effort", path, "--output", tmp_path / "a.csv"),
+        (2, "emg", tmp_path / "a.csv", "--setup", path, "--output", tmp_path / "out"),
         (1, "sweep", path, "--output", tmp_path / "out"),
         (1, "assess", "--cuffs", cuffs, "--suit", path, "--output", tmp_path),
     ):
@@ -79,12 +80,12 @@ def test_every_toml_is_refused_by_name(station: Station, tmp_path: Path, text: s
         assert "hostile.toml" in last_sentence(ran)
 
 
-def test_a_session_s_protocol_is_refused_by_name(station: Station, tmp_path: Path) -> None:
+def test_a_hostile_protocol_is_refused_with_its_name(station: Station, tmp_path: Path) -> None:
     (tmp_path / "protocol.toml").write_text(DEEP_TOML, encoding="utf-8")
     (tmp_path / "a.mcap").write_bytes(b"x")
     ran = station("fit", tmp_path)
     assert ran.code == 1
-    assert "protocol.toml is nested more than 100 deep" in last_sentence(ran)
+    assert "protocol.toml" in last_sentence(ran)
 
 
 @pytest.mark.parametrize(
@@ -100,10 +101,10 @@ def test_a_session_s_protocol_is_refused_by_name(station: Station, tmp_path: Pat
     ],
     ids=["deep", "many dots", "dots", "quoted dots", "width", "nested width", "a date that overflows"],
 )
-def test_a_configuration_costs_no_more_than_its_sentence(tmp_path: Path, text: str) -> None:
+def test_a_hostile_configuration_is_refused_within_limits(tmp_path: Path, text: str) -> None:
     path = tmp_path / "hostile.toml"
     path.write_text(text, encoding="utf-8")
-    ran = assert_ends_in_a_sentence("check", "--config", path, folder=tmp_path, codes=(2,))
+    ran = assert_ends_within_limits("check", "--config", path, folder=tmp_path, codes=(2,))
     assert "hostile.toml" in ran.err and ran.err.count("\n") == 1
 
 
@@ -122,26 +123,26 @@ def test_external_loads_of_a_device_or_a_pipe_are_refused(tmp_path: Path, data: 
     os.mkfifo(tmp_path / "pipe.sto")
     output = tmp_path / "a.csv"
     loads = _loads(tmp_path, data)
-    ran = assert_ends_in_a_sentence("rmr", "--external-loads", loads, "--output", output, folder=tmp_path, codes=(1,))
-    assert "expected a regular file" in ran.err
+    ran = assert_ends_within_limits("rmr", "--external-loads", loads, "--output", output, folder=tmp_path, codes=(1,))
+    assert "regular file" in ran.err
 
 
 @pytest.mark.parametrize("verb", ["info", "recover"])
-def test_a_pipe_is_no_recording(station: Station, tmp_path: Path, verb: str) -> None:
+def test_a_pipe_is_not_read_as_a_recording(station: Station, tmp_path: Path, verb: str) -> None:
     os.mkfifo(tmp_path / "a.mcap")
     ran = station(verb, tmp_path / "a.mcap")
     assert (ran.code, ran.out) == (1, "")
-    assert "expected a regular file" in last_sentence(ran)
+    assert "a.mcap" in last_sentence(ran)
 
 
-def test_a_model_nested_beyond_reason_is_refused(station: Station, tmp_path: Path) -> None:
+def test_a_deeply_nested_model_is_refused(station: Station, tmp_path: Path) -> None:
     path = tmp_path / "deep.osim"
     path.write_text("<a>" * 100_000 + "</a>" * 100_000, encoding="utf-8")
     assert_one_sentence(station("rmr", "--model", path, "--output", tmp_path / "a.csv"), 1, "deep.osim, line 1")
 
 
 def _assessment() -> dict[str, Any]:
-    """The least that a report is made of."""
+    """The smallest assessment that can be reported."""
     known: Any = {"value": 1.0, "ci95": None}
     optimum = dict.fromkeys(("rest_length_m", "normalised_cost", "permissible_error_m"), known)
     by_cuff = {"rigid": known, "hand": {"both": known}}
@@ -169,7 +170,7 @@ def _assessment() -> dict[str, Any]:
     }
 
 
-def test_the_least_assessment_is_reported(station: Station, tmp_path: Path) -> None:
+def test_the_smallest_assessment_is_reported(station: Station, tmp_path: Path) -> None:
     (tmp_path / "assessment.json").write_text(json.dumps(_assessment()), encoding="utf-8")
     ran = station("report", tmp_path)
     assert ran.code == 0, ran.err
@@ -177,9 +178,9 @@ def test_the_least_assessment_is_reported(station: Station, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("key", _assessment())
 @pytest.mark.parametrize("wrong", ["missing", [], {}, "x", 5, None, {"rigid": 1}])
-def test_an_assessment_that_is_not_whole_is_refused(station: Station, tmp_path: Path, key: str, wrong: Any) -> None:
+def test_an_incomplete_assessment_is_refused(station: Station, tmp_path: Path, key: str, wrong: Any) -> None:
     if (key, wrong) in (("waist_cuff", None), ("waist_cuff", "x"), ("findings", []), ("emg", [])):
-        pytest.skip("this is right")
+        pytest.skip("a correct value")
     plain = _assessment()
     if wrong == "missing":
         del plain[key]
@@ -190,6 +191,6 @@ def test_an_assessment_that_is_not_whole_is_refused(station: Station, tmp_path: 
 
 
 @pytest.mark.parametrize("text", ["[]", "[1]", "5", '"x"', "{", DEEP_JSON, f'{{"frames": {LONG}}}', '{"cost": {}}'])
-def test_an_assessment_that_is_none_is_refused(station: Station, tmp_path: Path, text: str) -> None:
+def test_a_malformed_assessment_is_refused(station: Station, tmp_path: Path, text: str) -> None:
     (tmp_path / "assessment.json").write_text(text, encoding="utf-8")
     assert_one_sentence(station("report", tmp_path), 1, "assessment.json")

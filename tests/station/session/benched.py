@@ -1,4 +1,4 @@
-"""A simulated bench whose captures the station starts itself, and the recorder's process beside it."""
+"""A simulated bench whose captures the station starts, and the recorder process."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, load_config
 from station.protocol import TrialSpec
+from tests.station.child_process import end_process
 from tests.station.console.served import write_config
 
 DYNAMIC = TrialSpec("hand", "dynamic", 1)
@@ -34,17 +35,16 @@ def simulated_bench(
     config = load_config(write_config(folder, hold_s=hold_s, swing_s=swing_s))
     settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
     with SimulatedBench(settings, speed, 3) as bench:
-        bench.tell({"don": "hand"})
-        bench.tell({"trial": {"cuff": "hand", "test": test}})
-        yield bench, bench.pointed_at(config)
+        bench.request({"don": "hand"})
+        bench.request({"trial": {"cuff": "hand", "test": test}})
+        yield bench, bench.configure(config)
 
 
 class Recorder:
-    """The recorder's process, spoken to as the console does; a context manager that leaves none behind.
+    """The recorder process, controlled as by the console; a context manager that ends the process.
 
-    One that does not begin at once is there already when its trial is asked for, by begin(). Where the clock of its
-    bench is given, the world goes on only as the test reads what the recorder tells, so that nothing is missed;
-    let_go() leaves the world to the recorder.
+    With begins_at_once=False the process waits for begin(). With a clock port, the world advances only as the test
+    reads the telemetry, so that nothing is missed; let_go() leaves the world to the recorder.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Recorder:
         return self
 
     def begin(self) -> None:
-        self.wish(self._request)
+        self.send(self._request)
 
     def let_go(self) -> None:
         self._hold.close()
@@ -90,33 +90,28 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self.let_go()
-        if self.child.poll() is None:
-            self.child.kill()
-        self.child.wait()
-        for pipe in (self.child.stdin, self.child.stdout, self.child.stderr):
-            assert pipe is not None
-            pipe.close()
+        end_process(self.child)
 
-    def wish(self, wish: dict[str, Any]) -> None:
+    def send(self, command: dict[str, Any]) -> None:
         assert self.child.stdin is not None
-        self.child.stdin.write(json.dumps(wish).encode() + b"\n")
+        self.child.stdin.write(json.dumps(command).encode() + b"\n")
         self.child.stdin.flush()
 
     def until(self, is_met: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Reads what it tells, up to the line that is asked for."""
+        """Read the output up to the first line that meets the condition."""
         assert self.child.stdout is not None
         line = b""
         for line in self.child.stdout:
-            said: dict[str, Any] = json.loads(line)
-            if is_met(said):
-                return said
-            if self._clock is not None and said.get("state") != "idle":
+            message: dict[str, Any] = json.loads(line)
+            if is_met(message):
+                return message
+            if self._clock is not None and message.get("state") != "idle":
                 self._clock.step()
         raise AssertionError(f"the recorder ended without that: {line.decode()} {self.errors()}")
 
     def end(self) -> dict[str, Any]:
-        """Its last word."""
-        return self.until(lambda said: "result" in said or "refused" in said)
+        """The result or the refusal."""
+        return self.until(lambda message: "result" in message or "refused" in message)
 
     def errors(self) -> str:
         assert self.child.stderr is not None
@@ -124,4 +119,4 @@ class Recorder:
 
 
 def has_recorded(seconds: float) -> Callable[[dict[str, Any]], bool]:
-    return lambda said: said.get("state") == "recording" and said["recorded_s"] >= seconds
+    return lambda message: message.get("state") == "recording" and message["recorded_s"] >= seconds

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from fitting.results.codes import NoteCode
-from fitting.results.rendering import sentence_of
+from fitting.results.codes import NoteCode, TrialNoteCode
+from fitting.results.rendering import Note, sentence_of
 from station.assessment.assessment_inputs import InputError
 from station.fit import fit_session_folder
 from station.journal import Assignment, write_assigned, write_verdict
+from station.messages.setup_codes import FolderCode
 from station.session.summary import SummaryError, summarise
 from tests.station.foreign import static_and_dynamic
+from tests.station.refusal import refused
 
 
 def record_hand(folder: Path) -> None:
@@ -20,7 +22,7 @@ def record_hand(folder: Path) -> None:
         truth.record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
 
 
-def test_a_session_whose_cuff_no_suit_wears_still_has_its_table_and_report(
+def test_a_session_without_a_wearable_cuff_has_its_table_and_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
@@ -70,9 +72,9 @@ def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Pa
     assert list(fitted.cuffs) == ["elbow"]
     static = fitted.cuffs["elbow"].trials[0]
     assert (static.test, static.repeat, static.state) == ("static", 2, "used")
-    assert "assigned to this trial by the operator; recorded as hand, static, 1" in static.notes
+    assert Note(TrialNoteCode.ASSIGNED, {"recorded_as": "hand, static, 1"}) in static.notes
 
 
-def test_an_empty_session_is_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(SummaryError, match="holds no recording"):
+def test_an_empty_session_is_refused(tmp_path: Path) -> None:
+    with refused(SummaryError, FolderCode.NO_RECORDING):
         summarise(tmp_path)

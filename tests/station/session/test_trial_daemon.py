@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,7 @@ from recordings.samples import Event
 from station.bench.simulation import SimulatedBench
 from station.config import StationConfig
 from station.journal import read_journal
+from station.messages.codes import RefusalCode, TrialCode
 from station.session.adoption import adopt_recordings
 from tests.station.session.benched import Recorder, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
@@ -31,8 +33,12 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Simulate
 @pytest.fixture
 def config(running: tuple[SimulatedBench, StationConfig]) -> StationConfig:
     """The bench stands ready for one more dynamic trial."""
-    running[0].tell({"trial": {"cuff": "hand", "test": "dynamic"}})
+    running[0].request({"trial": {"cuff": "hand", "test": "dynamic"}})
     return running[1]
+
+
+def codes(result: dict[str, Any]) -> list[str]:
+    return [message["code"] for message in result["codes"]]
 
 
 def assert_whole(folder: Path) -> None:
@@ -41,18 +47,18 @@ def assert_whole(folder: Path) -> None:
     contents = contents_of(folder / recorded.file)
     assert contents.complete and not contents.gaps
     assert contents.outcome is not None and contents.outcome.accepted
-    assert recorded.accepted and recorded.sentence == "the mocap capture ended"
+    assert recorded.accepted and [message.code for message in recorded.codes] == [TrialCode.CAPTURE_ENDED]
 
 
-def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(
+def test_a_running_trial_sends_telemetry_and_stores_marks(
     running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
 ) -> None:
     with Recorder(config, tmp_path, running[0].clock_port) as recorder:
-        said = recorder.until(has_recorded(4.0))
-        recorder.wish({"mark": True})
-        assert said["streams"]["/force"]["nominal_hz"] == 1000
-        assert said["disk_left_s"] > 0
-        assert all(said["seen"].values()) and said["force"] and said["displacement"]
+        telemetry = recorder.until(has_recorded(4.0))
+        recorder.send({"mark": True})
+        assert telemetry["streams"]["/force"]["nominal_hz"] == 1000
+        assert telemetry["disk_left_s"] > 0
+        assert all(telemetry["seen"].values()) and telemetry["force"] and telemetry["displacement"]
         result = recorder.end()["result"]
         assert recorder.child.wait(scaled_timeout(PATIENCE_S)) == 0
         assert recorder.errors() == ""
@@ -62,7 +68,7 @@ def test_a_trial_is_told_of_while_it_runs_and_marked_where_asked(
 
 
 @pytest.mark.slow
-def test_a_console_that_stops_reading_costs_nothing(
+def test_a_console_that_stops_reading_does_not_affect_the_recording(
     running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
 ) -> None:
     with Recorder(config, tmp_path, running[0].clock_port) as recorder:
@@ -73,7 +79,7 @@ def test_a_console_that_stops_reading_costs_nothing(
     assert_whole(tmp_path)
 
 
-def test_a_console_that_is_killed_costs_nothing(
+def test_a_killed_console_does_not_affect_the_recording(
     running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
 ) -> None:
     with Recorder(config, tmp_path, running[0].clock_port) as recorder:
@@ -87,7 +93,7 @@ def test_a_console_that_is_killed_costs_nothing(
     assert_whole(tmp_path)
 
 
-def test_what_a_killed_recorder_left_is_made_whole_and_waits_for_a_decision(tmp_path: Path) -> None:
+def test_the_file_of_a_killed_recorder_is_recovered_and_waits_for_a_decision(tmp_path: Path) -> None:
     with (
         simulated_bench(tmp_path / "bench") as (bench, config),
         Recorder(config, tmp_path, bench.clock_port) as recorder,
@@ -102,20 +108,20 @@ def test_what_a_killed_recorder_left_is_made_whole_and_waits_for_a_decision(tmp_
     (recorded,) = read_journal(tmp_path).recorded
     assert recorded.file.endswith(".recovered.mcap")
     assert not recorded.accepted
-    assert recorded.sentence.startswith("the recorder was killed in mid trial; ")
+    assert [message.code for message in recorded.codes] == [TrialCode.RECORDER_KILLED]
     assert contents_of(tmp_path / recorded.file).streams["/force"].samples > 1000
 
 
-def test_a_second_start_is_refused_and_the_first_goes_on_until_it_is_stopped(
+def test_a_second_start_is_refused_and_the_first_continues_until_it_is_stopped(
     running: tuple[SimulatedBench, StationConfig], config: StationConfig, tmp_path: Path
 ) -> None:
     port = running[0].clock_port
     with Recorder(config, tmp_path, port) as recorder, Recorder(config, tmp_path, begins_at_once=False) as second:
         recorder.until(has_recorded(1.0))
         second.begin()
-        assert second.end()["refused"].startswith("another trial is being recorded into ")
-        recorder.wish({"stop": True})
-        assert recorder.end()["result"]["sentence"] == "stopped by the operator"
+        assert second.end()["code"] == RefusalCode.FOLDER_IN_USE
+        recorder.send({"stop": True})
+        assert codes(recorder.end()["result"]) == [TrialCode.OPERATOR_STOP]
     (recorded,) = read_journal(tmp_path).recorded
     assert recorded.accepted and not recorded.lost_samples
 
@@ -124,23 +130,23 @@ def test_a_stop_while_armed_records_nothing(running: tuple[SimulatedBench, Stati
     data = running[1].model_dump(mode="json")
     data["mocap"]["control"] = "none"
     with Recorder(StationConfig(**data), tmp_path, running[0].clock_port) as recorder:
-        recorder.until(lambda said: said["state"] == "armed")
-        recorder.wish({"stop": True})
+        recorder.until(lambda telemetry: telemetry["state"] == "armed")
+        recorder.send({"stop": True})
         result = recorder.end()["result"]
-    assert result["sentence"] == "cancelled by the operator before the sync edge; nothing was recorded"
+    assert codes(result) == [TrialCode.CANCELLED]
     assert result["file"] == "" and read_journal(tmp_path).recorded == ()
     assert not list(tmp_path.glob("*.mcap"))
 
 
-def test_a_device_that_is_lost_in_mid_trial_is_named_and_the_recording_kept(tmp_path: Path) -> None:
+def test_a_device_lost_during_a_trial_is_named_and_the_recording_kept(tmp_path: Path) -> None:
     with (
         simulated_bench(tmp_path / "bench") as (bench, config),
         Recorder(config, tmp_path, bench.clock_port) as recorder,
     ):
         recorder.until(has_recorded(4.0))
-        bench.tell({"fault": {"device": "ni", "fault": "unplug", "for_s": 200.0}})
+        bench.request({"fault": {"device": "ni", "fault": "unplug", "for_s": 200.0}})
         result = recorder.end()["result"]
     assert not result["accepted"] and result["file"]
-    assert "Dev1" in result["sentence"]
+    assert codes(result)[0] == TrialCode.END_MISSING and "Dev1" in result["sentence"]
     assert contents_of(tmp_path / result["file"]).complete
     assert read_journal(tmp_path).recorded[0].sentence == result["sentence"]

@@ -30,7 +30,7 @@ def _ignores_ctrl_c() -> bool:
     return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
-def test_ctrl_c_is_for_the_console_alone_and_is_heard_there_again() -> None:
+def test_ctrl_c_reaches_the_console_and_not_the_worker() -> None:
     async def whole() -> bool:
         worker = Worker()
         is_deaf = await worker.run(_ignores_ctrl_c)

@@ -1,4 +1,4 @@
-"""The plan: what it spells out, what a sample draws, and a sentence for what it cannot mean."""
+"""The plan of a sweep: grids, samples and refusals."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from station.messages.sweep_codes import SweepCode
 from station.sweep.plan import PlanError, read_plan
-from tests.station.command import assert_one_sentence
+from tests.station.command import assert_refused
+from tests.station.refusal import refused
 from tests.station.sweep.plans import write_plan
 
 
@@ -18,7 +20,7 @@ def test_a_grid_has_every_combination_in_the_order_of_the_axes(tmp_path: Path) -
     assert points == [(r, c, k) for r in (0.7, 0.74) for c in ("hand", "elbow") for k in ("rigid", "both")]
 
 
-def test_what_is_not_named_is_as_it_comes_with_the_station(tmp_path: Path) -> None:
+def test_the_defaults_are_the_bundled_files(tmp_path: Path) -> None:
     first, *others = read_plan(write_plan(tmp_path)).points()
     assert (first["model"], first["motion"], first["external_loads"], first["suit"]) == (
         *["bundled"] * 2,
@@ -51,44 +53,48 @@ def test_a_sample_is_drawn_from_its_spans_and_its_seed_alone(tmp_path: Path, met
 def test_a_latin_hypercube_has_one_point_in_every_part_of_a_span(tmp_path: Path) -> None:
     vary = "rest_length_m = { first = 0.6, last = 0.8 }"
     plan = read_plan(write_plan(tmp_path, vary, 'method = "latin_hypercube"\ncount = 20\n'))
-    shares = (np.array([float(str(p["rest_length_m"])) for p in plan.points()]) - 0.6) / 0.2
-    assert sorted((shares * 20).astype(int)) == list(range(20))
+    samples = (np.array([float(str(p["rest_length_m"])) for p in plan.points()]) - 0.6) / 0.2
+    assert sorted((samples * 20).astype(int)) == list(range(20))
 
 
 @pytest.mark.parametrize(
-    ("vary", "head", "sentence"),
+    ("vary", "head", "code", "key"),
     [
-        ("rest_length = 0.7", "", "unknown key vary.rest_length"),
-        ("", "evry = 3\n", "unknown key evry"),
-        ("", "every = 0\n", "every is 0, expected a number of at least 1"),
-        ("", 'method = "sobol"\n', "method is 'sobol', expected 'grid', 'latin_hypercube' or 'random'"),
-        ("", 'method = "random"\n', "a random sample needs count"),
-        ("rest_length_m = -0.7", "", "vary.rest_length_m is -0.7, expected a number above 0"),
-        ('rest_length_m = "long"', "", "vary.rest_length_m is 'long', expected a number"),
-        ("stiffness_n_per_m = 0", "", "vary.stiffness_n_per_m is 0, expected a number above 0"),
-        ("hand_mass_kg = -1", "", "vary.hand_mass_kg is -1, expected a number of at least 0"),
-        ("arm_point_m = [0.0, 0.1, nan]", "", "vary.arm_point_m.2 is nan, expected a finite number"),
-        ("rest_length_m = []", "", "vary.rest_length_m should have a value and is empty"),
-        ("rest_length_m = { first = 0.6, last = 0.8 }", "", "numbers of a sample have first and last"),
-        ("arm_point_m = [0.0, 0.1]", "", "vary.arm_point_m.2 is missing"),
-        ('condition = "loose"', "", "vary.condition is 'loose', expected 'rigid', 'shift', 'visco_elastic' or 'both'"),
-        ("model = 3", "", "vary.model is 3, expected a text"),
-        ("model = ", "", "should be a plan in TOML and cannot be read"),
+        ("rest_length = 0.7", "", SweepCode.WRONG_TABLE, "vary.rest_length"),
+        ("", "evry = 3\n", SweepCode.WRONG_TABLE, "evry"),
+        ("", "every = 0\n", SweepCode.WRONG_TABLE, "every"),
+        ("", 'method = "sobol"\n', SweepCode.WRONG_TABLE, "method"),
+        ("", 'method = "random"\n', SweepCode.WRONG_TABLE, "count"),
+        ("rest_length_m = -0.7", "", SweepCode.WRONG_VALUE, "vary.rest_length_m"),
+        ('rest_length_m = "long"', "", SweepCode.WRONG_VALUE, "vary.rest_length_m"),
+        ("stiffness_n_per_m = 0", "", SweepCode.WRONG_VALUE, "vary.stiffness_n_per_m"),
+        ("hand_mass_kg = -1", "", SweepCode.WRONG_VALUE, "vary.hand_mass_kg"),
+        ("arm_point_m = [0.0, 0.1, nan]", "", SweepCode.WRONG_VALUE, "vary.arm_point_m.2"),
+        ("rest_length_m = []", "", SweepCode.EMPTY_AXIS, "vary.rest_length_m"),
+        ("rest_length_m = { first = 0.6, last = 0.8 }", "", SweepCode.SPAN_OF_GRID, "vary.rest_length_m"),
+        ("arm_point_m = [0.0, 0.1]", "", SweepCode.WRONG_VALUE, "vary.arm_point_m.2"),
+        ('condition = "loose"', "", SweepCode.WRONG_VALUE, "vary.condition"),
+        ("model = 3", "", SweepCode.WRONG_VALUE, "vary.model"),
+        ("model = ", "", SweepCode.UNREADABLE, "plan.toml"),
     ],
 )
-def test_a_plan_that_cannot_be_swept_is_one_sentence(tmp_path: Path, vary: str, head: str, sentence: str) -> None:
-    with pytest.raises(PlanError, match=sentence):
+def test_a_wrong_plan_is_refused_with_the_name_of_its_key(
+    tmp_path: Path, vary: str, head: str, code: SweepCode, key: str
+) -> None:
+    with refused(PlanError, code) as caught:
         read_plan(write_plan(tmp_path, vary, head))
+    assert key in str(caught.value)
 
 
-def test_a_plan_without_cuffs_and_one_that_is_not_there_are_one_sentence(tmp_path: Path) -> None:
+def test_a_plan_without_cuffs_and_one_that_is_missing_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bare.toml").write_text("[vary]\n", encoding="utf-8")
-    with pytest.raises(PlanError, match=r"vary\.cuffs is missing"):
+    with refused(PlanError, SweepCode.WRONG_TABLE) as caught:
         read_plan(tmp_path / "bare.toml")
+    assert "vary.cuffs" in str(caught.value)
     (tmp_path / "empty.toml").write_text("", encoding="utf-8")
-    with pytest.raises(PlanError, match="vary is missing"):
+    with refused(PlanError, SweepCode.WRONG_TABLE):
         read_plan(tmp_path / "empty.toml")
-    with pytest.raises(PlanError, match="cannot be read"):
+    with refused(PlanError, SweepCode.UNREADABLE):
         read_plan(tmp_path / "none.toml")
 
 
@@ -99,12 +105,10 @@ def test_the_plans_in_the_docs_are_plans(tmp_path: Path) -> None:
     for text in (grid, sample):
         (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
         points.append(list(read_plan(tmp_path / "plan.toml").points()))
-    assert [len(each) for each in points] == [2 * 2 * 2 * 3 * 2 * 2 * 2 * 2, 500]
+    assert [len(design) for design in points] == [2 * 2 * 2 * 3 * 2 * 2 * 2 * 2, 500]
 
 
-def test_a_plan_that_cannot_be_swept_ends_the_verb_with_one_sentence(station, tmp_path: Path) -> None:
+def test_a_wrong_plan_ends_the_verb(station, tmp_path: Path) -> None:
     plan = write_plan(tmp_path, "rest_length_m = -1")
-    assert_one_sentence(
-        station("sweep", plan, "--output", tmp_path / "out"), 1, "rest_length_m is -1, expected a number above 0"
-    )
+    assert_refused(station("sweep", plan, "--output", tmp_path / "out"), 1, SweepCode.WRONG_VALUE)
     assert not (tmp_path / "out").exists()

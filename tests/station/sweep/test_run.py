@@ -11,14 +11,20 @@ import pandas as pd
 import pytest
 
 from solver.bundled import bundled_model
+from solver.model import ModelError
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.suit import read_suit
+from solver.suit.scenarios import LoadedMotion
+from solver.suit.suit import SuitError, read_suit
+from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
+from station.messages.codes import InputCode
+from station.messages.sweep_codes import SweepCode
 from station.sweep.plan import PlanError, read_plan
-from station.sweep.run import Swept, run_sweep
+from station.sweep.run import SweepResult, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task
 from tests.station.loads import write_weight
+from tests.station.refusal import refused
 from tests.station.sweep.plans import write_plan
 
 
@@ -33,18 +39,19 @@ def nowhere(tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:
     return iter(())
 
 
-def swept(folder: Path, vary: str, **more: Any) -> tuple[Swept, pd.DataFrame]:
+def swept(folder: Path, vary: str, **more: Any) -> tuple[SweepResult, pd.DataFrame]:
     found = run_sweep(read_plan(write_plan(folder, vary)), folder / "out", more.get("solve", here))
     return found, pd.read_parquet(found.table)
 
 
-def test_each_case_costs_what_the_assessment_says(tmp_path: Path) -> None:
+def test_the_cost_of_every_case_is_that_of_the_assessment(tmp_path: Path) -> None:
     from solver.suit.assessment import assess
 
     found, table = swept(tmp_path, 'condition = ["rigid", "both"]')
     model = bundled_model()
     worn = worn_cuffs(read_cuffs_to_wear(tmp_path / "cuffs.json"), ())
-    whole = assess(model, differentiate(simulate_arm_raise(model)), read_suit(), worn, every=60, draws=0)
+    motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
+    whole = assess(motion, read_suit(), worn, every=60, draws=DrawSettings(count=0))
     assert (found.cases, found.failed, found.unsolved) == (4, 0, 0)
     for row in table.to_dict("records"):
         (curve,) = [c for c in whole.curves if (c.condition, c.cuff or row["cuff"]) == (row["condition"], row["cuff"])]
@@ -55,7 +62,7 @@ def test_each_case_costs_what_the_assessment_says(tmp_path: Path) -> None:
         assert row["frames"] == len(whole.time)
 
 
-def test_rows_follow_the_plan_and_show_the_suit_as_it_is_worn(tmp_path: Path) -> None:
+def test_rows_are_in_the_order_of_the_plan_with_the_parameters_of_the_suit(tmp_path: Path) -> None:
     vary = (
         'condition = "rigid"\nstiffness_n_per_m = [300, 600]\narm_point_m = [-0.01, -0.1, -0.06]\nrest_length_m = 0.7'
     )
@@ -70,13 +77,13 @@ def test_rows_follow_the_plan_and_show_the_suit_as_it_is_worn(tmp_path: Path) ->
     assert forces.loc[600.0] == pytest.approx(2 * forces.loc[300.0])
 
 
-def test_of_the_effort_of_a_mass_in_the_hand_the_suit_saves_a_smaller_share(tmp_path: Path) -> None:
+def test_the_suit_saves_a_smaller_share_of_the_effort_with_a_mass_in_the_hand(tmp_path: Path) -> None:
     _, table = swept(tmp_path, 'condition = "rigid"\nrest_length_m = 0.74\nhand_mass_kg = [0, 2]')
     light, heavy = (table[table["hand_mass_kg"] == mass]["normalised_cost"].iloc[0] for mass in (0.0, 2.0))
     assert light < heavy
 
 
-def test_a_load_from_outside_acts_as_the_weight_that_it_stands_for(tmp_path: Path) -> None:
+def test_an_external_load_acts_as_the_equivalent_mass(tmp_path: Path) -> None:
     write_weight(tmp_path / "weight.xml", 2.0)
     vary = 'condition = "rigid"\ncuff = "hand"\nrest_length_m = 0.74\n'
     _, pulled = swept(tmp_path, vary + 'external_loads = ["none", "weight.xml"]')
@@ -88,7 +95,7 @@ def test_a_load_from_outside_acts_as_the_weight_that_it_stands_for(tmp_path: Pat
     assert found.found_finished == 1
 
 
-def test_a_case_that_fails_is_a_row_with_its_sentence(tmp_path: Path) -> None:
+def test_a_failed_case_is_a_row_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "short.mot").write_text("short\nnRows=1\nnColumns=1\ninDegrees=no\nendheader\ntime\n0\n", "utf-8")
     vary = 'condition = "rigid"\nrest_length_m = [0.74, 1.2]\nmotion = ["bundled", "short.mot"]'
     found, table = swept(tmp_path, vary)
@@ -99,7 +106,7 @@ def test_a_case_that_fails_is_a_row_with_its_sentence(tmp_path: Path) -> None:
     assert table[table["error"].isna()]["normalised_cost"].notna().all()
 
 
-def test_what_is_finished_is_not_solved_again_and_the_table_is_the_same(tmp_path: Path) -> None:
+def test_finished_cases_are_not_solved_again_and_the_table_is_the_same(tmp_path: Path) -> None:
     first, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]')
     once = first.table.read_bytes()
     again, _ = swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]', solve=nowhere)
@@ -107,7 +114,7 @@ def test_what_is_finished_is_not_solved_again_and_the_table_is_the_same(tmp_path
     assert again.table.read_bytes() == once
 
 
-def test_a_plan_that_grows_keeps_what_it_has_and_a_cuff_that_changes_does_not(tmp_path: Path) -> None:
+def test_a_larger_plan_keeps_its_cases_and_a_changed_cuff_does_not(tmp_path: Path) -> None:
     swept(tmp_path, 'condition = "both"\nrest_length_m = [0.7, 0.74]')
     grown, _ = swept(tmp_path, 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]')
     assert (grown.cases, grown.found_finished) == (8, 4)
@@ -118,14 +125,12 @@ def test_a_plan_that_grows_keeps_what_it_has_and_a_cuff_that_changes_does_not(tm
     assert run_sweep(plan, tmp_path / "out", here).found_finished == 2  # the elbow's
 
 
-def test_a_solver_that_changed_solves_anew_though_its_version_is_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_changed_solver_of_the_same_version_solves_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     vary = 'condition = "rigid"\nrest_length_m = 0.74'
     first, _ = swept(tmp_path, vary)
     (tmp_path / "solver").mkdir()
     (tmp_path / "solver" / "model.py").write_text("A = 1", "utf-8")
-    monkeypatch.setattr("station.sweep.cases.resources.files", lambda _: tmp_path / "solver")
+    monkeypatch.setattr("station.versions.resources.files", lambda _: tmp_path / "solver")
     changed, _ = swept(tmp_path, vary)
     (tmp_path / "solver" / "model.py").write_text("A = 2", "utf-8")
     again, _ = swept(tmp_path, vary)
@@ -153,27 +158,27 @@ def test_the_plans_hash_is_stored_with_the_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("vary", "error", "sentence"),
+    ("vary", "error", "file"),
     [
-        ('model = "none.osim"', ValueError, "none.osim: No such file"),
-        ('motion = "none.mot"', PlanError, "vary.motion names none.mot, which cannot be read"),
-        ('suit = "none.toml"', ValueError, "none.toml should be a suit in TOML and cannot be read"),
+        ('model = "none.osim"', ModelError, "none.osim"),
+        ('motion = "none.mot"', PlanError, "none.mot"),
+        ('suit = "none.toml"', SuitError, "none.toml"),
     ],
 )
-def test_a_file_that_is_not_there_ends_the_sweep_before_it_begins(
-    tmp_path: Path, vary: str, error: type[Exception], sentence: str
+def test_a_missing_file_ends_the_sweep_before_it_begins(
+    tmp_path: Path, vary: str, error: type[Exception], file: str
 ) -> None:
-    with pytest.raises(error, match=sentence):
+    with pytest.raises(error, match=file):
         swept(tmp_path, vary, solve=nowhere)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_cuff_that_is_not_there_or_sits_at_the_waist_is_one_sentence(tmp_path: Path) -> None:
+def test_a_cuff_that_is_missing_or_at_the_waist_is_refused(tmp_path: Path) -> None:
     plan = write_plan(tmp_path)
-    for cuff, error, sentence in (
-        ("knee", InputError, "should hold knee and holds waist, hand, elbow"),
-        ("waist", PlanError, r"would wear waist \(waist\); name an arm cuff"),
+    for cuff, error, code in (
+        ("knee", InputError, InputCode.UNKNOWN_CUFF),
+        ("waist", PlanError, SweepCode.WORN_CUFFS),
     ):
         plan.write_text(f'[vary]\ncuffs = "cuffs.json"\ncuff = "{cuff}"\n', "utf-8")
-        with pytest.raises(error, match=sentence):
+        with refused(error, code):
             run_sweep(read_plan(plan), tmp_path / "out", nowhere)

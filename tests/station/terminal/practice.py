@@ -1,4 +1,4 @@
-"""A session without a page on a simulated bench, and an operator who answers what it tells."""
+"""A session without a page on a simulated bench, and a scripted operator who answers its events."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from typing import Any, TypeVar
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.config import StationConfig, load_config
 from station.journal import Setup
-from station.session.desk import Desk
-from station.session.live import Live
+from station.session.controller import SessionController
+from station.session.live_trial import LiveTrial
+from station.terminal.command_queue import Request
 from station.terminal.commands import parse_command
-from station.terminal.conductor import Conductor, Request
 from station.terminal.events import Event
+from station.terminal.sequencer import SessionSequencer
+from tests.station.child_process import end_process
 from tests.station.console.served import write_config
 from tests.timeout import scaled_timeout
 
@@ -28,7 +30,7 @@ PATIENCE_S = 200.0
 
 Kind = TypeVar("Kind", bound=Event)
 Answer = Callable[[Event], str | None]
-"""What the operator says to an event, as a line; None: nothing."""
+"""The operator's command after an event, as a line; None: no command."""
 
 
 @contextmanager
@@ -39,26 +41,26 @@ def remote_bench(
     folder.mkdir(exist_ok=True)
     config = load_config(write_config(folder, swing_s=5.0))
     with SimulatedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, None, 3) as bench:
-        data = bench.pointed_at(config).model_dump(mode="json")
+        data = bench.configure(config).model_dump(mode="json")
         data["mocap"]["control"] = control
         data["sync"]["timeout_s"] = timeout_s
         yield bench, StationConfig(**data)
 
 
-class ScriptedFace:
+class ScriptedOutput:
     """Keeps every event; the answers to it are commands."""
 
     def __init__(self, requests: asyncio.Queue[Request], answer: Answer) -> None:
         self.events: list[Event] = []
         self._requests, self._answer = requests, answer
 
-    def tell(self, event: Event) -> None:
+    def show_event(self, event: Event) -> None:
         self.events.append(event)
         line = self._answer(event)
         if line is not None:
             self._requests.put_nowait(parse_command(line))
 
-    def show(self, live: Live | None) -> None: ...
+    def show_trial(self, live: LiveTrial | None) -> None: ...
 
     def of(self, kind: type[Kind]) -> list[Kind]:
         return [event for event in self.events if isinstance(event, kind)]
@@ -66,32 +68,32 @@ class ScriptedFace:
 
 def lead(
     bench: SimulatedBench, config: StationConfig, folder: Path, answer: Answer, setup: Setup | None = SETUP
-) -> ScriptedFace:
+) -> ScriptedOutput:
     """A session from where it stands until an answer ends it."""
 
-    async def whole() -> ScriptedFace:
+    async def whole() -> ScriptedOutput:
         requests: asyncio.Queue[Request] = asyncio.Queue()
-        face = ScriptedFace(requests, answer)
-        desk = Desk(config, None, bench)
+        output = ScriptedOutput(requests, answer)
+        controller = SessionController(config, None, bench)
         try:
             if setup is None:
-                desk.session.resume(folder)
+                controller.session.resume(folder)
             else:
-                desk.session.begin(setup, folder=folder)
-            conductor = Conductor(
-                desk, face, requests, is_simulated=True, waits_for_start=config.mocap.control == "start"
+                controller.session.begin(setup, folder=folder)
+            sequencer = SessionSequencer(
+                controller, output, requests, is_simulated=True, waits_for_start=config.mocap.control == "start"
             )
             async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
-                await conductor.run()
+                await sequencer.run()
         finally:
-            desk.close()
-        return face
+            controller.close()
+        return output
 
     return asyncio.run(whole())
 
 
 class Headless:
-    """`station record --headless` in a process of its own; a context manager that leaves none behind."""
+    """`station record --headless` in its own process; a context manager that ends the process."""
 
     def __init__(self, folder: Path, *options: str) -> None:
         self.events: list[dict[str, Any]] = []
@@ -108,24 +110,19 @@ class Headless:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.child.poll() is None:
-            self.child.kill()
-        self.child.wait()
-        for pipe in (self.child.stdin, self.child.stdout, self.child.stderr):
-            assert pipe is not None
-            pipe.close()
+        end_process(self.child)
 
-    def say(self, line: str) -> None:
+    def send(self, line: str) -> None:
         assert self.child.stdin is not None
         self.child.stdin.write(line.encode() + b"\n")
         self.child.stdin.flush()
 
     def until(self, event: str, **fields: object) -> dict[str, Any]:
-        """Reads events up to the one that is asked for."""
+        """Read events up to the first one with these fields."""
         assert self.child.stdout is not None and self.child.stderr is not None
         for line in self.child.stdout:
-            told = json.loads(line)
-            self.events.append(told)
-            if told["event"] == event and all(told[name] == value for name, value in fields.items()):
-                return dict(told)
+            read = json.loads(line)
+            self.events.append(read)
+            if read["event"] == event and all(read[name] == value for name, value in fields.items()):
+                return dict(read)
         raise AssertionError(f"ended without {event} {fields}: {self.events[-3:]} {self.child.stderr.read().decode()}")

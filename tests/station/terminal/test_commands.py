@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from station.messages.codes import CommandCode
 from station.terminal.commands import KEYS, MEANINGS, Action, Command, UnknownCommand, parse_command
 from station.terminal.keyboard import KeyParser, LineParser
+from tests.station.refusal import refused
 
 
 @pytest.mark.parametrize(
@@ -24,17 +26,19 @@ def test_a_line_is_a_word_or_its_letter_and_a_reason(line: str, command: Command
     assert parse_command(line) == command
 
 
-@pytest.mark.parametrize(("line", "words"), [("jump", "no command is 'jump'"), ("keep it", "keep takes nothing after")])
-def test_what_is_no_command_is_a_sentence(line: str, words: str) -> None:
-    with pytest.raises(UnknownCommand, match=words):
+@pytest.mark.parametrize(
+    ("line", "code"), [("jump", CommandCode.UNKNOWN_COMMAND), ("keep it", CommandCode.UNEXPECTED_ARGUMENT)]
+)
+def test_a_line_that_is_not_a_command_is_refused(line: str, code: CommandCode) -> None:
+    with refused(UnknownCommand, code):
         parse_command(line)
 
 
-def test_every_command_has_a_key_of_its_own_and_a_meaning() -> None:
+def test_every_command_has_a_unique_key_and_a_description() -> None:
     assert set(KEYS.values()) == set(Action) == set(MEANINGS)
 
 
-def test_a_redo_asks_for_its_reason_and_escape_drops_it() -> None:
+def test_the_reason_of_a_redo_is_typed_and_escape_discards_it() -> None:
     shown: list[str | None] = []
     keys = KeyParser(shown.append)
     assert keys.feed("r") == [] and keys.feed("ab") == [] and keys.feed("\x7f") == []
@@ -44,16 +48,16 @@ def test_a_redo_asks_for_its_reason_and_escape_drops_it() -> None:
     assert keys.feed("k") == [Command(Action.KEEP)], "what is typed is a key again"
 
 
-def test_arrows_mean_nothing_enter_arms_and_an_unknown_key_is_told() -> None:
+def test_arrows_are_ignored_enter_arms_and_an_unknown_key_is_refused() -> None:
     keys = KeyParser(lambda _: None)
     assert keys.feed("\x1b[A") == []
     assert keys.feed("\r") == [Command(Action.ARM)]
     (unknown,) = keys.feed("z")
-    assert isinstance(unknown, UnknownCommand)
+    assert isinstance(unknown, UnknownCommand) and unknown.code == CommandCode.UNKNOWN_KEY
     assert keys.feed("\x00") == []
 
 
-def test_a_pipe_gives_lines_in_any_pieces_and_bytes_that_are_no_text_are_no_command() -> None:
+def test_lines_arrive_in_any_pieces_and_bytes_that_are_not_utf_8_are_refused() -> None:
     lines = LineParser()
     assert lines.feed(b"ke") == []
     assert lines.feed(b"ep\n\nskip\nre") == [Command(Action.KEEP), Command(Action.SKIP)]

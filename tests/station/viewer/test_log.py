@@ -35,7 +35,7 @@ def test_the_rope_is_drawn_between_its_markers(tmp_path: Path) -> None:
     frames = np.ones((10, 3, 4), dtype=np.float32)
     stream = Stream("/markers", "mm", ("cuff_1", "rope_1", "rope_2"), 100.0, "QTM")
     with RerunLog(path, ("rope_1", "rope_2")) as log:
-        log.show(Snapshot(TrialState.RECORDING, "recording", streams=(stream,)))
+        log.show(Snapshot(TrialState.RECORDING, streams=(stream,)))
         log.offer(
             Samples("/markers", numbers, numbers.astype(np.int64) * 10_000_000, 1_750_000_001_000_000_000, frames)
         )
@@ -43,7 +43,7 @@ def test_the_rope_is_drawn_between_its_markers(tmp_path: Path) -> None:
 
 
 def rows_in(path: Path) -> dict[str, int]:
-    """Rows of each thing over time, as Rerun's own reader counts them."""
+    """Rows per entity over time, counted by Rerun's own reader."""
     words = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(path)]
     said = subprocess.run(words, check=True, capture_output=True, text=True).stdout  # noqa: S603  (our own words)
     found = re.findall(r"with (\d+) rows .* - /(\w+) - .*:(?:scalars|positions|strips)\]", said)
@@ -59,7 +59,7 @@ def test_what_is_shown_is_thinned_for_the_eye(tmp_path: Path) -> None:
     frames = np.ones((200, 3, 4), dtype=np.float32)
     frames[100:, 2] = np.nan
     with RerunLog(path, ("rope_1", "rope_2")) as log:
-        log.show(Snapshot(TrialState.RECORDING, "recording", streams=(stream,)))
+        log.show(Snapshot(TrialState.RECORDING, streams=(stream,)))
         for start in range(0, 2000, 50):  # two seconds in the DAQ's blocks
             numbers = np.arange(start, start + 50, dtype=np.uint64)
             times = numbers.astype(np.int64) * 1_000_000

@@ -13,7 +13,7 @@ import pytest
 
 from recordings.samples import Event, Samples, Stream
 from station.bench.snapshot import Snapshot, TrialState
-from station.viewer.layout import DISTANCE, TIMELINE, Framed
+from station.viewer.layout import DISTANCE, TIMELINE, SceneExtent
 from station.viewer.log import RerunLog
 
 UTC_NS = 1_750_000_000_000_000_000
@@ -32,7 +32,7 @@ def record(path: Path) -> RerunLog:
     frames = np.tile(np.array([[140.0, -60.0, 1240.0, 0.4], [340.0, 160.0, 1300.0, 0.4]], np.float32), (100, 1, 1))
     frames[50, 1] = np.nan
     with RerunLog(path) as log:
-        log.show(Snapshot(TrialState.ARMED, "armed", streams=STREAMS))
+        log.show(Snapshot(TrialState.ARMED, streams=STREAMS))
         for start in range(0, 5000, 50):
             numbers = np.arange(start, start + 50, dtype=np.uint64)
             times = numbers.astype(np.int64) * 1_000_000
@@ -41,7 +41,7 @@ def record(path: Path) -> RerunLog:
                 log.offer(Samples(name, numbers, times, UTC_NS + int(times[-1]) + late, np.ones((50, 1))))
             if start == 3500:
                 log._refresh()  # as its own thread does now and then
-                log.show(Snapshot(TrialState.RECORDING, "recording", streams=STREAMS, edge_device_ns=EDGE_DEVICE_NS))
+                log.show(Snapshot(TrialState.RECORDING, streams=STREAMS, edge_device_ns=EDGE_DEVICE_NS))
                 log.offer(Event("sync_edge", "the sync line rose", UTC_NS + int(times[-1]) + late, "station"))
         numbers = np.arange(1, 101, dtype=np.uint64)
         times = (numbers.astype(np.int64) - 1) * 10_000_000
@@ -109,12 +109,12 @@ def test_markers_carry_their_labels_and_a_hidden_one_has_none(said: str) -> None
 def test_a_view_s_eye_sees_the_whole_of_what_is_there(said: str) -> None:
     assert "EyeControls3D:look_target" in said
     points = np.array([[0.14, -0.06, 1.24], [0.34, 0.16, 1.3]])
-    framed = Framed.around(points)
-    np.testing.assert_allclose(framed.centre, points.mean(axis=0))
-    assert framed.diameter == pytest.approx(np.linalg.norm(points[1] - points[0]))
+    extent = SceneExtent.around(points)
+    np.testing.assert_allclose(extent.centre, points.mean(axis=0))
+    assert extent.diameter == pytest.approx(np.linalg.norm(points[1] - points[0]))
     for up in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)):
-        eye = framed.eye(up)
+        eye = extent.eye(up)
         position = np.asarray(eye.position.as_arrow_array().to_pylist()[0])  # type: ignore[union-attr]
-        away = position - framed.centre
-        assert np.linalg.norm(away) == pytest.approx(DISTANCE * framed.diameter)
+        away = position - extent.centre
+        assert np.linalg.norm(away) == pytest.approx(DISTANCE * extent.diameter)
         assert away @ np.array(up) > 0, "from above"

@@ -1,0 +1,195 @@
+"""Result of a fit: estimates, verdicts and provenance of a cuff, and of all cuffs of a session."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.cuffs.trial_fit import TrialFit
+from fitting.cuffs.wearable_cuff import QUANTITIES, TENSOR, WearableCuff
+from fitting.diagnosis.causes import Diagnosis
+from fitting.diagnosis.fitted_pull import FittedPull
+from fitting.dynamic.weak_form import ComplexStiffness
+from fitting.laws.model_class import ModelComparison
+from fitting.results.codes import UNIDENTIFIED_BY, Verdict
+from fitting.results.rendering import Note, verdict_text
+from fitting.results.seal import CheckedFile
+from fitting.spatial.tensors import Tensors
+from fitting.static.held_loads import HeldLoads
+from fitting.trial.calibration import Calibration
+from fitting.trial.trial import RejectedTrial, Trial
+from fitting.uncertainty import Estimate
+from recordings.manifest import DataOrigin
+from solver.cuff import CuffParameters
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Lag:
+    """Lag of force against markers [s], already removed from the times of the force, and its standard uncertainties.
+
+    delay_sd   common to all trials;  edge_sd  independent in every trial;  drift  [s/s] of the ratio of the clocks
+    source     "declared", or the files of the bounce trials that calibrated it
+    """
+
+    value: float
+    delay_sd: float
+    edge_sd: float
+    drift: float
+    source: str
+
+
+@dataclass(frozen=True, repr=False)
+class CuffFit:
+    """k [N/m], c [N s/m] and migration [m] of a cuff in one donning, None if the trials give no figure.
+
+    The verdicts name what is not identified. Such a figure is given with its interval and listed in `missing`.
+
+    covariance  (3, 3) of (stiffness, damping, migration); zero where one is None
+    sources     file → SHA-256 of every recording that was used
+    trials      every recording of the donning
+    notes       remarks;  diagnostics  numbers in SI with the unit in the key
+    lag         of force against markers
+    held        results of the held loads: drift, creep, tangent stiffness, energy
+    energy      J dissipated in a cycle of the dynamic trials
+    complex_stiffness  K* in bands of frequency from all dynamic trials
+    classes     comparison of constitutive laws;  diagnosis  checks D1 to D8 and causes
+    origin      of the recordings that were used: simulated if any of them is
+    tensors     K and C in three dimensions, or why there are none
+    pulls       file → pull and its fits, of every trial that was used: the arrays behind the figures
+    """
+
+    name: str
+    site: Literal["arm", "waist"]
+    donning: str
+    stiffness: Estimate | None
+    damping: Estimate | None
+    migration: Estimate | None
+    verdicts: tuple[Verdict, ...]
+    covariance: NDArray[np.float64]
+    sources: Mapping[str, str] = field(default_factory=dict)
+    trials: tuple[TrialFit, ...] = ()
+    notes: tuple[Note, ...] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    lag: Lag | None = None
+    held: HeldLoads | None = None
+    energy: Estimate | None = None
+    complex_stiffness: tuple[ComplexStiffness, ...] = ()
+    classes: ModelComparison | None = None
+    diagnosis: Diagnosis | None = None
+    tensors: Tensors | None = None
+    origin: DataOrigin = DataOrigin.UNKNOWN
+    pulls: Mapping[str, FittedPull] = field(default_factory=dict)
+
+    def wearable(self) -> WearableCuff:
+        """The cuff for use in a suit."""
+        tensors = self.tensors and (self.tensors.stiffness or self.tensors.damping)
+        return WearableCuff(
+            name=self.name,
+            site=self.site,
+            donning=self.donning,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            migration=self.migration,
+            missing=self.missing,
+            verdicts=self.verdicts,
+            covariance=self.covariance,
+            law=(self.classes.chosen if self.classes else ()) + ((TENSOR,) if tensors else ()),
+            sources=self.sources,
+            origin=self.origin,
+            notes=tuple(map(str, self.notes)),
+        )
+
+    def parameters(self) -> CuffParameters:
+        """For the solver. Raises NotIdentified if a figure is missing."""
+        return self.wearable().parameters()
+
+    def __repr__(self) -> str:
+        return repr(self.wearable())
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""
+        return self.wearable().to_dataframe()
+
+    @property
+    def verdict(self) -> str:
+        """All verdicts as one text."""
+        return verdict_text(self.verdicts)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Quantities that are absent or not identified, and so must not be used."""
+        doubted = {name for verdict in self.verdicts for name in UNIDENTIFIED_BY.get(verdict, ())}
+        return tuple(name for name in QUANTITIES if getattr(self, name) is None or name in doubted)
+
+
+@dataclass(frozen=True, repr=False)
+class SessionFit:
+    """All cuffs of a session.
+
+    donnings  cuff → donning → fit, donnings in the order they were recorded
+    rejected  recordings that could not be read as trials
+    calibration  of the load cell by the session's bounce trials, None without one
+    recordings   file → its hash and the comparison with the recorded one; also of recordings that were set aside
+    """
+
+    donnings: Mapping[str, Mapping[str, CuffFit]]
+    rejected: tuple[RejectedTrial, ...]
+    calibration: Calibration | None = None
+    recordings: Mapping[str, CheckedFile] = field(default_factory=dict)
+
+    @property
+    def cuffs(self) -> dict[str, CuffFit]:
+        """Every cuff in its last donning."""
+        return {name: list(fits.values())[-1] for name, fits in self.donnings.items()}
+
+    def __repr__(self) -> str:
+        lines = [f"Session: {len(self.donnings)} cuffs, {len(self.rejected)} recordings not used"]
+        return "\n".join([*lines, *map(repr, self.cuffs.values())])
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """CuffFit.to_dataframe of every donning of every cuff."""
+        import pandas as pd
+
+        tables = [fit.to_dataframe() for fits in self.donnings.values() for fit in fits.values()]
+        return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+    @property
+    def pulls(self) -> dict[str, FittedPull]:
+        """File → pull and its fits, of every trial that was used."""
+        fits = [fit for donnings in self.donnings.values() for fit in donnings.values()]
+        return {file: pull for fit in fits for file, pull in fit.pulls.items()}
+
+    def with_notes(self, notes: tuple[Note, ...]) -> SessionFit:
+        """The fit with these notes added to every cuff."""
+        donnings = {
+            name: {donning: replace(fit, notes=fit.notes + notes) for donning, fit in fits.items()}
+            for name, fits in self.donnings.items()
+        }
+        return replace(self, donnings=donnings)
+
+    @property
+    def origin(self) -> DataOrigin:
+        """Simulated if any cuff's is."""
+        return DataOrigin.joined(fit.origin for fits in self.donnings.values() for fit in fits.values())
+
+    @property
+    def damage(self) -> dict[str, tuple[str, ...]]:
+        """File → damage, of every damaged recording."""
+        fits = [fit for donnings in self.donnings.values() for fit in donnings.values()]
+        found = {trial.file: trial.damage for trial in self.rejected}
+        found |= {trial.file: trial.damage for fit in fits for trial in fit.trials}
+        return {file: damage for file, damage in found.items() if damage}
+
+
+def lag_of(trials: Sequence[Trial]) -> Lag:
+    """The lag used for the trials of a donning, its source and its uncertainty."""
+    lag = trials[0].lag
+    edge = max(trial.lag.edge for trial in trials)
+    return Lag(lag.value, lag.declared, edge, max(trial.lag.drift for trial in trials), lag.source)

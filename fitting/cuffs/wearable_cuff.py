@@ -1,0 +1,172 @@
+"""A cuff for use in a suit: its figures and their uncertainty, from a fit or from a cuffs.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.errors import CodedError
+from fitting.results.codes import FitErrorCode, NoteCode, Verdict
+from fitting.results.rendering import Note, sentence_of, verdict_text
+from fitting.results.seal import Standing
+from fitting.uncertainty import NORMAL_95, Estimate
+from recordings.manifest import DataOrigin
+from solver.cuff import PARAMETER_ORDER, CuffParameters
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+QUANTITIES = {"stiffness": "stiffness_n_per_m", "damping": "damping_n_s_per_m", "migration": "migration_m"}
+"""Field of WearableCuff and CuffFit → key in cuffs.json, in the order of CuffParameters' covariance."""
+KNOWN_LAW, TENSOR = "kelvin_voigt", "tensor"
+"""Names of laws in cuffs.json: F = k x + c ẋ along one line, and in three dimensions."""
+UNITS = {"stiffness": "N/m", "damping": "N s/m", "migration": "m"}
+
+
+class NotIdentified(CodedError):
+    """A cuff lacks a figure that was asked for; the figures name the cuff, the missing quantities and the verdict."""
+
+
+@dataclass(frozen=True, repr=False)
+class WearableCuff:
+    """k [N/m], c [N s/m] and migration [m] of a cuff, None where there is no figure.
+
+    missing     quantities that are absent or not identified, and so must not be used
+    covariance  (3, 3) of (stiffness, damping, migration); zero where one is None or was given
+    law         extensions of the law F = k x + c ẋ that its trials or its file state, none for that law alone
+    sources     file → SHA-256 of every recording that the figures are from
+    origin      of those recordings: simulated if any of them is, unknown where the figures were given
+    given       figures that were entered by hand;  standing  comparison with the hashes of its file, None for a fit
+    assumed     assumptions that make it usable;  notes  remarks as sentences
+    """
+
+    name: str
+    site: Literal["arm", "waist"]
+    donning: str
+    stiffness: Estimate | None
+    damping: Estimate | None
+    migration: Estimate | None
+    missing: tuple[str, ...]
+    verdicts: tuple[Verdict, ...]
+    covariance: NDArray[np.float64]
+    law: tuple[str, ...] = ()
+    sources: Mapping[str, str] = field(default_factory=dict)
+    origin: DataOrigin = DataOrigin.UNKNOWN
+    given: tuple[str, ...] = ()
+    standing: Standing | None = None
+    assumed: tuple[Note, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """All verdicts as one text."""
+        return verdict_text(self.verdicts)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks on the origin of the figures, as clauses."""
+        simulated = ("simulated data",) if self.origin is DataOrigin.SIMULATED else ()
+        by_hand = tuple(
+            f"{name} {estimate.value:.6g} {UNITS[name]} is given by hand"
+            for name, estimate in self._estimates().items()
+            if name in self.given and estimate
+        )
+        changed = ("changed since it was fitted",) if self.standing is Standing.CHANGED else ()
+        return simulated + by_hand + changed
+
+    def __repr__(self) -> str:
+        rows = (
+            self.to_dataframe().drop(columns=["cuff", "donning"]).to_string(index=False, float_format="{:.4g}".format)
+        )
+        return f"Cuff {self.name}, donning {self.donning}: {self.verdict}\n{rows}"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row per quantity, with its unit, value, standard_error, ci95_low, ci95_high and is_identified."""
+        import pandas as pd
+
+        return pd.DataFrame([self._row(name, estimate) for name, estimate in self._estimates().items()])
+
+    def parameters(self) -> CuffParameters:
+        """For the solver. Raises NotIdentified if a figure is missing."""
+        if self.missing or self.stiffness is None or self.damping is None or self.migration is None:
+            figures = {"cuff": self.name, "missing": " and ".join(self.missing), "verdict": self.verdict}
+            raise NotIdentified(FitErrorCode.NOT_IDENTIFIED, figures)
+        return CuffParameters(
+            name=self.name,
+            site=self.site,
+            stiffness=self.stiffness.value,
+            damping=self.damping.value,
+            migration=self.migration.value,
+            covariance=self.covariance,
+            source=" ".join(self.sources.values()) or sentence_of(Verdict.GIVEN),
+        )
+
+    def without_migration(self) -> WearableCuff:
+        """The cuff with zero migration if only migration is missing; otherwise unchanged."""
+        if self.missing != ("migration",):
+            return self
+        none = Estimate(0.0, 0.0, (0.0, 0.0))
+        return replace(self, migration=none, missing=(), assumed=(*self.assumed, Note(NoteCode.NO_SHIFT)))
+
+    def _estimates(self) -> dict[str, Estimate | None]:
+        return dict(zip(UNITS, (self.stiffness, self.damping, self.migration), strict=True))
+
+    def _row(self, name: str, estimate: Estimate | None) -> dict[str, Any]:
+        low, high = estimate.ci95 if estimate else (np.nan, np.nan)
+        return {
+            "cuff": self.name,
+            "donning": self.donning,
+            "quantity": name,
+            "unit": UNITS[name],
+            "value": estimate.value if estimate else np.nan,
+            "standard_error": estimate.standard_error if estimate else np.nan,
+            "ci95_low": low,
+            "ci95_high": high,
+            "is_identified": name not in self.missing,
+        }
+
+
+def covariance_of(estimates: Sequence[Estimate | None]) -> NDArray[np.float64]:
+    """Diagonal covariance of independent estimates, 0 for None."""
+    return np.diag([estimate.standard_error**2 if estimate else 0.0 for estimate in estimates])
+
+
+def with_interval_covariance(cuff: WearableCuff) -> CuffParameters:
+    """k, c and migration with a covariance whose normal 95 % intervals are those of the fit. Raises NotIdentified."""
+    parameters = cuff.parameters()
+    errors = np.sqrt(np.diag(parameters.covariance))
+    ends = [getattr(cuff, name).ci95 for name in PARAMETER_ORDER]
+    wanted = np.maximum(errors, np.diff(ends, axis=1)[:, 0] / (2 * NORMAL_95))
+    scale = np.divide(wanted, errors, out=np.ones(3), where=errors > 0)
+    covariance = parameters.covariance * np.outer(scale, scale)
+    np.fill_diagonal(covariance, wanted**2)
+    return replace(parameters, covariance=covariance)
+
+
+MEASURED_ALONG = (
+    "k and c were measured along one line of pull and are used for all three directions; the rotational terms are zero "
+    "because they were not measured. socket_frame1 is the body under the cuff, socket_frame2 the cuff."
+)
+
+
+def bushing_force(wearable: WearableCuff) -> str:
+    """An XML element, k in N/m and c in N s/m. Raises NotIdentified if a figure is missing."""
+    cuff = wearable.parameters()
+    stiffness, damping = (" ".join([repr(value)] * 3) for value in (cuff.stiffness, cuff.damping))
+    return (
+        f"<BushingForce name={quoteattr(f'{cuff.name}_cuff')}>\n"
+        f"  <!-- {MEASURED_ALONG} -->\n"
+        f"{''.join(f'  <!-- {remark} -->{chr(10)}' for remark in wearable.remarks)}"
+        f"  <socket_frame1>/bodyset/{'humerus' if cuff.site == 'arm' else 'thorax'}</socket_frame1>\n"
+        f"  <socket_frame2>/bodyset/{cuff.name}_cuff</socket_frame2>\n"
+        "  <rotational_stiffness>0 0 0</rotational_stiffness>\n"
+        f"  <translational_stiffness>{stiffness}</translational_stiffness>\n"
+        "  <rotational_damping>0 0 0</rotational_damping>\n"
+        f"  <translational_damping>{damping}</translational_damping>\n"
+        "</BushingForce>\n"
+    )

@@ -1,0 +1,148 @@
+"""The rigid pose of a cluster of markers, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+MIN_ANCHOR_MARKERS = 3
+MIN_ANCHOR_WIDTH = 5e-3
+"""Second singular value [m] of the anchor cluster below which rotation about its line is not defined."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """p = R (reference − reference_centre) + centre, per frame; NaN if fewer than three markers were seen."""
+
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    reference_centre: NDArray[np.float64]
+    residual: NDArray[np.float64]
+
+    def to_reference(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (frames, points, 3) from the mocap frame to the frame of the body in its reference posture."""
+        return np.asarray(
+            np.einsum("fji,fpj->fpi", self.rotation, points - self.centre[:, None]) + self.reference_centre[:, None]
+        )
+
+    def to_laboratory(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A point (3,) of the body in its reference posture → (frames, 3) in the mocap frame."""
+        return np.asarray(np.einsum("fij,fj->fi", self.rotation, point - self.reference_centre) + self.centre)
+
+
+def fit_pose(reference: NDArray[np.float64], points: NDArray[np.float64]) -> Pose:
+    """Rigid pose of (frames, markers, 3) in every frame (Kabsch), over the markers seen there and in the reference."""
+    seen = is_seen(points) & is_seen(reference)
+    weight = seen / np.maximum(seen.sum(axis=1), 1)[:, None]
+    here = np.where(seen[..., None], points, 0.0)
+    there = np.where(seen[..., None], reference, 0.0)
+    centre = np.einsum("fm,fmi->fi", weight, here)
+    reference_centre = np.einsum("fm,fmi->fi", weight, there)
+    there = np.where(seen[..., None], there - reference_centre[:, None], 0.0)
+    here = np.where(seen[..., None], here - centre[:, None], 0.0)
+    left, spread, right = np.linalg.svd(here.transpose(0, 2, 1) @ there)
+    mirror = np.ones_like(spread)
+    mirror[:, 2] = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    rotation = left * mirror[:, None] @ right
+    miss = here - there @ rotation.transpose(0, 2, 1)
+    residual = np.sqrt(np.einsum("fm,fmi->f", weight, miss**2))
+    # A coordinate frame needs three markers that are not collinear.
+    is_frame = (seen.sum(axis=1) >= MIN_ANCHOR_MARKERS) & (spread[:, 1] > MIN_ANCHOR_WIDTH**2)
+    rotation = np.where(is_frame[:, None, None], rotation, np.nan)
+    return Pose(rotation, centre, reference_centre, np.where(is_frame, residual, np.nan))
+
+
+def is_seen(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the points (..., 3) were seen: (...)."""
+    return np.asarray(np.isfinite(points).all(axis=-1))
+
+
+FACTOR, FLOOR = 5.0, 1e-3
+"""A frame contains a ghost if the residual of its rigid fit exceeds 5 times the median, and 1 mm."""
+LARGEST_SKIN_RESIDUAL, FRAME_STEP = 3e-3, 10
+"""Median residual [m] that skin motion does not explain; then every tenth frame is tested for exchanged labels."""
+HAMPEL_FRAMES = 11
+HAMPEL_FACTOR, HAMPEL_FLOOR = 6.0, 1e-3
+"""A position is a ghost if its distance from the median of its neighbours exceeds 6 robust sd, and 1 mm."""
+
+
+def rigid_without_ghosts(
+    reference: NDArray[np.float64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], Pose]:
+    """Points (frames, markers, 3) of a rigid cluster with NaN for ghosts, their number (markers,), and the pose.
+
+    A frame that does not fit the reference (markers, 3) is repaired by leaving out one marker, or by exchanging two. If
+    neither helps, the wrong marker cannot be determined, and the whole frame is NaN.
+    """
+    pose = fit_pose(reference, points)
+    residual = pose.residual
+    none = np.zeros(points.shape[1], np.int64)
+    if not np.isfinite(residual).any():
+        return points, none, pose
+    limit = max(FACTOR * _typical_residual(reference, points, residual), FLOOR)
+    suspect = np.flatnonzero(residual > limit)
+    if not len(suspect):
+        return points, none, pose
+    cleaned = points.copy()
+    for repair in (leave_each_out, _exchange_each_pair):
+        if len(suspect):
+            candidates = repair(points[suspect])
+            remaining = np.array([fit_pose(reference, candidate).residual for candidate in candidates])
+            remaining = np.where(np.isfinite(remaining), remaining, np.inf)
+            best = np.argmin(remaining, axis=0)
+            is_repaired = remaining[best, np.arange(len(suspect))] <= limit
+            cleaned[suspect[is_repaired]] = candidates[best[is_repaired], np.flatnonzero(is_repaired)]
+            suspect = suspect[~is_repaired]
+    cleaned[suspect] = np.nan
+    seen, kept = np.isfinite(points[..., 0]), np.isfinite(cleaned[..., 0])
+    is_exchanged = (
+        seen & kept & np.any(np.where(seen[..., None], points, 0) != np.where(kept[..., None], cleaned, 0), 2)
+    )
+    return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0), fit_pose(reference, cleaned)
+
+
+def _typical_residual(
+    reference: NDArray[np.float64], points: NDArray[np.float64], residual: NDArray[np.float64]
+) -> float:
+    """The median residual [m], or the lowest with two labels exchanged if most of the trial has them exchanged."""
+    median = float(np.nanmedian(residual))
+    if median < LARGEST_SKIN_RESIDUAL:
+        return median
+    some = points[np.isfinite(residual)][::FRAME_STEP]
+    return min(median, *(float(np.median(fit_pose(reference, pair).residual)) for pair in _exchange_each_pair(some)))
+
+
+def leave_each_out(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (frames, markers, 3) with one marker left out in turn: (markers, frames, markers, 3)."""
+    without = np.repeat(points[None], points.shape[1], axis=0)
+    for marker in range(points.shape[1]):
+        without[marker, :, marker] = np.nan
+    return without
+
+
+def path_without_ghosts(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points (frames, markers, 3) with NaN for outliers of single markers in time (Hampel filter), and their number."""
+    cleaned = points.copy()
+    for marker in range(points.shape[1]):
+        seen = np.flatnonzero(np.isfinite(points[:, marker, 0]))
+        if len(seen):
+            path = points[seen, marker]
+            # SciPy's filter is 20 times faster for one coordinate at a time than for an image.
+            median = np.column_stack([median_filter(along, HAMPEL_FRAMES, mode="nearest") for along in path.T])
+            off = np.linalg.norm(path - median, axis=1)
+            limit = max(HAMPEL_FACTOR * 1.4826 * float(np.median(off)), HAMPEL_FLOOR)
+            cleaned[seen[off > limit], marker] = np.nan
+    return cleaned, np.count_nonzero(np.isfinite(points[..., 0]) & ~np.isfinite(cleaned[..., 0]), axis=0)
+
+
+def _exchange_each_pair(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (frames, markers, 3) with two markers exchanged in turn: (pairs, frames, markers, 3)."""
+    pairs = list(combinations(range(points.shape[1]), 2))
+    exchanged = np.repeat(points[None], len(pairs), axis=0)
+    for i, (a, b) in enumerate(pairs):
+        exchanged[i][:, [a, b]] = points[:, [b, a]]
+    return exchanged

@@ -1,0 +1,184 @@
+"""Restricted likelihood of a linear mixed model with known error covariance.
+
+    y = X β + Σ_i Z_i u_i + e,   u_i ~ N(0, θ_i I),   e ~ N(0, R), R known
+    V(θ) = R + Σ_i θ_i Z_i Z_i'
+
+Error contrasts K'y with K'X = 0 have the restricted likelihood (Patterson and Thompson 1971, Biometrika 58:545)
+
+    −2 ℓ(θ) = log |K'VK| + (K'y)' (K'VK)⁻¹ (K'y)
+
+up to a constant. K is an orthonormal basis, so that no fixed effect appears below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from fitting.results.outcome import FitOutcome
+
+Array = NDArray[np.float64]
+
+ROUNDS = 200
+SMALLEST_STEP = 1e-5
+"""Standard errors by which a component may still change in the last round."""
+HALVINGS = 40
+ROUNDING = 1e-10
+"""Of the deviance: a step may raise it by so much, else rounding would hold the search before its end."""
+SEPARATE = 1e-8
+"""Part of a matrix that has to be independent of the others, for its component to be separated from theirs."""
+
+
+@dataclass(frozen=True)
+class ErrorContrasts:
+    """K'y (m,) over `scale`, the unit of y; K'RK (m, m) over its square; roots K'Z_i (m, levels)."""
+
+    values: Array
+    known: Array
+    roots: tuple[Array, ...]
+    scale: float
+
+    @property
+    def count(self) -> int:
+        """Number of variance components."""
+        return len(self.roots)
+
+    def covariance(self, theta: Array) -> Array:
+        """K'V(θ)K (m, m)."""
+        covariance = self.known.copy()
+        for variance, root in zip(theta, self.roots, strict=True):
+            if variance > 0:
+                covariance += variance * (root @ root.T)
+        return covariance
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """−2 ℓ at θ and its gradient (components,); expected and observed information of ℓ (components, components)."""
+
+    deviance: float
+    gradient: Array
+    information: Array
+    observed: Array
+
+
+@dataclass(frozen=True)
+class RemlSolution:
+    """θ (components,) that maximises the restricted likelihood over θ ≥ 0, over the square of the scale."""
+
+    theta: Array
+    curvature: Curvature
+    outcome: FitOutcome
+
+
+def contrast(values: Array, fixed: Array, known: Array, incidences: Sequence[Array]) -> ErrorContrasts:
+    """Error contrasts of y (n,), X (n, p), R (n, n) and Z_i (n, levels). X has full column rank."""
+    basis = linalg.null_space(fixed.T)
+    contrasts = basis.T @ values
+    scale = float(np.sqrt(np.mean(contrasts**2))) if contrasts.size else 0.0
+    scale = scale or float(np.sqrt(np.trace(known) / len(known))) or 1.0
+    roots = tuple(_root(basis, incidence) for incidence in incidences)
+    return ErrorContrasts(contrasts / scale, basis.T @ known @ basis / scale**2, roots, scale)
+
+
+def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
+    """For each matrix None if it is independent of those before it, else the indices of those that it is a sum of.
+
+    The tuple is empty for a matrix of zeros: the component has no influence on the contrasts.
+    """
+    found: list[tuple[int, ...] | None] = []
+    kept: list[int] = []
+    columns = (
+        np.array([(root @ root.T).ravel() for root in contrasts.roots])
+        .reshape(contrasts.count, contrasts.values.size**2)
+        .T
+    )
+    for index in range(contrasts.count):
+        column, before = columns[:, index], columns[:, kept]
+        weights = np.linalg.lstsq(before, column)[0] if kept else np.empty(0)
+        rest = float(np.linalg.norm(column - before @ weights))
+        if rest > SEPARATE * float(np.linalg.norm(column)):
+            found.append(None)
+            kept.append(index)
+        else:
+            found.append(tuple(kept[i] for i in np.flatnonzero(np.abs(weights) > SEPARATE)))
+    return found
+
+
+def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
+    """Raises LinAlgError where V(θ) is singular."""
+    factor = linalg.cho_factor(contrasts.covariance(theta), lower=True)
+    solved = linalg.cho_solve(factor, contrasts.values)
+    solved_roots = [linalg.cho_solve(factor, root) for root in contrasts.roots]
+    count = contrasts.count
+    information, observed, gradient = np.zeros((count, count)), np.zeros((count, count)), np.zeros(count)
+    projected = [root.T @ solved for root in contrasts.roots]  # Z_i' V⁻¹ y
+    for i, root in enumerate(contrasts.roots):
+        is_identity = _is_identity(root)
+        for j, solved_root in enumerate(solved_roots[: i + 1]):
+            cross = solved_root if is_identity else root.T @ solved_root  # Z_i' V⁻¹ Z_j
+            information[i, j] = information[j, i] = np.vdot(cross, cross) / 2
+            observed[i, j] = observed[j, i] = projected[i] @ cross @ projected[j] - information[i, j]
+        gradient[i] = np.vdot(root, solved_roots[i]) - projected[i] @ projected[i]
+    deviance = 2 * float(np.log(np.diag(factor[0])).sum()) + float(contrasts.values @ solved)
+    return Curvature(deviance, gradient, information, observed)
+
+
+def maximise(contrasts: ErrorContrasts, start: Array | None = None) -> RemlSolution:
+    """Newton's method and Fisher scoring with θ ≥ 0: a component at zero whose likelihood falls with it is held there.
+
+    Raises LinAlgError where V is singular at the start, as for values without any variance.
+    """
+    theta = np.full(contrasts.count, 1.0 / max(1, contrasts.count)) if start is None else start
+    here = evaluate(contrasts, theta)
+    for _ in range(ROUNDS):
+        free = (theta > 0) | (here.gradient < 0)
+        step = np.zeros_like(theta)
+        step[free] = _newton_step(here, free)
+        if np.sqrt(step @ here.information @ step) < SMALLEST_STEP:
+            return RemlSolution(theta, here, FitOutcome.CONVERGED)
+        moved = _descend(contrasts, theta, here, step)
+        if moved is None:
+            break
+        theta, here = moved
+    return RemlSolution(theta, here, FitOutcome.NOT_CONVERGED)
+
+
+def _newton_step(here: Curvature, free: NDArray[np.bool_]) -> Array:
+    """Newton's step, or that of Fisher scoring where the observed information is not positive definite."""
+    score, chosen = -here.gradient[free] / 2, np.ix_(free, free)
+    try:
+        return linalg.cho_solve(linalg.cho_factor(here.observed[chosen]), score)
+    except linalg.LinAlgError:
+        return linalg.lstsq(here.information[chosen], score)[0]
+
+
+def _descend(contrasts: ErrorContrasts, theta: Array, here: Curvature, step: Array) -> tuple[Array, Curvature] | None:
+    """The longest of halved steps that lowers the deviance; None if not even the shortest does."""
+    for halving in range(HALVINGS):
+        tried = np.maximum(0.0, theta + step / 2**halving)
+        try:
+            there = evaluate(contrasts, tried)
+        except linalg.LinAlgError:
+            continue
+        if there.deviance <= here.deviance + ROUNDING * (1 + abs(here.deviance)) and not np.array_equal(tried, theta):
+            return tried, there
+    return None
+
+
+def _root(basis: Array, incidence: Array) -> Array:
+    """K'Z; of a factor with a level for every observation the identity, as K'ZZ'K = K'K."""
+    if incidence.shape[0] == incidence.shape[1]:
+        return np.eye(basis.shape[1])
+    root: Array = basis.T @ incidence
+    if np.linalg.norm(root) < SEPARATE * np.linalg.norm(incidence):
+        root[:] = 0.0  # a factor of one level is in the fixed effects
+    return root
+
+
+def _is_identity(root: Array) -> bool:
+    return root.shape[0] == root.shape[1] and np.array_equal(root, np.eye(len(root)))

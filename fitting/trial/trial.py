@@ -1,0 +1,221 @@
+"""Build a trial from a recording: SI units, one clock, cut to the capture, gaps marked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.constants import g
+
+from fitting.errors import UnusableTrial
+from fitting.results.codes import RejectionCode
+from fitting.results.rendering import Note
+from fitting.trial.bounce import BounceTrial
+from fitting.trial.calibration import Calibration
+from fitting.trial.clocks import LagUncertainty
+from fitting.trial.decimation import decimate
+from fitting.trial.force_quality import require_steady_zero, zero_drift, zero_notes
+from fitting.trial.sync_certificate import SyncCertificate, certify
+from fitting.trial.timeline import build_timeline
+from recordings.manifest import CuffSite, DataOrigin, Manifest, TestKind
+from recordings.reader import Track
+
+DEFAULT_CUFF_MASS = 0.2
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One test of one cuff. Session time 0 is the rising edge of /sync; arrays are read-only.
+
+    cuff, test, repeat, run, donning, start_utc_ns  as in the recording's manifest
+    file, sha256    source of the trial
+    force_time      (n,) s, without lost samples
+    force           (n,) N, zero not removed
+    force_step      N per converter code, 0 if unknown
+    marker_time     (frames,) s, a regular grid
+    labels          of the markers: anchor, cuff, rope
+    markers         (frames, markers, 3) m in the mocap frame; NaN for a hidden marker and for a lost frame
+    lag             of force against markers, already applied, with its uncertainty
+    sync_fall       s, falling edge of the sync line; None if it was not recorded
+    sync            certificate of the sync line; None without a sync line
+    zero_drift      N, change of the force at rest from start to end; None without rest or without the capture's end
+    gain_sd         relative standard uncertainty of the load cell's scale
+    calibration     of the load cell by the session's bounce trials, already applied; None without one
+    cuff_mass       kg moving with the cuff between load cell and body
+    step_masses     kg, the weights of a static test in the order in which they are added; empty if not given
+    step_times      s, steps of the load as given in the session's protocol.toml; None: detected
+    force_gaps, frame_gaps  (start, end) s of lost samples
+    origin          measured or simulated, as the devices report
+    is_whole        False if the recording was cut, or lost samples between the edge and the trial's end
+    notes           remarks on the trial
+    damage          of the file, beyond a cut end; then the damage is the only note
+    marks           number of marks set by the operator
+    """
+
+    cuff: CuffSite
+    test: TestKind
+    repeat: int
+    run: int
+    donning: str
+    start_utc_ns: int
+    file: str
+    sha256: str
+    force_time: NDArray[np.float64]
+    force: NDArray[np.float64]
+    force_step: float
+    marker_time: NDArray[np.float64]
+    labels: tuple[str, ...]
+    markers: NDArray[np.float64]
+    lag: LagUncertainty
+    sync_fall: float | None = None
+    sync: SyncCertificate | None = None
+    zero_drift: float | None = None
+    gain_sd: float = 0.0
+    calibration: Calibration | None = None
+    cuff_mass: float = DEFAULT_CUFF_MASS
+    step_masses: tuple[float, ...] = ()
+    step_times: tuple[float, ...] | None = None
+    force_gaps: tuple[tuple[float, float], ...] = ()
+    frame_gaps: tuple[tuple[float, float], ...] = ()
+    origin: DataOrigin = DataOrigin.UNKNOWN
+    is_whole: bool = True
+    notes: tuple[Note, ...] = ()
+    damage: tuple[str, ...] = ()
+    marks: int = 0
+
+    def __post_init__(self) -> None:
+        for array in (self.force_time, self.force, self.marker_time, self.markers):
+            array.setflags(write=False)
+
+    @property
+    def end(self) -> float:
+        """Session time [s] at which the shorter of force and markers ends."""
+        return float(min(self.force_time[-1], self.marker_time[-1]))
+
+    def positions(self, labels: Sequence[str]) -> NDArray[np.float64]:
+        """(frames, len(labels), 3) m in the mocap frame."""
+        return self.markers[:, [self.labels.index(label) for label in labels]]
+
+
+@dataclass(frozen=True)
+class RejectedTrial:
+    """An unusable recording and the reason.
+
+    capture is its manifest if the capture had started, so that the cuff may have been loaded; damage is of the file.
+    """
+
+    file: str
+    reason: Note
+    capture: Manifest | None = None
+    damage: tuple[str, ...] = ()
+    marks: int = 0
+
+
+def calibrated(trial: Trial, calibration: Calibration) -> Trial:
+    """The trial with lag and gain from bounce trials instead of the declared ones.
+
+    The gain is the weighted mean of bounces and certificate (Calibration.gain_with).
+    """
+    gain, gain_sd = calibration.gain_with(trial.gain_sd)
+    lag = calibration.lag
+    return replace(
+        trial,
+        force_time=trial.force_time + lag.value - trial.lag.value,
+        force=trial.force / gain,
+        force_step=trial.force_step / gain,
+        zero_drift=None if trial.zero_drift is None else trial.zero_drift / gain,
+        lag=replace(
+            trial.lag,
+            declared=lag.standard_error,
+            since=calibration.middle,
+            value=lag.value,
+            source=", ".join(calibration.sources),
+        ),
+        gain_sd=gain_sd,
+        calibration=calibration,
+    )
+
+
+def calibrated_by(trials: Sequence[Trial]) -> dict[str, str]:
+    """File → SHA-256 of the bounces that calibrate the trials."""
+    return {file: sha for trial in trials if trial.calibration for file, sha in trial.calibration.sources.items()}
+
+
+def origins_of(trials: Sequence[Trial]) -> Iterator[DataOrigin]:
+    """Origins of the trials and of the bounces that calibrate them."""
+    for trial in trials:
+        yield trial.origin
+        if trial.calibration is not None:
+            yield trial.calibration.origin
+
+
+def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> Trial:
+    """A trial from the streams "/force", "/sync" and "/markers" of a cuff's recording. Raises UnusableTrial."""
+    site = manifest.cuff
+    if site is None:
+        raise UnusableTrial(RejectionCode.NO_CUFF, {"file": file})
+    timeline = build_timeline(manifest, tracks, site.labels)
+    is_at_end = timeline.sync_fall is not None or not manifest.begins_at_edge  # otherwise a load may be on at the end
+    drift = zero_drift(timeline.force_time, timeline.force) if is_at_end else None
+    require_steady_zero(drift, _zero_limit(manifest))
+    return Trial(
+        cuff=site,
+        test=manifest.test,
+        repeat=manifest.repeat,
+        run=manifest.run,
+        donning=manifest.donning,
+        start_utc_ns=manifest.start_utc_ns,
+        file=file,
+        sha256=sha256,
+        force_time=timeline.force_time,
+        force=timeline.force,
+        force_step=timeline.force_step,
+        marker_time=timeline.marker_time,
+        labels=site.labels,
+        markers=timeline.markers,
+        lag=timeline.lag,
+        sync_fall=timeline.sync_fall,
+        sync=certify(manifest, decimate(manifest, tracks)),
+        zero_drift=drift,
+        gain_sd=manifest.load_cell.gain_relative_sd,
+        cuff_mass=DEFAULT_CUFF_MASS if site.mass_kg is None else site.mass_kg,
+        step_masses=manifest.protocol.step_masses_kg,
+        force_gaps=timeline.force_gaps,
+        frame_gaps=timeline.frame_gaps,
+        origin=manifest.origin,
+        is_whole=not timeline.force_gaps and not timeline.frame_gaps,
+        notes=timeline.notes + zero_notes(drift, float(np.ptp(timeline.force))),
+    )
+
+
+def _zero_limit(manifest: Manifest) -> float:
+    """Limit of the zero drift within a trial [N]; inf for a cell of unknown capacity."""
+    cell = manifest.load_cell
+    if cell.capacity_kg is None:
+        return math.inf
+    return cell.zero_drift_relative_limit * cell.capacity_kg * g
+
+
+def build_bounce(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha256: str) -> BounceTrial:
+    """A bounce trial from the streams of its recording. Raises UnusableTrial."""
+    rig = manifest.bounce
+    if rig is None:
+        raise UnusableTrial(RejectionCode.NO_BOUNCE, {"file": file})
+    timeline = build_timeline(manifest, tracks, rig.labels)
+    return BounceTrial(
+        rig=rig,
+        repeat=manifest.repeat,
+        run=manifest.run,
+        start_utc_ns=manifest.start_utc_ns,
+        file=file,
+        sha256=sha256,
+        force_time=timeline.force_time,
+        force=timeline.force,
+        marker_time=timeline.marker_time,
+        position=timeline.markers[:, 0],
+        lag=timeline.lag,
+        origin=manifest.origin,
+    )

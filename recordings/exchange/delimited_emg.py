@@ -1,0 +1,172 @@
+"""EMG as text in columns, as Delsys, Noraxon, QTM and scripts export it: separated by tab, semicolon or comma.
+
+Above the numbers stands a line of titles, or QTM's header of keys (docs.qualisys.com, "Analog data (_a.tsv)"). Titles
+may carry units: `AD [mV]`, `AD (uV)`, `AD_mv`, `AD, V`. Delsys writes a time column before every sensor and pads the
+slower sensors at the end; only the channels that share the first one's clock are read.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.errors import ForeignFile
+from recordings.exchange.tables import SignalTable, require_rising
+from recordings.exchange.text import MISSING, PRINTED_BY_C, read_lines, read_numbers
+
+SEPARATORS = ("\t", ";", ",")
+UNITS = {"v": "V", "mv": "mV", "uv": "uV", "µv": "uV", "μv": "uV"}
+"""Spellings of a voltage's unit, in lower case → how it is called here."""
+QTM_RATES = ("FREQUENCY", "CHANNEL_FREQUENCIES")
+QTM_KEYS = (*QTM_RATES, "CHANNEL_NAMES", "CHANNEL_UNITS", "CHANNEL_GAIN", "CHANNEL_SAMPLE_COUNTS", "DATA_INCLUDED")
+SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3}
+
+_TIME = re.compile(
+    r"(?:time|t)(?:\s*[\[(]\s*(s|sec|seconds|ms)\s*[\])]|[\s_,]+(s|sec|seconds|ms))?|x\s*[\[(]\s*(s|ms)\s*[\])]",
+    re.IGNORECASE,
+)
+_COUNTER = re.compile(r"(?:frame|sample|index|no)s?(?:[\s_]*(?:#|no\.?|number))?|#|", re.IGNORECASE)
+_BRACKETED = re.compile(r"(.+?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
+_SUFFIXED = re.compile(r"(.+?)\s*[,_]\s*([muµμ]?v)", re.IGNORECASE)
+_DELSYS_LABEL = re.compile(r"Label:\s*(.+?)\s+Sampling frequency:.*?\bUnit:\s*(\S+)")
+
+
+def read_delimited_emg(path: Path, rate_hz: float | None = None, labels: Sequence[str] = ()) -> SignalTable:
+    """All channels of a file. rate_hz [Hz] and labels are for a file that lacks them, and do not overrule it.
+
+    A column whose title names a unit other than a voltage is not read, but is listed in SignalTable.names.
+    Raises ForeignFile where there are no numbers, no titles, no time and no rate, or a time does not rise.
+    """
+    lines = read_lines(path)
+    first = next((i for i, line in enumerate(lines) if _is_row(line)), None)
+    if first is None:
+        raise ForeignFile(f"{path} holds no row of numbers, expected EMG in columns below a line of titles")
+    layout = _layout(lines[:first], lines[first], tuple(labels), path)
+    values = read_numbers(lines[first:], layout.separator, range(len(layout.titles)), path, first + 1)
+    time, columns = _shared_clock(values, layout.titles)
+    if time is None:
+        rate = layout.rate_hz or rate_hz
+        if not rate:
+            titles = ", ".join(layout.titles)
+            raise ForeignFile(f"{path} has neither a time column nor a rate among {titles}; give rate_hz")
+        time = np.arange(len(values)) / rate
+    require_rising(time, f"{path}, time,", first + 1)
+    units = {_named(layout.titles[i])[0]: layout.unit(i) for i in columns}
+    voltages = {i: _named(layout.titles[i])[0] for i in columns if layout.unit(i) in ("", *UNITS.values())}
+    _require_channels(tuple(voltages.values()), path)
+    return SignalTable(
+        time,
+        {name: values[: len(time), i] for i, name in voltages.items()},
+        {name: units[name] for name in voltages.values()},
+        tuple(_named(title)[0] if i in columns else title for i, title in enumerate(layout.titles)),
+    )
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """The header above the numbers; rate_hz 0 and units {} if it does not state them."""
+
+    separator: str
+    titles: tuple[str, ...]
+    rate_hz: float
+    units: dict[str, str]
+
+    def unit(self, column: int) -> str:
+        """Our name of a voltage unit, otherwise the unit as in the file, "" without a unit."""
+        name, unit = _named(self.titles[column])
+        found = unit or self.units.get(name, "")
+        return UNITS.get(found.lower(), found)
+
+
+def _is_row(line: str) -> bool:
+    """Whether it has at least two fields, all of them numbers."""
+    fields = [field.strip().strip('"') for field in line.split(_separator(line))]
+    filled = [field for field in fields if field]
+    return len(filled) > 1 and all(_is_number(field) for field in filled)
+
+
+def _separator(line: str) -> str:
+    return next((mark for mark in SEPARATORS if mark in line), ",")
+
+
+def _is_number(field: str) -> bool:
+    if field.lower() in MISSING or PRINTED_BY_C.fullmatch(field):
+        return True
+    try:
+        float(field.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _layout(above: Sequence[str], row: str, labels: tuple[str, ...], path: Path) -> _Layout:
+    separator = _separator(row)
+    keys = {key: values for line in above for key, *values in [_fields(line, "\t") or [""]] if key in QTM_KEYS}
+    names = tuple(keys.get("CHANNEL_NAMES", ())) or labels
+    titles = tuple(_fields(above[-1], separator)) if above else ()
+    if not titles or titles[0] in QTM_KEYS:
+        titles = names
+    fields = row.split(separator)
+    if len(fields) < len(titles) or any(field.strip() for field in fields[len(titles) :]):
+        found = f"{len(titles)} titles" if titles else "no line of titles"
+        raise ForeignFile(
+            f"{path} has {len(fields)} columns and {found}, expected a title for each; where the file has none, "
+            "give labels"
+        )
+    rates = {float(rate) for key in QTM_RATES for rate in keys.get(key, ()) if _is_number(rate)}
+    if len(rates) > 1:
+        raise ForeignFile(f"{path} has channels of {_listed(rates)} Hz, expected one rate; export them one by one")
+    units = dict(zip(names, keys.get("CHANNEL_UNITS", ()), strict=False))
+    units |= {label[1].strip(' "'): label[2] for line in above if (label := _DELSYS_LABEL.match(line.strip()))}
+    return _Layout(separator, titles, next(iter(rates), 0.0), units)
+
+
+def _listed(rates: set[float]) -> str:
+    return " and ".join(f"{rate:g}" for rate in sorted(rates))
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    """The fields of a line, without what is empty at its end; titles may be quoted and hold the separator."""
+    fields = [field.strip() for field in next(csv.reader([line], delimiter=separator), [])]
+    while fields and not fields[-1]:
+        fields.pop()
+    return fields
+
+
+def _shared_clock(
+    values: NDArray[np.float64], titles: Sequence[str]
+) -> tuple[NDArray[np.float64] | None, tuple[int, ...]]:
+    """Times (n,) [s] of the first clock, None without one, and the columns of the channels that go by it."""
+    clocks = [i for i, title in enumerate(titles) if _TIME.fullmatch(title)]
+    others = [i for i, title in enumerate(titles) if i not in clocks and not _COUNTER.fullmatch(title)]
+    if not clocks:
+        return None, tuple(others)
+    first = values[:, clocks[0]]
+    length = int(np.flatnonzero(np.isfinite(first))[-1]) + 1 if np.isfinite(first).any() else 0
+    shared = [clock for clock in clocks if np.allclose(values[:length, clock], first[:length], rtol=0, atol=1e-6)]
+    owner = {i: max((clock for clock in clocks if clock < i), default=clocks[0]) for i in others}
+    found = _TIME.fullmatch(titles[clocks[0]])
+    unit = next(filter(None, found.groups()), "s") if found else "s"
+    return SECONDS[unit.lower()] * first[:length], tuple(i for i in others if owner[i] in shared)
+
+
+def _named(title: str) -> tuple[str, str]:
+    """A channel's name and unit, "" without one, of its title."""
+    for pattern in (_BRACKETED, _SUFFIXED):
+        if found := pattern.fullmatch(title):
+            return found[1].strip(), found[2]
+    return title, ""
+
+
+def _require_channels(names: tuple[str, ...], path: Path) -> None:
+    if not names:
+        raise ForeignFile(f"{path} has no column that may be EMG: none without a unit, and none in V, mV or uV")
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise ForeignFile(f"{path} names the channel {twice!r} twice; give each a title of its own")

@@ -1,0 +1,153 @@
+"""Models of OpenSim 2 and 3 in the layout of OpenSim 4, so that one reader serves all versions.
+
+Up to version 3.3 a <Body> holds the joint that connects it to its parent, the joint holds the placements of its two
+frames, the ground is one of the bodies, and components refer to bodies by name. OpenSim 4 lists joints beside bodies
+and refers to frames by path. The rules here are those by which OpenSim 4.6 opens an earlier file; the oracle tests
+compare both. OpenSim rounds moments of inertia and the frames of joints to six digits when it converts them. The
+rounding is kept, so that both programs solve the same model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from solver.osim.document import Element
+
+GROUND_NAME = "ground"
+GROUND_PATH = "/ground"
+
+
+def as_version_4(model: Element) -> Element:
+    """The <Model> of an OpenSim 2 or 3 document as one of OpenSim 4. Raises ModelError for a body without its joint."""
+    model = _upgraded(model)
+    bodies = model.objects("BodySet")
+    moving = [body for body in bodies if body.name != GROUND_NAME]
+    ground = next((replace(body, tag="Ground") for body in bodies if body.name == GROUND_NAME), None)
+    parts = [
+        ground or _element(model, "Ground"),
+        _set(model, "BodySet", moving),
+        _set(model, "JointSet", [_joint(body) for body in moving]),
+        *(child for child in model.children if child.tag != "BodySet"),
+    ]
+    return replace(model, children=parts)
+
+
+def _upgraded(element: Element) -> Element:
+    """The element and those within it, each with the properties of its class in OpenSim 4."""
+    element = replace(element, children=[_upgraded(child) for child in element.children])
+    element = replace(element, tag=_TAGS.get(element.tag, element.tag))
+    if element.find("isDisabled") is not None:
+        is_constraint = element.tag.endswith("Constraint")
+        element = _with(element, "isDisabled", _switch("isEnforced" if is_constraint else "appliesForce"))
+    if element.tag == "Body":
+        return _body(element)
+    if element.tag == "TransformAxis":
+        return _unwrapped(element, "function")
+    if element.tag == "Thelen2003Muscle":
+        element = _with(element, "pennation_angle", partial(replace, tag="pennation_angle_at_optimal"))
+    for old, new in _BODY_REFERENCES.get(element.tag, {}).items():
+        element = _with(element, old, _reference(new))
+    for old, new in _COORDINATE_REFERENCES.get(element.tag, {}).items():
+        element = _with(element, old, partial(replace, tag=new))
+    return element
+
+
+_TAGS = {"NaturalCubicSpline": "SimmSpline", "natCubicSpline": "SimmSpline"}
+_POINT, _PAIR = {"body": "socket_parent_frame"}, {"body_1": "socket_body_1", "body_2": "socket_body_2"}
+_BODY_REFERENCES = {
+    "PathPoint": _POINT,
+    "ConditionalPathPoint": _POINT,
+    "MovingPathPoint": _POINT,
+    "Marker": _POINT,
+    "PointConstraint": _PAIR,
+    "WeldConstraint": {"body_1": "socket_frame1", "body_2": "socket_frame2"},
+}
+_COORDINATE_REFERENCES = {
+    "ConditionalPathPoint": {"coordinate": "socket_coordinate"},
+    "MovingPathPoint": {f"{axis}_coordinate": f"socket_{axis}_coordinate" for axis in "xyz"},
+}
+
+
+def _with(element: Element, tag: str, change: Callable[[Element], Element]) -> Element:
+    """The element with its child of that tag changed."""
+    return replace(element, children=[change(child) if child.tag == tag else child for child in element.children])
+
+
+def _reference(tag: str) -> Callable[[Element], Element]:
+    return lambda found: _element(found, tag, text=_path(found.text))
+
+
+def _switch(tag: str) -> Callable[[Element], Element]:
+    return lambda found: _element(found, tag, text="false" if found.text == "true" else "true")
+
+
+def _rounded(element: Element) -> Element:
+    """To six significant digits."""
+    return replace(element, pieces=[" ".join(f"{value:.6g}" for value in element.values())])
+
+
+def _path(body: str) -> str:
+    return GROUND_PATH if body == GROUND_NAME else f"/bodyset/{body}"
+
+
+def _unwrapped(element: Element, tag: str) -> Element:
+    """The element with the content of its property in the place of the property."""
+    children: list[Element] = []
+    for child in element.children:
+        children += child.children if child.tag == tag else [child]
+    return replace(element, children=children)
+
+
+def _body(element: Element) -> Element:
+    """Moments and products of inertia are one property."""
+    if element.find("inertia_xx") is None:
+        return element
+    tags = [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
+    inertia = _rounded(_element(element, "inertia", text=" ".join(element.word(tag, "0") for tag in tags)))
+    kept = [child for child in element.children if child.tag not in tags]
+    return replace(element, children=[*kept, inertia])
+
+
+def _joint(body: Element) -> Element:
+    """The joint of a body, with its frames as offsets from the two bodies."""
+    held = body.members("Joint")
+    if len(held) != 1:
+        raise body.refusal(f"has {len(held)} joints, expected one in its <Joint>")
+    joint = held[0]
+    parent = joint.child("parent_body").text
+    frames = [
+        _offset(joint, f"{parent}_offset", parent, "location_in_parent", "orientation_in_parent"),
+        _offset(joint, f"{body.name}_offset", body.name, "location", "orientation"),
+    ]
+    sockets = ["socket_parent_frame", "socket_child_frame"]
+    if joint.word("reverse", "false") == "true":
+        sockets.reverse()
+    ends = [_element(joint, tag, text=frame.name) for tag, frame in zip(sockets, frames, strict=True)]
+    coordinates = _element(joint, "coordinates", children=joint.objects("CoordinateSet"))
+    kept = [child for child in joint.children if child.tag == "SpatialTransform" or child.tag.endswith("_x_y_z")]
+    name = joint.name or f"{body.name}_joint"
+    return replace(
+        joint,
+        attributes={"name": name},
+        children=[*ends, _element(joint, "frames", children=frames), coordinates, *kept],
+    )
+
+
+def _offset(joint: Element, name: str, body: str, location: str, orientation: str) -> Element:
+    children = [
+        _element(joint, "socket_parent", text=_path(body)),
+        _rounded(_element(joint, "translation", text=joint.word(location, "0 0 0"))),
+        _rounded(_element(joint, "orientation", text=joint.word(orientation, "0 0 0"))),
+    ]
+    return replace(_element(joint, "PhysicalOffsetFrame", children=children), attributes={"name": name})
+
+
+def _set(model: Element, tag: str, objects: list[Element]) -> Element:
+    return _element(model, tag, children=[_element(model, "objects", children=objects)])
+
+
+def _element(place: Element, tag: str, *, text: str = "", children: list[Element] | None = None) -> Element:
+    """A new element; a refusal names the line of the one that it stands for."""
+    return Element(place.file, place.line, tag, {}, children or [], [text])

@@ -1,0 +1,256 @@
+"""A body from the markers of all trials of a person: scale factors and marker offsets together with all postures.
+
+    minimise  Σ_trials κ Σ_frames [Σ_m |p_m(q, θ) − x_m|² / σ_m² + Σ_k (q_k − v_k)² / s_k²] + prior(θ)     over q, θ
+    so that   g(q, θ) = 0,   θ = (ln factors, offsets of the markers in their bodies, v the girdle's mean posture)
+
+κ is the number of effective frames over that of frames. The postures are eliminated (variable projection; Golub and
+Pereyra 2003, Inverse Problems 19:R1): for given θ they are the optimum of inverse kinematics, and θ takes Gauss–Newton
+steps on what remains,
+
+    (dq, λ) = −K⁻¹ (JᵀW T − S V, G_θ) dθ,   K = (JᵀWJ + S, Gᵀ; G, 0),   reduced T′ = T + J dq/dθ
+
+where T, G_θ, V are the derivatives of markers, constraints and v by θ at fixed postures. The inverse of the reduced
+normal matrix is the covariance of θ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
+from solver.model import Marker, Model, ModelError
+from solver.personalisation.anthropometry import body_factors
+from solver.personalisation.effective_frames import effective_frames
+from solver.personalisation.priors import BodyPriors, population_priors
+from solver.personalisation.reduced_system import Share, normal_equations
+from solver.scaling import Scaling, scale_model, scale_skeleton
+
+Array = NDArray[np.float64]
+
+MOST_FRAMES = 60
+"""Of a trial that enter the normal equations; its postures are solved in all frames."""
+MOST_STEPS = 25
+TOLERANCE, LOOSE_TOLERANCE = 1e-3, 0.05
+"""Of a step, in standard deviations of the parameter; the loose one where no step lowers the cost any more, because
+inverse kinematics of a frame ends in another optimum.
+"""
+MOST_HALVINGS = 6
+LARGEST_GAP = 1e-6  # m or rad; of the constraints, in a frame that counts
+
+
+class EstimateOutcome(StrEnum):
+    """How the iteration ended."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not_converged"
+
+
+@dataclass(frozen=True, eq=False)
+class BodyEstimate:
+    """A person's body, with its uncertainty and the postures in which the markers were seen.
+
+    model         scaled, with the tracked markers at their estimated places; masses as scaling leaves them
+    priors        that were used
+    factors       (factors,) scale factors in the order of priors.factors;  factor_errors (factors,) standard errors
+    offsets       (markers, 3) [m] in the markers' bodies, from where the scaled model has them;  offset_errors alike
+    girdle        (girdle,) [rad] mean posture, from the default, of the coordinates of priors.girdle;  girdle_errors
+    parameters    (parameters,) θ: logarithms of the factors, offsets, girdle;  covariance of θ
+    tasks         markers, weights and coordinate weights: the problem of inverse kinematics that belongs to this body
+    postures      of every frame of every trial
+    effective     (trials,) effective frames
+    """
+
+    model: Model
+    priors: BodyPriors
+    factors: Array
+    factor_errors: Array
+    offsets: Array
+    offset_errors: Array
+    girdle: Array
+    girdle_errors: Array
+    parameters: Array
+    covariance: Array
+    tasks: TrackingTasks
+    postures: tuple[InverseKinematics, ...]
+    effective: Array
+    outcome: EstimateOutcome
+    steps: int
+
+
+def estimate_body(
+    model: Model, markers: Sequence[Marker], trials: Sequence[Array], priors: BodyPriors | None = None
+) -> BodyEstimate:
+    """The most probable body. trials: observed (frames, markers, 3) [m] in ground, NaN where a marker is hidden.
+
+    priors are those of the population by default. Raises ModelError for shapes that do not fit, and for a trial of
+    which no frame can be solved.
+    """
+    priors = priors or population_priors(model, markers)
+    for observed in trials:
+        if observed.ndim != 3 or observed.shape[1:] != (len(markers), 3):
+            raise ModelError(f"expected trials of shape (frames, {len(markers)}, 3) and found {observed.shape}")
+    typical = float(np.median(priors.errors.scatter))
+    effective = np.array([effective_frames(observed, typical) for observed in trials])
+    problem = _Problem(model, tuple(markers), tuple(trials), priors, effective)
+    state = problem.solve(np.zeros(problem.parameters))
+    outcome = EstimateOutcome.NOT_CONVERGED
+    covariance = np.zeros((0, 0))
+    for steps in range(1, MOST_STEPS + 1):  # noqa: B007  (counts what was taken)
+        matrix, gradient = problem.normal_equations(state)
+        covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        step = -covariance @ gradient
+        longest = float(np.abs(step / np.sqrt(np.diag(covariance))).max())
+        before, state = state, _searched(problem, state, step)
+        if longest < TOLERANCE or (state is before and longest < LOOSE_TOLERANCE):
+            outcome = EstimateOutcome.CONVERGED
+        if outcome is EstimateOutcome.CONVERGED or state is before:
+            break
+    return _estimate(problem, state, covariance, outcome, steps)
+
+
+def body_of(
+    model: Model, markers: Sequence[Marker], priors: BodyPriors, parameters: Array
+) -> tuple[Model, TrackingTasks]:
+    """The body of parameters θ: its skeleton, and the tasks of inverse kinematics with markers at their places."""
+    factors, offsets, girdle = _split(priors, parameters)
+    by_body = body_factors(priors.factors, factors)
+    one = np.ones(3)
+    moved = tuple(
+        replace(marker, location=marker.location * by_body.get(model.bodies[marker.body].name, one) + offset)
+        for marker, offset in zip(markers, offsets, strict=True)
+    )
+    weights = priors.errors.scatter**-2
+    pulls = {name: deviation**-2 / weights.sum() for name, deviation in priors.girdle.items()}
+    defaults = model.default_coordinates
+    targets = {
+        name: float(defaults[model.coordinate_index(name)] + shift)
+        for name, shift in zip(priors.girdle, girdle, strict=True)
+    }
+    return scale_skeleton(model, Scaling(by_body)), TrackingTasks(moved, weights, pulls, targets)
+
+
+def _split(priors: BodyPriors, parameters: Array) -> tuple[Array, Array, Array]:
+    """Scale factors (factors,), offsets (markers, 3), and the girdle's mean posture from the default (girdle,)."""
+    factors, offsets, girdle = np.split(parameters, [len(priors.factors), len(parameters) - len(priors.girdle)])
+    return np.exp(factors), offsets.reshape(-1, 3), girdle
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Postures and cost of parameters θ; skeleton and tasks are the body that θ makes."""
+
+    parameters: Array
+    skeleton: Model
+    tasks: TrackingTasks
+    solutions: tuple[InverseKinematics, ...]
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    model: Model
+    markers: tuple[Marker, ...]
+    trials: tuple[Array, ...]
+    priors: BodyPriors
+    effective: Array
+
+    def body(self, parameters: Array) -> tuple[Model, TrackingTasks]:
+        """The skeleton, and the tasks of inverse kinematics with markers at their places."""
+        return body_of(self.model, self.markers, self.priors, parameters)
+
+    @property
+    def parameters(self) -> int:
+        return len(self.priors.factors) + 3 * len(self.markers) + len(self.priors.girdle)
+
+    def solve(self, parameters: Array, before: _State | None = None) -> _State:
+        skeleton, tasks = self.body(parameters)
+        starts = [None] * len(self.trials) if before is None else [s.coordinates[0].copy() for s in before.solutions]
+        solutions = []
+        for observed, start in zip(self.trials, starts, strict=True):
+            known = start if start is not None and np.isfinite(start).all() else None
+            solutions.append(solve_inverse_kinematics(skeleton, observed, tasks, known))
+        cost = 0.5 * float(parameters @ self.precision() @ parameters)
+        for observed, solution, share in zip(self.trials, solutions, self.shares(solutions), strict=True):
+            is_seen = np.isfinite(observed[share.frames]).all(axis=2)
+            seen = is_seen @ tasks.weights  # inverse kinematics divides by them
+            cost += share.weight * float(solution.cost[share.frames] @ seen)
+        return _State(parameters, skeleton, tasks, tuple(solutions), cost)
+
+    def shares(self, solutions: Sequence[InverseKinematics]) -> list[Share]:
+        """Of each trial, the frames that count, and the weight κ of each: all whose constraints are met, so that none
+        comes and goes between steps.
+        """
+        shares: list[Share] = []
+        for solution, effective in zip(solutions, self.effective, strict=True):
+            solved = np.flatnonzero(solution.gap < LARGEST_GAP)
+            if not len(solved):
+                raise ModelError(
+                    f"no frame of trial {len(shares) + 1} can be solved: its markers do not fit the model "
+                    f"{self.model.name}; check labels and units"
+                )
+            chosen = solved[np.linspace(0, len(solved) - 1, min(len(solved), MOST_FRAMES)).astype(int)]
+            shares.append(Share(chosen, float(effective) / len(chosen)))
+        return shares
+
+    def normal_equations(self, state: _State) -> tuple[Array, Array]:
+        """Of all trials and the prior: matrix (parameters, parameters) and gradient (parameters,)."""
+        matrix = self.precision()
+        gradient = matrix @ state.parameters
+        for observed, solution, share in zip(self.trials, state.solutions, self.shares(state.solutions), strict=True):
+            frames = share.frames
+            part, slope = normal_equations(
+                self.body, state.parameters, observed[frames], solution.coordinates[frames], len(self.priors.factors)
+            )
+            matrix, gradient = matrix + share.weight * part, gradient + share.weight * slope
+        return matrix, gradient
+
+    def precision(self) -> Array:
+        """Inverse covariance of the prior of θ."""
+        number = len(self.priors.factors)
+        offsets = np.repeat(self.priors.errors.offset**-2.0, 3)
+        girdle = np.full(len(self.priors.girdle), self.priors.person**-2.0)
+        precision = np.diag(np.concatenate([np.zeros(number), offsets, girdle]))
+        precision[:number, :number] = np.linalg.inv(self.priors.covariance)
+        return precision
+
+
+def _searched(problem: _Problem, state: _State, step: Array) -> _State:
+    """A step that lowers the cost, halved where needed; the state itself where none does."""
+    part = 1.0
+    for _ in range(MOST_HALVINGS):
+        found = problem.solve(state.parameters + part * step, state)
+        if found.cost < state.cost:
+            return found
+        part *= 0.5
+    return state
+
+
+def _estimate(
+    problem: _Problem, state: _State, covariance: Array, outcome: EstimateOutcome, steps: int
+) -> BodyEstimate:
+    factors, offsets, girdle = _split(problem.priors, state.parameters)
+    factor_errors, offset_errors, girdle_errors = _split(problem.priors, np.sqrt(np.diag(covariance)))
+    scaled = scale_model(problem.model, Scaling(body_factors(problem.priors.factors, factors)))
+    places = {marker.name: marker for marker in state.tasks.markers}
+    return BodyEstimate(
+        replace(scaled, markers=tuple(places.get(marker.name, marker) for marker in scaled.markers)),
+        problem.priors,
+        factors,
+        factors * np.log(factor_errors),
+        offsets,
+        offset_errors,
+        girdle,
+        girdle_errors,
+        state.parameters,
+        covariance,
+        state.tasks,
+        state.solutions,
+        problem.effective,
+        outcome,
+        steps,
+    )

@@ -1,0 +1,143 @@
+"""A model and a suit with drawn parameters: new arrays in memory, no file is read again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.cuff import CuffParameters
+from solver.model import Body, Model, Muscle, PathPoint
+from solver.personalisation.anthropometry import ARM_SEGMENTS
+from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER
+from solver.redundancy.motion import RedundancyOptions
+from solver.scaling import Scaling, scale_model
+from solver.suit.suit import PARTS, Suit
+from solver.uncertainty.factors import Scores
+from solver.uncertainty.sources import BodySpread, DonningSpread, FitSpread, MuscleSpread
+
+Array = NDArray[np.float64]
+
+LEAST_STIFFNESS = 0.05
+"""Of a drawn cuff over the fitted one: an error of the fit that is normal would make it negative."""
+
+MODEL_FACTORS = (
+    "size",
+    "segment_mass",
+    "strength",
+    "max_isometric_force",
+    "optimal_fiber_length",
+    "tendon_slack_length",
+    "path_point",
+    "glenoid_radius",
+    "reserve_weight",
+)
+"""Factors of the redundancy problem; the other ones of the body change the suit only."""
+
+
+def varied_model(model: Model, body: BodySpread, muscles: MuscleSpread, scores: Scores) -> Model:
+    """The model of one person."""
+    if "size" in scores:
+        size = float(np.exp(body.size * scores["size"][0]))
+        model = scale_model(model, Scaling({part.name: np.full(3, size) for part in model.bodies[1:]}))
+    if "segment_mass" in scores:
+        model = _with_segment_masses(model, np.exp(body.segment_mass * scores["segment_mass"]))
+    if "glenoid_radius" in scores:
+        model = _with_glenoid(model, float(np.exp(muscles.glenoid_radius * scores["glenoid_radius"][0])))
+    return replace(model, muscles=tuple(_muscle(m, i, muscles, scores) for i, m in enumerate(model.muscles)))
+
+
+def varied_options(options: RedundancyOptions, muscles: MuscleSpread, scores: Scores) -> RedundancyOptions:
+    """The effort that one person minimises."""
+    if "reserve_weight" not in scores:
+        return options
+    ratio = float(np.exp(muscles.reserve_weight * scores["reserve_weight"][0]))
+    return replace(options, reserve_weight=ratio * options.reserve_weight)
+
+
+def varied_suit(suit: Suit, body: BodySpread, scores: Scores) -> Suit:
+    """The suit on one person: its points move with the size of the body, and by their own error."""
+    if "size" in scores:
+        size = float(np.exp(body.size * scores["size"][0]))
+        moved = {part: replace(at := getattr(suit, part), location=size * at.location) for part in PARTS}
+        suit = replace(suit, **moved)
+    if "attachment_point" in scores:
+        shifts = body.attachment_point * scores["attachment_point"].reshape(3, 3)
+        moved = {
+            part: replace(at := getattr(suit, part), location=at.location + shift)
+            for part, shift in zip(PARTS, shifts, strict=True)
+        }
+        suit = replace(suit, **moved)
+    if "cord_stiffness" in scores:
+        suit = replace(
+            suit, stiffness=suit.stiffness * float(np.exp(body.cord_stiffness * scores["cord_stiffness"][0]))
+        )
+    return suit
+
+
+def varied_cuff(cuff: CuffParameters, fit: FitSpread, donning: DonningSpread, scores: Scores) -> CuffParameters:
+    """The cuff as its fit allows, and as it is donned another time."""
+    values = np.array([cuff.stiffness, cuff.damping, cuff.migration])
+    if (name := f"fit.{cuff.name}") in scores:
+        values = values + fit.factor * covariance_root(cuff.covariance) @ scores[name]
+    if (name := f"donning.{cuff.name}") in scores:
+        values = values * np.exp(np.array([donning.stiffness, donning.damping, donning.migration]) * scores[name])
+    stiffness, damping, migration = values.tolist()
+    return replace(
+        cuff, stiffness=max(stiffness, LEAST_STIFFNESS * cuff.stiffness), damping=damping, migration=migration
+    )
+
+
+def covariance_root(covariance: Array) -> Array:
+    """R (n, n) with R Rᵀ = covariance, which may be singular; scaled, because its units differ."""
+    errors = np.sqrt(np.diag(covariance))
+    scale = np.where(errors > 0, errors, 1.0)
+    sizes, directions = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root: Array = scale[:, None] * directions * np.sqrt(sizes.clip(0))
+    return root
+
+
+def _with_segment_masses(model: Model, ratios: Array) -> Model:
+    by_body = {
+        name: float(ratio)
+        for segment, ratio in zip(ARM_SEGMENTS.values(), ratios, strict=True)
+        for name in segment.bodies
+    }
+    return replace(model, bodies=tuple(_times(body, by_body.get(body.name, 1.0)) for body in model.bodies))
+
+
+def _times(body: Body, ratio: float) -> Body:
+    return replace(body, mass=ratio * body.mass, inertia=ratio * body.inertia) if ratio != 1.0 else body
+
+
+def _with_glenoid(model: Model, ratio: float) -> Model:
+    """The edge marker at this multiple of its distance from the centre; a model without the markers is unchanged."""
+    markers = {marker.name: marker for marker in model.markers}
+    if not markers.keys() >= {CENTER_MARKER, EDGE_MARKER}:
+        return model
+    center, edge = markers[CENTER_MARKER].location, markers[EDGE_MARKER].location
+    moved = replace(markers[EDGE_MARKER], location=center + ratio * (edge - center))
+    return replace(model, markers=tuple(moved if m.name == EDGE_MARKER else m for m in model.markers))
+
+
+def _muscle(muscle: Muscle, index: int, spread: MuscleSpread, scores: Scores) -> Muscle:
+    def factor(name: str, at: int = index) -> float:
+        return float(np.exp(getattr(spread, name) * scores[name][at])) if name in scores else 1.0
+
+    path = muscle.path
+    if "path_point" in scores:
+        shifts = spread.path_point * scores["path_point"].reshape(-1, 2, 3)[index]
+        points = list(path.points)
+        for end, shift in zip((0, -1), shifts, strict=True):
+            point = points[end]
+            if isinstance(point, PathPoint):  # an end that moves in its body keeps its course
+                points[end] = replace(point, location=point.location + shift)
+        path = replace(path, points=tuple(points))
+    return replace(
+        muscle,
+        path=path,
+        max_isometric_force=muscle.max_isometric_force * factor("max_isometric_force") * factor("strength", 0),
+        optimal_fiber_length=muscle.optimal_fiber_length * factor("optimal_fiber_length"),
+        tendon_slack_length=muscle.tendon_slack_length * factor("tendon_slack_length"),
+    )

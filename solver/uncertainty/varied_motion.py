@@ -1,0 +1,111 @@
+"""A motion with drawn errors of posture and another cycle of the same movement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.multibody.constraints import constraint_rows
+from solver.multibody.postures import postures, rates_of_coordinates
+from solver.uncertainty.factors import Scores
+from solver.uncertainty.sources import MotionSpread
+
+Array = NDArray[np.float64]
+
+MOTION_FACTORS = ("drawn_motion", "posture", "noise", "amplitude", "duration")
+NOISE_CUTOFF = 1.0  # Hz; faster errors are filtered from a motion
+
+
+@dataclass(frozen=True, eq=False)
+class MotionDraws:
+    """What the drawn motions of a model have in common.
+
+    motions      the assessed one, then those drawn from the uncertainty of its markers, if any
+    compatible   of each motion (frames, coordinates, coordinates): small displacements → those nearest to them that
+                 keep the model's constraints, to first order
+    is_angle     (coordinates,)
+    """
+
+    motions: tuple[Kinematics, ...]
+    compatible: tuple[Array, ...]
+    is_angle: NDArray[np.bool_]
+
+
+def prepare_motion_draws(model: Model, assessed: Kinematics, drawn: Sequence[Kinematics]) -> MotionDraws:
+    """Linearise the constraints along every motion."""
+    motions = (assessed, *drawn)
+    return MotionDraws(
+        motions=motions,
+        compatible=tuple(_compatible(model, motion) for motion in motions),
+        is_angle=np.array([coordinate.motion == "rotation" for coordinate in model.coordinates]),
+    )
+
+
+def varied_motion(draws: MotionDraws, spread: MotionSpread, scores: Scores) -> Kinematics:
+    """The motion of one cycle of one person; the sources are described at MotionSpread.
+
+    The scores of drawn_motion and noise choose one of many; 0, which is never drawn, stands for the assessed motion
+    without noise.
+    """
+    chosen = 0
+    if _is_drawn(scores, "drawn_motion"):
+        count = len(draws.motions) - 1
+        chosen = 1 + min(int(count * ndtr(scores["drawn_motion"][0])), count - 1)
+    motion = draws.motions[chosen]
+    displaced = np.zeros_like(motion.positions)
+    if "posture" in scores:
+        displaced += spread.posture * np.where(draws.is_angle, scores["posture"], 0.0)
+    if _is_drawn(scores, "noise"):
+        displaced += spread.noise * draws.is_angle * _smooth_noise(motion, float(ndtr(scores["noise"][0])))
+    if "amplitude" in scores:
+        displaced += spread.amplitude * scores["amplitude"] * (motion.positions - motion.positions[0])
+    if displaced.any():
+        positions = motion.positions + np.einsum("fij,fj->fi", draws.compatible[chosen], displaced)
+        speeds = np.gradient(positions, motion.interval, axis=0)
+        accelerations = np.gradient(speeds, motion.interval, axis=0)
+        motion = replace(motion, positions=positions, speeds=speeds, accelerations=accelerations)
+    return (
+        _stretched(motion, float(np.exp(spread.duration * scores["duration"][0]))) if "duration" in scores else motion
+    )
+
+
+def _is_drawn(scores: Scores, name: str) -> bool:
+    return name in scores and scores[name][0] != 0.0
+
+
+def _stretched(motion: Kinematics, ratio: float) -> Kinematics:
+    """The same postures in `ratio` times the time."""
+    return replace(
+        motion,
+        time=motion.time * ratio,
+        interval=motion.interval * ratio,
+        speeds=motion.speeds / ratio,
+        accelerations=motion.accelerations / ratio**2,
+    )
+
+
+def _smooth_noise(motion: Kinematics, chance: float) -> Array:
+    """(frames, coordinates) of variance 1: sines and cosines below NOISE_CUTOFF with random amplitudes."""
+    generator = np.random.default_rng(int(chance * 2**53))
+    seconds = motion.interval * len(motion.time)
+    count = max(1, int(NOISE_CUTOFF * seconds))
+    phases = 2 * np.pi * np.arange(1, count + 1) * (motion.time - motion.time[0])[:, None] / seconds
+    waves = np.concatenate([np.sin(phases), np.cos(phases)], axis=1)
+    noise: Array = waves @ generator.standard_normal((2 * count, motion.positions.shape[1])) / np.sqrt(count)
+    return noise
+
+
+def _compatible(model: Model, motion: Kinematics) -> Array:
+    """N (1 − G⁺ G) N⁻¹: G are the rows of the constraints in terms of speeds u, q̇ = N u."""
+    state = postures(model, motion.positions, np.zeros_like(motion.positions))
+    rows, _ = constraint_rows(model, state)
+    to_rates, _ = rates_of_coordinates(model, state)
+    kept = np.eye(rows.shape[-1]) - np.linalg.pinv(rows) @ rows
+    compatible: Array = to_rates @ kept @ np.linalg.inv(to_rates)
+    return compatible

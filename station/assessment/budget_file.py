@@ -1,0 +1,158 @@
+"""uncertainty.toml: sources of uncertainty, sample and decision rule; missing keys keep the bundled values."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from documents.plain_data import PlainDataError, parse_toml
+from documents.regular_file import LARGEST_SUIT, read_regular
+from documents.validation import NonNegative, Number, Positive, Section, Whole, describe_error
+from solver.suit.decision import DecisionRule
+from solver.uncertainty.sources import (
+    BodySpread,
+    DonningSpread,
+    FitSpread,
+    MotionSpread,
+    MuscleSpread,
+    UncertaintySources,
+)
+from station.errors import StationError
+from station.messages.codes import InputCode
+from station.messages.message import Message
+
+BUNDLED_BUDGET = Path(__file__).with_name("uncertainty.toml")
+MOST_PEOPLE = 1_000_000
+
+
+class BudgetError(StationError):
+    """An uncertainty.toml that cannot be used."""
+
+
+Spread = Annotated[NonNegative, Field(le=1.0)]
+"""A relative spread; above 1 a factor would cover orders of magnitude."""
+Degrees = Annotated[NonNegative, Field(le=20.0)]
+Metres = Annotated[NonNegative, Field(le=0.1)]
+
+
+class SampleSection(Section):
+    """Number and design of the drawn people."""
+
+    people: Annotated[Whole, Field(ge=2, le=MOST_PEOPLE)]
+    method: Literal["latin_hypercube", "sobol"]
+    seed: Annotated[Whole, Field(ge=0)]
+    frames: Annotated[Whole, Field(ge=2)]
+
+
+class DecisionSection(Section):
+    """Smallest effect of interest, and the probability above which a statement is made."""
+
+    relevant_difference: Annotated[Positive, Field(lt=1.0)]
+    certainty: Annotated[Number, Field(ge=0.5, lt=1.0)]
+
+
+class FitSection(Section):
+    """Factor on the standard errors of the cuffs."""
+
+    factor: Annotated[NonNegative, Field(le=100.0)]
+
+
+class DonningSection(Section):
+    """Relative spreads between donnings."""
+
+    stiffness: Spread
+    damping: Spread
+    migration: Spread
+
+
+class BodySpreadSection(Section):
+    """Spreads of the body and of the suit on it."""
+
+    size: Spread
+    segment_mass: Spread
+    attachment_point_m: Metres
+    cord_stiffness: Spread
+
+
+class MuscleSection(Section):
+    """Spreads of the muscle model."""
+
+    strength: Spread
+    max_isometric_force: Spread
+    optimal_fiber_length: Spread
+    tendon_slack_length: Spread
+    path_point_m: Metres
+    glenoid_radius: Spread
+    reserve_weight: Spread
+
+
+class MotionSection(Section):
+    """Spreads of posture and cycles."""
+
+    posture_deg: Degrees
+    noise_deg: Degrees
+    amplitude: Spread
+    duration: Spread
+
+
+class UncertaintyBudget(Section):
+    """The keys of uncertainty.toml."""
+
+    sample: SampleSection
+    decision: DecisionSection
+    fit: FitSection
+    donning: DonningSection
+    body: BodySpreadSection
+    muscles: MuscleSection
+    motion: MotionSection
+
+    @property
+    def rule(self) -> DecisionRule:
+        return DecisionRule(self.decision.relevant_difference, self.decision.certainty)
+
+    @property
+    def sources(self) -> UncertaintySources:
+        """The spreads in SI units."""
+        body, muscles, motion = self.body, self.muscles.model_dump(), self.motion
+        return UncertaintySources(
+            fit=FitSpread(self.fit.factor),
+            donning=DonningSpread(**self.donning.model_dump()),
+            body=BodySpread(body.size, body.segment_mass, body.attachment_point_m, body.cord_stiffness),
+            muscles=MuscleSpread(path_point=muscles.pop("path_point_m"), **muscles),
+            motion=MotionSpread(
+                float(np.radians(motion.posture_deg)),
+                float(np.radians(motion.noise_deg)),
+                motion.amplitude,
+                motion.duration,
+            ),
+        )
+
+
+def read_budget(path: Path = BUNDLED_BUDGET, people: int | None = None) -> UncertaintyBudget:
+    """Read the file, with this number of people in place of its own. Raises BudgetError, which names the key."""
+    document = _parsed(path)
+    merged: dict[str, Any] = {name: dict(section) for name, section in _bundled().items()}
+    for name, section in document.items():
+        merged[name] = {**merged.get(name, {}), **section} if isinstance(section, dict) else section
+    if people is not None and isinstance(merged["sample"], dict):
+        merged["sample"]["people"] = people
+    try:
+        return UncertaintyBudget.model_validate(merged)
+    except ValidationError as error:
+        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), "reason": describe_error(error)})) from error
+
+
+@lru_cache(maxsize=1)
+def _bundled() -> dict[str, dict[str, Any]]:
+    return _parsed(BUNDLED_BUDGET)
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        return parse_toml(read_regular(path, LARGEST_SUIT))
+    except (OSError, PlainDataError) as error:
+        raise BudgetError(Message(InputCode.BUDGET, {"path": str(path), "reason": str(error)})) from error

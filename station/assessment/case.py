@@ -1,0 +1,40 @@
+"""Body, motion and suit of an assessment: the bundled ones, those of files, or the wearer's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.suit.suit import Suit
+from station.assessment.assessment_inputs import AssessmentInputs
+from station.progress import Progress, silent
+from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
+
+
+@dataclass(frozen=True, eq=False)
+class AssessedCase:
+    """What is assessed. drawn are motions within the uncertainty of the markers, of a wearer only.
+
+    spread of each suit marker about its point [m], empty where the suit's points are those of its file
+    """
+
+    model: Model
+    kinematics: Kinematics
+    suit: Suit
+    drawn: tuple[Kinematics, ...] = ()
+    subject: AssessedSubject | None = None
+    spread: dict[str, float] | None = None
+
+
+def read_case(
+    inputs: AssessmentInputs, most_rest_lengths: int | None = None, progress: Progress = silent
+) -> AssessedCase:
+    """Raises the sentence of the part that cannot be used."""
+    generic, suit = inputs.read_model(), inputs.read_suit(most_rest_lengths)
+    if inputs.subject is None:
+        return AssessedCase(generic, inputs.read_motion(generic), suit)
+    subject = build_subject(inputs.subject, generic, progress)
+    digitised = fit_suit(subject, suit)
+    own, spread = (suit, None) if digitised is None else (digitised.suit, dict(digitised.spread))
+    return AssessedCase(subject.model, subject.kinematics, own, subject.drawn, subject, spread)

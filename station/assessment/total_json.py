@@ -1,0 +1,134 @@
+"""Total uncertainty as the plain data of assessment.json, and the drawn people as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pydantic import Field
+
+from solver.suit.quantity import Quantity
+from solver.suit.readouts import FIGURES
+from solver.suit.uncertainty import Place
+from solver.uncertainty.indices import SobolIndices
+from solver.uncertainty.total import TotalUncertainty
+from station.assessment.assessment_json import CURVE_KEYS, known
+from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
+
+PEOPLE_FILE = "people.csv"
+UNITS = {
+    "at_reference": "effort_at_reference",
+    "rest_length": "best_rest_length_m",
+    "lowest_cost": "effort_at_best",
+    "permissible_error": "permissible_error_m",
+    "to_slack": "optimum_to_slack_m",
+    "cord_force": "largest_cord_force_n",
+    "cord_force_lost": "cord_force_lost_to_migration",
+    "cost_per_migration": "cost_per_arm_migration_per_m",
+}
+"""Field of CurveReadouts → column of people.csv."""
+
+Plain = dict[str, Any]
+
+
+class GroupIndexEntry(StrictEntry):
+    """Sobol indices of a group of sources: first order and total, each with its bootstrap interval."""
+
+    first: NumberEntry
+    total: NumberEntry
+
+
+class IndicesEntry(StrictEntry):
+    """Shares of the variance of a figure: of one arm cuff, or of the first less the second of two."""
+
+    figure: str
+    cuffs: list[str]
+    variance: KnownNumberEntry
+    blocks: KnownNumberEntry
+    groups: dict[str, GroupIndexEntry]
+
+
+class TotalUncertaintyEntry(StrictEntry):
+    """Figures with intervals of total uncertainty, under the keys of the figures with intervals of the fit only.
+
+    people drawn, and solved in every condition; every N-th frame was solved for them
+    """
+
+    people: KnownNumberEntry
+    solved: KnownNumberEntry
+    every_frame: KnownNumberEntry
+    at_rigid_optimum: dict[str, Any]
+    optimum: dict[str, Any]
+    optimum_to_slack_m: dict[str, Any]
+    largest_cord_force_n: dict[str, Any]
+    cord_force_lost_to_migration: dict[str, Any]
+    cost_per_arm_migration_per_m: dict[str, Any]
+    muscle_reduction: dict[str, Any] = Field(default_factory=dict)
+    indices: list[IndicesEntry] = Field(default_factory=list)
+
+
+def plain_total(total: TotalUncertainty) -> Plain:
+    """Numbers by arm cuff and condition, as in the rest of the file."""
+
+    def by_place(entry: Callable[[Place], Any]) -> Plain:
+        nested: Plain = {}
+        for condition, cuff in total.figures:
+            parent = nested if cuff is None else nested.setdefault(cuff, {})
+            parent[condition] = entry((condition, cuff))
+        return nested
+
+    def numbers(name: str) -> Plain:
+        return by_place(lambda place: _number(total.figures[place][name]))
+
+    return {
+        "people": known(total.people),
+        "solved": known(total.solved),
+        "every_frame": known(total.every),
+        "at_rigid_optimum": numbers("at_reference"),
+        "optimum": by_place(lambda place: _optimum(total.figures[place])),
+        **{key: numbers(name) for name, key in CURVE_KEYS.items()},
+        "muscle_reduction": by_place(
+            lambda place: {muscle: _number(figure) for muscle, figure in total.reduction[place].items()}
+        ),
+        "indices": [
+            _indices(figure, cuffs, found) for (figure, cuffs), found in total.indices.items() if found is not None
+        ],
+    }
+
+
+def people_table(total: TotalUncertainty) -> str:
+    """CSV: person (0 is the assessed one, solved as the others are), condition, cuff, and the figures of the curve."""
+    lines = [",".join(["person", "condition", "cuff", *(UNITS[name] for name in FIGURES)])]
+    for (condition, cuff), reading in total.readouts.items():
+        for person, row in enumerate(zip(*(getattr(reading, name) for name in FIGURES), strict=True)):
+            lines.append(",".join([str(person), condition, cuff or "", *(f"{value:.8g}" for value in row)]))
+    return "\n".join(lines) + "\n"
+
+
+def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Plain:
+    def number(value: float, half_width: float) -> Plain:
+        return {"value": float(value), "ci95": [float(value - half_width), float(value + half_width)]}
+
+    rows = zip(found.groups, found.first, found.first_half_width, found.total, found.total_half_width, strict=True)
+    return {
+        "figure": figure,
+        "cuffs": list(cuffs),
+        "variance": known(found.variance),
+        "blocks": known(found.blocks),
+        "groups": {
+            group: {"first": number(first, first_half), "total": number(total, total_half)}
+            for group, first, first_half, total, total_half in rows
+        },
+    }
+
+
+def _optimum(figures: Mapping[str, Quantity]) -> Plain:
+    return {
+        "rest_length_m": _number(figures["rest_length"]),
+        "normalised_cost": _number(figures["lowest_cost"]),
+        "permissible_error_m": _number(figures["permissible_error"]),
+    }
+
+
+def _number(figure: Quantity) -> Plain:
+    return {"value": figure.value, "ci95": list(figure.ci95) if figure.ci95 else None}

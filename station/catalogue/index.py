@@ -1,0 +1,138 @@
+"""Build the catalogue of a folder of sessions, and keep it up to date.
+
+A session is read again where its session.jsonl or cuffs.json has changed. Sessions that are gone are removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+
+from station.catalogue.errors import CatalogueError
+from station.catalogue.participants import PARTICIPANTS_FILE, Participants, read_participants
+from station.catalogue.session_rows import Row, SessionRows, SessionState, read_rows, stamp_of
+from station.catalogue.tables import FORMAT, TABLES, creation
+from station.files.chain import CUFFS_FILE
+from station.journal import JOURNAL_FILE
+from station.messages.message import Message
+from station.messages.study_codes import CatalogueCode
+from station.progress import Progress, silent
+
+CATALOGUE_FILE = "catalogue.duckdb"
+BATCH = 200
+"""Sessions that are written together."""
+
+
+@dataclass(frozen=True)
+class Indexed:
+    """Number of sessions in the catalogue, read now, removed now, and those that cannot be read with the reason."""
+
+    sessions: int
+    read: int
+    removed: int
+    unreadable: dict[str, str]
+
+
+def update_catalogue(folder: Path, path: Path, progress: Progress = silent, *, is_rebuilt: bool = False) -> Indexed:
+    """Bring the catalogue at `path` up to date with the sessions below the folder. Raises CatalogueError."""
+    if not folder.is_dir():
+        raise CatalogueError(Message(CatalogueCode.NOT_A_FOLDER, {"folder": str(folder)}))
+    participants = _participants(folder)
+    found = _sessions_below(folder)
+    with _opened(path, is_rebuilt=is_rebuilt) as connection:
+        known = dict(connection.execute("SELECT session, stamp FROM sessions").fetchall())
+        gone = [name for name in known if name not in found]
+        changed = [name for name, session in found.items() if known.get(name) != stamp_of(session)]
+        _delete(connection, [*gone, *(name for name in changed if name in known)])
+        for first in range(0, len(changed), BATCH):
+            progress("reading sessions", first, len(changed))
+            batch = changed[first : first + BATCH]
+            _insert(connection, [read_rows(found[name], name) for name in batch])
+        progress("reading sessions", len(changed), len(changed))
+        _replace_participants(connection, participants)
+        query = "SELECT session, reason FROM sessions WHERE state = ? ORDER BY session"
+        unreadable = dict(connection.execute(query, [SessionState.UNREADABLE.value]).fetchall())
+    return Indexed(len(found), len(changed), len(gone), unreadable)
+
+
+@contextmanager
+def _opened(path: Path, *, is_rebuilt: bool) -> Iterator[duckdb.DuckDBPyConnection]:
+    """The catalogue for writing, in one transaction; one of another format is built anew."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and (not _is_current(path) or is_rebuilt):
+        path.unlink()
+        path.with_name(f"{path.name}.wal").unlink(missing_ok=True)
+    try:
+        with duckdb.connect(str(path)) as connection:
+            connection.begin()
+            if not connection.execute("SELECT 1 FROM duckdb_tables() WHERE table_name = 'catalogue'").fetchall():
+                connection.execute(creation())
+            yield connection
+            connection.commit()
+    except duckdb.IOException as error:
+        raise _in_use(path, error) from error
+
+
+def _is_current(path: Path) -> bool:
+    """False for a file that is no catalogue of this format; it holds nothing that the folders do not."""
+    try:
+        with duckdb.connect(str(path), read_only=True) as connection:
+            return connection.execute("SELECT format FROM catalogue").fetchall() == [(FORMAT,)]
+    except duckdb.CatalogException:
+        raise CatalogueError(Message(CatalogueCode.OTHER_DATABASE, {"path": str(path)})) from None
+    except duckdb.IOException as error:
+        raise _in_use(path, error) from error
+
+
+def _in_use(path: Path, error: Exception) -> CatalogueError:
+    figures = {"path": str(path), "reason": str(error).partition("\n")[0].rstrip(".")}
+    return CatalogueError(Message(CatalogueCode.NOT_OPENED, figures))
+
+
+def _sessions_below(folder: Path) -> dict[str, Path]:
+    """Name → folder, also the folder itself (name ".") where it is a session."""
+    folders = {path.parent for name in (JOURNAL_FILE, CUFFS_FILE) for path in folder.rglob(name)}
+    return {path.relative_to(folder).as_posix(): path for path in sorted(folders)}
+
+
+def _participants(folder: Path) -> Participants:
+    path = folder / PARTICIPANTS_FILE
+    return read_participants(path) if path.exists() else {}
+
+
+def _delete(connection: duckdb.DuckDBPyConnection, names: Sequence[str]) -> None:
+    for table in TABLES if names else ():
+        connection.execute(f"DELETE FROM {table} WHERE session IN (SELECT unnest(?))", [list(names)])  # noqa: S608
+
+
+def _insert(connection: duckdb.DuckDBPyConnection, sessions: Sequence[SessionRows]) -> None:
+    _append(connection, "sessions", [one.session for one in sessions])
+    _append(connection, "cuffs", [row for one in sessions for row in one.cuffs])
+    _append(connection, "trials", [row for one in sessions for row in one.trials])
+
+
+def _append(connection: duckdb.DuckDBPyConnection, table: str, rows: Sequence[Row]) -> None:
+    """By a data frame: row by row would take a hundred times as long."""
+    if not rows:
+        return
+    frame = pd.DataFrame.from_records(rows, columns=list(TABLES[table])).astype(object)
+    connection.register("appended", frame.where(frame.notna(), None))
+    columns = ", ".join(f"CAST({name} AS {kind.split()[0]})" for name, kind in TABLES[table].items())
+    connection.execute(f"INSERT INTO {table} SELECT {columns} FROM appended")  # noqa: S608
+    connection.unregister("appended")
+
+
+def _replace_participants(connection: duckdb.DuckDBPyConnection, participants: Participants) -> None:
+    columns = list(next(iter(participants.values()), {"participant_id": None}))
+    quoted = ", ".join('"{}" VARCHAR'.format(name.replace('"', '""')) for name in columns)
+    connection.execute(f"CREATE OR REPLACE TABLE participants ({quoted})")
+    with suppress(StopIteration):
+        next(iter(participants))
+        marks = ", ".join("?" * len(columns))
+        rows = [list(row.values()) for row in participants.values()]
+        connection.executemany(f"INSERT INTO participants VALUES ({marks})", rows)  # noqa: S608

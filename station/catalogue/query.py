@@ -1,0 +1,73 @@
+"""Query the catalogue: filters, or SQL that reads only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+
+from station.catalogue.errors import CatalogueError
+from station.catalogue.participants import KEY
+from station.messages.message import Message
+from station.messages.study_codes import CatalogueCode
+
+LISTED = """
+SELECT session, subject, operator, begun_utc, origin, cuff, donning, stiffness_n_per_m, damping_n_s_per_m, migration_m
+FROM sessions LEFT JOIN cuffs USING (session)
+"""
+
+
+@dataclass(frozen=True)
+class SessionFilter:
+    """Which cuffs to list; None takes all. since and before compare with the start of the session in UTC."""
+
+    subject: str | None = None
+    operator: str | None = None
+    cuff: str | None = None
+    origin: str | None = None
+    since: datetime | None = None
+    before: datetime | None = None
+
+
+def list_cuffs(path: Path, chosen: SessionFilter) -> pd.DataFrame:
+    """A row for each donning of each cuff; a session that is not fitted has one without a cuff."""
+    named = {name: getattr(chosen, name) for name in ("subject", "operator", "cuff", "origin")}
+    conditions = [f"{name} = ?" for name, value in named.items() if value is not None]
+    values: list[object] = [value for value in named.values() if value is not None]
+    for operator, moment in ((">=", chosen.since), ("<", chosen.before)):
+        if moment is not None:
+            conditions.append(f"begun_utc {operator} ?")
+            values.append(moment)
+    where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
+    return run_sql(path, f"{LISTED} {where} ORDER BY begun_utc, session, cuff, donning", values)
+
+
+def run_sql(path: Path, sql: str, values: list[object] | None = None) -> pd.DataFrame:
+    """The result of one statement. Raises CatalogueError for SQL that fails, writes, or reads other files."""
+    try:
+        with _reading(path) as connection:
+            return connection.execute(sql, values or []).df()
+    except duckdb.Error as error:
+        reason = " ".join(str(error).split())
+        raise CatalogueError(Message(CatalogueCode.WRONG_SQL, {"reason": reason})) from error
+
+
+def known_participants(path: Path) -> tuple[list[str], dict[str, dict[str, str | None]]]:
+    """Codes of the subjects with a session, and the rows of participants.tsv by id."""
+    with _reading(path) as connection:
+        found = connection.execute("SELECT DISTINCT subject FROM sessions WHERE subject <> ''").fetchall()
+        rows = connection.execute("SELECT * FROM participants")
+        names = [column[0] for column in rows.description or ()]
+        known = [dict(zip(names, row, strict=True)) for row in rows.fetchall()]
+    return [subject for (subject,) in found], {row[KEY]: row for row in known}
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[duckdb.DuckDBPyConnection]:
+    with duckdb.connect(str(path), read_only=True, config={"enable_external_access": "false"}) as connection:
+        yield connection

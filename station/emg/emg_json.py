@@ -1,0 +1,238 @@
+"""emg.json: EMG beside the model, its schema, how it is written and read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from documents.plain_data import PlainDataError, read_json
+from documents.validation import describe_error
+from fitting.emg.change import RepeatUnit
+from fitting.emg.channels import UNUSABLE, ChannelFinding
+from fitting.emg.shape import ShapeComparison, ShapeOutcome
+from recordings.manifest import DataOrigin
+from station.checksums import sha256_of, write_checksums
+from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, pool_trials
+from station.emg.setup import EmgSetup
+from station.emg.trials import EmgFileError
+from station.messages.emg_codes import EmgCode
+from station.messages.message import Message
+from station.versions import solving_versions
+from station.whole_file import write_whole
+
+EMG_FILE = "emg.json"
+FORMAT: Literal[1] = 1
+CURVE_HZ = 25.0
+"""Sample rate of the shapes in the file, above twice the bandwidth of the smoothing."""
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class EmgFigure(_Entry):
+    """A number with its 95 % interval; null if it is unknown."""
+
+    value: float | None
+    ci95: tuple[float, float] | None = None
+
+
+class EmgShape(_Entry):
+    """EMG beside the model's activation. lag_s is positive if EMG follows the model.
+
+    Shapes are scaled from 0, the minimum of the curve in the trial, to 1, its maximum; they have no amplitude.
+    """
+
+    outcome: ShapeOutcome
+    correlation: EmgFigure
+    lag_s: EmgFigure
+    shape_rmse: EmgFigure
+    time_s: list[float]
+    emg_shape: list[float]
+    model_shape: list[float]
+
+    @model_validator(mode="after")
+    def _ensure_same_length(self) -> Self:
+        if not len(self.time_s) == len(self.emg_shape) == len(self.model_shape) > 0:
+            raise ValueError("time_s, emg_shape and model_shape need the same number of values, at least one")
+        return self
+
+
+class EmgChannel(_Entry):
+    """A channel of a trial: findings, mean in `level_unit`, and muscles of the model at its electrodes."""
+
+    channel: str
+    findings: list[ChannelFinding]
+    mean: float | None
+    muscles: list[str]
+    shape: EmgShape | None
+
+
+class EmgTrialEntry(_Entry):
+    name: str
+    condition: Literal["condition", "reference"]
+    channels: list[EmgChannel]
+
+    @property
+    def compared(self) -> list[EmgChannel]:
+        """Channels that are compared with the model."""
+        return [channel for channel in self.channels if channel.shape is not None]
+
+    @property
+    def lost(self) -> list[str]:
+        """Channels that cannot be used."""
+        return [channel.channel for channel in self.channels if UNUSABLE & set(channel.findings)]
+
+
+class EmgPooledEntry(_Entry):
+    """Correlation and lag of a channel over the trials of a condition, and the number of trials in each."""
+
+    condition: Literal["condition", "reference"]
+    channel: str
+    correlation: EmgFigure
+    lag_s: EmgFigure
+    trials: int
+    trials_of_lag: int
+
+
+class EmgChangeEntry(_Entry):
+    """Ratio of EMG in the condition to the reference, and the same of the model's activations.
+
+    repeats and repeat_units: of the reference and of the condition. Cycles of a single trial do not contain the
+    variation between trials.
+    """
+
+    channel: str
+    muscles: list[str]
+    emg_ratio: EmgFigure
+    model_ratio: EmgFigure
+    repeats: Annotated[list[int], Field(min_length=2, max_length=2)]
+    repeat_units: Annotated[list[RepeatUnit], Field(min_length=2, max_length=2)]
+
+
+class EmgDocument(_Entry):
+    """emg.json: EMG beside the model's activations.
+
+    `level_unit` is "1" for fractions of the MVC, "V", or "" if the files declare none; `setup` is the effective set-up,
+    `inputs` has the SHA-256 of every file.
+    """
+
+    format: Literal[1]
+    origin: DataOrigin
+    level_unit: Literal["1", "V", ""]
+    setup: EmgSetup
+    trials: list[EmgTrialEntry]
+    pooled: list[EmgPooledEntry]
+    changes: list[EmgChangeEntry]
+    inputs: dict[str, str]
+    versions: dict[str, str]
+
+
+def write_emg(folder: Path, compared: ComparedEmg, files: Mapping[str, Sequence[Path]]) -> EmgDocument:
+    """Write emg.json into the folder; files: the inputs by role."""
+    trials = [_trial(trial, "condition") for trial in compared.trials]
+    trials += [_trial(trial, "reference") for trial in compared.reference]
+    pooled = [*_pooled(compared.trials, "condition"), *_pooled(compared.reference, "reference")]
+    document = EmgDocument(
+        format=FORMAT,
+        origin=compared.origin,
+        level_unit=_unit(compared),
+        setup=compared.setup,
+        trials=trials,
+        pooled=pooled,
+        changes=[_change(change, compared) for change in compared.changes],
+        inputs={
+            f"{role} {i}": f"{path.name} {sha256_of(path)}"
+            for role, paths in files.items()
+            for i, path in enumerate(paths, start=1)
+        },
+        versions=solving_versions(),
+    )
+    text = json.dumps(document.model_dump(mode="json"), indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(folder / EMG_FILE, text + "\n")
+    write_checksums(folder / EMG_FILE)
+    return document
+
+
+def read_emg_document(path: Path) -> EmgDocument:
+    """Read emg.json. Raises EmgFileError with the wrong key."""
+    try:
+        return EmgDocument.model_validate(read_json(path))
+    except OSError as error:
+        figures = {"path": str(path), "reason": str(error.strerror or error)}
+        raise EmgFileError(Message(EmgCode.UNREADABLE, figures)) from error
+    except PlainDataError as error:
+        raise EmgFileError(Message(EmgCode.WRONG_DOCUMENT, {"path": str(path), "reason": str(error)})) from error
+    except ValidationError as error:
+        figures = {"path": str(path), "reason": describe_error(error)}
+        raise EmgFileError(Message(EmgCode.WRONG_DOCUMENT, figures)) from error
+
+
+def _unit(compared: ComparedEmg) -> Any:
+    return (compared.trials or compared.reference)[0].levels.unit
+
+
+def _trial(trial: ComparedTrial, condition: Literal["condition", "reference"]) -> EmgTrialEntry:
+    levels, channels = trial.levels, []
+    for label in levels.labels:
+        section = trial.setup.channels.get(label)
+        found = trial.comparisons.get(label)
+        channels.append(
+            EmgChannel(
+                channel=label,
+                findings=list(levels.findings[label]),
+                mean=float(np.mean(trial.means(levels, label))) if label in levels.usable else None,
+                muscles=list(section.muscles) if section else [],
+                shape=None if found is None else _shape(found),
+            )
+        )
+    return EmgTrialEntry(name=levels.name, condition=condition, channels=channels)
+
+
+def _shape(found: ShapeComparison) -> EmgShape:
+    time = np.arange(found.time[0], found.time[-1] + 1e-9, 1 / CURVE_HZ)
+    curves = [np.interp(time, found.time, curve).round(4).tolist() for curve in (found.emg, found.model)]
+    return EmgShape(
+        outcome=found.outcome,
+        correlation=_figure(found.correlation, found.correlation_ci95),
+        lag_s=_figure(found.lag, found.lag_ci95),
+        shape_rmse=_figure(found.rmse, None),
+        time_s=time.round(6).tolist(),
+        emg_shape=curves[0],
+        model_shape=curves[1],
+    )
+
+
+def _pooled(trials: Sequence[ComparedTrial], condition: Literal["condition", "reference"]) -> Iterator[EmgPooledEntry]:
+    for label, found in pool_trials(trials).items():
+        yield EmgPooledEntry(
+            condition=condition,
+            channel=label,
+            correlation=_figure(found.correlation, found.correlation_ci95),
+            lag_s=EmgFigure(value=None) if found.lag is None else _figure(found.lag.value, found.lag.ci95),
+            trials=found.trials,
+            trials_of_lag=found.trials_of_lag,
+        )
+
+
+def _change(change: ComparedChange, compared: ComparedEmg) -> EmgChangeEntry:
+    section = compared.setup.channels.get(change.label)
+    return EmgChangeEntry(
+        channel=change.label,
+        muscles=list(section.muscles) if section else [],
+        emg_ratio=_figure(change.emg.ratio, change.emg.ci95),
+        model_ratio=EmgFigure(value=change.model_ratio),
+        repeats=list(change.emg.repeats),
+        repeat_units=list(change.emg.units),
+    )
+
+
+def _figure(value: float, ci95: tuple[float, float] | None) -> EmgFigure:
+    if not np.isfinite(value):
+        return EmgFigure(value=None)
+    return EmgFigure(value=value, ci95=ci95)

@@ -1,0 +1,163 @@
+"""…-body.json: a person's body as `station scale` estimated it, with standard errors, checks and findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.constants import g
+
+from solver.personalisation.coverage import CoverageCode
+from solver.personalisation.estimate import EstimateOutcome
+from solver.personalisation.segment_masses import segment_masses
+from solver.scaling_findings import ScalingCode
+from station.kinematics.person import PersonBody, PersonInputs, TrialCheck
+from station.messages.codes import KinematicsCode
+from station.messages.person_codes import PersonCode
+from station.sources import BUNDLED, named_hash
+from station.versions import solving_versions
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class BodySize(_Part):
+    """A scale factor of the generic model; the prior's standard deviation is that of its logarithm."""
+
+    name: str
+    factor: float
+    standard_error: float
+    prior_standard_deviation: float
+
+
+class BodyMarker(_Part):
+    """Where a marker is, from where the scaled model has it, along the axes of its body."""
+
+    name: str
+    body: str
+    offset_mm: tuple[float, float, float]
+    standard_error_mm: tuple[float, float, float]
+
+
+class BodyGirdle(_Part):
+    """Mean of a coordinate of clavicle or scapula, from the model's default."""
+
+    coordinate: str
+    mean_deg: float
+    standard_error_deg: float
+
+
+class BodyExtreme(_Part):
+    """The muscle that has it, and how much: normalised fibre length, N, or m."""
+
+    muscle: str
+    value: float
+
+
+class BodyTrial(_Part):
+    """What markers, muscles and joint show in a trial."""
+
+    name: str
+    frames: int
+    effective_frames: float
+    marker_rms_mm: float
+    shortest_fibre: BodyExtreme
+    longest_fibre: BodyExtreme
+    passive_force_n: BodyExtreme
+    path_jump_m: BodyExtreme
+    joint_force_peak_n: float | None
+    joint_force_peak_body_weights: float | None
+
+
+class BodyFinding(_Part):
+    """A code for programs, and its sentence."""
+
+    code: PersonCode | CoverageCode | ScalingCode | KinematicsCode
+    message: str
+
+
+class BodyDocument(_Part):
+    """The file; format increases when a key changes its meaning."""
+
+    format: Literal[1] = 1
+    versions: Mapping[str, str]
+    sources: Annotated[dict[str, str], Field(description='role → "name SHA-256"')]
+    outcome: EstimateOutcome
+    body_mass_kg: float
+    held_mass_kg: float
+    segment_masses_kg: Mapping[str, float]
+    sizes: list[BodySize]
+    markers: list[BodyMarker]
+    girdle: list[BodyGirdle]
+    trials: list[BodyTrial]
+    findings: list[BodyFinding]
+
+
+def body_document(person: PersonBody, inputs: PersonInputs) -> BodyDocument:
+    """The document of a body that was measured with these inputs."""
+    estimate = person.estimate
+    prior = np.sqrt(np.diag(estimate.priors.covariance))
+    degrees = np.degrees([estimate.girdle, estimate.girdle_errors])
+    trials = {f"trial {k + 1}": named_hash(path) for k, path in enumerate(inputs.markers)}
+    return BodyDocument(
+        versions=dict(solving_versions()),
+        sources={"model": BUNDLED if inputs.model == BUNDLED else named_hash(Path(inputs.model)), **trials},
+        outcome=estimate.outcome,
+        body_mass_kg=person.body_mass,
+        held_mass_kg=person.held_mass,
+        segment_masses_kg=segment_masses(person.model),
+        sizes=[
+            BodySize(
+                name=factor.name,
+                factor=float(estimate.factors[k]),
+                standard_error=float(estimate.factor_errors[k]),
+                prior_standard_deviation=float(prior[k]),
+            )
+            for k, factor in enumerate(estimate.priors.factors)
+        ],
+        markers=[
+            BodyMarker(
+                name=marker.name,
+                body=person.model.bodies[marker.body].name,
+                offset_mm=tuple(1e3 * estimate.offsets[k]),
+                standard_error_mm=tuple(1e3 * estimate.offset_errors[k]),
+            )
+            for k, marker in enumerate(estimate.tasks.markers)
+        ],
+        girdle=[
+            BodyGirdle(coordinate=name, mean_deg=float(mean), standard_error_deg=float(error))
+            for name, mean, error in zip(estimate.priors.girdle, *degrees, strict=True)
+        ],
+        trials=[
+            _trial(trial, float(effective), person.body_mass)
+            for trial, effective in zip(person.trials, estimate.effective, strict=True)
+        ],
+        findings=[
+            BodyFinding.model_validate({"code": finding.code, "message": str(finding)}) for finding in person.findings
+        ],
+    )
+
+
+def _trial(trial: TrialCheck, effective: float, body_mass: float) -> BodyTrial:
+    ranges = trial.ranges
+    peak = float(np.nanmax(trial.joint_force)) if len(trial.joint_force) else None
+
+    def extreme(values: np.ndarray, index: np.intp) -> BodyExtreme:
+        return BodyExtreme(muscle=ranges.muscles[int(index)], value=float(values[index]))
+
+    return BodyTrial(
+        name=trial.name,
+        frames=len(trial.time),
+        effective_frames=effective,
+        marker_rms_mm=1e3 * trial.rms,
+        shortest_fibre=extreme(ranges.shortest, ranges.shortest.argmin()),
+        longest_fibre=extreme(ranges.longest, ranges.longest.argmax()),
+        passive_force_n=extreme(ranges.passive, ranges.passive.argmax()),
+        path_jump_m=extreme(ranges.jump, ranges.jump.argmax()),
+        joint_force_peak_n=peak,
+        joint_force_peak_body_weights=None if peak is None else peak / (g * body_mass),
+    )

@@ -1,0 +1,120 @@
+"""Do markers go with the model? Refusals before anything is solved, findings on what was solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.inverse_kinematics.exchanges import find_exchanges
+from solver.inverse_kinematics.marker_fit import fit_markers
+from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, TrackingTasks
+from solver.inverse_kinematics.uncertainty import PostureUncertainty
+from solver.model import Model
+from station.kinematics.marker_file import KinematicsError
+from station.messages.codes import KinematicsCode
+from station.messages.message import Message
+
+Array = NDArray[np.float64]
+Finding = Message[StrEnum]
+
+LEAST_SEEN = 0.6
+"""Part of the expected markers that most frames must show."""
+SIZES = (0.2, 5.0)
+"""Least and largest spread of the markers beside that of the model's; a wrong unit is a factor of 10."""
+MOST_RESIDUAL = 0.08
+"""m, RMS; unscaled models on published persons have 0.03, on persons 20 % larger 0.06; wrong labels, 0.1 and more."""
+MIRROR_RATIO, LEAST_MIRROR_RESIDUAL = 1.5, 0.02
+"""Markers of the other side are refused where the mirror image fits better by this factor, from this RMS [m] on. On
+published trials of the right side the mirror image fits worse by factors of 1.9 to 4."""
+MOST_TILT = math.radians(60)
+
+
+def ensure_markers_fit(
+    model: Model, file: str, expected: Collection[str], tasks: TrackingTasks, observed: Array
+) -> tuple[Finding, ...]:
+    """Refuse markers that are too few, of the other side or of another body; findings on what is odd and possible.
+
+    expected are the names that the set-up follows and the model has; observed (frames, markers, 3) [m] in the order of
+    tasks. Raises KinematicsError.
+    """
+    shown = np.isfinite(observed).all(axis=2)
+    most = float(np.median(shown.sum(axis=1)))
+    if most < LEAST_SEEN * len(expected):
+        seen = {
+            marker.name for marker, is_shown in zip(tasks.markers, shown.mean(axis=0), strict=True) if is_shown > 0.5
+        }
+        figures = {"file": file, "seen": f"{most:g}", "expected": str(len(expected))}
+        missing = ", ".join(sorted(set(expected) - seen))
+        raise KinematicsError(Message(KinematicsCode.MARKERS_MISSING, {**figures, "missing": missing}))
+    fit = fit_markers(model, observed, tasks)
+    figures = {"file": file, "model": model.name}
+    if not SIZES[0] <= fit.size <= SIZES[1]:
+        raise KinematicsError(Message(KinematicsCode.WRONG_SIZE, {**figures, "size": fit.size}))
+    rms = {"given_mm": 1e3 * fit.as_given, "mirrored_mm": 1e3 * fit.mirrored, "limit_mm": 1e3 * MOST_RESIDUAL}
+    if fit.as_given > max(LEAST_MIRROR_RESIDUAL, MIRROR_RATIO * fit.mirrored):
+        raise KinematicsError(Message(KinematicsCode.MIRRORED, {**figures, **rms}))
+    if fit.as_given > MOST_RESIDUAL:
+        raise KinematicsError(Message(KinematicsCode.NO_FIT, {**figures, **rms}))
+    if fit.tilt > MOST_TILT:
+        return (Message(KinematicsCode.TILTED, {"tilt_deg": math.degrees(fit.tilt)}),)
+    return ()
+
+
+def find_in_markers(time: Array, tasks: TrackingTasks, observed: Array) -> tuple[Finding, ...]:
+    """Markers that are exchanged for a while; time (frames,) [s]."""
+    last = len(time) - 1
+    return tuple(
+        Message(
+            KinematicsCode.EXCHANGED,
+            {
+                "one": tasks.markers[exchange.markers[0]].name,
+                "other": tasks.markers[exchange.markers[1]].name,
+                "from_s": float(time[exchange.start]),
+                "to_s": float(time[min(exchange.stop, last)]),
+            },
+        )
+        for exchange in find_exchanges(observed)
+    )
+
+
+def find_in_postures(
+    model: Model, time: Array, solution: InverseKinematics, uncertainty: PostureUncertainty
+) -> tuple[Finding, ...]:
+    """Frames that are not solved, and coordinates that nothing determines."""
+    found: list[Finding] = []
+    for outcome, code in UNSOLVED.items():
+        frames = [frame for frame, found_outcome in enumerate(solution.outcomes) if found_outcome is outcome]
+        if frames:
+            found.append(Message(code, {"frames": len(frames), "first_s": float(time[frames[0]])}))
+    known = np.isfinite(solution.coordinates[:, 0])
+    loose = (~uncertainty.is_held[known]).sum(axis=0)
+    names = _by_count(model.coordinate_names, loose)
+    found += [
+        Message(KinematicsCode.NOT_HELD, {"coordinates": ", ".join(names[count]), "frames": count}) for count in names
+    ]
+    return tuple(found)
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """A sentence with its code for every finding."""
+    return [f"{finding} [{finding.code.value}]" for finding in findings]
+
+
+UNSOLVED = {
+    PostureOutcome.NOT_CONVERGED: KinematicsCode.NOT_CONVERGED,
+    PostureOutcome.GAP_OPEN: KinematicsCode.GAP_OPEN,
+    PostureOutcome.NO_MARKERS: KinematicsCode.NO_MARKERS,
+}
+
+
+def _by_count(names: Sequence[str], counts: Array) -> dict[int, list[str]]:
+    """Number of frames → names, without 0."""
+    found: dict[int, list[str]] = {}
+    for name, count in zip(names, counts.tolist(), strict=True):
+        if count:
+            found.setdefault(count, []).append(name)
+    return found

@@ -1,0 +1,99 @@
+"""Marker sets by name, or of a lab's own file: which body each marker sits on, and where in the model it goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from documents.plain_data import PlainDataError, parse_toml, read_toml
+from documents.validation import Section, Vector, describe_error
+from solver.model import Marker, Model
+from solver.osim.marker_set import with_markers
+from station.errors import StationError
+from station.messages.codes import KinematicsCode
+from station.messages.message import Message
+
+
+class MarkerSetError(StationError):
+    """A marker set that is none, or that the model has no bodies for."""
+
+
+class MarkerSite(Section):
+    """A marker: the body it sits on, its landmark for people, and its place (see marker_sets.toml)."""
+
+    body: str
+    landmark: str = ""
+    same_as: tuple[str, ...] = ()
+    location_m: Vector | None = None
+
+
+class LabelledMarkers(Section):
+    """A marker set; source names where it is published."""
+
+    title: str = ""
+    source: str = ""
+    markers: dict[str, MarkerSite] = Field(min_length=1)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedMarkers:
+    """A model with the markers of a set.
+
+    names          of those that have a place in it;  without_place of the others
+    elsewhere      of those that the model has on another body than the set; they stay there
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    without_place: tuple[str, ...]
+    elsewhere: tuple[str, ...]
+
+
+def read_marker_set(name: str) -> LabelledMarkers:
+    """A set of marker_sets.toml by its name, or of a file that ends in .toml. Raises MarkerSetError."""
+    if not name.endswith(".toml"):
+        if name not in _published():
+            raise MarkerSetError(Message(KinematicsCode.UNKNOWN_SET, {"name": name, "known": ", ".join(_published())}))
+        return _published()[name]
+    try:
+        return LabelledMarkers.model_validate(read_toml(Path(name)))
+    except (PlainDataError, OSError) as error:
+        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, "reason": str(error)})) from error
+    except ValidationError as error:
+        reason = describe_error(error)
+        raise MarkerSetError(Message(KinematicsCode.WRONG_SET, {"name": name, "reason": reason})) from error
+
+
+def place_marker_set(model: Model, name: str) -> PlacedMarkers:
+    """Give a model the markers of a set. Raises MarkerSetError for an unknown set and a body that the model lacks."""
+    marker_set = read_marker_set(name)
+    bodies = {body.name: index for index, body in enumerate(model.bodies)}
+    known = {marker.name: marker for marker in model.markers}
+    placed: list[Marker] = []
+    elsewhere = []
+    for label, site in marker_set.markers.items():
+        if site.body not in bodies:
+            figures = {"set": name, "marker": label, "body": site.body, "model": model.name}
+            raise MarkerSetError(Message(KinematicsCode.NO_BODY, {**figures, "known": ", ".join(bodies)}))
+        if label in known:
+            placed.append(known[label])
+            elsewhere += [label] * (known[label].body != bodies[site.body])
+            continue
+        twin = next((known[other] for other in site.same_as if other in known), None)
+        if twin is not None and twin.body == bodies[site.body]:
+            placed.append(Marker(label, twin.body, twin.location))
+        elif site.location_m is not None:
+            placed.append(Marker(label, bodies[site.body], np.array(site.location_m)))
+    names = tuple(marker.name for marker in placed)
+    without_place = tuple(label for label in marker_set.markers if label not in names)
+    return PlacedMarkers(with_markers(model, placed), names, without_place, tuple(elsewhere))
+
+
+@cache
+def _published() -> dict[str, LabelledMarkers]:
+    tables = parse_toml(Path(__file__).with_suffix(".toml").read_bytes())
+    return {name: LabelledMarkers.model_validate(table) for name, table in tables.items()}

@@ -1,0 +1,234 @@
+"""The person's body: all trials of a person → size, marker places and masses, checked by muscles and joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.exchange.tables import MarkerTable
+from solver.inverse_kinematics.laboratory_frame import Vertical
+from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
+from solver.model import CoordinateLock, Marker, Model, ModelError
+from solver.motion import Motion, MotionError, decimate, differentiate
+from solver.personalisation.coverage import ESSENTIAL, check_coverage
+from solver.personalisation.estimate import BodyEstimate, estimate_body
+from solver.personalisation.segment_masses import HAND, hold_load, mass_ratios, set_arm_masses, upper_arm_length
+from solver.personalisation.tendons import fit_tendons
+from solver.redundancy.motion import RedundancyOptions, solve_motion
+from solver.scaling_findings import MuscleRanges, check_scaling, muscle_ranges
+from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers
+from station.kinematics.ik import ensure_common, markers_in_ground, model_with_markers
+from station.kinematics.marker_file import read_body_markers
+from station.kinematics.person_findings import (
+    ensure_mass_fits,
+    estimate_findings,
+    lock_findings,
+    refuse,
+    scaling_finding,
+    tendon_finding,
+)
+from station.messages.codes import KinematicsCode
+from station.messages.message import Message
+from station.messages.person_codes import PersonCode
+from station.progress import Progress, silent
+
+Array = NDArray[np.float64]
+
+LARGEST_RMS = 0.030
+"""m, of the markers from the best body; the published hand-tuned bodies of a lab have 24 to 27 mm without offsets."""
+INCOMPLETE = (PersonCode.NOT_CONVERGED, PersonCode.UNSOLVED_FRAMES, KinematicsCode.EXCHANGED)
+MOST_JOINT_FRAMES = 100
+"""Of a trial of which muscles and joint force are solved."""
+
+
+@dataclass(frozen=True)
+class PersonInputs:
+    """model: a generic .osim or "bundled"; markers: .trc files of one person; masses in kg.
+
+    held_mass     in the hand in all trials, 0 for an empty hand; None refuses a model whose hand seems to hold a load
+    keeps_tendons leave the tendon slack lengths as scaling makes them
+    prefix        before the labels of the person;  vertical  upward axis of the files;  marker_set as of IkInputs
+    """
+
+    model: str
+    markers: tuple[Path, ...]
+    body_mass: float
+    held_mass: float | None = None
+    keeps_tendons: bool = False
+    prefix: str = ""
+    vertical: Vertical = "y"
+    marker_set: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class TrialCheck:
+    """A trial of the person's body: what markers, muscles and joint say.
+
+    time         (frames,) [s];  rms [m] of the markers;  ranges  of the muscles
+    joint_force  (frames,) [N] at joint_time [s], empty where it was not evaluated
+    """
+
+    name: str
+    time: Array
+    postures: InverseKinematics
+    rms: float
+    ranges: MuscleRanges
+    joint_time: Array
+    joint_force: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PersonBody:
+    """A person's model, with arm masses and the load; how it was estimated, and checks of every trial.
+
+    generic   without locks, as estimated from;  markers  of it that were followed
+    observed  of each trial (frames, markers, 3) [m] in the model's ground
+    """
+
+    generic: Model
+    markers: tuple[Marker, ...]
+    observed: tuple[Array, ...]
+    model: Model
+    estimate: BodyEstimate
+    body_mass: float
+    held_mass: float
+    trials: tuple[TrialCheck, ...]
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the estimate converged, every frame is solved and no labels are exchanged."""
+        return not any(finding.code in INCOMPLETE for finding in self.findings)
+
+
+def measure_person(inputs: PersonInputs, progress: Progress = silent) -> PersonBody:
+    """Raises KinematicsError, PersonError, ModelError, MotionError or ForeignFile for what does not fit together."""
+    generic, _, on_marker_set = model_with_markers(inputs.model, inputs.marker_set)
+    known = [marker.name for marker in generic.markers]
+    tables = {path.name: read_body_markers(path, known, inputs.prefix) for path in inputs.markers}
+    person = person_of_trials(generic, tables, inputs, progress)
+    return replace(person, findings=(*on_marker_set, *person.findings))
+
+
+def person_of_trials(
+    generic: Model, tables: Mapping[str, MarkerTable], inputs: PersonInputs, progress: Progress = silent
+) -> PersonBody:
+    """The person of these trials, file name → markers; of the inputs the masses and the vertical axis count.
+
+    Raises as measure_person does.
+    """
+    findings = lock_findings(generic)
+    generic = replace(generic, constraints=tuple(c for c in generic.constraints if not isinstance(c, CoordinateLock)))
+    held = _held_mass(generic, inputs)
+    known = [marker.name for marker in generic.markers]
+    for file, table in tables.items():
+        ensure_common(file, table.labels, known, known)
+    labels = {label for table in tables.values() for label in table.labels}
+    markers = tuple(marker for marker in generic.markers if marker.name in labels)
+    codes = check_coverage(generic, markers)
+    for code in codes:
+        if code in ESSENTIAL:
+            raise refuse(code)
+    findings += [Message(code) for code in codes]
+    observed = []
+    for file, table in tables.items():
+        seen, odd = _observed(generic, markers, file, table, inputs.vertical)
+        observed.append(seen)
+        findings += odd
+    progress("estimating the body", 0, 1)
+    estimate = estimate_body(generic, markers, observed)
+    progress("estimating the body", 1, 1)
+    rms = _rms(estimate.postures)
+    if rms > LARGEST_RMS:
+        raise refuse(PersonCode.MARKERS_DO_NOT_FIT, rms_mm=1e3 * rms, highest_mm=1e3 * LARGEST_RMS)
+    ensure_mass_fits(inputs.body_mass, upper_arm_length(estimate.model))
+    names = [Path(file).stem for file in tables]
+    findings += estimate_findings(estimate, names)
+    findings += [scaling_finding(finding) for finding in check_scaling(generic, estimate.model)]
+    model = set_arm_masses(estimate.model, inputs.body_mass)
+    model = hold_load(model, held) if held else model
+    if not inputs.keeps_tendons:
+        motions = [solution.coordinates[np.isfinite(solution.gap)] for solution in estimate.postures]
+        model, changes = fit_tendons(model, motions)
+        findings += [tendon_finding(change) for change in changes]
+    trials = []
+    for k, (name, table) in enumerate(zip(names, tables.values(), strict=True)):
+        progress("solving muscles", k, len(names))
+        trials.append(_checked(model, name, table.time_s, estimate.postures[k], findings))
+    progress("solving muscles", len(names), len(names))
+    notes = tuple(f"{name}: {note}" for name, table in zip(names, tables.values(), strict=True) for note in table.notes)
+    return PersonBody(
+        generic=generic,
+        markers=markers,
+        observed=tuple(observed),
+        model=model,
+        estimate=estimate,
+        body_mass=inputs.body_mass,
+        held_mass=held,
+        trials=tuple(trials),
+        findings=tuple(findings),
+        notes=notes,
+    )
+
+
+def _held_mass(generic: Model, inputs: PersonInputs) -> float:
+    """Raises PersonError where the generic hand seems to hold a load, and none is given."""
+    if inputs.held_mass is not None:
+        return inputs.held_mass
+    ratio = mass_ratios(generic).get(HAND, 1.0)
+    if ratio > 1.0:
+        mass = generic.bodies[generic.body_index(HAND)].mass
+        raise refuse(PersonCode.HAND_HOLDS_LOAD, model=generic.name, hand_kg=mass, ratio=ratio)
+    return 0.0
+
+
+def _observed(
+    generic: Model, markers: Sequence[Marker], file: str, table: MarkerTable, vertical: Vertical
+) -> tuple[Array, list[Finding]]:
+    """(frames, markers, 3) [m] in the model's ground, NaN throughout for a marker that the trial does not have, and
+    what is odd about it. Raises KinematicsError for markers that are not those of such a body.
+    """
+    there = [k for k, marker in enumerate(markers) if marker.name in table.labels]
+    tasks = TrackingTasks(tuple(markers[k] for k in there), np.ones(len(there)))
+    found = markers_in_ground(generic, table, tasks, np.ones(len(table.time_s), dtype=np.bool_), vertical)
+    findings = ensure_markers_fit(generic, file, [marker.name for marker in tasks.markers], tasks, found)
+    seen = np.full((len(table.time_s), len(markers), 3), np.nan)
+    seen[:, there] = found
+    return seen, [*findings, *find_in_markers(table.time_s, tasks, found)]
+
+
+def _rms(postures: Sequence[InverseKinematics]) -> float:
+    residuals = np.concatenate([solution.residuals.ravel() for solution in postures])
+    return float(np.sqrt(np.nanmean(residuals**2)))
+
+
+def _checked(model: Model, name: str, time: Array, postures: InverseKinematics, findings: list[Finding]) -> TrialCheck:
+    """A trial with its muscles and joint; what they show is added to the findings."""
+    coordinates = _filled(postures.coordinates)
+    ranges = muscle_ranges(model, coordinates)
+    shown = {(finding.code, finding.figures.get("muscle")) for finding in findings}
+    for finding in map(scaling_finding, ranges.findings):
+        if (finding.code, finding.figures["muscle"]) not in shown:
+            findings.append(finding)
+    joint_time, force = np.zeros(0), np.zeros(0)
+    try:
+        motion = differentiate(Motion(model.coordinate_names, time, coordinates))
+        kinematics = decimate(motion, max(1, -(-len(time) // MOST_JOINT_FRAMES)))
+        solution = solve_motion(model, kinematics, RedundancyOptions())
+        joint_time, force = solution.time, np.linalg.norm(solution.reaction[:, 3:], axis=1)
+    except (ModelError, MotionError) as error:
+        figures = {"trial": name, "reason": str(error)}
+        findings.append(Message(PersonCode.JOINT_NOT_EVALUATED, figures))
+    return TrialCheck(name, time, postures, _rms([postures]), ranges, joint_time, force)
+
+
+def _filled(coordinates: Array) -> Array:
+    """Frames without a posture lie on the straight line between their neighbours."""
+    known = np.isfinite(coordinates[:, 0])
+    at = np.arange(len(coordinates))
+    return np.column_stack([np.interp(at, at[known], column[known]) for column in coordinates.T])

@@ -1,0 +1,107 @@
+"""Sentences on the findings of an assessment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.codes import AssessmentCode, InputCode
+
+_CHOICE = "Least effort at {at_m:.2f} m: {cuff}, with migration and compliance {effort:.3f} of that with a slack cord"
+_DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.2f} m"
+_INTERVAL = _DIFFERENCE + " (95 % CI {low_percent} to {high_percent} %)"
+_INTERVALS = "Intervals are computed from {draws:.0f} draws of the cuffs on every {every:.0f}th frame"
+_UNSOLVED = "{frames:.0f} of {all_frames:.0f} frames of all scenarios "
+_UNCONVERGED = "{frames:.0f} of {all_frames:.0f} frames: the "
+ASSESSMENT: Mapping[StrEnum, str] = {
+    AssessmentCode.NO_CHOICE: "The cuffs cannot be compared: every cuff has frames without a solution.",
+    AssessmentCode.ONLY_CUFF: _CHOICE + "; there is no other cuff to compare it with.",
+    AssessmentCode.LEAST_EFFORT: _CHOICE + "; compared: {cuffs}.",
+    AssessmentCode.EQUIVALENT: (
+        _CHOICE + "; {equivalent} differs by less than {relevant_percent:g} %, or not significantly."
+    ),
+    AssessmentCode.NOT_COMPARED: "{first} and {second} cannot be compared: frames have no solution.",
+    AssessmentCode.WITHOUT_INTERVAL: _DIFFERENCE + "; without an interval.",
+    AssessmentCode.DIFFERENT: _INTERVAL + ".",
+    AssessmentCode.NOT_RELEVANT: _INTERVAL + "; below the {relevant_percent:g} % taken to matter.",
+    AssessmentCode.NOT_DISTINGUISHED: _INTERVAL + "; not significant.",
+    AssessmentCode.BEST_REST_LENGTH: (
+        "With a cord of its best rest length, {at_m:.3f} m, the effort with {cuff} is {effort:.3f}."
+    ),
+    AssessmentCode.OUTSIDE_RANGE: (
+        "A dash in place of a best rest length, or of its width, means that it lies outside the range tried, "
+        "{first_m:.2f} to {last_m:.2f} m."
+    ),
+    AssessmentCode.NO_INTERVALS: (
+        "Intervals are not computed: no cuff has a standard error, or no draws were requested."
+    ),
+    AssessmentCode.INTERVALS: (
+        _INTERVALS + "; this decimation alone changes efforts by up to {effort:.4f}, best rest lengths by up to "
+        "{rest_length_mm:.1f} mm and permissible errors by up to {permissible_error_mm:.1f} mm."
+    ),
+    AssessmentCode.INTERVALS_UNVERIFIED: _INTERVALS + "; the effect of this decimation is unknown for some figures.",
+    AssessmentCode.INTERVALS_TOTAL: (
+        "Intervals contain fit, donning, body, muscles and motion: {people:.0f} drawn people, {solved:.0f} with a "
+        "solution, on every {every:.0f}th frame."
+    ),
+    AssessmentCode.CORD_FORCE: (
+        "With rigid cuffs the cord pulls with up to {force_n:.0f} N, and is slack throughout at a rest length "
+        "{slack_cm:.1f} cm above the best one."
+    ),
+    AssessmentCode.MIGRATION_COST: (
+        "Migration of {cuffs} reduces the largest force of the cord by {lost_percent:.0f} %, and costs "
+        "{percent_per_cm:.1f} percentage points of effort per centimetre that {cuff} migrates."
+    ),
+    AssessmentCode.RESERVES_SMALL: (
+        "Reserve actuators, which are not included in the effort, would add at most {effort:.4f} at {at_m:.2f} m."
+    ),
+    AssessmentCode.RESERVES_LARGE: (
+        "The muscles cannot carry this motion: reserve actuators, which are not included in the effort, would add up "
+        "to {effort:.3g} at {at_m:.2f} m; use a lighter load or another motion."
+    ),
+    AssessmentCode.RATE_EXCEEDED: (
+        _UNSOLVED + "exceed the rate of activation since the previous frame; they are solved without that limit."
+    ),
+    AssessmentCode.INFEASIBLE: (
+        _UNSOLVED + "are infeasible: no activations between 0 and 1 and controls within their limits give the "
+        "accelerations and keep the joint reaction inside the glenoid; their effort is unknown, and with it every "
+        "figure that includes it. Use a lighter load, or leave out that part of the motion."
+    ),
+    AssessmentCode.NOT_CONVERGED: (
+        _UNSOLVED + "did not converge: the solver stopped before its residuals were small; efforts that include them "
+        "are not reliable."
+    ),
+    AssessmentCode.NOT_FINITE: (
+        _UNSOLVED + "have no finite accelerations in the model; they are not included in any effort."
+    ),
+    AssessmentCode.PATH_NOT_CONVERGED: (
+        _UNCONVERGED + "path of at least one muscle did not converge within the limit of iterations; as in OpenSim, "
+        "its last point is used. Compare with geodesics."
+    ),
+    AssessmentCode.CURVE_NOT_CONVERGED: (
+        _UNCONVERGED + "force of at least one muscle did not converge on a curve of the fibre; its last point is used."
+    ),
+    InputCode.UNKNOWN_CUFF: (
+        "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff"
+    ),
+    InputCode.CUFF_NAMED_RIGID: "a cuff is named {name}, which is reserved for rigid cuffs; rename it",
+    InputCode.RICHER_LAW: (
+        "the cuff {cuff} has the law {law}; a suit wears cuffs of the law {known} only (F = k x + c ẋ). If that is "
+        "sufficient, write {cuff} with its k, c and migration alone into a cuffs file"
+    ),
+    InputCode.OUTPUT_IS_FILE: "{path} is a file, expected a folder to write into; give another --output",
+    InputCode.ONE_ARM_CUFF: "expected one arm cuff, found {names}; choose one by --cuff",
+    InputCode.NO_CUFFS_FILE: "the cuff {cuff} needs a cuffs.json that holds it; give it by --cuffs",
+    InputCode.CONDITION_WITHOUT_CUFFS: "the condition {condition} needs cuffs; give a cuffs.json by --cuffs",
+    InputCode.TABLE_FORMAT: "the output is {name}, expected a name that ends in {suffixes}",
+    InputCode.BUDGET: "{path} is no budget of uncertainty ({reason}); correct it",
+    InputCode.NO_PEOPLE: "--scheduler and --workers are for drawn people, and none are drawn; add --people 1000",
+    InputCode.PEOPLE_FAILED: "drawn people could not be assessed on the cluster: {reason}; start it again to continue",
+    InputCode.EMG_UNREADABLE: "{path} cannot be read as a CSV table of EMG ({reason}); check the path",
+    InputCode.EMG_COLUMNS: "{path} has the columns {found}, expected {expected}",
+    InputCode.EMG_MUSCLE: (
+        "{path}, line {line}, names {muscle}, which is neither a muscle of the model nor a group of the suit; known "
+        "are {known}"
+    ),
+    InputCode.EMG_NUMBER: "{path}, line {line}, has {reduction} and {sd}, expected two numbers in percent",
+}

@@ -1,0 +1,134 @@
+"""Sentences on files: import, completion, export, replay, verification and signature."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.file_codes import ChainCode, ExportCode, ImportCode
+
+_SPANS = (
+    "force from {force_from_s:.2f} to {force_to_s:.2f} s, markers from {markers_from_s:.2f} to {markers_to_s:.2f} s"
+)
+
+_IMPORT: Mapping[StrEnum, str] = {
+    ImportCode.INCOMPLETE_COMMAND: (
+        "an import needs --force, --session, --test and --cuff (a bounce needs no --cuff), or --over alone; see --help"
+    ),
+    ImportCode.WRONG_LABEL_PAIR: "--label {pair} does not name two labels, expected THEIRS=OURS",
+    ImportCode.UNKNOWN_LABEL: "{path} has no marker {missing} to rename, only {known}",
+    ImportCode.FORCE_FORMAT: "{path} ends in {suffix}, expected force in .csv, .txt, .tsv or .c3d",
+    ImportCode.MARKER_FORMAT: "{path} ends in {suffix}, expected markers in .tsv, .trc or .c3d",
+    ImportCode.NO_FORCE_COLUMN: "{path} has no column {expected} among {known}; name the column by --force-column",
+    ImportCode.SEVERAL_FORCE_COLUMNS: (
+        "{path} has the columns {found} among {known}, expected one; name the column by --force-column"
+    ),
+    ImportCode.FORCE_UNIT: "{path} declares {column} in {unit}, expected {known}; give --force-unit",
+    ImportCode.NO_SCALE: (
+        'the configuration has load_cell.source = "{source}" and no scale for the volts of {column}; give --force-unit '
+        "N or lbs, or a configuration with capacity_kg and full_scale_v of the DAQ"
+    ),
+    ImportCode.MARKERS_MISSING: (
+        "{path} has no marker {missing}, only {known}; correct the labels of the cuff in the configuration, or rename "
+        "markers by --label THEIRS=OURS"
+    ),
+    ImportCode.NOTHING_VISIBLE: (
+        "{path} shows no marker in any frame; export the trajectories that are identified in QTM"
+    ),
+    ImportCode.SAMPLE_RATE: (
+        "{times} give {rate_hz:.3g} Hz, expected {lowest_hz:g} to {highest_hz:g} Hz; check that the times are in "
+        "seconds"
+    ),
+    ImportCode.MARKER_DISTANCE: (
+        "the markers of {path} are within {size_mm:.4g} mm of each other, expected {least_mm:g} to {most_mm:g} mm; "
+        "give the unit of the file by --mocap-unit"
+    ),
+    ImportCode.BEFORE_CAPTURE: (
+        "{files}: the markers begin {before_s:.3g} s before the capture; export from frame 1 on"
+    ),
+    ImportCode.SHORT_OVERLAP: (
+        "{files} have {common_s:.2f} s in common, expected at least half of {expected_s:.2f} s (" + _SPANS + "); check "
+        "that both are of the same trial, or cut the longer one"
+    ),
+    ImportCode.NOT_USABLE: "{files} cannot be used: {reason}",
+    ImportCode.FILE_EXISTS: "{path} exists and is not overwritten; move it to another folder",
+    ImportCode.PARTIAL_OVERLAP: ("{files} have {common_s:.2f} s in common; the rest is not used: " + _SPANS),
+    ImportCode.LAG_ASSUMED: (
+        "{files} have no sync line, and neither --lag-sd-s nor sync.lag_sd_s is given: the standard uncertainty of the "
+        "lag is taken as {lag_sd_ms:.1f} ms, from half a force sample at {rate_hz:g} Hz; give --lag-sd-s, or import a "
+        "bounce"
+    ),
+    ImportCode.MARKER_FILE: "{text}",
+    ImportCode.CUT_RECORDING: "{path} was cut and its end is unknown; only a complete recording can be completed",
+    ImportCode.NO_LIVE_FRAMES: "{path} has no live frame to align the export with; import force and markers instead",
+    ImportCode.NO_EDGE: "{path} cannot be completed: {reason}",
+    ImportCode.FRAME_RATE: (
+        "{file} has {rate_hz:g} frames per second, {path} has {live_rate_hz:g}, expected the same; check that it is "
+        "the export of this trial"
+    ),
+    ImportCode.NOTHING_IN_COMMON: (
+        "{file} and {path} have no marker and frame in common; check that it is the export of this trial, from frame 1 "
+        "on"
+    ),
+    ImportCode.OTHER_TRIAL: (
+        "the markers of {file} and of {path} are {distance_mm:.0f} mm apart, expected at most {limit_mm:g} mm; check "
+        "that it is the export of this trial, from frame 1 on"
+    ),
+    ImportCode.FRAMES_ADDED: "frames missing in the live stream: {added:.0f} of {frames:.0f} in the export{first}",
+    ImportCode.LABELS_ADDED: "markers missing in the live stream: {labels}",
+    ImportCode.MARKERS_FILLED: "markers hidden in frames of the live stream, and filled: {filled}",
+    ImportCode.FRAMES_KEPT: "frames missing in the export, and kept from the live stream: {frames:.0f}",
+}
+
+_EXPORT: Mapping[StrEnum, str] = {
+    ExportCode.INCOMPLETE_COMMAND: (
+        "an export needs --to and either FILE or --session, or it needs --osim; see --help"
+    ),
+    ExportCode.INCOMPLETE_MODEL_COMMAND: (
+        "an export with --osim needs --output, without FILE, --session and --to; see --help"
+    ),
+    ExportCode.FILL_GAPS_FORMAT: ("--fill-gaps is for --to mot and --to sto; the other formats mark missing values"),
+    ExportCode.NO_RECORDING: "{folder} contains no recording (*.mcap); give a session folder",
+    ExportCode.NOTHING_WRITTEN: "{reasons}",
+    ExportCode.NOT_EXPORTED: "{reason}",
+    ExportCode.NO_COMMON_CLOCK: "{file} cannot be exported: {reason}",
+    ExportCode.RAW_POSSIBLE: "{file} cannot be exported: {reason}; --to csv writes the raw samples",
+    ExportCode.RAW_ONLY: "{file} has no common clock, every stream is exported raw: {reason}",
+    ExportCode.NO_CUFF_FORCE: (
+        "{file} is a {test} trial of the wearer, without a rope that pulls on a cuff; --to trc writes its markers for "
+        "inverse kinematics, --to csv the force of its cord"
+    ),
+    ExportCode.BOUNCE: "{file} is a bounce: no cuff is loaded",
+    ExportCode.NO_DIRECTION: "the direction of the force in {file} is unknown: {reason}",
+    ExportCode.CUFF_HIDDEN: (
+        "{file} shows the cuff and its anchor together in fewer than {rows:.0f} consecutive force samples; "
+        "`station info` shows how long every marker was hidden"
+    ),
+    ExportCode.ROWS_LEFT_OUT: (
+        "{file}: {left_out:.0f} of {rows:.0f} rows are left out because a marker of the cuff or its anchor is hidden; "
+        "the rest is in {files:.0f} gap-free files. --fill-gaps writes one file and fills the gaps"
+    ),
+    ExportCode.ROWS_FILLED: (
+        "{file}: direction and point of {hidden:.0f} rows, and {lost:.0f} rows of lost samples, are interpolated "
+        "linearly; the longest gap is {longest_s:.3g} s"
+    ),
+    ExportCode.MODEL_NOTE: "{text}",
+    ExportCode.NO_SAMPLES: "{path} contains no samples to replay",
+    ExportCode.NO_SYNC_EDGE: (
+        "{path} was imported without a sync line, and a replay needs the sync edge; it can be fitted and exported only"
+    ),
+}
+
+_CHAIN: Mapping[StrEnum, str] = {
+    ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
+    ChainCode.NOT_A_FOLDER: "{folder} is not a folder; give a session folder",
+    ChainCode.NOTHING_TO_VERIFY: "{folder} contains no recording, no {cuffs} and no {report} to verify",
+    ChainCode.NOT_REGULAR: "{path} is a pipe or a device, expected a regular file; replace it",
+    ChainCode.BROKEN: "{folder} is not signed, its chain is broken at {link}; see `station verify {folder}`",
+    ChainCode.NOT_SIGNED: "{folder} is not signed, ssh-keygen failed: {reason}",
+    ChainCode.NO_SIGNERS: "{path} is not a file, expected the list of allowed signers of OpenSSH",
+    ChainCode.NO_SSH_KEYGEN: "ssh-keygen is not installed on this computer; install OpenSSH 8.1 or newer",
+    ChainCode.SSH_KEYGEN_FAILED: "ssh-keygen cannot be used: {reason}",
+}
+
+FILES: Mapping[StrEnum, str] = {**_IMPORT, **_EXPORT, **_CHAIN}

@@ -1,0 +1,39 @@
+"""A message to the operator: a code for programs, rendered as a sentence for people at the very end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Generic, TypeVar
+
+from station.messages.sentences import SENTENCES
+
+Code_co = TypeVar("Code_co", bound=StrEnum, covariant=True)
+Figures = Mapping[str, float | str]
+"""Name, with the unit at its end, → number or name that the sentence shows."""
+
+
+@dataclass(frozen=True)
+class Message(Generic[Code_co]):
+    """str() is the sentence. Raises KeyError there if a figure of the sentence is missing."""
+
+    code: Code_co
+    figures: Figures = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return SENTENCES[self.code].format(**self.figures)
+
+    def to_plain(self) -> dict[str, object]:
+        """The code and its figures, as JSON."""
+        return {"code": self.code.value, "figures": dict(self.figures)}
+
+    @property
+    def kind(self) -> str:
+        """The code without its reason: the kind of the event in a recording."""
+        return self.code.value.partition(".")[0]
+
+
+def join_sentences(messages: Iterable[Message[StrEnum]]) -> str:
+    """The sentences of several messages as one text."""
+    return "; ".join(map(str, messages))

@@ -1,0 +1,40 @@
+"""The sentences of the station's messages, in one place; programs use the codes.
+
+A message says what happened, what it means and what to do, in the words of the bench.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.assessment_sentences import ASSESSMENT
+from station.messages.bench_sentences import BENCH
+from station.messages.decision_sentences import DECISIONS
+from station.messages.emg_sentences import EMG
+from station.messages.file_sentences import FILES
+from station.messages.kinematics_sentences import KINEMATICS
+from station.messages.person_sentences import PERSON_SENTENCES
+from station.messages.session_sentences import SESSION
+from station.messages.setup_sentences import SETUP
+from station.messages.study_sentences import STUDY
+from station.messages.subject_sentences import SUBJECT
+from station.messages.sweep_sentences import SWEEPS
+from station.messages.wearer_sentences import WEARER_SENTENCES
+
+SENTENCES: Mapping[StrEnum, str] = {
+    **BENCH,
+    **SESSION,
+    **KINEMATICS,
+    **PERSON_SENTENCES,
+    **ASSESSMENT,
+    **DECISIONS,
+    **EMG,
+    **FILES,
+    **SETUP,
+    **STUDY,
+    **SUBJECT,
+    **SWEEPS,
+    **WEARER_SENTENCES,
+}
+"""Code → template, filled with the figures of the message."""

@@ -1,0 +1,159 @@
+"""Sentences on a session: journal, cues, alarms, commands, verdicts, terminal and console."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.codes import (
+    AlarmCode,
+    CommandCode,
+    CueCode,
+    JournalCode,
+    ReasonCode,
+    ServeCode,
+    TerminalCode,
+    VerdictCode,
+)
+
+_JOURNAL: Mapping[StrEnum, str] = {
+    JournalCode.UNREADABLE: "{path} cannot be read: {reason}",
+    JournalCode.WRONG_LINE: "{path}, line {line}: expected an entry of the journal, found {found}",
+    JournalCode.NOT_WRITTEN: "{path} cannot be written: {reason}; the decision is not stored",
+    JournalCode.NO_REASON: "{file} is to be repeated without a reason; enter what was wrong with it",
+}
+
+_CUES: Mapping[StrEnum, str] = {
+    CueCode.EMPTY_HOOK: "leave the hook empty and stand still",
+    CueCode.ADD_WEIGHT: "add weight {weight} of {weights}: {target_n:.0f} N, hold {hold_s:g} s",
+    CueCode.REMOVE_WEIGHT: "take weight {weight} off: {target_n:.0f} N, hold {hold_s:g} s",
+    CueCode.WRONG_FORCE: "{force_n:.1f} N, expected {target_n:.1f} N: check the weight, and that the rope runs freely",
+    CueCode.STATIC_DONE: "all weights are off and held: end the capture",
+    CueCode.FIRST_LEVEL: "add a weight or take one off, and hold it for {hold_s:g} s",
+    CueCode.HOLD: "hold it at {force_n:.0f} N",
+    CueCode.NEXT_LEVEL: "levels held: {levels:.0f}; add a weight or take one off, and hold it for {hold_s:g} s",
+    CueCode.STAND_STILL: "stand still",
+    CueCode.PULL_SPRING: "pull the spring, about once a second",
+    CueCode.BOUNCE: "bounce the weight, about once a second",
+    CueCode.KEEP_SWINGING: "keep it swinging: {frequency_hz:.2f} Hz, ±{amplitude_n:.0f} N",
+    CueCode.LET_REST: "let it come to rest",
+    CueCode.SWING_DONE: "it rests: end the capture",
+    AlarmCode.OVERLOAD: (
+        "STOP: overload, {force_n:.0f} N on a load cell of {capacity_n:.0f} N; unload the rope and check the cell"
+    ),
+    AlarmCode.FORCE: "STOP: {force_n:.0f} N at the cuff, at most {limit_n:.0f} N are allowed; unload the rope",
+    AlarmCode.FORCE_RATE: (
+        "STOP: the force rose by more than {limit_n_per_s:.0f} N per second; unload the rope and check cuff and skin"
+    ),
+}
+
+_COMMANDS: Mapping[StrEnum, str] = {
+    CommandCode.WRONG_SUBJECT: (
+        "the subject is {subject}, expected a code of letters and digits, such as P01: it becomes part of file names"
+    ),
+    CommandCode.WRONG_NUMBER: "the session is {number}, expected letters and digits, such as 1 or monday",
+    CommandCode.NO_CUFF_CHOSEN: "no cuff is chosen; choose from {known}",
+    CommandCode.UNKNOWN_CUFF: "the configuration has no cuff {unknown}; it has {known}",
+    CommandCode.WRONG_MASSES: "the load steps are {masses} kg, expected masses above 0",
+    CommandCode.MASSES_NOT_NUMBERS: (
+        "the load steps are {text}, expected kilograms separated by spaces, such as 1.53 1.53"
+    ),
+    CommandCode.OTHER_PLAN: (
+        "session {number} of {subject} was planned with {plan}; resume it with that plan, or use another session number"
+    ),
+    CommandCode.NO_PLAN: "{folder} contains no session to resume: its {file} has no plan",
+    CommandCode.NO_SESSION: "no session is open; begin or resume one first",
+    CommandCode.COMPLETE: "every trial of the plan is accepted; the session is complete",
+    CommandCode.SUMMARY_RUNNING: "the report is already being written; wait for its end",
+    CommandCode.NOTHING_TO_SKIP: "no trial of the plan is left to skip",
+    CommandCode.TRIAL_RUNNING: "a trial is running; stop it or wait for its end",
+    CommandCode.UNDECIDED: "{file} waits for a decision; keep or redo it first",
+    CommandCode.NO_TRIAL: "no trial is running",
+    CommandCode.NO_MARK_YET: "a mark refers to the recording, which begins at the sync edge; wait for it",
+    CommandCode.UNKNOWN_MARK: "the running trial has no mark {number}; a mark can also be named with the verdict",
+    CommandCode.NO_FORCE: "no force has arrived yet; tare once the force is shown",
+    CommandCode.NOTHING_TO_DECIDE: "no recording waits for a decision",
+    CommandCode.NOTHING_TO_UNDO: "there is no decision to undo in this session",
+    CommandCode.UNKNOWN_RECORDING: "{file} is not a recording of this session",
+    CommandCode.BOUNCE_NOT_ASSIGNABLE: "{file} is not a trial of a cuff; it cannot be assigned to one",
+    CommandCode.NOT_IN_PLAN: "the plan has no {cuff}, {test}, repeat {repeat}; it has {plan}",
+    CommandCode.NOT_NOW: "{action} is not possible now",
+    CommandCode.NOT_WHILE_RUNNING: "{action} is not possible while a trial runs",
+    CommandCode.BEING_RECORDED: "this trial is being recorded; stop it, or redo it and give the reason",
+    CommandCode.TOO_LATE: "{action} arrived after the recording had begun; keep or redo the trial",
+    CommandCode.WAITS_FOR_DECISION: "{file} waits for a decision: {commands}",
+    CommandCode.REASON_MISSING: "the reason is missing; add what was wrong, for example: {action} the wearer coughed",
+    CommandCode.NOTHING_TO_REDO: "the last decision kept no recording, so there is none to redo",
+    CommandCode.BOUNCE_NOT_DONNED: "this trial has no cuff to don anew; redo it",
+    CommandCode.LOSES_MIGRATION: (
+        "{file} is the first static trial of its donning, and the cuff may have migrated in it: unless the cuff is "
+        "donned anew, migration stays unknown; enter redon, or redo again to accept that"
+    ),
+    CommandCode.UNKNOWN_COMMAND: "{line} is not a command; commands are {known}",
+    CommandCode.UNEXPECTED_ARGUMENT: "{action} takes no argument, found {argument}",
+    CommandCode.UNKNOWN_KEY: "the key {key} is not used; ? lists the keys",
+    CommandCode.NEW_SESSION: "{folder} is a new session; give --subject, a code of letters and digits, such as P01",
+}
+
+_REASONS: Mapping[StrEnum, str] = {
+    VerdictCode.GOOD: "no problems found",
+    VerdictCode.DOUBTFUL: "usable, with doubts",
+    VerdictCode.BAD: "redo advised",
+    ReasonCode.NOT_ACCEPTED: "{text}",
+    ReasonCode.LOST_SAMPLES: "{samples} samples were lost during the transfer",
+    ReasonCode.UNUSABLE: "{text}",
+    ReasonCode.NO_STATIC_RESULT: (
+        "this static trial yields neither stiffness nor damping; load the cuff with every step of the plan"
+    ),
+    ReasonCode.NO_DYNAMIC_RESULT: (
+        "this dynamic trial yields neither stiffness nor damping; pull the spring about once a second throughout"
+    ),
+    ReasonCode.SLIPPED: (
+        "the cuff slipped by {slip_mm:.0f} mm in this trial, expected at most {limit_mm:.0f} mm; tighten its straps, "
+        "don it anew and redo the trial"
+    ),
+    ReasonCode.OUTLIER: (
+        "{symbol} is {value} {unit}, the mean of the earlier repeats is {mean} {unit}: {distance:.0f} standard errors "
+        "apart"
+    ),
+    ReasonCode.ZERO_DRIFT: "{text}",
+    ReasonCode.NOT_USED: "the fit does not use this recording",
+    ReasonCode.FIT_FAILED: "the fit failed ({text}); the recording is stored: keep it, and report this error",
+    ReasonCode.FIT_KILLED: (
+        "the operating system killed the fit twice, probably because memory is short; close other programs. The "
+        "recording is stored"
+    ),
+}
+
+_KEEP_MIGRATION = ". The cuff may have migrated in this trial: only redon keeps migration measurable"
+_TERMINAL: Mapping[StrEnum, str] = {
+    TerminalCode.CAPTURE_NOT_RECORDED: (
+        "the sync line is high: a capture is running that began before this trial was armed, and it is not recorded; "
+        "stop that capture, then start the capture of this trial"
+    ),
+    TerminalCode.PAUSED: "paused; arm to continue",
+    TerminalCode.START: "{instruction}; then arm",
+    TerminalCode.DECIDE: "keep it, or redo it",
+    TerminalCode.DECIDE_OR_REDON: "keep it, or redo it" + _KEEP_MIGRATION,
+    TerminalCode.REDO_ADVISED: "redo advised: {reasons}",
+    TerminalCode.REDON_ADVISED: "redo advised: {reasons}" + _KEEP_MIGRATION,
+    TerminalCode.PAUSE_AFTER_TRIAL: "the session pauses after this trial",
+    TerminalCode.PAUSE_AFTER_DECISION: "the session pauses after this decision",
+    TerminalCode.MARKED: "mark {number}",
+    TerminalCode.SUMMARY_STARTED: "fitting, assessing and writing the report",
+    TerminalCode.TRIALS_LEFT: "{left} trials are left; resume with {command}",
+    TerminalCode.REPORT_MISSING: "the report is not written; {command} writes it",
+    TerminalCode.SUMMARY_FAILED: (
+        "fit, assessment or report failed ({error}); the recordings are complete: keep them, and report this error"
+    ),
+    TerminalCode.COMPLETE: "the session is complete",
+}
+
+_SERVE: Mapping[StrEnum, str] = {
+    ServeCode.CANNOT_LISTEN: (
+        "the console cannot listen at {host}, port {port}: {reason}; end the program that listens there, or give "
+        "another --host or --port"
+    ),
+}
+
+SESSION: Mapping[StrEnum, str] = {**_JOURNAL, **_CUES, **_COMMANDS, **_REASONS, **_TERMINAL, **_SERVE}

@@ -1,0 +1,36 @@
+"""Sentences on studies, plans of studies and the catalogue of sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.study_codes import CatalogueCode, PlanCode, StudyCode
+
+STUDY: Mapping[StrEnum, str] = {
+    StudyCode.NOT_A_FOLDER: "{folder} is not a folder; give session folders, or a folder that holds them",
+    StudyCode.NO_SESSION: "{folders} holds no fitted session with a volunteer's code; fit sessions with `station fit`",
+    StudyCode.MIXED_ORIGIN: (
+        "measured and simulated sessions cannot be in one study: {measured} is measured, {simulated} is simulated; "
+        "name the folders of one kind"
+    ),
+    StudyCode.NOT_FITTED: "{session} is left out: it has no cuffs.json; fit it with `station fit`",
+    StudyCode.NO_VOLUNTEER: "{session} is left out: its session.jsonl has no volunteer's code",
+    StudyCode.UNREADABLE: "{session} is left out: {reason}",
+    StudyCode.NOT_IDENTIFIED: "{session}: {quantity} of {cuff}, donning {donning}, is left out: {reason}",
+    StudyCode.WRONG_FILE: "{path} is not a study: {reason}; make it again with `station study`",
+    StudyCode.WRONG_NORMATIVE: "{path} is not a normative table: {reason}; make it again with `station study`",
+    CatalogueCode.NOT_A_FOLDER: "{folder} is not a folder; give the folder that holds the sessions",
+    CatalogueCode.NOT_OPENED: (
+        "the catalogue {path} cannot be opened: {reason}; close the program that uses it, or delete the file if it is "
+        "damaged: the next run builds it again"
+    ),
+    CatalogueCode.OTHER_DATABASE: "{path} is another database, not a catalogue; give another file with --output",
+    CatalogueCode.WRONG_SQL: "the query failed: {reason}",
+    CatalogueCode.WRONG_PARTICIPANTS: "{path} cannot be used as participants.tsv of BIDS: {reason}",
+    CatalogueCode.UNREADABLE: "{session} has no values in the catalogue: {reason}",
+    PlanCode.UNREADABLE: "{path} cannot be read as the plan of a study in TOML: {reason}",
+    PlanCode.WRONG_TABLE: "the plan of a study {path}: {reason}; docs/study.md has an example",
+    PlanCode.NO_PROTOCOL: "{path} has no section [protocol]; give the configuration of the station with --config",
+    PlanCode.TOO_MANY_DESIGNS: "the plan has {designs:.0f} designs, expected at most {most:.0f}; name fewer choices",
+}

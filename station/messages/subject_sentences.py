@@ -1,0 +1,25 @@
+"""Sentences on subject.toml and the recordings beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.subject_codes import SubjectCode
+
+SUBJECT: Mapping[StrEnum, str] = {
+    SubjectCode.UNREADABLE: (
+        "{path} should describe the wearer, mass_kg at least, and cannot be read ({reason}); write it"
+    ),
+    SubjectCode.INVALID_KEY: "{path}: {reason}; correct it",
+    SubjectCode.UNKNOWN_MARKERS: (
+        "subject.toml names the markers {markers}, which {model} does not have; it has {known}"
+    ),
+    SubjectCode.NO_MOTION: (
+        "{folder} should hold a motion trial of the wearer and holds none, but {poses:.0f} pose trials; record "
+        "one with `station record --test motion`"
+    ),
+    SubjectCode.UNKNOWN_CUFF: (
+        "subject.toml names the cuff {cuff} in the cord, and the cuffs file holds {known}; fit it or correct the name"
+    ),
+}

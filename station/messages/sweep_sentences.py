@@ -1,0 +1,35 @@
+"""Sentences on sweeps and on the viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.sweep_codes import SweepCode
+
+SWEEPS: Mapping[StrEnum, str] = {
+    SweepCode.UNREADABLE: "{path} cannot be read as a plan in TOML ({reason}); correct it",
+    SweepCode.WRONG_TABLE: "the plan {path}: {reason}",
+    SweepCode.TOO_MANY_POINTS: (
+        "the grid of the plan has {points:.0f} points, expected at most {most:.0f}; vary fewer values, or draw a sample"
+    ),
+    SweepCode.SPAN_OF_GRID: (
+        "{axis} of the plan has first and last, expected a list of values; only numbers of a sample have first and last"
+    ),
+    SweepCode.EMPTY_AXIS: "{axis} of the plan is empty, expected at least one value; add one, or remove the key",
+    SweepCode.WRONG_VALUE: "the plan: {reason}; correct it",
+    SweepCode.WORN_CUFFS: (
+        "{cuff} of {file} gives the cuffs {worn}, expected one arm cuff and at most one waist cuff; name an arm cuff"
+    ),
+    SweepCode.FILE_UNREADABLE: (
+        "vary.{axis} of the plan names {file}, which cannot be read ({reason}); paths are relative to the plan"
+    ),
+    SweepCode.NO_SCHEDULER: (
+        "no Dask scheduler answers at {address} ({reason}); start one with `dask scheduler`, or omit --scheduler"
+    ),
+    SweepCode.CASE_FAILED: "the case was not solved ({reason}); run the sweep again to repeat it",
+    SweepCode.NO_VIEWER: (
+        "the viewer of Rerun did not start; it needs a display: write a file with --rrd, and open it on a computer "
+        "with a display"
+    ),
+}

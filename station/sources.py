@@ -1,0 +1,65 @@
+"""Model, motion and loads of an analysis: from a file, or the bundled ones of the solver."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+from numpy import float64
+from numpy.typing import NDArray
+
+from documents.regular_file import LARGEST_TABLE, read_regular
+from solver.bundled import bundled_model
+from solver.model import Model
+from solver.motion import Motion, read_motion
+from solver.multibody.external_loads import ExternalForce
+from solver.osim.loads import data_file, read_external_loads
+from solver.osim.reader import read_osim
+from solver.osim.suited_reader import read_suited
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.suited_model import SuitedModel
+
+BUNDLED = "bundled"
+
+
+def model_of(name: str, *, ignore_forces: bool = False) -> Model:
+    """The model of an .osim file, or the "bundled" one; ignore_forces leaves out forces that the solver lacks."""
+    return bundled_model() if name == BUNDLED else read_osim(Path(name), ignore_forces=ignore_forces)
+
+
+def suited_model_of(name: str) -> SuitedModel | None:
+    """A model with the suit of `station export --osim`; None for any other model."""
+    return None if name == BUNDLED else read_suited(Path(name))
+
+
+def motion_of(path: Path | None, model: Model) -> Motion:
+    """The motion of a file, or the bundled raise of the arm."""
+    return simulate_arm_raise(model) if path is None else read_motion(path, model)
+
+
+def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:
+    """External loads of an OpenSim file at times (frames,) [s]; none without a file."""
+    return () if path is None else read_external_loads(path, model, time)
+
+
+def named_hashes(model: str, motion: Path | None, external_loads: Path | None) -> dict[str, str]:
+    """Role → "name SHA-256", or a name alone for a bundled input."""
+    named = {
+        "model": "bundled thoracoscapular model" if model == BUNDLED else named_hash(Path(model)),
+        "motion": "bundled raise of the arm" if motion is None else named_hash(motion),
+    }
+    if external_loads is not None:
+        named["external_loads"] = named_hash(external_loads)
+        named["external_loads_data"] = named_hash(data_file(external_loads))
+    return named
+
+
+def named_hash(path: Path) -> str:
+    """Name and SHA-256 of a file."""
+    return f"{path.name} {hashlib.sha256(read_regular(path, LARGEST_TABLE)).hexdigest()}"
+
+
+def without_hash(named: str) -> str:
+    """The name without the SHA-256."""
+    return re.sub(r" [0-9a-f]{64}$", "", named)

@@ -1,0 +1,162 @@
+"""Write and read study.json."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from documents.plain_data import PlainDataError, read_json
+from documents.validation import describe_error
+from fitting.study.agreement import Agreement
+from fitting.study.cuff_study import CuffStudy
+from fitting.study.fixed_effects import FixedEffect
+from fitting.study.reliability import Measure, Reliability
+from fitting.study.variance_components import Component
+from station.checksums import write_checksums
+from station.messages.message import Message
+from station.messages.study_codes import StudyCode
+from station.study.sessions import StudyError
+from station.study.study import Study
+from station.study.study_document import (
+    FORMAT,
+    AgreementEntry,
+    ComparisonEntry,
+    ComponentEntry,
+    EffectEntry,
+    LeftOutEntry,
+    QuantityEntry,
+    ReliabilityEntry,
+    StudyDocument,
+    StudyFigure,
+    StudySessionEntry,
+    VolunteerEntry,
+)
+from station.versions import solving_versions
+from station.whole_file import write_whole
+
+STUDY_FILE = "study.json"
+
+
+def study_document(study: Study) -> StudyDocument:
+    """All of a study as a document."""
+    return StudyDocument(
+        format=FORMAT,
+        origin=study.sessions.origin,
+        sessions=[
+            StudySessionEntry(
+                folder=session.folder.name,
+                volunteer=session.volunteer,
+                operator=session.operator,
+                begun=session.begun,
+                cuffs_sha256=session.sha256,
+            )
+            for session in study.sessions.sessions
+        ],
+        left_out=[LeftOutEntry(code=message.code, figures=dict(message.figures)) for message in study.left_out],
+        cuffs={
+            cuff: {quantity: _quantity(found) for quantity, found in quantities.items()}  # type: ignore[misc]
+            for cuff, quantities in study.cuffs.items()
+        },
+        comparisons=[
+            ComparisonEntry(
+                quantity=quantity,  # type: ignore[arg-type]
+                first=found.first,
+                second=found.second,
+                volunteers=found.volunteers,
+                outcome=found.outcome,
+                difference=_effect(found.difference),
+            )
+            for quantity, comparisons in study.comparisons.items()
+            for found in comparisons
+        ],
+        versions=solving_versions(),
+    )
+
+
+def write_study(folder: Path, document: StudyDocument) -> Path:
+    """Write study.json into the folder."""
+    text = json.dumps(document.model_dump(mode="json"), indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(folder / STUDY_FILE, text + "\n")
+    write_checksums(folder / STUDY_FILE)
+    return folder / STUDY_FILE
+
+
+def read_study(path: Path) -> StudyDocument:
+    """Raises StudyError for what `station study` would not write."""
+    try:
+        return StudyDocument.model_validate(read_json(path))
+    except (OSError, PlainDataError) as error:
+        raise _wrong_file(path, str(error)) from error
+    except ValidationError as error:
+        raise _wrong_file(path, describe_error(error)) from error
+
+
+def _wrong_file(path: Path, reason: str) -> StudyError:
+    return StudyError(Message(StudyCode.WRONG_FILE, {"path": str(path), "reason": reason}))
+
+
+def _quantity(found: CuffStudy) -> QuantityEntry:
+    model = found.model
+    return QuantityEntry(
+        outcome=found.outcome,
+        measurements=len(found.measurements),
+        repeats=found.repeats,
+        noise_sd=math.sqrt(model.noise) if model else None,
+        mean=_effect(found.mean),
+        prediction=_effect(found.prediction),
+        components={name: _component(component) for name, component in model.components.items()} if model else {},
+        reliability=_reliability(found.reliability) if found.reliability else None,
+        volunteers=[
+            VolunteerEntry(volunteer=mean.volunteer, value=mean.value, ci95=mean.ci95, donnings=mean.donnings)
+            for mean in found.volunteers
+        ],
+        agreements={name: _agreement(agreement) for name, agreement in found.agreements.items()},
+    )
+
+
+def _effect(found: FixedEffect | None) -> EffectEntry | None:
+    return EffectEntry(**vars(found)) if found else None
+
+
+def _component(component: Component) -> ComponentEntry:
+    sd = Measure()
+    if component.is_estimated:
+        low, high = component.ci95
+        sd = Measure(math.sqrt(component.variance), (math.sqrt(low), math.sqrt(high)))
+    return ComponentEntry(
+        outcome=component.outcome,
+        levels=component.levels,
+        sd=_figure(sd.value, sd.ci95),
+        confounded_with=list(component.confounded_with),
+    )
+
+
+def _reliability(found: Reliability) -> ReliabilityEntry:
+    return ReliabilityEntry(
+        outcome=found.outcome,
+        icc=_figure(found.icc.value, found.icc.ci95),
+        sem=_figure(found.sem.value, found.sem.ci95),
+        mdc=_figure(found.mdc.value, found.mdc.ci95),
+    )
+
+
+def _agreement(found: Agreement) -> AgreementEntry:
+    return AgreementEntry(
+        means=found.means.tolist(),
+        differences=found.differences.tolist(),
+        bias=_figure(found.bias, found.bias_ci95),
+        lower_limit=_figure(found.limits[0], found.limits_ci95[0]),
+        upper_limit=_figure(found.limits[1], found.limits_ci95[1]),
+    )
+
+
+def _figure(value: float, ci95: tuple[float, float]) -> StudyFigure:
+    ends = (_known(ci95[0]), _known(ci95[1]))
+    return StudyFigure(value=_known(value), ci95=None if ends == (None, None) else ends)
+
+
+def _known(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None

@@ -1,0 +1,202 @@
+"""A session's pose and motion trials → the wearer's own body, motion and suit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
+from recordings.exchange.tables import MarkerTable
+from recordings.manifest import DataOrigin, TrialCondition
+from recordings.reader import open_recording
+from solver.inverse_kinematics.gaps import WholeMotion, longest_whole_motion
+from solver.inverse_kinematics.laboratory_frame import rotation_laboratory_to_ground
+from solver.inverse_kinematics.solve import InverseKinematics, assemble
+from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
+from solver.model import Model
+from solver.motion import Kinematics, differentiate
+from solver.personalisation.posture_draws import draw_postures_of_person
+from solver.suit.digitised_points import DigitisedSuit, fitted_to, suit_from_markers
+from solver.suit.suit import Suit
+from station.kinematics.checks import Finding
+from station.kinematics.ik import with_marker_set
+from station.kinematics.person import PersonBody, PersonInputs, person_of_trials
+from station.kinematics.person_findings import pose_findings
+from station.messages.subject_codes import SubjectCode
+from station.progress import Progress, silent
+from station.subject.subject_file import Subject, read_subject, refuse_subject
+
+Array = NDArray[np.float64]
+
+ASSESSED: tuple[TrialCondition, ...] = ("unsuited", "slack", "tight")
+"""The motion to assess is that of the first of these conditions that was recorded: the suit changes it least."""
+DRAWS = 12
+"""Motions drawn from the uncertainty of body and markers."""
+
+
+@dataclass(frozen=True, eq=False)
+class AssessedSubject:
+    """The wearer, as estimated from all pose and motion trials of a session.
+
+    declared    what subject.toml says
+    trials      in time order, as are those of body
+    assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
+    uncertainty of the assessed trial's postures from the noise of the markers
+    drawn       the same motion, drawn from the uncertainty of body and markers
+    """
+
+    declared: Subject
+    trials: tuple[WearerTrial, ...]
+    body: PersonBody
+    assessed: WearerTrial
+    motion: WholeMotion
+    kinematics: Kinematics
+    uncertainty: PostureUncertainty
+    drawn: tuple[Kinematics, ...]
+
+    @property
+    def model(self) -> Model:
+        return self.body.model
+
+    @property
+    def not_measured(self) -> tuple[str, ...]:
+        """Coordinates that no marker holds in the assessed trial; they keep the values of the default posture."""
+        known = np.isfinite(self.postures(self.assessed).coordinates[:, 0])
+        is_loose = np.atleast_1d((~self.uncertainty.is_held[known]).any(axis=0))
+        return tuple(name for name, loose in zip(self.model.coordinate_names, is_loose, strict=True) if loose)
+
+    @property
+    def origin(self) -> DataOrigin:
+        return DataOrigin.joined(trial.manifest.origin for trial in self.trials)
+
+    def postures(self, trial: WearerTrial) -> InverseKinematics:
+        return self.body.estimate.postures[self.trials.index(trial)]
+
+
+def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> AssessedSubject:
+    """Raises SubjectError, UnusableTrial, KinematicsError, PersonError, ModelError or MotionError for a folder from
+    which no person can be assessed.
+    """
+    declared = read_subject(folder)
+    trials = read_wearer_trials(folder)
+    assessed = _assessed(folder, trials)
+    generic, _, on_marker_set = with_marker_set(generic, declared.marker_set)
+    _ensure_known(declared, generic)
+    tables = {trial.file: _table(trial, declared) for trial in trials}
+    inputs = PersonInputs(
+        generic.name, (), declared.mass_kg, held_mass=declared.hand_load_kg, vertical=declared.vertical
+    )
+    on_poses = [finding for trial in trials for finding in find_on_pose(trial)]
+    body = person_of_trials(generic, tables, inputs, progress)
+    body = replace(body, findings=(*on_marker_set, *on_poses, *body.findings))
+    place = trials.index(assessed)
+    estimate, observed = body.estimate, body.observed[place]
+    postures = estimate.postures[place]
+    motion = longest_whole_motion(body.model, assessed.time, postures)
+    interval = float(np.median(np.diff(assessed.time)))
+    noise = np.nan_to_num(estimate_marker_noise(observed, interval))
+    draws = draw_postures_of_person(body.generic, body.markers, estimate, observed, postures, noise, count=DRAWS)
+    return AssessedSubject(
+        declared=declared,
+        trials=trials,
+        body=body,
+        assessed=assessed,
+        motion=motion,
+        kinematics=differentiate(motion.motion),
+        uncertainty=posture_uncertainty(estimate.model, observed, estimate.tasks, postures, noise),
+        drawn=_drawn(draws, body.model, motion),
+    )
+
+
+def read_wearer_trials(folder: Path) -> tuple[WearerTrial, ...]:
+    """All pose and motion trials of a session in time order; of a repeat the newest run."""
+    newest: dict[tuple[object, ...], WearerTrial] = {}
+    for path in sorted(folder.glob("*.mcap")):
+        manifest = open_recording(path).manifest
+        if manifest.body is None or manifest.condition == "mvc":
+            continue
+        trial = read_wearer_trial(path)
+        key = manifest.test, manifest.condition, manifest.repeat
+        if key not in newest or newest[key].manifest.start_utc_ns < trial.manifest.start_utc_ns:
+            newest[key] = trial
+    return tuple(sorted(newest.values(), key=lambda trial: trial.manifest.start_utc_ns))
+
+
+def fit_suit(subject: AssessedSubject, suit: Suit) -> DigitisedSuit | None:
+    """The suit with its points where its markers were seen, and rest lengths in proportion; None without such markers.
+
+    suit_markers of the configuration are those of waist, shoulder and arm, in this order.
+    """
+    seen = [trial for trial in subject.trials if len(trial.body.suit) == 3]
+    if not seen:
+        return None
+    trial = min(seen, key=lambda one: (one.manifest.test != "pose", one.manifest.condition != "slack"))
+    coordinates = subject.postures(trial).coordinates
+    known = np.isfinite(coordinates[:, 0])
+    own, generic = subject.body.estimate.model, subject.body.generic
+    observed = _in_ground(subject, trial, trial.body.suit)
+    found = suit_from_markers(suit, own, coordinates[known], observed[known])
+    pattern = (suit, generic, assemble(generic))
+    return replace(found, suit=fitted_to(found.suit, own, assemble(own), pattern))
+
+
+def find_on_pose(trial: WearerTrial) -> list[Finding]:
+    """Findings on a pose. Raises PersonError where the person moves."""
+    if trial.manifest.test != "pose":
+        return []
+    labels = trial.body.body
+    return pose_findings(labels, trial.markers[:, [trial.labels.index(label) for label in labels]])
+
+
+def _in_ground(subject: AssessedSubject, trial: WearerTrial, labels: Sequence[str]) -> Array:
+    """(frames, labels, 3) [m], NaN where a marker is hidden: turned as the markers on the body were."""
+    names = _names(trial, subject.declared)
+    markers = [marker for marker in subject.body.markers if marker.name in names]
+    observed = trial.markers[:, [names.index(marker.name) for marker in markers]]
+    rotation = rotation_laboratory_to_ground(subject.body.generic, markers, observed, subject.declared.vertical)
+    in_ground: Array = trial.markers[:, [trial.labels.index(label) for label in labels]] @ rotation.T
+    return in_ground
+
+
+def _names(trial: WearerTrial, declared: Subject) -> tuple[str, ...]:
+    """The recorded labels under the names of the model's markers."""
+    return tuple(declared.markers.get(label, label) for label in trial.labels)
+
+
+def _table(trial: WearerTrial, declared: Subject) -> MarkerTable:
+    rate = (len(trial.time) - 1) / float(trial.time[-1] - trial.time[0])
+    positions = 1e3 * trial.markers
+    return MarkerTable(_names(trial, declared), rate, trial.time, positions, np.zeros(positions.shape[:2]))
+
+
+def _ensure_known(declared: Subject, generic: Model) -> None:
+    """Raises SubjectError where subject.toml names a marker that is not the model's."""
+    names = [marker.name for marker in generic.markers]
+    unknown = [name for name in declared.markers.values() if name not in names]
+    if unknown:
+        figures = {"markers": ", ".join(unknown), "model": generic.name, "known": ", ".join(names)}
+        raise refuse_subject(SubjectCode.UNKNOWN_MARKERS, **figures)
+
+
+def _assessed(folder: Path, trials: Sequence[WearerTrial]) -> WearerTrial:
+    motions = {trial.manifest.condition: trial for trial in reversed(trials) if trial.manifest.test == "motion"}
+    for condition in ASSESSED:
+        if condition in motions:
+            return motions[condition]
+    raise refuse_subject(SubjectCode.NO_MOTION, folder=str(folder), poses=len(trials))
+
+
+def _drawn(draws: Iterator[Array], model: Model, motion: WholeMotion) -> tuple[Kinematics, ...]:
+    """The drawn postures of a trial as motions; coordinates stay within their ranges."""
+    lowest, highest = np.array([coordinate.range for coordinate in model.coordinates]).T
+    part = slice(motion.start, motion.start + len(motion.motion.time))
+    drawn = []
+    for coordinates in draws:
+        known = np.where(np.isfinite(coordinates[part]), coordinates[part], motion.motion.coordinates)
+        within = np.clip(known, lowest, highest)
+        drawn.append(differentiate(replace(motion.motion, coordinates=within)))
+    return tuple(drawn)

@@ -1,0 +1,212 @@
+"""A session as text: permanent lines, and on a terminal the running trial below them."""
+
+from __future__ import annotations
+
+import textwrap
+from contextlib import suppress
+from pathlib import Path
+from typing import TextIO
+
+from rich.console import Console, Group
+from rich.live import Live as LiveRegion
+from rich.text import Text
+
+from station.messages.codes import VerdictCode
+from station.messages.message import Message
+from station.protocol import describe_trial
+from station.session.live_trial import LiveTrial
+from station.terminal import events
+from station.terminal.events import Event
+
+NARROWEST = 40
+GRADE_STYLES = {"good": "green", "doubtful": "yellow", "bad": "bold red"}
+KEYS_BETWEEN = "a arm  r redo last  d re-don  n skip  p pause  e end  ? all keys"
+KEYS_RECORDING = "s stop  m mark  r redo  d re-don  p pause after it  e end  ? all keys"
+
+
+class SessionConsole(Console):
+    """Keeps the process alive if its reader has ended, unlike the console of rich."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
+class TextOutput:
+    """A context manager. paths receives the path of every recording that is kept, and of the report, one per line."""
+
+    def __init__(self, console: Console, paths: TextIO, *, is_interactive: bool) -> None:
+        self._console, self._paths = console, paths
+        self._folder = Path()
+        self._typed: str | None = None  # the reason that is being typed
+        self._trial = ""
+        self._live: LiveTrial | None = None
+        self._region = LiveRegion(console=console, auto_refresh=False, transient=True) if is_interactive else None
+
+    def __enter__(self) -> TextOutput:
+        if self._region is not None:
+            self._region.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._region is not None:
+            self._region.stop()
+
+    def show_trial(self, live: LiveTrial | None) -> None:
+        self._live = live
+        self._draw()
+
+    def show_typed(self, text: str | None) -> None:
+        """The reason that is being typed for a redo; None if none is."""
+        self._typed = text
+        self._draw()
+
+    def show_event(self, event: Event) -> None:
+        match event:
+            case events.SessionOpened():
+                self._print_opening(event)
+            case events.NextTrial():
+                self._print_next(event)
+            case events.StateChanged(state="armed"):
+                self._print("  Armed: the trial begins with the capture.", "cyan")
+            case events.StateChanged(state="recording"):
+                self._print(f"  REC: {event.problems}" if event.problems else "  REC", "bold red")
+            case events.StateChanged() | events.Status():
+                pass
+            case events.CueChanged():
+                self._print(f"  {event.step}/{event.steps}  {event.sentence}")
+            case events.WarningRaised():
+                self._print_warning(event)
+            case events.TrialEnded():
+                lost = f", {event.lost_samples} samples lost" if event.lost_samples else ""
+                state = "recorded" if event.accepted else "recorded, NOT ACCEPTED"
+                self._print(f"  {state}{lost}: {event.sentence}")
+            case events.VerdictGiven():
+                self._print_verdict(event)
+            case _:
+                self._print_session_event(event)
+
+    def _print_session_event(self, event: Event) -> None:
+        match event:
+            case events.Decided():
+                self._print_decision(event)
+            case events.TrialSkipped():
+                title = describe_trial(event.cuff, event.test, event.repeat, event.condition)
+                self._print(f"  Skipped: {title}.")
+            case events.Waiting():
+                self._print(f"  > {event.sentence}", "bold yellow")
+                self._print(f"    {' · '.join(event.commands)}")
+            case events.CommandAnswered():
+                for line in event.sentence.splitlines():
+                    self._print(f"  {line}", "yellow" if event.is_refused else "")
+            case events.SummaryStarted():
+                self._print(f"{event.sentence[0].upper()}{event.sentence[1:]}: a minute or two.")
+            case events.SummaryFinished():
+                for row in event.cuffs:
+                    for heading, text in row.items():
+                        self._print(f"  {heading}: {text}" if heading == "cuff" else f"    {heading:<14} {text}")
+                for finding in event.findings:
+                    self._print(f"  {finding}")
+                self._print_path(event.report)
+            case events.SessionClosed():
+                counted = f"{event.done} of {event.trials} trials kept, {event.skipped} skipped"
+                self._print(f"{counted}; {event.sentence}.", "bold")
+            case _:
+                pass
+
+    def _print_opening(self, event: events.SessionOpened) -> None:
+        self._folder = Path(event.folder)
+        simulated = "SIMULATED DEVICES, practice only. " if event.is_simulated else ""
+        self._print(f"{simulated}Subject {event.subject}, session {event.session}, in {event.folder}", "bold")
+        done = f"{event.done} of {event.trials} trials kept, {event.skipped} skipped"
+        self._print(f"  {done}. Type ? for the keys." if self._region else f"  {done}. `help` lists the commands.")
+
+    def _print_next(self, event: events.NextTrial) -> None:
+        title = describe_trial(event.cuff, event.test, event.repeat, event.condition)
+        self._trial = f"{event.number}/{event.trials} {title}"
+        self._print(f"[{event.number}/{event.trials}] {title}", "bold")
+        self._print(f"  {event.order}.")
+
+    def _print_warning(self, event: events.WarningRaised) -> None:
+        bell = "\a" if event.code == "alarm" and self._region is not None else ""
+        retry = f" Next attempt within {event.retry_s:g} s." if event.retry_s is not None else ""
+        style = "bold white on red" if event.code == "alarm" else "red"
+        self._print(f"{bell}  ! {event.sentence}.{retry}", style)
+
+    def _print_verdict(self, event: events.VerdictGiven) -> None:
+        headline = Message(VerdictCode(f"verdict.{event.grade}"))
+        self._print(f"  {event.title}: {headline}", GRADE_STYLES[event.grade])
+        for row in event.rows:
+            if row.this != "-":
+                so_far = f"   so far {row.so_far}" if row.so_far not in ("-", row.this) else ""
+                self._print(f"    {row.quantity:<14} {row.this}{so_far}")
+        for reason in event.reasons:
+            self._print(f"    - {reason}", GRADE_STYLES[event.grade])
+        for doubt in event.doubts:
+            self._print(f"    - {doubt}", "yellow")
+        for note in event.notes:
+            self._print(f"    {note}", "dim")
+
+    def _print_decision(self, event: events.Decided) -> None:
+        place = " elsewhere" if event.by == "elsewhere" else ""
+        if event.choice == "accept":
+            self._print(f"  Kept{place}: {event.file}", "green")
+            self._print_path(str(self._folder / event.file))
+        else:
+            anew = ", the cuff donned anew" if event.is_donned_anew else ""
+            self._print(f"  To be redone{place}{anew}: {event.file} ({event.reason})", "yellow")
+
+    def _print_path(self, path: str) -> None:
+        with suppress(OSError, ValueError):  # the reader has ended; the session continues
+            print(path, file=self._paths, flush=True)
+
+    def _print(self, text: str, style: str = "") -> None:
+        """Print one paragraph, on a terminal wrapped to its width and indented like its first line."""
+        if self._console.is_terminal:
+            indent = " " * (len(text) - len(text.lstrip()))
+            width = max(self._console.width, NARROWEST)
+            text = textwrap.fill(text, width, subsequent_indent=indent + "  ", break_on_hyphens=False)
+        with suppress(OSError, ValueError):
+            self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+
+    # -- the running trial ---------------------------------------------------------------------------------------
+
+    def _draw(self) -> None:
+        if self._region is not None:
+            with suppress(OSError, ValueError):
+                self._region.update(Group(*self._lines()), refresh=True)
+
+    def _lines(self) -> list[Text]:
+        width = max(self._console.width, NARROWEST) - 1
+        lines = [] if self._live is None else _trial_lines(self._live, self._trial)
+        if self._typed is not None:
+            lines.append(Text(f"reason? {self._typed}_   (Enter: done, Esc: cancel)", "bold yellow"))
+        else:
+            is_recorded = self._live is not None and self._live.takes_marks
+            lines.append(Text(KEYS_RECORDING if is_recorded else KEYS_BETWEEN, "dim"))
+        for line in lines:
+            line.truncate(width, overflow="ellipsis")
+        return lines
+
+
+def _trial_lines(live: LiveTrial, title: str) -> list[Text]:
+    """Two lines: the state with its figures, and the current instruction."""
+    latest = live.latest
+    is_recorded = latest["state"] == "recording"
+    clock = f"{latest['recorded_s']:.0f} s" if is_recorded else ""
+    if latest["state"] == "armed":
+        clock = f"for {latest['waited_s']:.0f} s, {latest['left_s']:.0f} s left"
+    force = f"{live.force[-1][1]:.1f} N" if live.force else "- N"
+    unit, digits = ("deg", 0) if live.is_of_wearer else ("mm", 1)
+    motion = f"{live.motion[-1][1]:+.{digits}f} {unit}" if live.motion else f"- {unit}"
+    level = latest.get("sync_v")
+    sync = f"sync {level:.1f} V" if level is not None else "sync -"
+    lost = f"  lost {latest['lost_samples']}" if latest.get("lost_samples") else ""
+    state = "REC" if is_recorded else latest["state"]
+    first = Text(f"{state} {clock}  {force}  {motion}  {sync}{lost}  {title}", "bold red" if is_recorded else "cyan")
+    cue = live.cue
+    left = f" ({cue.left_s:.0f} s)" if is_recorded and cue.left_s is not None else ""
+    second = f"{cue.sentence}{left} · {cue.rest.value}" if is_recorded else str(latest["sentence"])
+    lines = [first, Text(second, "bold")]
+    if live.unseen_alarm is not None:
+        lines.insert(0, Text(f"{live.unseen_alarm}   (i: silence)", "bold white on red"))
+    return lines

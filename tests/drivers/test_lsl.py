@@ -1,0 +1,149 @@
+"""EMG from a Lab Streaming Layer outlet: what the driver makes of chunks, and the driver on the real wire."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers import lsl
+from drivers.errors import DeviceCode
+from drivers.lsl import LslEmg
+from recordings.samples import Event, Loss
+from tests.drivers.contract import blocks, refused
+from tests.drivers.fake_lsl import FakeLsl, FakeOutlet
+from tests.drivers.pytest_on_loopback import run_on_loopback
+
+ROOT = Path(__file__).parents[2]
+ON_LOOPBACK = "tests/drivers/lsl_on_loopback.py"
+
+
+def test_the_driver_agrees_with_another_process_s_outlet(tmp_path: Path) -> None:
+    run_on_loopback(ON_LOOPBACK, "TestScenario", tmp_path)
+
+
+@pytest.mark.slow
+def test_the_driver_keeps_the_contract_of_all_devices_and_refuses_other_outlets(tmp_path: Path) -> None:
+    run_on_loopback(ON_LOOPBACK, "TestLslKeepsTheContract or TestRefusals", tmp_path)
+
+
+@pytest.fixture
+def outlet(monkeypatch: pytest.MonkeyPatch) -> FakeOutlet:
+    outlet = FakeOutlet()
+    offer(monkeypatch, outlet)
+    return outlet
+
+
+def offer(monkeypatch: pytest.MonkeyPatch, *outlets: FakeOutlet) -> None:
+    monkeypatch.setitem(sys.modules, "pylsl", FakeLsl(*outlets))  # type: ignore[arg-type]
+    monkeypatch.setattr(lsl, "_time_correction", lambda *_: (-40.0, 2e-4))
+
+
+def opened(**options: Any) -> LslEmg:
+    ticks = iter(range(10**18, 2 * 10**18, 10**9))
+    device = LslEmg(stream="amp", host_clock=lambda: next(ticks), **options)
+    device.open()
+    return device
+
+
+def test_jitter_of_the_stamps_is_no_loss_and_a_jump_is(outlet: FakeOutlet) -> None:
+    device = opened()
+    outlet.send(10.0, 100)
+    outlet.send(10.1 + 0.08, 100)  # a chunk that is stamped 80 ms late
+    outlet.send(10.2, 100)
+    outlet.send(10.8, 100)
+    items = [item for _ in range(4) for item in device.read(0.0)]
+    assert [(loss.first_missing, loss.count) for loss in items if isinstance(loss, Loss)] == [(300, 500)]
+    numbers = np.concatenate([block.sample_numbers for block in blocks(items, "/emg")])
+    assert numbers.tolist() == [*range(300), *range(800, 900)]
+
+
+def test_a_jump_inside_a_chunk_parts_it(outlet: FakeOutlet) -> None:
+    device = opened()
+    stamps = np.concatenate([10 + np.arange(50) / 1000, 11 + np.arange(50) / 1000])
+    outlet.chunks.append((np.zeros((100, 2), np.float32), stamps))
+    items = device.read(0.0)
+    assert [len(block.sample_numbers) for block in blocks(items, "/emg")] == [50, 50]
+    assert [loss.count for loss in items if isinstance(loss, Loss)] == [950]
+
+
+def test_a_sender_s_clock_that_is_set_back_is_an_event_and_no_loss(outlet: FakeOutlet) -> None:
+    device = opened()
+    outlet.send(100.0, 50)
+    outlet.send(7.0, 50)
+    items = [*device.read(0.0), *device.read(0.0)]
+    assert [item.kind for item in items if isinstance(item, Event)] == ["emg_clock_reset"]
+    assert not any(isinstance(item, Loss) for item in items)
+    assert int(blocks(items, "/emg")[-1].sample_numbers[-1]) == 99
+
+
+def test_a_clock_offset_is_the_sender_s_time_at_the_station_s(outlet: FakeOutlet) -> None:
+    device = opened()
+    outlet.send(100.0, 50)
+    (offset,) = blocks(device.read(0.0), "/emg_clock")
+    assert offset.device_time_ns.tolist() == [90_000_000_000]  # here 50 s, there 40 s more
+    assert offset.values.tolist() == [[-40.0, 2e-4]]
+
+
+def test_after_an_outage_the_numbers_jump_by_the_stamps_or_else_by_the_station_s_clock(outlet: FakeOutlet) -> None:
+    device = opened()
+    outlet.send(100.0, 50)
+    device.read(0.0)
+    device.resume()
+    outlet.send(103.049, 50)
+    (by_stamps,) = blocks(device.read(0.0), "/emg")
+    assert int(by_stamps.sample_numbers[0]) == 3049
+    device.resume()
+    outlet.send(5.0, 50)  # its computer was started anew
+    (by_host,) = blocks(device.read(0.0), "/emg")
+    seconds = (by_host.host_time_ns - by_stamps.host_time_ns) * 1e-9
+    assert int(by_host.sample_numbers[0]) == 3098 + round(1000 * seconds)
+
+
+def test_a_lost_outlet_is_lost_in_a_sentence(outlet: FakeOutlet) -> None:
+    device = opened()
+    outlet.chunks.append(RuntimeError("the stream read by this inlet has been lost."))
+    with refused(DeviceCode.DISCONNECTED, naming="LSL amp"):
+        device.read(0.0)
+
+
+def test_an_outlet_without_labels_and_units_is_recorded_as_it_is(outlet: FakeOutlet) -> None:
+    outlet.labels = outlet.units = None
+    emg, _ = opened().streams
+    assert (emg.labels, emg.unit) == (("channel_1", "channel_2"), "unknown")
+    assert opened(unit="mV").streams[0].unit == "mV"
+
+
+@pytest.mark.parametrize(
+    ("outlets", "options", "code"),
+    [
+        ([FakeOutlet(is_text=True)], {}, DeviceCode.NO_SIGNAL),
+        ([FakeOutlet(rate_hz=0.0)], {}, DeviceCode.NO_SIGNAL),
+        ([FakeOutlet(units=["microvolts", "V"])], {}, DeviceCode.MIXED_UNITS),
+        ([FakeOutlet()], {"channels": {"x": "c"}}, DeviceCode.NO_CHANNEL),
+        ([FakeOutlet()], {"sync_channel": "t"}, DeviceCode.NO_CHANNEL),
+        ([FakeOutlet(id="1"), FakeOutlet(id="2")], {}, DeviceCode.SEVERAL_OUTLETS),
+    ],
+)
+def test_an_outlet_that_cannot_be_recorded_is_refused_in_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, outlets: list[FakeOutlet], options: dict[str, Any], code: DeviceCode
+) -> None:
+    offer(monkeypatch, *outlets)
+    with refused(code):
+        opened(**options)
+
+
+def test_another_outlet_after_an_outage_is_refused(monkeypatch: pytest.MonkeyPatch, outlet: FakeOutlet) -> None:
+    device = opened()
+    offer(monkeypatch, FakeOutlet(rate_hz=500.0))
+    with refused(DeviceCode.CHANGED):
+        device.resume()
+
+
+def test_the_driver_loads_no_vendor_package_before_it_is_opened() -> None:
+    code = "import sys, drivers.lsl; drivers.lsl.LslEmg(stream='a', host_clock=int); sys.exit('pylsl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0  # noqa: S603

@@ -1,0 +1,158 @@
+"""The diagnosis on rigs and cuffs with a known defect: the cause is among the first two, and none where none is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fitting.cuffs.cuff_fit import CuffFit
+from fitting.diagnosis.causes import Diagnosis, causes_of
+from fitting.diagnosis.findings import Finding
+from fitting.laws.model_class import ClassScore, ModelComparison
+from fitting.results.codes import CauseCode, FindingCode, Verdict
+from fitting.session import fit_session
+from fitting.trial.trial import build_trial
+from tests.fitting.defects import Law, OddSession, Rig
+from tests.fitting.experiment import Session, Truth, published
+
+DEFECTS = {
+    CauseCode.TARE: (Law(), Rig(dynamic_zero=-23.0)),
+    CauseCode.ZERO_DRIFT: (Law(), Rig(dynamic_zero=-5.0)),
+    CauseCode.DISPLACEMENT_ZERO: (Law(), Rig(dynamic_shift=0.012)),
+    CauseCode.STIFFENING: (Law(stiffness=4520.0, bend=99.7), Rig()),
+    CauseCode.SOFTENING: (Law(stiffness=9640.0, bend=-26.0), Rig()),
+    CauseCode.FRICTION: (Law(friction=4.0), Rig()),
+    CauseCode.STANDARD_LINEAR_SOLID: (Law(fast=(0.3, 0.3)), Rig()),
+    CauseCode.CREEP: (Law(slow=(0.2, 15.0)), Rig()),
+    CauseCode.SLIP: (Law(slip_from=20.0, hardening=2e3), Rig()),
+    CauseCode.PULL_DIRECTION: (Law(), Rig(dynamic_angle=np.radians(40))),
+    CauseCode.SKIN: (Law(), Rig(skin=0.05e-3)),
+}
+
+
+def _fitted(session: Session, repeats: Sequence[int] = (1,)) -> CuffFit:
+    trials = []
+    for repeat in repeats:
+        trials.append(build_trial(*session.static(repeat), f"s{repeat}", "s"))
+        trials.append(build_trial(*session.dynamic(repeat), f"d{repeat}", "d"))
+    (fit,) = fit_session(trials).cuffs.values()
+    return fit
+
+
+@cache
+def _diagnosed(cause: CauseCode | None, seed: int = 1) -> tuple[CuffFit, Diagnosis]:
+    law, rig = DEFECTS[cause] if cause else (Law(), Rig())
+    truth = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0)
+    fit = _fitted(OddSession(law, rig, seed, truth))
+    assert fit.diagnosis
+    return fit, fit.diagnosis
+
+
+def _finding(diagnosis: Diagnosis, code: FindingCode) -> Finding:
+    return next(finding for finding in diagnosis.findings if finding.code is code)
+
+
+@pytest.mark.parametrize("code", DEFECTS)
+def test_the_cause_is_among_the_first_two(code: CauseCode) -> None:
+    assert code in [cause.code for cause in _diagnosed(code)[1].causes[:2]]
+
+
+def test_the_law_is_called_by_the_way_it_bends() -> None:
+    for code, name in ((CauseCode.STIFFENING, "stiffening"), (CauseCode.SOFTENING, "softening")):
+        fit, _ = _diagnosed(code)
+        assert fit.classes
+        assert fit.classes.name == name
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_nothing_is_wrong_no_cause_is_named(seed: int) -> None:
+    assert _diagnosed(None, seed)[1].causes == ()
+
+
+def test_the_shift_of_a_record_is_told_in_millimetres_and_newtons() -> None:
+    place = _finding(_diagnosed(CauseCode.DISPLACEMENT_ZERO)[1], FindingCode.START)
+    assert place.value == pytest.approx(0.012, abs=1e-4)
+    assert place.more["force_n"] == pytest.approx(-102, abs=1)
+
+
+def test_migration_under_held_loads_is_told_from_another_zero() -> None:
+    fit = _fitted(Session(published("hand", hold=4.0, duration=12.0), 2))
+    assert fit.diagnosis
+    place = _finding(fit.diagnosis, FindingCode.START)
+    assert "migrated_m" in place.more
+    assert CauseCode.DISPLACEMENT_ZERO not in [cause.code for cause in fit.diagnosis.causes]
+
+
+@pytest.mark.parametrize("code", [CauseCode.TARE, CauseCode.ZERO_DRIFT, CauseCode.DISPLACEMENT_ZERO])
+def test_an_offset_leaves_stiffness_and_damping_alone(code: CauseCode) -> None:
+    clean, odd = _diagnosed(None)[0], _diagnosed(code)[0]
+    for one, other in ((clean.stiffness, odd.stiffness), (clean.damping, odd.damping)):
+        assert one
+        assert other
+        assert abs(one.value - other.value) < 2 * np.hypot(one.standard_error, other.standard_error)
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.0, 1.05])
+def test_a_gain_error_is_told_with_its_figure_where_the_weights_are_known(gain: float) -> None:
+    session = OddSession(Law(), Rig(), 1, Truth(friction=1e9, migration=0.0, duration=12.0, hold=5.0))
+    trials = [build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")]
+    masses = (15 / 9.80665,) * 5
+    read = [replace(each, force=gain * each.force, force_step=gain * each.force_step) for each in trials]
+    (fit,) = fit_session([replace(each, step_masses=masses) for each in read]).cuffs.values()
+    assert fit.diagnosis
+    figures = {cause.code: cause.figures for cause in fit.diagnosis.causes}
+    assert (CauseCode.GAIN in figures) == (gain != 1)
+    assert fit.verdicts == ((Verdict.IDENTIFIED,) if gain == 1 else (Verdict.SCALE,))
+    if figures:
+        found, error = figures[CauseCode.GAIN]["gain"], figures[CauseCode.GAIN]["standard_error"]
+        assert abs(found - gain) < 4 * error < 0.02
+    (blind,) = fit_session(read).cuffs.values()
+    assert blind.diagnosis
+    assert blind.diagnosis.causes == ()
+    assert blind.verdicts == (Verdict.IDENTIFIED,), "without the weights nobody can know"
+
+
+def test_a_tare_with_the_weight_on_is_told_though_the_cell_s_zero_is_not_zero() -> None:
+    truth = Truth(friction=1e9, migration=0.0, duration=14.0, hold=5.0, volt_zero=0.08)
+    fit = _fitted(OddSession(Law(), Rig(dynamic_zero=-23.0), 2, truth))
+    assert fit.diagnosis
+    assert fit.diagnosis.causes[0].code is CauseCode.TARE
+
+
+@pytest.mark.parametrize(("chosen", "creeps"), [(CauseCode.FRICTION, False), (CauseCode.CREEP, True)])
+def test_creep_that_no_hold_shows_is_not_named_before_friction(chosen: CauseCode, creeps: bool) -> None:
+    scores = tuple(ClassScore(name, 1.0, gain) for name, gain in (("creep", 0.62), ("friction", 0.61)))
+    both = ModelComparison(scores, ("creep", "friction"))
+    assert causes_of([], [], both, creeps=creeps)[0].code is chosen
+    alone = ModelComparison(scores, ("creep",))
+    assert causes_of([], [], alone, creeps=False)[0].code is CauseCode.CREEP, "weak creep may not show in the holds"
+
+
+def test_a_stiffness_that_skin_makes_wrong_is_not_called_identified() -> None:
+    assert Verdict.SKIN in _diagnosed(CauseCode.SKIN)[0].verdicts
+    assert Verdict.IDENTIFIED not in _diagnosed(CauseCode.SKIN)[0].verdicts
+    for code in (None, CauseCode.TARE, CauseCode.DISPLACEMENT_ZERO, CauseCode.STIFFENING, CauseCode.FRICTION):
+        assert _diagnosed(code)[0].verdicts == (Verdict.IDENTIFIED,)
+
+
+def test_every_check_has_its_number() -> None:
+    checks = [finding.check for finding in _diagnosed(CauseCode.STIFFENING)[1].findings]
+    assert [check for check in dict.fromkeys(checks) if check != "D5"] == ["D1", "D2", "D3", "D4", "D6", "D7", "D8"]
+    stiffening, softening = (
+        _finding(_diagnosed(code)[1], FindingCode.CURVATURE) for code in (CauseCode.STIFFENING, CauseCode.SOFTENING)
+    )
+    assert stiffening.is_alarm
+    assert softening.is_alarm
+    assert stiffening.value > 0 > softening.value
+    assert _finding(_diagnosed(CauseCode.PULL_DIRECTION)[1], FindingCode.ANGLE).is_alarm
+    assert _finding(_diagnosed(CauseCode.FRICTION)[1], FindingCode.STIFFNESS_RATIO).value > 1.1
+
+
+def test_coloured_marker_noise_raises_the_eighth_check() -> None:
+    clean = _finding(_diagnosed(None)[1], FindingCode.MARKER_CORRELATION)
+    assert not clean.is_alarm
+    assert clean.value < 0.1

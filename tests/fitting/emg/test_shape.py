@@ -1,0 +1,111 @@
+"""Shape of EMG beside a model: what is known in advance comes out, and the intervals cover it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from fitting.emg.envelope import PUBLISHED, EnvelopeSettings, emg_envelope
+from fitting.emg.shape import MAX_LAG_S, ShapeOutcome, compare_shapes
+from fitting.results.codes import FitErrorCode
+from tests.fitting.emg.simulated import RATE, activation, raw_emg
+from tests.fitting.refusals import refused
+
+TIME = np.arange(0, 8, 0.01)
+MODEL = activation(TIME)
+LAG = 0.06
+
+
+def correlated(rate: float, scale: float, random: np.random.Generator, draws: int) -> np.ndarray:
+    """Noise (draws, frames) with a correlation time of scale [s], low-passed like an envelope at the rate [Hz]."""
+    whole = signal.lfilter([1.0], [1.0, -np.exp(-0.01 / scale)], random.standard_normal((draws, len(TIME) + 800)))
+    low_pass = signal.butter(2, rate, fs=100.0, output="sos")
+    noise = signal.sosfiltfilt(low_pass, whole, axis=1)[:, 400:-400]
+    return np.asarray(noise / noise.std())
+
+
+def coverage(bandwidth: float, scale: float, relative_noise: float, draws: int) -> tuple[float, float]:
+    """Shares of the intervals of lag and correlation that cover the truth, over lags from the whole of the search."""
+    random = np.random.default_rng(12)
+    smoothed = signal.filtfilt(*signal.butter(2, bandwidth, fs=100.0), MODEL)
+    noise = relative_noise * np.ptp(smoothed)
+    inner = np.arange(0.5, 7.5, 0.1)
+    within = 1 - np.exp(-np.abs(np.subtract.outer(inner, inner)) / scale).mean()
+    hits = np.zeros(2)
+    for disturbance in correlated(bandwidth, scale, random, draws):
+        lag = random.uniform(-MAX_LAG_S, MAX_LAG_S)
+        envelope = 2 + 30 * (np.interp(TIME - lag, TIME, smoothed) + noise * disturbance)
+        found = compare_shapes((TIME, envelope), (TIME, MODEL), bandwidth)
+        true = np.interp(inner - lag, TIME, smoothed)
+        followed = true if found.outcome is ShapeOutcome.COMPARED else np.interp(inner, TIME, smoothed)
+        truth = np.corrcoef(true, followed)[0, 1] * true.std() / np.hypot(true.std(), noise * np.sqrt(within))
+        ends = (*found.lag_ci95, *found.correlation_ci95)
+        hits += (ends[0] <= lag <= ends[1], ends[2] <= truth <= ends[3])
+    return float(hits[0] / draws), float(hits[1] / draws)
+
+
+def test_a_shifted_copy_has_its_lag_a_correlation_of_one_and_no_difference() -> None:
+    found = compare_shapes((TIME, 5 + 7 * activation(TIME - 0.12)), (TIME, MODEL), 6.0)
+    assert found.outcome is ShapeOutcome.COMPARED
+    assert found.lag == pytest.approx(0.12, abs=0.002)
+    assert found.correlation > 0.9999
+    assert found.rmse < 0.01
+    assert (found.emg.min(), found.emg.max(), found.model.min(), found.model.max()) == (0, 1, 0, 1)
+
+
+@pytest.mark.parametrize("settings", [EnvelopeSettings(), PUBLISHED, EnvelopeSettings(smoothing="rms")])
+def test_raw_emg_that_follows_the_model_is_found_to_lag_as_it_does(settings: EnvelopeSettings) -> None:
+    time = np.arange(8000) / RATE
+    raw = raw_emg(activation(time - LAG), np.random.default_rng(5))
+    envelope = emg_envelope(raw, RATE, settings)[:, 0]
+    found = compare_shapes((time, envelope), (TIME, MODEL), settings.bandwidth)
+    assert found.outcome is ShapeOutcome.COMPARED
+    assert found.lag_ci95[0] <= LAG <= found.lag_ci95[1]
+    assert found.lag_ci95[1] - found.lag_ci95[0] < 0.4
+    assert found.correlation > 0.95
+
+
+def test_neither_gain_nor_floor_of_the_emg_changes_anything() -> None:
+    envelope = np.maximum(MODEL + 0.03 * correlated(6.0, 0.1, np.random.default_rng(1), 1)[0], 0)
+    one, other = (compare_shapes((TIME, values), (TIME, MODEL), 6.0) for values in (envelope, 4 + 1e-6 * envelope))
+    for name in ("correlation", "lag", "rmse"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("emg", "model", "outcome"),
+    [
+        (MODEL, 0.004 * MODEL, ShapeOutcome.MODEL_AT_REST),
+        (np.full_like(MODEL, 0.3), MODEL, ShapeOutcome.CONSTANT_EMG),
+        (np.random.default_rng(2).random(len(TIME)), MODEL, ShapeOutcome.LAG_NOT_IDENTIFIED),
+        (activation(TIME - 0.7), MODEL, ShapeOutcome.LAG_NOT_IDENTIFIED),
+    ],
+    ids=["muscle at rest", "no EMG", "no relation", "a lag beyond the search"],
+)
+def test_what_cannot_be_compared_has_a_code(emg: np.ndarray, model: np.ndarray, outcome: ShapeOutcome) -> None:
+    assert compare_shapes((TIME, emg), (TIME, model), 6.0).outcome is outcome
+
+
+def test_a_trial_too_short_has_a_code_and_one_of_another_time_is_refused() -> None:
+    short = TIME[:200]
+    assert compare_shapes((short, MODEL[:200]), (TIME, MODEL), 2.5).outcome is ShapeOutcome.TOO_SHORT
+    with refused(FitErrorCode.EMG_OTHER_TIME):
+        compare_shapes((TIME + 100, MODEL), (TIME, MODEL), 6.0)
+
+
+def test_intervals_cover_the_truth() -> None:
+    lag, correlation = coverage(6.0, 0.1, 0.2, 150)
+    assert lag >= 0.91
+    assert correlation >= 0.91
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("bandwidth", [2.5, 6.0])
+def test_intervals_cover_the_truth_over_fast_and_slow_noise(bandwidth: float) -> None:
+    """On average over noise as fast as the smoothing lets through and as slow as a movement; each alone above 91."""
+    cells = [(scale, noise) for scale in (0.05, 0.3, 1.0) for noise in (0.1, 0.3)]
+    found = np.array([coverage(bandwidth, *cell, 600) for cell in cells])
+    assert (found >= 0.91).all()  # two standard errors of 600 draws below 93 %
+    assert ((found.mean(axis=0) >= 0.93) & (found.mean(axis=0) <= 0.98)).all()

@@ -1,0 +1,218 @@
+"""Displacement in the anchor's frame: sway, missing markers, ghosts, and anchors that are no frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fitting.pull.cuff_motion import along, cuff_motion, pull_direction, reference_posture
+from fitting.pull.marker_quality import turn_notes
+from fitting.results.codes import RejectionCode, TrialNoteCode
+from fitting.trial.clocks import LagUncertainty
+from fitting.trial.trial import Trial
+from recordings.manifest import CuffSite
+from tests.fitting.refusals import refused
+
+ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
+CUFF = np.array([[0.03, 0.07, 0.12], [0.05, 0.06, 0.10]])
+ROPE = np.array([[0.10, 0.20, 0.30], [0.16, 0.28, 0.30]])
+PULL = np.array([0.6, 0.8, 0.0])
+TIME = np.arange(1000) / 100
+WAY = np.where(TIME > 2, 0.01 * np.sin(TIME - 2), 0.0)
+
+
+def _turning(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * cross @ cross
+
+
+def _trial(noise: float = 0.0, anchor: np.ndarray = ANCHOR, rope: bool = False) -> Trial:
+    """A body that turns by ten degrees and walks, a cuff that moves by WAY along PULL on it."""
+    body = np.repeat(np.vstack((anchor, CUFF, ROPE))[None], len(TIME), axis=0)
+    body[:, len(anchor) : len(anchor) + 2] += WAY[:, None, None] * PULL
+    lab = np.einsum("fij,fmj->fmi", _turning(0.2 * np.sin(0.7 * TIME), np.array([1.0, 2.0, 3.0])), body)
+    lab += np.column_stack((0.05 * TIME, 0.1 * np.sin(TIME), 0 * TIME))[:, None]
+    lab += noise * np.random.default_rng(8).standard_normal(lab.shape)
+    labels = tuple(f"anchor_{i + 1}" for i in range(len(anchor)))
+    ropes = ("rope_1", "rope_2")
+    return Trial(
+        cuff=CuffSite("hand", "arm", labels, ("cuff_1", "cuff_2"), ropes if rope else ()),
+        test="static",
+        repeat=1,
+        run=1,
+        donning="1",
+        start_utc_ns=0,
+        file="a.mcap",
+        sha256="",
+        force_time=TIME.copy(),
+        force=5000 * WAY,
+        force_step=0.0,
+        marker_time=TIME.copy(),
+        labels=(*labels, "cuff_1", "cuff_2", *ropes),
+        markers=lab,
+        lag=LagUncertainty(0.0, 0.0, 0.0),
+    )
+
+
+def _displacement(trial: Trial) -> np.ndarray:
+    motion = cuff_motion(trial, reference_posture(trial))
+    return along(motion, pull_direction([trial], [motion]))
+
+
+def _without(trial: Trial, label: str, frames: slice) -> Trial:
+    markers = trial.markers.copy()
+    markers[frames, trial.labels.index(label)] = np.nan
+    return replace(trial, markers=markers)
+
+
+def test_sway_of_the_body_is_gone() -> None:
+    np.testing.assert_allclose(_displacement(_trial()), WAY, atol=1e-9)
+
+
+def test_the_rope_gives_the_direction_where_it_has_markers() -> None:
+    trial = _trial(rope=True)
+    motion = cuff_motion(trial, reference_posture(trial))
+    direction = pull_direction([trial], [motion])
+    reference = trial.positions(("rope_1", "rope_2"))[0]
+    expected = (reference[1] - reference[0]) / np.linalg.norm(reference[1] - reference[0])
+    np.testing.assert_allclose(direction, expected, atol=1e-6)
+
+
+def test_noise_of_the_markers_does_not_turn_the_direction() -> None:
+    trial = _trial(noise=0.5e-3)
+    motion = cuff_motion(trial, reference_posture(trial))
+    direction = pull_direction([trial], [motion])
+    clean = _trial()
+    truth = pull_direction([clean], [cuff_motion(clean, reference_posture(clean))])
+    assert np.degrees(np.arccos(direction @ truth)) < 1.0
+
+
+@pytest.mark.parametrize("label", ["anchor_2", "cuff_2"])
+def test_a_hidden_marker_does_not_shift_the_cuff(label: str) -> None:
+    np.testing.assert_allclose(_displacement(_without(_trial(), label, slice(300, 600))), WAY, atol=1e-9)
+
+
+def test_a_hidden_marker_does_not_move_the_body() -> None:
+    seen = _trial()
+    hidden = _without(seen, "anchor_2", slice(300, None))
+    before, after = (cuff_motion(trial, reference_posture(trial)).body for trial in (seen, hidden))
+    np.testing.assert_allclose(before, seen.positions(seen.cuff.anchor_markers).mean(axis=1), atol=1e-9)
+    np.testing.assert_allclose(after, before, atol=1e-9)
+
+
+@pytest.mark.parametrize(("part", "is_told"), [(0.15, True), (0.02, False)])
+def test_a_cuff_that_turns_with_the_load_is_told(part: float, is_told: bool) -> None:
+    """Two markers part by ± 1.5 mm, or ± 0.2 mm, at the highest load; what noise parts without load is no turn."""
+    trial = _trial(noise=0.2e-3)
+    markers, load = trial.markers.copy(), np.abs(WAY)
+    for label, sign in (("cuff_1", 1), ("cuff_2", -1)):
+        markers[:, trial.labels.index(label)] += sign * part * load[:, None] * np.array([0.0, 0.6, -0.8])
+    turned = replace(trial, markers=markers)
+    notes = turn_notes(cuff_motion(turned, reference_posture(turned)).turn, 5000 * load)
+    assert bool(notes) == is_told
+    assert all(note.code is TrialNoteCode.TURNS and 1e-3 < note.figures["apart_m"] < 2e-3 for note in notes)
+
+
+def test_frames_with_two_anchor_markers_have_no_displacement() -> None:
+    trial = _without(_without(_trial(), "anchor_1", slice(300, 600)), "anchor_2", slice(400, 700))
+    x = _displacement(trial)
+    assert np.isnan(x[400:600]).all()
+    assert np.isfinite(x[:400]).all()
+    assert np.isfinite(x[600:]).all()
+
+
+@pytest.mark.parametrize("label", ["anchor_3", "cuff_1"])
+def test_ghosts_are_left_out(label: str) -> None:
+    trial = _trial(noise=0.1e-3)
+    markers = trial.markers.copy()
+    markers[500:503, trial.labels.index(label)] += 0.015
+    x = _displacement(replace(trial, markers=markers))
+    seen = np.isfinite(x)
+    assert np.count_nonzero(~seen) < 15
+    assert np.abs(x - WAY)[seen].max() < 1.5e-3
+
+
+def test_two_markers_that_change_places_are_exchanged_and_told() -> None:
+    trial = _trial(noise=0.1e-3)
+    markers = trial.markers.copy()
+    markers[400:700, [0, 2]] = markers[400:700, [2, 0]]
+    swapped = replace(trial, markers=markers)
+    motion = cuff_motion(swapped, reference_posture(swapped))
+    np.testing.assert_allclose(_displacement(swapped), WAY, atol=1e-3)
+    assert motion.ghosts == {"anchor_1": 300, "anchor_3": 300}
+
+
+@pytest.mark.parametrize("places", [(0, 1), (1, 3)])
+def test_two_labels_exchanged_in_a_whole_trial_are_put_back_as_the_donning_s_first_trial_had_them(
+    places: tuple[int, int],
+) -> None:
+    first = _trial(noise=0.1e-3)
+    markers = first.markers.copy()
+    markers[:, list(places)] = markers[:, list(places[::-1])]
+    motion = cuff_motion(replace(first, markers=markers), reference_posture(first))
+    x = along(motion, pull_direction([first], [motion]))
+    np.testing.assert_allclose(x, WAY, atol=1e-3)
+    assert motion.ghosts == {f"anchor_{place + 1}": len(TIME) for place in places}
+
+
+def test_every_ghost_is_counted_by_its_marker() -> None:
+    trial = _trial(noise=0.1e-3)
+    markers = trial.markers.copy()
+    for first in range(250, 950, 100):
+        markers[first : first + 4, trial.labels.index("anchor_3")] += 0.015
+        markers[first + 50 : first + 52, trial.labels.index("cuff_1")] += 0.015
+    jumping = replace(trial, markers=markers)
+    motion = cuff_motion(jumping, reference_posture(jumping))
+    assert motion.ghosts == {"anchor_3": 28, "cuff_1": 14}
+    assert np.nanmax(np.abs(_displacement(jumping) - WAY)) < 1e-3
+
+
+def test_the_way_in_three_dimensions_is_kept_in_the_anchor_s_frame() -> None:
+    trial = _trial()
+    motion = cuff_motion(trial, reference_posture(trial))
+    np.testing.assert_allclose(np.linalg.norm(motion.displacement, axis=1), np.abs(WAY), atol=1e-9)
+    assert motion.ghosts == {}
+
+
+def test_the_order_of_the_markers_does_not_matter() -> None:
+    trial = _trial(noise=0.2e-3)
+    order = np.random.default_rng(1).permutation(len(trial.labels))
+    shuffled = replace(trial, labels=tuple(trial.labels[i] for i in order), markers=trial.markers[:, order])
+    np.testing.assert_array_equal(_displacement(shuffled), _displacement(trial))
+
+
+def test_the_orientation_of_the_laboratory_does_not_matter() -> None:
+    trial = _trial(noise=0.2e-3)
+    turned = trial.markers @ _turning(np.array([1.3]), np.array([3.0, -1.0, 2.0]))[0].T + 2.0
+    np.testing.assert_allclose(_displacement(replace(trial, markers=turned)), _displacement(trial), atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("anchor", "code", "markers"),
+    [
+        (ANCHOR[:2], RejectionCode.ANCHOR_HIDDEN, "anchor_1, anchor_2"),
+        (
+            np.linspace(0, 1, 3)[:, None] * np.array([0.0, 0.1, 0.3]),
+            RejectionCode.ANCHOR_COLLINEAR,
+            "anchor_1, anchor_2, anchor_3",
+        ),
+    ],
+)
+def test_anchors_that_define_no_frame_are_refused(anchor: np.ndarray, code: RejectionCode, markers: str) -> None:
+    with refused(code, markers=markers):
+        reference_posture(_trial(anchor=anchor))
+
+
+def test_a_cuff_that_is_never_seen_is_refused() -> None:
+    trial = _without(_without(_trial(), "cuff_1", slice(None)), "cuff_2", slice(None))
+    with refused(RejectionCode.CUFF_HIDDEN, markers="cuff_1, cuff_2"):
+        reference_posture(trial)
+
+
+def test_a_cuff_that_does_not_follow_the_force_has_no_direction() -> None:
+    trial = replace(_trial(), force=np.full(len(TIME), 3.0))
+    with refused(RejectionCode.NO_MOTION):
+        _displacement(trial)

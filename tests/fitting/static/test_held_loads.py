@@ -1,0 +1,203 @@
+"""Static trials of a cuff whose truth is known: T5 to T7, T10 and T11 of what held loads must give."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fitting.cuffs.cuffs_json import plain_held_loads
+from fitting.pull.pull import Pull, make_pulls
+from fitting.results.codes import NoteCode
+from fitting.static.held_loads import HeldLoads, fit_held_loads, held_load_notes
+from fitting.static.migration import fit_migration
+from tests.fitting.held import Held, static_trial
+
+COUNT = 60
+CREEPING = Held(creep=0.15, unloads=True)
+SLIPPING = Held(first_slip=25.0, hardening=4000.0, unloads=True)
+
+
+@cache
+def _reduced(truth: Held, seed: int) -> tuple[tuple[Pull, ...], float]:
+    """One trial that was reduced, and how far the cuff has slipped."""
+    trial, slip = static_trial(truth, seed)
+    reduced, reasons = make_pulls([trial])
+    assert reasons == {}
+    return tuple(reduced), slip
+
+
+@cache
+def _fit(truth: Held, seed: int) -> HeldLoads:
+    return fit_held_loads(_reduced(truth, seed)[0], 0.0)
+
+
+def _stiffnesses(truth: Held, count: int = COUNT) -> tuple[np.ndarray, np.ndarray]:
+    """Values and standard errors (count,) as their intervals have them."""
+    found = [_fit(truth, seed).stiffness.stiffness for seed in range(count)]
+    assert all(found)
+    half = [(each.ci95[1] - each.ci95[0]) / 2 / stats.norm.ppf(0.975) for each in found if each]
+    return np.array([each.value for each in found if each]), np.array(half)
+
+
+def test_stiffness_from_loads_that_only_rise_is_unbiased_and_its_interval_honest() -> None:
+    """T5: bias below 0.1 %, rmse below 1.3 times the bound of 0.138 %."""
+    values, errors = _stiffnesses(Held())
+    off = values / Held.stiffness - 1
+    assert abs(off.mean()) < 0.1e-2
+    assert np.sqrt(np.mean(off**2)) < 1.3 * 0.138e-2
+    chi_square = np.sum(((values - Held.stiffness) / errors) ** 2)
+    assert chi_square < stats.chi2.ppf(0.9995, COUNT)
+    assert 4 * chi_square > stats.chi2.ppf(0.9995, COUNT), "half of the interval would not be honest"
+
+
+def test_a_hook_and_a_zero_leave_the_stiffness_alone() -> None:
+    for seed in range(5):
+        plain = _fit(Held(), seed).stiffness.stiffness
+        shifted = _fit(Held(zero=8.0), seed).stiffness.stiffness
+        assert plain and shifted
+        assert shifted.value == pytest.approx(plain.value, rel=5e-4)
+
+
+@pytest.mark.parametrize("truth", [Held(occlusion=30.0), Held(ghosts=5.0)], ids=["occlusion", "ghosts"])
+def test_hidden_markers_and_ghosts_leave_it_nearly_alone(truth: Held) -> None:
+    values, errors = _stiffnesses(truth, 20)
+    assert np.sqrt(np.mean((values / truth.stiffness - 1) ** 2)) < 1.5 * 1.3 * 0.138e-2
+    assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 20)
+
+
+def test_slip_reaches_neither_stiffness_nor_migration() -> None:
+    """T7: within 0.2 mm of what slipped, inside the interval in nine of ten."""
+    values, errors = _stiffnesses(SLIPPING, 30)
+    assert np.sum(((values - SLIPPING.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 30)
+    for seed in range(30):
+        reduced, slip = _reduced(SLIPPING, seed)
+        migration = fit_migration([each.plateaus for each in reduced], _fit(SLIPPING, seed).creep)
+        assert migration is not None
+        assert abs(migration.value - slip) < 0.1e-3
+        assert abs(migration.value - slip) < 3.5 * migration.standard_error
+
+
+def test_slip_while_the_load_only_rises_is_no_stiffness() -> None:
+    assert _fit(replace(SLIPPING, unloads=False), 1).stiffness.stiffness is None
+
+
+@pytest.mark.parametrize("unloads", [False, True])
+def test_creep_is_flagged_measured_and_led_to_its_rest(unloads: bool) -> None:
+    """T6: flagged every time, the stiffness at rest within its interval; the stiffness is that after the hold."""
+    truth = replace(CREEPING, unloads=unloads)
+    scores = []
+    for seed in range(20):
+        held = _fit(truth, seed)
+        assert held.creep is not None and held.creep.is_seen
+        assert held.stiffness.stiffness is not None
+        assert held.stiffness.stiffness.value == pytest.approx(truth.stiffness, rel=0.08)
+        assert held_load_notes(held)[0].code is NoteCode.CREEPS
+        rest = held.creep.stiffness_at_rest
+        scores.append((rest.value - truth.stiffness) / rest.standard_error)
+    assert np.sum(np.square(scores)) < 1.5 * stats.chi2.ppf(0.9995, 20)
+
+
+def _codes(held: HeldLoads) -> list[NoteCode]:
+    return [note.code for note in held_load_notes(held)]
+
+
+def test_a_cuff_that_does_not_creep_is_not_said_to() -> None:
+    for truth in (Held(), SLIPPING):
+        for seed in range(20):
+            held = _fit(truth, seed)
+            assert held.creep is None or not held.creep.is_seen
+            assert NoteCode.CREEPS not in _codes(held)
+
+
+@pytest.mark.parametrize("yielding", [0.3 / 77, 1 / 77, -0.3 / 77])
+@pytest.mark.parametrize("unloads", [False, True])
+def test_a_cuff_that_bends_is_not_said_to_creep_or_slip(yielding: float, unloads: bool) -> None:
+    truth = Held(yielding=yielding, unloads=unloads)
+    for seed in range(5):
+        reduced = [each for again in (0, 50) for each in _reduced(truth, seed + again)[0]]
+        held = fit_held_loads(reduced, 0.0)
+        assert _codes(held) == [NoteCode.SOFTENS if yielding > 0 else NoteCode.STIFFENS]
+        assert abs(held.stiffness.slip) < 0.5e-3
+        assert not held.stiffness.slips_again
+
+
+def test_what_creep_still_recovers_is_no_migration() -> None:
+    """Unloaded for 8 s, a cuff that creeps by 15 % is still 0.1 mm away and has not migrated."""
+    for seed in range(10):
+        reduced, _ = _reduced(CREEPING, seed)
+        plateaus = [each.plateaus for each in reduced]
+        away, migration = fit_migration(plateaus), fit_migration(plateaus, _fit(CREEPING, seed).creep)
+        assert away and migration
+        assert away.value > 0.1e-3
+        assert abs(migration.value) < 0.05e-3
+        assert migration.parts["creep"] > migration.parts["noise"]
+
+
+def test_a_zero_that_drifts_is_measured_taken_out_and_told() -> None:
+    truth = Held(unloads=True, drift=1.5 / 60)
+    values, errors = _stiffnesses(truth, 20)
+    assert np.sum(((values - truth.stiffness) / errors) ** 2) < stats.chi2.ppf(0.9995, 20)
+    held = _fit(truth, 1)
+    assert held.drift is not None
+    assert abs(held.drift.value - truth.drift) < 3.5 * held.drift.standard_error
+    (note,) = held_load_notes(held)
+    assert note.code is NoteCode.ZERO_DRIFT
+    assert note.figures == {"drift_n_per_s": held.drift.value}
+    assert _fit(Held(), 1).drift is None, "drift and stiffness cannot be distinguished if the load only rises"
+
+
+@pytest.mark.parametrize("unloads", [False, True])
+def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool) -> None:
+    truth = Held(stiffness=4520.0, stiffening=100.0, unloads=unloads)
+    scores = []
+    for seed in range(20):
+        law = _fit(truth, seed).stiffness.law
+        assert law is not None
+        assert law.significance > 10
+        for load in (2.0, 40.0, 77.0):
+            tangent = law.tangent(load + truth.zero)
+            half = (tangent.ci95[1] - tangent.ci95[0]) / 2 / stats.norm.ppf(0.975)
+            scores.append((tangent.value - (truth.stiffness + truth.stiffening * load)) / half)
+        assert abs(law.stiffening.value - truth.stiffening) < 4 * law.stiffening.standard_error
+    assert np.sum(np.square(scores)) < 2 * stats.chi2.ppf(0.9995, 60), "three loads of one fit are not independent"
+
+
+def test_a_tangent_tells_what_the_load_cell_s_scale_leaves_open() -> None:
+    law = fit_held_loads(_reduced(Held(unloads=True), 1)[0], 0.01).stiffness.law
+    assert law
+    tangent = law.tangent(40.0)
+    assert tangent.parts["gain"] == pytest.approx(0.01 * tangent.value)
+    assert sum(part**2 for part in tangent.parts.values()) == pytest.approx(tangent.standard_error**2)
+
+
+def test_a_straight_cuff_has_the_same_tangent_everywhere() -> None:
+    for seed in range(10):
+        held = _fit(Held(unloads=True), seed)
+        assert held.stiffness.law is not None
+        assert abs(held.stiffness.law.significance) < 4
+        assert held_load_notes(held) == ()
+
+
+def test_what_a_slipping_cuff_takes_in_a_cycle_is_the_work_of_its_friction() -> None:
+    """Slip s under F = first_slip + hardening s takes ∫ F ds; the hook's share is not counted."""
+    held = _fit(SLIPPING, 3)
+    _, slip = _reduced(SLIPPING, 3)
+    work = (SLIPPING.first_slip - SLIPPING.hook) * slip + SLIPPING.hardening * slip**2 / 2
+    assert held.energy is not None
+    assert held.energy.value == pytest.approx(work, rel=0.05)
+    assert abs(_fit(Held(unloads=True), 3).energy.value) < 4e-3  # type: ignore[union-attr]
+
+
+def test_cuffs_json_gets_all_of_it_in_units() -> None:
+    plain = plain_held_loads(_fit(CREEPING, 1))
+    assert 3.0 < plain["hold_s"] < 8.0
+    assert plain["creep"]["is_seen"] is True
+    assert [each["force_n"] for each in plain["exponential_law"]["tangents"]] == pytest.approx(
+        np.linspace(3, 78, 5), abs=0.5
+    )
+    (steps,) = plain["steps_s"].values()
+    np.testing.assert_allclose(steps, 8.0 * np.arange(1, 11), atol=1.0)

@@ -1,0 +1,111 @@
+"""Planned errors and power, compared with the errors that the fits report and with simulated studies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fitting.dynamic.errors_in_variables import estimate
+from fitting.pull.pull import make_pulls
+from fitting.static.stiffness import fit_stiffness, trial_stiffness
+from fitting.study.cuff_study import compare
+from fitting.study.information import (
+    InstrumentNoise,
+    damping_error,
+    held_levels,
+    migration_error,
+    stiffness_error,
+)
+from fitting.study.measurements import Observation
+from fitting.study.power import ExpectedSpread, difference_error, paired_power
+from tests.fitting.held import Held, static_trial
+from tests.fitting.swinging import DAMPING, MASS, STIFFNESS, swing
+
+
+@pytest.mark.parametrize("frequency", [0.7, 1.5])
+def test_the_information_of_an_oscillation_agrees_with_the_fit_s_own_standard_error(frequency: float) -> None:
+    """The record has three more oscillations of 15 % each, so that the amplitude is that of its variance."""
+    record = swing(3, frequency=frequency)
+    amplitude = np.sqrt(2) * float(np.std(record.force))
+    noise = InstrumentNoise(0.157e-3, 0.25, 100.0, 250.0)
+    expected = damping_error((STIFFNESS, DAMPING, MASS), amplitude, frequency, 20.0, noise)
+    assert float(estimate(record).known_lag_sd[1]) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("hold", [6.0, 10.0])
+def test_the_information_of_held_loads_agrees_with_the_fit_s_own_standard_error(hold: float) -> None:
+    """The noise of the displacement is measured on the record; the fit estimates its own from the holds."""
+    trial, _ = static_trial(Held(hold=hold, unloads=True, force_noise=0.2, sway=0.0), seed=2)
+    (pull,), _ = make_pulls([trial])
+    unloaded = pull.displacement[pull.marker_time < hold - 1]
+    noise = InstrumentNoise(float(np.std(unloaded)), 0.2, 100.0, 20.0)
+    fitted = trial_stiffness(fit_stiffness([pull.plateaus], 0.0).trials[0])
+    expected = stiffness_error(8520.0, held_levels([15.0] * 5, is_first=False), hold, noise)
+    assert fitted is not None
+    assert fitted.standard_error == pytest.approx(expected, rel=0.25)
+
+
+def test_the_first_trial_of_a_donning_counts_from_the_largest_load_down() -> None:
+    assert held_levels([10.0, 5.0], is_first=True).tolist() == [15.0, 10.0, 0.0]
+    assert held_levels([10.0, 5.0], is_first=False).tolist() == [0.0, 10.0, 15.0, 10.0, 0.0]
+
+
+def test_a_longer_hold_and_a_faster_swing_have_smaller_errors() -> None:
+    noise = InstrumentNoise(2e-4, 0.3, 100.0, 250.0)
+    levels = held_levels([15.0] * 5, is_first=True)
+    assert stiffness_error(5500.0, levels, 11.5, noise) == pytest.approx(
+        stiffness_error(5500.0, levels, 6.5, noise) / np.sqrt(2)
+    )
+    assert damping_error((5500.0, 120.0, 0.2), 12.0, 1.5, 20.0, noise) < damping_error(
+        (5500.0, 120.0, 0.2), 12.0, 0.7, 20.0, noise
+    )
+    assert migration_error(5500.0, 6.5, noise) == pytest.approx(np.sqrt(2 * 2e-4**2 / 500), rel=0.02)
+    with pytest.raises(ValueError, match="too short"):
+        stiffness_error(5500.0, levels, 1.0, noise)
+
+
+def test_the_power_is_the_part_of_simulated_studies_that_find_the_difference() -> None:
+    spread, noise = ExpectedSpread(volunteer_by_cuff=10.0, donning=12.0, repeat=6.0), 5.0
+    volunteers, donnings, repeats, difference, studies = 9, 2, 3, 14.0, 4000
+    rng = np.random.default_rng(5)
+    shape = (studies, volunteers, 2, donnings)
+    values = np.array([0.0, difference])[:, None] + spread.volunteer_by_cuff * rng.standard_normal((*shape[:3], 1))
+    values = values + spread.donning * rng.standard_normal(shape) + noise * rng.standard_normal(shape)
+    values = values + (spread.repeat * rng.standard_normal((*shape, repeats))).mean(axis=-1)
+    means = values.mean(axis=-1)
+    found = stats.ttest_rel(means[:, :, 1], means[:, :, 0], axis=1).pvalue < 0.05
+    error = difference_error(spread, noise, volunteers, donnings, repeats)
+    assert float(found.mean()) == pytest.approx(paired_power(difference, error, volunteers, 0.05), abs=0.03)
+
+
+@pytest.mark.slow
+def test_the_power_is_the_part_of_studies_in_which_the_interval_of_the_study_leaves_zero_out() -> None:
+    """The same with the mixed model of `station study` in place of the paired test."""
+    rng, count, difference = np.random.default_rng(8), 400, 12.0
+    spread = ExpectedSpread(volunteer_by_cuff=10.0, donning=12.0, repeat=6.0)
+    found = 0
+    for _ in range(count):
+        effect = compare([*_drawn(rng, spread, difference)], "0", "1").difference
+        found += effect is not None and not effect.ci95[0] <= 0.0 <= effect.ci95[1]
+    error = difference_error(spread, NOISE / np.sqrt(2), 8, 2, 2)
+    assert found / count == pytest.approx(paired_power(difference, error, 8, 0.05), abs=0.07)
+
+
+NOISE = 5.0
+
+
+def _drawn(rng: np.random.Generator, spread: ExpectedSpread, difference: float) -> Iterator[Observation]:
+    for volunteer in range(8):
+        shared = 20.0 * rng.standard_normal()
+        for cuff in range(2):
+            own = shared + cuff * difference + spread.volunteer_by_cuff * rng.standard_normal()
+            for donning in range(2):
+                centre = own + spread.donning * rng.standard_normal()
+                for repeat in range(2):
+                    value = centre + spread.repeat * rng.standard_normal() + NOISE * rng.standard_normal()
+                    yield Observation(
+                        value, NOISE, 0.0, str(volunteer), "A", str(volunteer), str(donning), repeat, str(cuff)
+                    )

@@ -1,0 +1,396 @@
+"""Recordings become trials: the clock, the units, the cut, and what cannot be used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.constants import g
+
+from fitting.results.codes import FitErrorCode, RejectionCode, TrialNoteCode
+from fitting.results.rendering import Note
+from fitting.trial.reader import read_alone, read_trial, read_trials
+from fitting.trial.trial import build_trial
+from recordings.chunks import Damage, Entry, read_entries
+from recordings.manifest import LoadCell, Manifest, MeasurementProtocol, Timing, TrialOutcome
+from recordings.reader import Track
+from recordings.samples import Event, Samples
+from recordings.writer import RecordingWriter
+from tests.fitting.bouncing import Bounce
+from tests.fitting.bouncing import recorded as bounce
+from tests.fitting.experiment import Session, published
+from tests.fitting.refusals import figures_by_code, refused
+
+Tracks = dict[str, Track]
+
+
+@cache
+def _recorded() -> tuple[Manifest, Tracks]:
+    return Session(published("hand", weights=(20.0, 40.0), hold=2.0, clock_ppm=0.0), 3).static()
+
+
+def _changed(name: str, **changes: object) -> Tracks:
+    tracks = dict(_recorded()[1])
+    tracks[name] = replace(tracks[name], **changes)  # type: ignore[arg-type]
+    return tracks
+
+
+def _until(track: Track, last: int) -> Track:
+    return Track(
+        track.stream,
+        track.sample_numbers[:last],
+        track.device_time_ns[:last],
+        track.host_time_ns[:last],
+        track.values[:last],
+    )
+
+
+def _since(track: Track, first: int) -> Track:
+    return Track(
+        track.stream,
+        track.sample_numbers[first:],
+        track.device_time_ns[first:],
+        track.host_time_ns[first:],
+        track.values[first:],
+    )
+
+
+def test_session_time_zero_is_the_edge_and_frame_one_is_exposed_there() -> None:
+    manifest, tracks = _recorded()
+    trial = build_trial(manifest, tracks, "a.mcap", "hash")
+    assert trial.marker_time[0] == 0.0
+    assert 0 <= trial.force_time[0] < 2e-3
+    rising = np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)[0]
+    np.testing.assert_allclose(trial.force_time[0], 0.5e-3, atol=0.5e-3)
+    assert trial.force[0] == pytest.approx(98.0665 * tracks["/force"].values[rising, 0])
+    assert trial.lag.edge == pytest.approx(1e-3 / np.sqrt(24), rel=0.15), "two edges, each between two samples"
+
+
+def test_the_fall_of_the_sync_line_is_where_the_capture_s_frames_end() -> None:
+    manifest, tracks = _recorded()
+    trial = build_trial(manifest, tracks, "a.mcap", "hash")
+    assert trial.sync_fall == pytest.approx(len(tracks["/markers"].sample_numbers) / 100, abs=0.002)
+    high = tracks["/sync"]
+    rise = int((high.values[:, 0] > 2.5).argmax())
+    stays = replace(high, values=np.where(np.arange(len(high.values))[:, None] >= rise, 5.0, 0.0))
+    assert build_trial(manifest, {**tracks, "/sync": stays}, "a.mcap", "hash").sync_fall is None
+
+
+def test_positions_are_metres_and_missing_markers_are_not_a_number() -> None:
+    manifest, tracks = _recorded()
+    values = tracks["/markers"].values.copy()
+    values[5, 2] = np.nan
+    trial = build_trial(manifest, _changed("/markers", values=values), "a.mcap", "hash")
+    np.testing.assert_allclose(trial.markers[4], 1e-3 * values[4, :, :3])
+    assert np.isnan(trial.markers[5, 2]).all()
+    assert np.isfinite(trial.markers[5, 0]).all()
+
+
+def test_its_arrays_cannot_be_changed() -> None:
+    trial = build_trial(*_recorded(), "a.mcap", "hash")
+    with pytest.raises(ValueError, match="read-only"):
+        trial.force[0] = 0.0
+
+
+def _preview(first_number: int, stamp_ns: int, host_ns: int) -> Track:
+    """A second of live preview: other numbers, other places."""
+    markers = _recorded()[1]["/markers"]
+    step = np.arange(100, dtype=np.int64) * 10_000_000
+    numbers = np.arange(first_number, first_number + 100, dtype=np.uint64)
+    return Track(markers.stream, numbers, stamp_ns + step, host_ns + step, markers.values[:100] + 50)
+
+
+@pytest.mark.parametrize("number_after", [9000, 7100, 1])
+def test_live_preview_around_the_capture_is_not_taken_for_it(number_after: int) -> None:
+    manifest, tracks = _recorded()
+    capture = tracks["/markers"]
+    stamps, arrivals = capture.device_time_ns, capture.host_time_ns
+    before = _preview(7000, int(stamps[0]) - 1_010_000_000, int(arrivals[0]) - 1_100_000_000)
+    after = _preview(number_after, int(stamps[-1]) + 25_000_000, int(arrivals[-1]) + 25_000_000)
+    joined = Track(
+        capture.stream,
+        *(
+            np.concatenate([getattr(track, part) for track in (before, capture, after)])
+            for part in ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+        ),
+    )
+    plain = build_trial(manifest, tracks, "a.mcap", "hash")
+    trial = build_trial(manifest, {**tracks, "/markers": joined}, "a.mcap", "hash")
+    np.testing.assert_array_equal(trial.markers, plain.markers)
+    np.testing.assert_array_equal(trial.force_time, plain.force_time)
+    assert trial.frame_gaps == ()
+    assert trial.notes == ()
+
+
+def test_lost_first_frames_do_not_shift_the_others() -> None:
+    manifest, tracks = _recorded()
+    plain = build_trial(manifest, tracks, "a.mcap", "hash")
+    late = build_trial(manifest, {**tracks, "/markers": _since(tracks["/markers"], 7)}, "a.mcap", "hash")
+    assert late.marker_time[0] == pytest.approx(0.07)
+    np.testing.assert_array_equal(late.markers, plain.markers[7:])
+
+
+def test_lost_frames_are_gaps_of_nan_and_lost_samples_are_left_out() -> None:
+    manifest, tracks = _recorded()
+    keep = np.r_[0:300, 320 : len(tracks["/markers"].sample_numbers)]
+    markers = tracks["/markers"]
+    holed = Track(
+        markers.stream,
+        markers.sample_numbers[keep],
+        markers.device_time_ns[keep],
+        markers.host_time_ns[keep],
+        markers.values[keep],
+    )
+    trial = build_trial(manifest, {**tracks, "/markers": holed}, "a.mcap", "hash")
+    assert np.isnan(trial.markers[300:320]).all()
+    assert trial.frame_gaps == (pytest.approx((2.99, 3.20)),)
+    assert not trial.is_whole
+    lost = {"count": 1, "total_s": pytest.approx(0.21), "longest_s": pytest.approx(0.21)}
+    assert figures_by_code(trial.notes) == {TrialNoteCode.FRAMES_LOST: lost}
+
+
+def test_frame_numbers_that_did_not_start_with_the_capture_are_aligned_by_arrival() -> None:
+    manifest, tracks = _recorded()
+    shifted = _changed("/markers", sample_numbers=tracks["/markers"].sample_numbers + np.uint64(500))
+    trial = build_trial(manifest, shifted, "a.mcap", "hash")
+    assert trial.notes[0].code is TrialNoteCode.SYNC_ARRIVAL
+    assert trial.marker_time[0] == pytest.approx(0.0, abs=0.05)
+    assert trial.lag.edge > 0.04
+
+
+def test_a_capture_started_by_pfi0_has_its_edge_at_sample_zero() -> None:
+    manifest, tracks = _recorded()
+    first = int(np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)[0])
+    force = _since(tracks["/force"], first)
+    force = replace(force, sample_numbers=np.arange(len(force.sample_numbers), dtype=np.uint64))
+    trial = build_trial(
+        replace(manifest, start="pfi0"), {"/force": force, "/markers": tracks["/markers"]}, "a.mcap", "hash"
+    )
+    assert trial.force_time[0] == 0.0
+    assert trial.lag.edge == 0.0
+
+
+def test_the_declared_polarity_turns_the_force() -> None:
+    manifest, tracks = _recorded()
+    plain = build_trial(manifest, tracks, "a.mcap", "hash")
+    turned = replace(manifest, load_cell=LoadCell("daq", manifest.load_cell.newtons_per_unit, -1))
+    negated = _changed("/force", values=-tracks["/force"].values)
+    np.testing.assert_allclose(build_trial(turned, negated, "a.mcap", "hash").force, plain.force)
+
+
+def test_mass_and_scale_uncertainty_are_those_of_the_manifest() -> None:
+    manifest, tracks = _recorded()
+    assert manifest.cuff is not None
+    cuff, cell = replace(manifest.cuff, mass_kg=0.35), replace(manifest.load_cell, gain_relative_sd=0.01)
+    trial = build_trial(replace(manifest, cuff=cuff, load_cell=cell), tracks, "a.mcap", "hash")
+    assert (trial.cuff_mass, trial.gain_sd) == (0.35, 0.01)
+
+
+def _volts(change: str) -> np.ndarray:
+    volts = _recorded()[1]["/force"].values.copy()
+    if change == "nan":
+        volts[100:112] = np.nan
+    elif change == "saturated":
+        volts[100:200] = 9.995
+    else:
+        volts[:] = 0.25
+    return volts
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "figures"),
+    [
+        ("nan", RejectionCode.FORCE_NOT_FINITE, {"count": 12}),
+        ("saturated", RejectionCode.FORCE_SATURATED, {"count": 100}),
+        ("dead", RejectionCode.FORCE_CONSTANT, {"value": 0.25}),
+    ],
+)
+def test_force_that_is_no_measurement_is_refused(change: str, code: RejectionCode, figures: dict[str, float]) -> None:
+    with refused(code, **figures):
+        build_trial(_recorded()[0], _changed("/force", values=_volts(change)), "a.mcap", "hash")
+
+
+def test_the_zero_may_drift_by_a_part_of_the_capacity_that_the_configuration_names() -> None:
+    manifest, tracks = _recorded()
+    volts = tracks["/force"].values
+    drifting = _changed("/force", values=volts + np.linspace(0.0, 0.08, len(volts))[:, None])
+    cell = replace(manifest.load_cell, capacity_kg=25.0)
+    with refused(RejectionCode.ZERO_DRIFT, drift_n=pytest.approx(5.6, abs=0.3), limit_n=pytest.approx(4.903, abs=1e-3)):
+        build_trial(replace(manifest, load_cell=cell), drifting, "a.mcap", "hash")
+    wider = replace(manifest, load_cell=replace(cell, zero_drift_relative_limit=0.04))
+    assert build_trial(wider, drifting, "a.mcap", "hash").zero_drift == pytest.approx(5.64, abs=0.05)
+
+
+def test_a_recording_that_was_cut_tells_nothing_of_the_zero() -> None:
+    manifest, tracks = _recorded()
+    high = np.flatnonzero(tracks["/sync"].values[:, 0] > 2.5)
+    whole = build_trial(manifest, tracks, "a.mcap", "hash")
+    cut = {name: _until(track, int(high[-1]) - 200) if name != "/markers" else track for name, track in tracks.items()}
+    assert whole.zero_drift == pytest.approx(0.0, abs=0.1)
+    assert build_trial(manifest, cut, "a.mcap", "hash").zero_drift is None
+
+
+def test_force_beyond_the_cell_s_capacity_is_saturated_whatever_reads_it() -> None:
+    manifest, tracks = _recorded()
+    peak = float(np.abs(tracks["/force"].values).max())
+    small = peak * manifest.load_cell.newtons_per_unit / g / 1.2
+    indicator = replace(tracks["/force"].stream, unit="N")
+    manifest = replace(manifest, load_cell=replace(manifest.load_cell, capacity_kg=small))
+    with refused(RejectionCode.FORCE_SATURATED, limit=pytest.approx(peak / 1.2), unit="N"):
+        build_trial(manifest, _changed("/force", stream=indicator), "a.mcap", "hash")
+
+
+def test_less_than_a_second_of_force_and_markers_together_is_refused() -> None:
+    manifest, tracks = _recorded()
+    with refused(RejectionCode.NO_OVERLAP, frames=50, both_s=pytest.approx(0.49), expected_s=1.0):
+        build_trial(manifest, {**tracks, "/markers": _until(tracks["/markers"], 50)}, "a", "b")
+
+
+def test_a_missing_label_is_named() -> None:
+    manifest, tracks = _recorded()
+    renamed = replace(tracks["/markers"].stream, labels=("anchor_1", "anchor_2", "anchor_3", "x", "cuff_1"))
+    with refused(RejectionCode.MISSING_MARKERS, missing="anchor_4"):
+        build_trial(manifest, _changed("/markers", stream=renamed), "a.mcap", "hash")
+
+
+def test_a_missing_stream_is_named() -> None:
+    manifest, tracks = _recorded()
+    with refused(RejectionCode.NO_SAMPLES, stream="/markers"):
+        build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
+
+
+def _write(path: Path, outcome: TrialOutcome, *events: Event, recorded: tuple[Manifest, Tracks] | None = None) -> None:
+    manifest, tracks = recorded or _recorded()
+    writer = RecordingWriter(path, manifest, [track.stream for track in tracks.values()])
+    for event in events:
+        writer.write(event)
+    for name, track in tracks.items():
+        for part in np.array_split(np.arange(len(track.sample_numbers)), 40):
+            writer.write(
+                Samples(
+                    name,
+                    track.sample_numbers[part],
+                    track.device_time_ns[part],
+                    int(track.host_time_ns[part[-1]]),
+                    track.values[part],
+                )
+            )
+    writer.close(outcome)
+
+
+def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
+    path = tmp_path / "cuff-hand_test-static_run-1.mcap"
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
+    trial, plain = read_trial(path), build_trial(*_recorded(), path.name, "hash")
+    np.testing.assert_array_equal(trial.force, plain.force)
+    np.testing.assert_array_equal(trial.markers, plain.markers)
+    np.testing.assert_allclose(trial.force_time, plain.force_time, atol=1e-9)
+    assert len(trial.sha256) == 64
+    assert trial.is_whole
+    assert trial.notes == ()
+
+
+def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
+    readings: list[Path] = []
+
+    def counted(read_path: Path) -> Iterator[Entry | Damage]:
+        readings.append(read_path)
+        return read_entries(read_path)
+
+    monkeypatch.setattr("recordings.reader.read_entries", counted)
+    (trial,), _ = read_trials([path])
+    assert trial.is_whole
+    assert readings == [path]
+
+
+def test_what_was_read_before_is_not_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
+    reading = read_alone(path)
+    path.unlink()
+    assert read_trials([path], {path.name: reading}) == ((reading,), ())
+
+
+def test_a_recording_that_was_cut_is_not_whole_and_says_what_is_missing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, TrialOutcome(True, "closed", "the capture ended"))
+    path.write_bytes(path.read_bytes()[:-100])
+    trial = read_trial(path)
+    assert not trial.is_whole
+    assert trial.notes
+
+
+def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -> None:
+    _write(tmp_path / "a.mcap", TrialOutcome(False, "failed", "QTM went silent"))
+    (tmp_path / "b.mcap").write_bytes(b"no recording")
+    trials, rejected = read_trials(sorted(tmp_path.glob("*.mcap")))
+    assert trials == ()
+    assert rejected[0].reason == Note(RejectionCode.NOT_ACCEPTED, {"outcome": "QTM went silent"})
+    assert rejected[1].reason.code is RejectionCode.UNREADABLE
+    assert rejected[1].file == "b.mcap"
+    assert [each.capture for each in rejected] == [None, None]
+
+
+def test_a_rejected_recording_whose_capture_had_begun_says_what_it_was_of(tmp_path: Path) -> None:
+    edge = Event("sync_edge", "the sync line rose", _recorded()[0].start_utc_ns, "station")
+    _write(tmp_path / "a.mcap", TrialOutcome(False, "failed", "QTM went silent"), edge)
+    rejected = read_trials([tmp_path / "a.mcap"])[1]
+    assert rejected[0].capture == _recorded()[0]
+
+
+def test_a_bounce_of_the_session_moves_and_scales_the_force_of_its_trials(tmp_path: Path) -> None:
+    fine = TrialOutcome(True, "closed", "the capture ended")
+    _write(tmp_path / "cuff-hand_test-static_run-1.mcap", fine)
+    plain = read_trials(tmp_path.glob("*.mcap"))[0][0]
+    _write(tmp_path / "test-bounce_run-1.mcap", fine, recorded=bounce(Bounce(lag=0.006, gain=1.02), 1))
+    (trial,), rejected = read_trials(sorted(tmp_path.glob("*.mcap")))
+    assert rejected == ()
+    assert trial.calibration is not None
+    assert trial.lag.value == pytest.approx(0.006, abs=4e-4)
+    assert trial.lag.source == "test-bounce_run-1.mcap"
+    assert trial.lag.declared == trial.calibration.lag.standard_error < plain.lag.declared
+    np.testing.assert_allclose(trial.force_time, plain.force_time + trial.lag.value)
+    np.testing.assert_allclose(trial.force, plain.force / trial.calibration.gain.value)
+    assert trial.gain_sd == pytest.approx(0.0009, abs=0.0004)
+
+
+def test_a_bounce_that_cannot_be_used_is_listed_and_the_lag_stays_declared(tmp_path: Path) -> None:
+    fine = TrialOutcome(True, "closed", "the capture ended")
+    _write(tmp_path / "a.mcap", fine)
+    _write(tmp_path / "test-bounce_run-1.mcap", fine, recorded=bounce(Bounce(duration=8.0), 1))
+    (trial,), (rejected,) = read_trials(sorted(tmp_path.glob("*.mcap")))
+    assert trial.calibration is None
+    assert trial.lag.source == "declared"
+    assert rejected.reason.code is RejectionCode.BOUNCE_FEW_CYCLES
+    with refused(RejectionCode.IS_BOUNCE, file="test-bounce_run-1.mcap"):
+        read_trial(tmp_path / "test-bounce_run-1.mcap")
+
+
+def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_them(tmp_path: Path) -> None:
+    manifest, tracks = _recorded()
+    timing = Timing(lag_s=0.02, lag_sd_s=0.003, stop_edge="end_of_frame")
+    told = replace(manifest, timing=timing, protocol=MeasurementProtocol((2.0, 2.0)))
+    trial, plain = (build_trial(each, tracks, "a.mcap", "hash") for each in (told, manifest))
+    assert (trial.lag.value, trial.lag.declared, trial.step_masses) == (0.02, 0.003, (2.0, 2.0))
+    moved, there = (np.interp(time, each.force_time, each.force) for each, time in ((trial, 3.02), (plain, 3.0)))
+    assert moved == pytest.approx(there, abs=1e-9)
+    _write(tmp_path / "a.mcap", TrialOutcome(True, "closed", "the capture ended"), recorded=(told, tracks))
+    (tmp_path / "protocol.toml").write_text('step_masses_kg = [1.0]\n[steps_s]\n"a.mcap" = [2.0]\n', encoding="utf-8")
+    (edited,), _ = read_trials([tmp_path / "a.mcap"])
+    assert (edited.step_masses, edited.step_times) == ((1.0,), (2.0,))
+    (tmp_path / "protocol.toml").write_text('[steps_s]\n"a.mcap" = [2.0, 2000]\n', encoding="utf-8")
+    with refused(FitErrorCode.PROTOCOL_OUTSIDE, recording="a.mcap", step_s=2000.0):
+        read_trials([tmp_path / "a.mcap"])
+
+
+def test_sample_numbers_that_go_back_are_refused() -> None:
+    numbers = _recorded()[1]["/force"].sample_numbers.copy()
+    numbers[500] = numbers[499]
+    with refused(RejectionCode.NUMBERS_GO_BACK, stream="/force", sample=499):
+        build_trial(_recorded()[0], _changed("/force", sample_numbers=numbers), "a.mcap", "hash")

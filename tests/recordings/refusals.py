@@ -1,0 +1,18 @@
+"""Assert the code of an error of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from recordings.errors import RecordingCode, RecordingError
+
+
+@contextmanager
+def refused(code: RecordingCode) -> Iterator[None]:
+    """The block raises a RecordingError with this code."""
+    with pytest.raises(RecordingError) as caught:
+        yield
+    assert caught.value.code is code

@@ -1,0 +1,45 @@
+"""Documents of OpenSim 2 and 3 that OpenSim need not have converted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver.errors import SolverCode
+from solver.model import Model
+from solver.osim.reader import read_osim
+from tests.solver.osim.opensim_3 import opensim_3_document
+from tests.solver.refused import refused
+
+
+def read(folder: Path, *exchanged: tuple[str, str]) -> Model:
+    document = opensim_3_document()
+    for old, new in exchanged:
+        assert old in document
+        document = document.replace(old, new)
+    file = folder / "earlier.osim"
+    file.write_text(document, encoding="utf-8")
+    return read_osim(file)
+
+
+def test_bodies_bring_their_joints_and_joints_follow_their_parents(tmp_path: Path) -> None:
+    model = read(tmp_path)
+    assert [body.name for body in model.bodies] == ["ground", "lower", "upper"]
+    assert [(joint.name, joint.parent, joint.child) for joint in model.joints] == [("first", 0, 2), ("second", 2, 1)]
+    assert model.coordinate_names == ("a", "b", "c")
+    np.testing.assert_array_equal(model.joints[0].frame_in_parent.translation, (0.123457, 0.2, -0.1))
+    np.testing.assert_array_equal(np.diag(model.bodies[1].inertia), (0.0212346, 0.015, 0.018))
+
+
+def test_a_disabled_constraint_is_refused(tmp_path: Path) -> None:
+    disabled = '<CoordinateCouplerConstraint name="couple"><isDisabled>true'
+    with refused(SolverCode.UNSUPPORTED, naming="isEnforced"):
+        read(tmp_path, ('<CoordinateCouplerConstraint name="couple"><isDisabled>false', disabled))
+
+
+def test_a_body_without_a_joint_and_a_loop_are_refused(tmp_path: Path) -> None:
+    with refused(SolverCode.MALFORMED, naming="Body lower has 0 joints"):
+        read(tmp_path, ('<PinJoint name="second">', "<!--"), ("</PinJoint>", "-->"))
+    with refused(SolverCode.UNSUPPORTED):
+        read(tmp_path, ("<parent_body>ground</parent_body>", "<parent_body>lower</parent_body>"))

@@ -1,0 +1,171 @@
+"""Drawn people: zero scores are the assessed person, cuffs reuse the problem, and every source acts as declared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import solver.uncertainty.people
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.motion import differentiate
+from solver.multibody.constraints import constraint_gaps
+from solver.multibody.postures import postures
+from solver.raise_arm import simulate_arm_raise
+from solver.suit.assessment import assess
+from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion, prepare_suited_motion
+from solver.suit.suit import read_suit
+from solver.suit.uncertainty import DrawSettings
+from solver.uncertainty.factors import columns_of, normal_scores, unit_sample
+from solver.uncertainty.people import PeopleCase, solve_people
+from solver.uncertainty.sources import BodySpread, DonningSpread, MuscleSpread, UncertaintySources
+from solver.uncertainty.varied_model import covariance_root, varied_cuff, varied_model, varied_suit
+from solver.uncertainty.varied_motion import prepare_motion_draws, varied_motion
+
+MODEL = bundled_model()
+MOTION = differentiate(simulate_arm_raise(MODEL))
+SUIT = replace(read_suit(), rest_lengths=np.linspace(0.63, 0.87, 9), reference_rest_length=0.75)
+WAIST = CuffParameters("waist", "waist", 2140.0, 124.0, 0.015)
+COVARIANCE = np.array([[100.0**2, 0.6 * 100 * 10, 0.0], [0.6 * 100 * 10, 10.0**2, 0.0], [0.0, 0.0, 0.002**2]])
+HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.015, COVARIANCE)
+PLACES = (("rigid", None), *((condition, "hand") for condition in CUFF_CONDITIONS))
+EVERY = 60
+CASE = PeopleCase(
+    LoadedMotion(MODEL, MOTION),
+    SUIT,
+    WAIST,
+    (HAND,),
+    UncertaintySources(),
+    dict.fromkeys(PLACES, (0.70, 0.80)),
+    EVERY,
+)
+SCORES = normal_scores(unit_sample(CASE.factors, 3, "latin_hypercube", seed=1))
+CUFF_COLUMNS = columns_of(CASE.factors, ("fit.hand", "donning.hand", "donning.waist", "cord_stiffness"))
+
+
+def of_muscles(model, name):
+    return np.array([getattr(muscle, name) for muscle in model.muscles])
+
+
+FIBERS = of_muscles(MODEL, "optimal_fiber_length")
+
+
+@pytest.fixture(scope="module")
+def people():
+    return solve_people(CASE, np.vstack([np.zeros(SCORES.shape[1]), SCORES]), workers=1)
+
+
+def test_zero_scores_are_the_assessment_with_the_fitted_cuffs(people):
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY, draws=DrawSettings(count=0))
+    for curve in found.curves:
+        reading = people[curve.condition, curve.cuff]
+        assert reading.at_reference[0] == pytest.approx(curve.figures["at_reference"].value, abs=1e-9)
+        assert reading.cord_force[0] == pytest.approx(curve.figures["cord_force"].value, abs=1e-9)
+        assert reading.rest_length[0] == pytest.approx(curve.figures["rest_length"].value, abs=2e-3)
+        assert reading.lowest_cost[0] == pytest.approx(curve.figures["lowest_cost"].value, abs=1e-3)
+
+
+def test_people_differ_and_each_is_solved(people):
+    for reading in people.values():
+        assert np.isfinite(reading.at_reference).all()
+        assert np.isfinite(reading.rest_length).all()
+        assert len(np.unique(reading.at_reference)) == 4
+
+
+def test_people_with_other_cuffs_share_the_problem_and_the_result_is_that_of_solving_them_alone(monkeypatch):
+    scores = np.zeros_like(SCORES)
+    scores[:, CUFF_COLUMNS] = SCORES[:, CUFF_COLUMNS]
+    prepared = []
+    monkeypatch.setattr(
+        solver.uncertainty.people,
+        "prepare_suited_motion",
+        lambda *given: prepared.append(given) or prepare_suited_motion(*given),
+    )
+    assert CASE.longest_cord > 0.7  # computed once, before the count
+    prepared.clear()
+    together = solve_people(CASE, scores, workers=1)
+    assert len(prepared) == 1
+    alone = solve_people(CASE, scores[[2]], workers=1)
+    assert together["both", "hand"].at_reference[2] == alone["both", "hand"].at_reference[0]
+    assert len(np.unique(together["both", "hand"].at_reference)) == 3
+    assert np.ptp(together["shift", "hand"].rest_length) > 1e-4
+
+
+def test_an_optimum_outside_the_rest_lengths_is_sought_further(people):
+    short = replace(CASE, spans=dict.fromkeys(PLACES, (0.60, 0.70)))
+    found = solve_people(short, np.zeros((1, SCORES.shape[1])), workers=1)
+    for place, reading in found.items():
+        assert reading.rest_length[0] == pytest.approx(people[place].rest_length[0], abs=2e-3)
+
+
+def test_a_person_without_a_solution_is_unknown_and_the_others_are_not(people):
+    scores = np.zeros((2, SCORES.shape[1]))
+    scores[1, columns_of(CASE.factors, ("donning.hand",))] = 20.0  # migrates beyond the shoulder point
+    found = solve_people(CASE, scores, workers=1)["both", "hand"]
+    assert found.at_reference[0] == people["both", "hand"].at_reference[0]
+    assert np.isnan(found.at_reference[1]) and np.isnan(found.reduction[1]).all()
+
+
+def test_a_drawn_cuff_has_the_covariance_of_the_fit_and_the_spread_of_donnings():
+    root = covariance_root(COVARIANCE)
+    np.testing.assert_allclose(root @ root.T, COVARIANCE, rtol=1e-12)
+    score = np.array([1.0, -1.0, 2.0])
+    donned = varied_cuff(HAND, CASE.sources.fit, DonningSpread(0.1, 0.2, 0.3), {"donning.hand": score})
+    assert donned.stiffness == pytest.approx(8520 * np.exp(0.1))
+    assert donned.damping == pytest.approx(210 * np.exp(-0.2))
+    assert donned.migration == pytest.approx(0.015 * np.exp(0.6))
+
+
+def test_a_larger_body_has_a_longer_cord_and_muscles_and_heavier_segments():
+    scores = {"size": np.ones(1), "segment_mass": np.array([1.0, 0.0, 0.0])}
+    body = BodySpread(size=0.05, segment_mass=0.1)
+    model, suit = varied_model(MODEL, body, MuscleSpread(), scores), varied_suit(SUIT, body, scores)
+    own = prepare_suited_motion(LoadedMotion(model, MOTION), suit, EVERY).line.length
+    assert own / prepare_suited_motion(CASE.motion, SUIT, EVERY).line.length == pytest.approx(np.exp(0.05), abs=1e-9)
+    humerus = MODEL.body_index("humerus")
+    assert model.bodies[humerus].mass / MODEL.bodies[humerus].mass == pytest.approx(np.exp(3 * 0.05 + 0.1))
+    ratios = [
+        a.optimal_fiber_length / b.optimal_fiber_length for a, b in zip(model.muscles, MODEL.muscles, strict=True)
+    ]
+    np.testing.assert_allclose(ratios, np.exp(0.05), rtol=2e-3)
+
+
+def test_muscle_parameters_have_their_own_factor_and_the_common_strength():
+    single = np.zeros(len(MODEL.muscles))
+    single[4] = 2.0
+    scores = {"strength": np.ones(1), "max_isometric_force": single, "tendon_slack_length": single}
+    model = varied_model(MODEL, BodySpread(), MuscleSpread(), scores)
+    strengths = of_muscles(MODEL, "max_isometric_force")
+    np.testing.assert_allclose(of_muscles(model, "max_isometric_force"), strengths * np.exp(0.2 + 0.15 * single))
+    tendons = of_muscles(MODEL, "tendon_slack_length")
+    np.testing.assert_allclose(of_muscles(model, "tendon_slack_length"), tendons * np.exp(0.03 * single))
+
+
+def test_an_error_of_posture_keeps_the_joints_together_and_has_its_size():
+    generator = np.random.default_rng(5)
+    draws = prepare_motion_draws(MODEL, MOTION, ())
+    scores = {"posture": generator.standard_normal(17), "noise": np.ones(1)}
+    found = varied_motion(draws, CASE.sources.motion, scores)
+    gaps = [
+        constraint_gaps(MODEL, postures(MODEL, motion.positions, np.zeros_like(motion.positions)))
+        for motion in (MOTION, found)
+    ]
+    assert np.abs(gaps[1] - gaps[0]).max() < 1e-3
+    elevation = MODEL.coordinate_index("shoulder_elv")
+    error = (found.positions - MOTION.positions)[:, elevation]
+    assert error.mean() == pytest.approx(0.0436 * scores["posture"][elevation], abs=1e-3)
+    assert error.std() == pytest.approx(0.0035, rel=0.5)
+
+
+def test_a_slower_cycle_has_lower_speeds_and_accelerations():
+    found = varied_motion(prepare_motion_draws(MODEL, MOTION, ()), CASE.sources.motion, {"duration": np.ones(1)})
+    np.testing.assert_allclose(found.speeds, MOTION.speeds / np.exp(0.1))
+    np.testing.assert_allclose(found.accelerations, MOTION.accelerations / np.exp(0.2))
+    assert found.time[-1] == pytest.approx(MOTION.time[-1] * np.exp(0.1))
+
+
+def test_a_score_chooses_among_the_drawn_motions():
+    other = replace(MOTION, positions=MOTION.positions + 0.01)
+    draws = prepare_motion_draws(MODEL, MOTION, (MOTION, other))
+    assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([-1.0])}) is MOTION
+    assert varied_motion(draws, CASE.sources.motion, {"drawn_motion": np.array([6.0])}) is other

@@ -1,0 +1,56 @@
+"""Total uncertainty: people are shifted to the assessment's figures, and the cuffs are decided on."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from solver.suit.decision import DecisionOutcome, DecisionRule
+from solver.suit.quantity import Quantity
+from solver.suit.readouts import CurveReadouts
+from solver.uncertainty.people import person_spans
+from solver.uncertainty.total import total_uncertainty
+from tests.solver.uncertainty.test_people import CASE, EVERY, HAND, SUIT, WAIST, DrawSettings, assess, people  # noqa: F401
+
+
+@pytest.fixture(scope="module")
+def assessment():
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY, draws=DrawSettings(count=0))
+    return replace(found, curves=tuple(shifted(curve, 0.01) for curve in found.curves))
+
+
+def shifted(curve, by):
+    """As of an assessment on more frames."""
+    value = curve.figures["at_reference"].value + by
+    return replace(curve, figures={**curve.figures, "at_reference": Quantity(value)})
+
+
+def test_intervals_are_of_the_people_about_the_figures_of_the_assessment(assessment, people):  # noqa: F811
+    total = total_uncertainty(assessment, people, EVERY, DecisionRule())
+    assert (total.people, total.solved) == (3, 3)
+    for curve in assessment.curves:
+        figure, drawn = total.figures[curve.condition, curve.cuff]["at_reference"], people[curve.condition, curve.cuff]
+        assert figure.value == curve.figures["at_reference"].value
+        ends = np.quantile(drawn.at_reference[1:] + 0.01, [0.025, 0.975])
+        expected = min(ends[0], figure.value), max(ends[1], figure.value)
+        assert figure.ci95 == pytest.approx(expected, abs=1e-9)
+        assert set(total.reduction[curve.condition, curve.cuff]) == set(curve.reduction)
+
+
+def test_one_cuff_alone_is_no_choice_and_too_many_unknown_people_leave_no_interval(assessment, people):  # noqa: F811
+    unknown = {
+        place: CurveReadouts(**{f.name: np.where([1, 1, 0, 0], getattr(r, f.name).T, np.nan).T for f in fields(r)})
+        for place, r in people.items()
+    }
+    assert total_uncertainty(assessment, people, EVERY, DecisionRule()).decisions["at_best"].outcome == "only_cuff"
+    total = total_uncertainty(assessment, unknown, EVERY, DecisionRule())
+    assert total.decisions["at_reference"].outcome is DecisionOutcome.UNKNOWN
+    assert total.figures["both", "hand"]["at_reference"].ci95 is None
+    assert total.solved == 1
+
+
+def test_rest_lengths_of_people_are_around_the_optimum_or_all():
+    optima = {("both", "hand"): (0.7, 0.05), ("rigid", None): (None, None)}
+    spans = person_spans(SUIT, optima, {("both", "hand"): 0.02, ("rigid", None): 0.0})
+    assert spans["both", "hand"] == pytest.approx((0.67, 0.77))
+    assert spans["rigid", None] == pytest.approx((0.63, 0.87))

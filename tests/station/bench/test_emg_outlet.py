@@ -1,0 +1,100 @@
+"""A trial with an EMG amplifier that has a clock of its own beside DAQ and mocap system."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.lsl import LslEmg
+from drivers.nidaq import NiDaq
+from recordings.manifest import BodyMarkers, CuffSite
+from recordings.samples import Samples, Stream
+from station.bench.devices import devices_for
+from station.bench.simulation import simulator_settings
+from station.clock import ManualClock
+from station.config import parse_config
+from station.messages.codes import TrialCode
+from tests.drivers.pytest_on_loopback import run_on_loopback
+from tests.station.bench_by_hand import STREAMS, Bench
+
+EMG = Stream("/emg", "uV", ("a", "b"), 100.0, "LSL outlet amp at pc")
+LSL_CONFIG = {"emg": {"source": "lsl", "stream": "amp", "sync_channel": "t"}, "body": {"markers": ["a", "b", "c"]}}
+
+
+class BenchWithAmplifier(Bench):
+    """The amplifier's clock reads ahead_s when the bench's reads 0."""
+
+    def __init__(self, ahead_s: float) -> None:
+        super().__init__()
+        self.ahead_s, self.emg_sends, self._sent = ahead_s, True, 0
+
+    def arm(self) -> Bench:
+        owners = {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM", "/emg": "LSL amp"}
+        self.trial.arm([*STREAMS, EMG], owners)
+        return self
+
+    def send_daq(self, volts: np.ndarray) -> None:
+        super().send_daq(volts)
+        if self.emg_sends:
+            numbers = np.arange(self._sent, self._sent + 10, dtype=np.uint64)
+            self._sent += 10
+            times = numbers.astype(np.int64) * 10_000_000 + int(self.ahead_s * 1e9)
+            self.trial.handle(Samples("/emg", numbers, times, self.clock.utc_ns(), np.zeros((10, 2))))
+
+
+@pytest.mark.parametrize("ahead_s", [-500.0, 0.0, 1e6])
+def test_emg_before_the_edge_is_kept_with_any_clock_of_the_amplifier(ahead_s: float) -> None:
+    bench = BenchWithAmplifier(ahead_s)
+    bench.arm()
+    bench.run(6.0)
+    bench.start_capture()
+    bench.run(2.0)
+    numbers = np.concatenate([block.sample_numbers for block in bench.writer.samples("/emg")])
+    assert (np.diff(numbers) == 1).all()
+    assert 400 <= 600 - int(numbers[0]) + 200 <= 520, (
+        "two seconds of pre-roll, at most one more, and two since the edge"
+    )
+
+
+def test_the_end_of_an_earlier_capture_keeps_the_emg() -> None:
+    bench = BenchWithAmplifier(-500.0)
+    bench.level = 5.0
+    bench.arm()
+    bench.run(1.0)
+    bench.level = 0.0
+    bench.run(1.0)
+    bench.start_capture()
+    bench.run(1.0)
+    assert int(bench.writer.samples("/emg")[0].sample_numbers[0]) == 0
+
+
+def test_an_amplifier_that_falls_silent_ends_the_trial() -> None:
+    bench = BenchWithAmplifier(10.0)
+    bench.arm()
+    bench.run(3.0)
+    bench.start_capture()
+    bench.run(2.0)
+    bench.emg_sends = False
+    bench.run(4.0)
+    assert bench.codes[0] is TrialCode.DEVICE_SILENT
+    assert "LSL outlet amp at pc sent nothing on /emg" in bench.trial.sentence
+
+
+def test_an_outlet_is_a_device_of_the_wearer_s_trials_only(tmp_path: Path) -> None:
+    config, clock = parse_config(LSL_CONFIG, "test"), ManualClock()
+    cuff = CuffSite("hand", "arm", ("a", "b", "c"), ("d",))
+    of_wearer, of_cuff, of_check = (
+        [type(device.device) for device in devices_for(config, subject, clock, tmp_path)]
+        for subject in (BodyMarkers(("a", "b", "c")), cuff, None)
+    )
+    assert of_wearer == of_check
+    assert of_wearer[0] is NiDaq and of_wearer[-1] is LslEmg
+    assert LslEmg not in of_cuff
+    assert simulator_settings(config)["wiring"]["emg"] == {}, "the simulated bench has no outlet"
+
+
+@pytest.mark.slow
+def test_emg_of_another_process_is_recorded_with_a_motion_and_reaches_its_fit(tmp_path: Path) -> None:
+    run_on_loopback("tests/station/bench/emg_outlet_on_loopback.py", "test_", tmp_path)

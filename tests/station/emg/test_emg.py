@@ -1,0 +1,228 @@
+"""station emg, on the command line: from EMG, MVC and activations to envelopes, shapes, change and report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.emg.channels import ChannelFinding
+from fitting.emg.shape import ShapeOutcome
+from fitting.results.codes import FitErrorCode
+from solver.motion import read_table
+from station.assessment.emg import read_emg
+from station.emg.emg_json import EmgDocument, read_emg_document
+from station.emg.trials import EmgFileError
+from station.messages.emg_codes import EmgCode
+from tests.station.command import Ran, assert_one_sentence
+from tests.station.emg.measured import (
+    levels,
+    write_activations,
+    write_emg,
+    write_mvc,
+    write_setup,
+)
+from tests.station.refusal import refused
+
+Station = Callable[..., Ran]
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three repeats in the suit, and three without it with 1.5 times the activation."""
+    folder = tmp_path_factory.mktemp("emg")
+    for i, spread in enumerate((0.95, 1.0, 1.05)):
+        write_emg(folder / f"suit{i}.csv", levels(spread), seed=i)
+        write_emg(folder / f"bare{i}.csv", levels(1.5 * spread), seed=10 + i)
+    write_activations(folder / "suit.csv.act.csv")
+    write_activations(folder / "bare.csv.act.csv", scale=1.25)
+    write_mvc(folder / "mvc.csv")
+    write_setup(folder / "emg.toml")
+    return folder
+
+
+def arguments(lab: Path, output: Path, *, repeats: int = 3, mvc: bool = True) -> list[object]:
+    words: list[object] = [lab / f"suit{i}.csv" for i in range(repeats)]
+    for i in range(repeats):
+        words += ["--activations", lab / "suit.csv.act.csv", "--reference", lab / f"bare{i}.csv"]
+        words += ["--reference-activations", lab / "bare.csv.act.csv"]
+    return [*words, *(["--mvc", lab / "mvc.csv"] if mvc else []), "--setup", lab / "emg.toml", "--output", output]
+
+
+def run(station: Station, lab: Path, output: Path, **options: object) -> tuple[Ran, EmgDocument]:
+    ran = station("emg", *arguments(lab, output, **options))  # type: ignore[arg-type]
+    assert ran.code == 0, ran.err
+    return ran, read_emg_document(output / "emg.json")
+
+
+def test_shape_level_and_change_are_those_that_were_simulated(station: Station, lab: Path, tmp_path: Path) -> None:
+    ran, document = run(station, lab, tmp_path)
+    trials = [trial for trial in document.trials if trial.condition == "condition"]
+    for channel in (channel for trial in trials for channel in trial.channels):
+        assert channel.shape is not None
+        assert channel.shape.outcome is ShapeOutcome.COMPARED
+        low, high = channel.shape.lag_s.ci95 or (1, -1)
+        assert low <= 0.05 <= high
+        assert (channel.shape.correlation.value or 0) > 0.95
+    truth = levels().mean(axis=0)  # of full activation; the largest half second of an MVC is above its mean
+    assert [channel.mean for channel in trials[1].channels] == pytest.approx(list(truth), rel=0.15)
+    assert document.level_unit == "1"
+    for change in document.changes:
+        low, high = change.emg_ratio.ci95 or (1, 0)
+        assert low <= 1 / 1.5 <= high
+        assert change.model_ratio.value == pytest.approx(0.8)
+        assert (change.repeats, change.repeat_units) == ([3, 3], ["trial", "trial"])
+    for pooled in document.pooled:
+        low, high = pooled.lag_s.ci95 or (1, -1)
+        assert (pooled.trials, pooled.trials_of_lag) == (3, 3)
+        assert low <= 0.05 <= high
+    assert [(pooled.condition, pooled.channel) for pooled in document.pooled] == [
+        (condition, channel) for condition in ("condition", "reference") for channel in ("delt_ant", "serratus")
+    ]
+    assert "suit0" in ran.out
+
+
+def test_envelopes_and_change_are_read_by_the_next_stage(station: Station, lab: Path, tmp_path: Path) -> None:
+    ran, _ = run(station, lab, tmp_path)
+    names, table, _ = read_table(tmp_path / "suit1_emg.sto")
+    assert names == ["time", "delt_ant", "serratus"]
+    np.testing.assert_allclose(np.diff(table[:, 0]), 0.01, rtol=1e-6)
+    assert 0.3 < table[:, 1].max() < 0.5
+    assert "unit=fraction of the MVC" in (tmp_path / "suit1_emg.sto").read_text()
+    measured = read_emg(
+        tmp_path / "emg_change.csv", ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
+    )
+    assert [row.muscle for row in measured] == ["DeltoideusClavicle_A", "SerratusAnterior_I", "SerratusAnterior_M"]
+    assert measured[0].reduction_percent == pytest.approx(100 / 3, abs=8)
+    assert ran.out.count("_emg.sto") == 6
+
+
+def test_without_an_mvc_there_is_no_level_in_percent_and_one_repeat_has_no_interval(
+    station: Station, lab: Path, tmp_path: Path
+) -> None:
+    """Volts, in the file as in the table; shapes, lags and ratios stay what they are."""
+    _, document = run(station, lab, tmp_path, repeats=1, mvc=False)
+    assert document.level_unit == "V"
+    assert "unit=V" in (tmp_path / "suit0_emg.sto").read_text()
+    assert (document.trials[0].channels[0].mean or 0) < 1e-3
+    assert [change.emg_ratio.ci95 for change in document.changes] == [None, None]
+    assert not (tmp_path / "emg_change.csv").exists()
+
+
+def test_the_report_has_a_section_on_emg_and_only_then(station: Station, lab: Path, tmp_path: Path) -> None:
+    run(station, lab, tmp_path)
+    assert station("report", tmp_path).code == 0
+    page = (tmp_path / "report.html").read_text()
+    assert page.count('<a id="emg">') == 1
+    assert page.count("<figcaption>") == 7  # six trials and the change
+    assert "emg.json" in json.loads(page.split('id="inputs">')[1].split("</script>")[0])
+
+
+def test_a_clipped_channel_is_left_out_by_name(station: Station, lab: Path, tmp_path: Path) -> None:
+    lines = (lab / "suit0.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    clipped = [f"{time},{min(float(first), 0.2)},{second}" for time, first, second in rows]
+    (tmp_path / "suit0.csv").write_text("\n".join([lines[0], *clipped]))
+    ran = station(
+        "emg", tmp_path / "suit0.csv", "--activations", lab / "suit.csv.act.csv", "--setup", lab / "emg.toml",
+        "--output", tmp_path,
+    )  # fmt: skip
+    assert ran.code == 3
+    first, second = read_emg_document(tmp_path / "emg.json").trials[0].channels
+    assert (first.findings, first.mean, first.shape) == ([ChannelFinding.CLIPPED], None, None)
+    assert second.shape is not None
+    assert read_table(tmp_path / "suit0_emg.sto")[0] == ["time", "serratus"]
+
+
+def test_a_channel_without_mvc_is_compared_by_shape_and_has_no_level(
+    station: Station, lab: Path, tmp_path: Path
+) -> None:
+    write_setup(tmp_path / "emg.toml", (lab / "emg.toml").read_text().replace('_A"]', '_A"], maximum = 4e-4'))
+    ran = station(
+        "emg", lab / "suit1.csv", "--activations", lab / "suit.csv.act.csv", "--setup", tmp_path / "emg.toml",
+        "--output", tmp_path,
+    )  # fmt: skip
+    first, second = read_emg_document(tmp_path / "emg.json").trials[0].channels
+    assert (ran.code, second.findings, second.mean) == (0, [ChannelFinding.NO_MVC], None)
+    assert second.shape is not None
+    assert first.mean == pytest.approx(levels()[:, 0].mean(), rel=0.1)  # 0.4 mV is the mean of |EMG| at 0.5 mV
+    assert read_table(tmp_path / "suit1_emg.sto")[0] == ["time", "delt_ant"]
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "code"),
+    [
+        (
+            ["suit0.csv", "--activations", "suit.csv.act.csv", "--activations", "bare.csv.act.csv"],
+            2,
+            EmgCode.ACTIVATIONS_COUNT,
+        ),
+        (["suit0.csv", "--setup", "near.toml"], 2, EmgCode.UNKNOWN_CHANNEL),
+        (["suit0.csv", "--setup", "far.toml", "--activations", "suit.csv.act.csv"], 2, EmgCode.UNKNOWN_MUSCLE),
+        (["suit0.csv", "--activations", "suit.csv.act.csv"], 2, EmgCode.NO_COMMON_CHANNEL),
+        (["suit0.csv", "suit0.csv"], 2, EmgCode.SAME_NAME),
+        (["slow.csv"], 1, FitErrorCode.EMG_RATE),
+        (["flat.csv"], 1, FitErrorCode.EMG_NO_CHANNEL),
+        (["suit0.csv", "--mvc", "unknown.csv"], 2, EmgCode.MIXED_UNITS),
+        (["suit0.csv", "--setup", "emg.toml", "--activations", "late.csv"], 1, FitErrorCode.EMG_OTHER_TIME),
+        (["none.csv"], 1, ""),
+    ],
+)
+def test_bad_input_is_refused_and_nothing_is_written(
+    station: Station,
+    lab: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    exit_code: int,
+    code: str,
+) -> None:
+    monkeypatch.chdir(lab)
+    write_setup(lab / "near.toml", '[channels]\ndelt_anterior = { muscles = ["DeltoideusClavicle_A"] }\n')
+    write_setup(lab / "far.toml", '[channels]\nserratus = { muscles = ["SerratusAnterior_S"] }\n')
+    slow = "".join(f"{i / 200},{np.sin(i)}\n" for i in range(400))
+    (lab / "slow.csv").write_text("time,AD [V]\n" + slow)
+    (lab / "flat.csv").write_text("time,AD [V]\n" + "".join(f"{i / 1000},0.5\n" for i in range(1000)))
+    write_emg(lab / "unknown.csv", levels(), seed=5, titles=("delt_ant", "serratus"))
+    write_activations(lab / "late.csv", start=100.0)
+    ran = station("emg", *words, "--output", tmp_path / "out")
+    assert_one_sentence(ran, exit_code)
+    assert ran.error == code
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key"),
+    [
+        ('"format": 1', '"format": 2', "format"),
+        ('"time_s": [', '"time_s": [0.0,', "time_s"),
+        ('"hum"', '"noisy"', "trials.0.channels.0.findings.0"),
+        ("{", "", "JSON"),
+    ],
+)
+def test_a_malformed_emg_json_is_refused_with_its_key(
+    station: Station, lab: Path, tmp_path: Path, before: str, after: str, key: str
+) -> None:
+    run(station, lab, tmp_path, repeats=1)
+    path = tmp_path / "emg.json"
+    text = path.read_text().replace('"findings": []', '"findings": ["hum"]', 1)
+    path.write_text(text.replace(before, after, 1))
+    with refused(EmgFileError, EmgCode.WRONG_DOCUMENT) as caught:
+        read_emg_document(path)
+    assert key in caught.value.cause.figures["reason"]
+    assert station("report", tmp_path).code == 1
+
+
+def test_a_channel_s_name_of_any_kind_reaches_table_and_figure(station: Station, lab: Path, tmp_path: Path) -> None:
+    write_emg(tmp_path / "odd.csv", levels(), seed=3, titles=('"M, left $x_{$ [mV]"', '"M; left $x_{$ [mV]"'))
+    write_setup(tmp_path / "emg.toml", "[channels]\n'M, left $x_{$' = { muscles = ['BIC_long'] }\n")
+    ran = station(
+        "emg", tmp_path / "odd.csv", "--activations", lab / "suit.csv.act.csv", "--setup", tmp_path / "emg.toml",
+        "--output", tmp_path / "out",
+    )  # fmt: skip
+    assert ran.code == 0, ran.err
+    assert read_table(tmp_path / "out" / "odd_emg.sto")[0] == ["time", "M_left_$x_{$", "M_left_$x_{$_2"]
+    assert station("report", tmp_path / "out").code == 0

@@ -1,0 +1,168 @@
+"""Markers that do not go with the model: a code and a sentence, and nothing is written; odd ones are findings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings.exchange.tables import MarkerTable
+from recordings.exchange.trc import read_trc, write_trc
+from solver.bundled import bundled_model
+from station.kinematics.ik import IkInputs, solve_postures
+from station.kinematics.marker_file import KinematicsError
+from station.kinematics.scale import ScaleInputs, scale_body
+from station.messages.codes import KinematicsCode
+from tests.station.kinematics.test_ik import run, trial
+from tests.station.kinematics.test_scale import PAIR, SETUP, on_humerus
+
+Change = Callable[[MarkerTable], MarkerTable]
+NAMES = [marker.name for marker in bundled_model().markers]
+
+
+def mirrored(table: MarkerTable) -> MarkerTable:
+    return replace(table, positions=table.positions * [1.0, 1.0, -1.0])
+
+
+def halved(table: MarkerTable) -> MarkerTable:
+    positions = table.positions.copy()
+    positions[:, ::2] = np.nan
+    return replace(table, positions=positions)
+
+
+def of_two_persons(table: MarkerTable) -> MarkerTable:
+    """The other one stands 0.6 m beside, and every second label is on his body."""
+    positions = table.positions.copy()
+    positions[:, ::2] += [600.0, 0.0, 200.0]
+    return replace(table, positions=positions)
+
+
+def beside_another_person(table: MarkerTable) -> MarkerTable:
+    labels = [f"{person}_{label}" for person in ("Anna", "Ben") for label in table.labels]
+    positions = np.concatenate([table.positions, table.positions + 500.0], axis=1)
+    return replace(table, labels=tuple(labels), positions=positions, residuals=np.zeros(positions.shape[:2]))
+
+
+def twice(table: MarkerTable) -> MarkerTable:
+    both = beside_another_person(table)
+    return replace(both, labels=(*table.labels, *table.labels))
+
+
+def in_metres(table: MarkerTable) -> MarkerTable:
+    return replace(table, positions=1e-3 * table.positions)
+
+
+def unknown(table: MarkerTable) -> MarkerTable:
+    return replace(table, labels=tuple(f"M{k}" for k in range(len(table.labels))))
+
+
+BAD = {
+    mirrored: KinematicsCode.MIRRORED,
+    halved: KinematicsCode.MARKERS_MISSING,
+    of_two_persons: KinematicsCode.NO_FIT,
+    beside_another_person: KinematicsCode.SEVERAL_PERSONS,
+    twice: KinematicsCode.SEVERAL_PERSONS,
+    in_metres: KinematicsCode.WRONG_SIZE,
+    unknown: KinematicsCode.NONE_IN_COMMON,
+}
+
+
+def written(folder: Path, change: Change) -> Path:
+    path = folder / "trial.trc"
+    path.write_text(write_trc(change(read_trc(path, tracked=NAMES)), path.name), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("change", BAD, ids=[change.__name__ for change in BAD])
+def test_markers_that_do_not_go_with_the_model_are_refused_with_a_code(change: Change, tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    with pytest.raises(KinematicsError) as refused:
+        solve_postures(IkInputs("bundled", written(tmp_path, change), None))
+    assert refused.value.code == BAD[change]
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("change", [mirrored, of_two_persons, beside_another_person, unknown])
+def test_a_body_is_not_scaled_by_them_either(change: Change, tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    one = on_humerus()[0]
+    pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name != one)
+    setup = tmp_path / "scale.xml"
+    setup.write_text(SETUP.format(pairs=pairs, axes="Y", range="-1 9"), encoding="utf-8")
+    with pytest.raises(KinematicsError) as refused:
+        scale_body(ScaleInputs(setup, "bundled", written(tmp_path, change)))
+    assert refused.value.code == BAD[change]
+
+
+def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    one, other = on_humerus()[:2]
+
+    def apart(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[:, table.labels.index(other)] += [0.0, -335.0, 0.0]
+        return replace(table, positions=positions)
+
+    setup = tmp_path / "scale.xml"
+    setup.write_text(SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range="-1 9"), encoding="utf-8")
+    with pytest.raises(KinematicsError) as refused:
+        scale_body(ScaleInputs(setup, "bundled", written(tmp_path, apart)))
+    assert refused.value.code == KinematicsCode.WRONG_FACTOR
+
+
+def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, capsys, monkeypatch) -> None:
+    trial(tmp_path, frames=8)
+    path = written(tmp_path, mirrored)
+    code, told = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert code == 1
+    assert len(told.strip().splitlines()) == 1
+    assert [each.name for each in tmp_path.iterdir()] == ["trial.trc"]
+
+
+def test_markers_exchanged_for_two_tenths_of_a_second_are_a_finding_and_code_3(
+    tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=60)
+    one, other = (NAMES.index(name) for name in ("EpL", "ai"))
+
+    def exchanged(table: MarkerTable) -> MarkerTable:
+        positions = table.positions.copy()
+        positions[20:40, [one, other]] = table.positions[20:40, [other, one]]
+        return replace(table, positions=positions)
+
+    path = written(tmp_path, exchanged)
+    code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert code == 3
+    report = json.loads((tmp_path / "q_ik.json").read_text(encoding="utf-8"))
+    (found,) = [each["figures"] for each in report["findings"] if each["code"] == KinematicsCode.EXCHANGED]
+    assert {found["one"], found["other"]} == {"EpL", "ai"}
+    assert (found["from_s"], found["to_s"]) == pytest.approx((0.2, 0.4))
+
+
+def test_a_prefix_chooses_one_of_two_persons_and_the_only_one_is_taken_off(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    alone = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None))
+    path = written(tmp_path, beside_another_person)
+    chosen = solve_postures(IkInputs("bundled", path, None, prefix="Anna_"))
+    np.testing.assert_allclose(chosen.solution.coordinates, alone.solution.coordinates, atol=1e-9)
+
+    trial(tmp_path, frames=8)
+    path = written(tmp_path, lambda table: replace(table, labels=tuple(f"Anna_{label}" for label in table.labels)))
+    only = solve_postures(IkInputs("bundled", path, None))
+    np.testing.assert_allclose(only.solution.coordinates, alone.solution.coordinates, atol=1e-9)
+    assert any("Anna_" in note for note in only.notes)
+
+
+def test_a_file_with_z_up_is_a_finding_and_is_turned_on_request(tmp_path: Path) -> None:
+    trial(tmp_path, frames=8)
+    alone = solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None))
+    path = written(tmp_path, lambda table: replace(table, positions=table.positions[:, :, [2, 0, 1]]))
+    lying = solve_postures(IkInputs("bundled", path, None))
+    assert KinematicsCode.TILTED in {finding.code for finding in lying.findings}
+    upright = solve_postures(IkInputs("bundled", path, None, vertical="z"))
+    assert KinematicsCode.TILTED not in {finding.code for finding in upright.findings}
+    np.testing.assert_allclose(upright.solution.cost, alone.solution.cost, atol=1e-12)

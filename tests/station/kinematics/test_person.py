@@ -1,0 +1,133 @@
+"""station scale without a set-up: from all trials of a person to a model, a set-up and a record."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.subject_body import BODY_MASS, HELD_MASS, joint_force_error, renamed_generic
+from recordings.exchange.tables import MarkerTable
+from recordings.exchange.trc import read_trc, write_trc
+from solver.inverse_kinematics.solve import solve_inverse_kinematics
+from solver.osim.ik_setup import read_ik_setup
+from solver.osim.reader import read_osim
+from solver.osim.writer import osim_document
+from solver.personalisation.coverage import CoverageCode
+from station.kinematics.ik import IkInputs, solve_postures
+from station.kinematics.person import PersonInputs, measure_person
+from station.kinematics.person_findings import PersonError
+from station.messages.person_codes import PersonCode
+from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
+from tests.solver.references import SHARED
+from tests.station.kinematics.test_ik import run as run_verb
+
+SUBJECT = SHARED / "subject"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A generic model with the markers of the simulated person, and two of his trials."""
+    import xml.etree.ElementTree as Xml
+
+    folder = tmp_path_factory.mktemp("person")
+    Xml.ElementTree(osim_document(replace(MODEL, markers=(*MODEL.markers, *MARKERS)))).write(folder / "generic.osim")
+    for name, observed in zip(("raise", "reach"), draw_person(11, scatter=0.3).trials, strict=True):
+        frames = len(observed)
+        labels = tuple(marker.name for marker in MARKERS)
+        time = np.arange(frames) / 20
+        table = MarkerTable(labels, 20.0, time, 1e3 * observed, np.zeros(observed.shape[:2]))
+        (folder / f"{name}.trc").write_text(write_trc(table, f"{name}.trc"), encoding="utf-8")
+    return folder
+
+
+def words(folder: Path, *more: object) -> tuple[object, ...]:
+    trials = ("--markers", folder / "raise.trc", "--markers", folder / "reach.trc")
+    return ("--model", folder / "generic.osim", *trials, "--output", folder / "person.osim", *more)
+
+
+def test_a_person_is_written_with_the_set_up_and_the_record(folder: Path, capsys, monkeypatch) -> None:
+    code, told = run_verb(capsys, monkeypatch, *words(folder, "--body-mass", 70, "--held-mass", 2), verb="scale")
+    assert code == 0, told
+    person, setup = read_osim(folder / "person.osim"), read_ik_setup(folder / "person-ik.xml")
+    masses = {body.name: body.mass for body in person.bodies}
+    assert masses["humerus"] == pytest.approx(70 * 0.0263)
+    assert masses["held_load"] == 2.0
+    record = json.loads((folder / "person-body.json").read_text(encoding="utf-8"))
+    assert [trial["name"] for trial in record["trials"]] == ["raise", "reach"]
+    sizes = {size["name"]: size for size in record["sizes"]}
+    assert 0 < sizes["upper arm"]["standard_error"] < sizes["upper arm"]["prior_standard_deviation"]
+    observed = draw_person(11, scatter=0.3).trials[0]
+    tasks = setup.tasks(person, [marker.name for marker in MARKERS], np.zeros(len(observed)))
+    columns = [[marker.name for marker in MARKERS].index(marker.name) for marker in tasks.markers]
+    solution = solve_inverse_kinematics(person, observed[:, columns], tasks)
+    rms = 1e3 * float(np.sqrt(np.mean(solution.residuals**2)))
+    assert rms == pytest.approx(record["trials"][0]["marker_rms_mm"], rel=1e-3)
+
+
+def test_a_marker_set_without_a_scapula_is_told_in_body_and_postures(folder: Path, capsys, monkeypatch) -> None:
+    """As the sports sets of camera makers are."""
+    table = read_trc(folder / "raise.trc")
+    kept = [k for k, label in enumerate(table.labels) if not label.startswith("scapula")]
+    labels = tuple(table.labels[k] for k in kept)
+    sports = replace(table, labels=labels, positions=table.positions[:, kept], residuals=table.residuals[:, kept])
+    (folder / "sports.trc").write_text(write_trc(sports, "sports.trc"), encoding="utf-8")
+    files = ("--model", folder / "generic.osim", "--markers", folder / "sports.trc")
+    asked = (*files, "--body-mass", 70, "--output", folder / "sports.osim")
+    code, told = run_verb(capsys, monkeypatch, *asked, verb="scale")
+    assert code == 0, told
+    record = json.loads((folder / "sports-body.json").read_text(encoding="utf-8"))
+    codes = {finding["code"] for finding in record["findings"]}
+    assert CoverageCode.NO_SCAPULA_MARKERS in codes
+    solved = solve_postures(IkInputs(str(folder / "sports.osim"), folder / "sports.trc", folder / "sports-ik.xml"))
+    assert CoverageCode.NO_SCAPULA_MARKERS in {finding.code for finding in solved.findings}
+
+
+@pytest.mark.parametrize(
+    ("more", "said", "exit_code"),
+    [
+        (("--body-mass", 20), "give the person's mass, not the model's", 1),
+        ((), "--body-mass are", 2),
+    ],
+)
+def test_a_mass_that_is_none_leaves_nothing(
+    more: tuple[object, ...], said: str, exit_code: int, folder: Path, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    asked = [tmp_path / "person.osim" if word == folder / "person.osim" else word for word in words(folder, *more)]
+    code, told = run_verb(capsys, monkeypatch, *asked, verb="scale")
+    assert code == exit_code
+    assert said in " ".join(told.split())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("body_mass", "held", "reason"),
+    [(30.0, 2.4, PersonCode.MASS_DOES_NOT_FIT), (84.6, None, PersonCode.HAND_HOLDS_LOAD)],
+)
+def test_a_models_mass_and_a_load_in_a_models_hand_are_refused(
+    body_mass: float, held: float | None, reason: PersonCode
+) -> None:
+    trials = (SUBJECT / "S8R_back.trc",)
+    with pytest.raises(PersonError) as refused:
+        measure_person(PersonInputs(str(SUBJECT / "generic.osim"), trials, body_mass, held))
+    assert refused.value.code == reason.value
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+def test_one_body_for_two_lifts_of_a_patient_agrees_with_the_force_in_his_joint(tmp_path: Path) -> None:
+    """Published weights, circular cone, first lift, nothing locked (Hasan et al. 2025): marker residual [mm], and
+    RMSE of the joint force [% of body weight].
+    """
+    generic = renamed_generic(SUBJECT, tmp_path, is_renamed=True)
+    files = tuple(SUBJECT / f"S8R_{lift}.trc" for lift in ("side", "back"))
+    person = measure_person(PersonInputs(generic, files, BODY_MASS, HELD_MASS))
+    for trial, lift, most in zip(person.trials, ("side", "back"), (40.0, 70.0), strict=True):
+        error = joint_force_error(SUBJECT, lift, person.model, trial.time, trial.postures.coordinates)
+        assert trial.rms < 0.010
+        assert error.rmse < most
+        assert error.correlation > 0.90

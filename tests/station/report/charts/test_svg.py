@@ -1,0 +1,92 @@
+"""Charts as SVG: well-formed, with text, hover titles and classes instead of colours."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from station.report.charts.marks import (
+    Band,
+    Chart,
+    Cloud,
+    Intervals,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Rule,
+    Strip,
+    chart,
+    values,
+)
+from station.report.charts.path import PIECES, curve, dots
+from station.report.charts.svg import draw
+
+MARKS: tuple[Mark, ...] = (
+    Line(values([0, 1, 2]), values([0, 1, 4]), "c1", "hand <both> & more"),
+    Band(values([0, 2]), values([0, 3]), values([1, 5]), "c1", "95 %"),
+    Cloud(values([0, 1]), values([0, 1]), "c2", "measured"),
+    Points(values([1.5]), values([2.0]), "c3", "best"),
+    Intervals(values([1.0]), values([0.0]), values([2.0]), "c3", is_upright=True),
+    Rule(1.0, label="slack", word="slack cord"),
+    Strip(0.2, 0.4, label="fitted", is_upright=True),
+)
+
+
+def test_a_chart_is_well_formed_and_its_texts_are_text() -> None:
+    drawn = ET.fromstring(draw(chart(Panel(MARKS, "length [m]", "effort", "all")), "effort"))  # noqa: S314
+    texts = {element.text for element in drawn.iter("text")}
+    assert {"length [m]", "effort", "all", "hand <both> & more", "slack cord", "fitted"} <= texts
+
+
+def test_every_mark_has_a_hover_title() -> None:
+    drawn = draw(chart(Panel(MARKS)), "effort")
+    titles = re.findall(r"<title>(.*?)</title>", drawn)
+    for title in ("hand &lt;both&gt; &amp; more", "95 %", "best: 1.5, 2", "slack", "fitted"):
+        assert title in titles
+
+
+def test_colours_are_classes_of_the_style_sheet() -> None:
+    assert not re.search(r"#[0-9a-f]{3,6}|fill=|stroke=", draw(chart(Panel(MARKS)), "effort"))
+
+
+def test_numbers_are_where_the_scale_puts_them() -> None:
+    panel = Panel((Points(values([0, 10]), values([0, 10]), "c1"),), x_limits=(0, 10), y_limits=(0, 10))
+    drawn = draw(chart(panel), "")
+    (left, bottom), (right, top) = re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', drawn)
+    axis = re.search(r'class="axis" d="M([\d.]+) ([\d.]+)V([\d.]+)H([\d.]+)"', drawn)
+    assert axis
+    assert axis.groups() == (left, top, bottom, right)
+
+
+def test_panels_of_a_column_have_the_same_left_edge() -> None:
+    wide, narrow = (Panel((Line(values([0, 1]), scale * values([0, 1]), "c1"),)) for scale in (0.001, 1.0))
+    drawn = draw(Chart(((wide, narrow),)), "")
+    assert len(set(re.findall(r'class="axis" d="M([\d.]+)', drawn))) == 1
+
+
+def test_a_shared_legend_stands_once() -> None:
+    panel = Panel((Line(values([0, 1]), values([0, 1]), "c1", "slack"),))
+    assert draw(chart(panel, panel, panel, has_one_legend=True), "").count("> slack<") == 1
+
+
+def test_a_gap_interrupts_a_curve() -> None:
+    y = values([0, 1, np.nan, 3, 4])
+    assert curve(values(range(5)), y).count("M") == 2
+
+
+def test_a_long_curve_keeps_its_peak_and_its_ends() -> None:
+    y = np.zeros(100_000)
+    y[54_321] = 77.0
+    d = curve(np.linspace(0.0, 500.0, len(y)), y)
+    points = np.cumsum([(float(x), float(up)) for x, up in re.findall(r"(-?[\d.]+) (-?[\d.]+)", d)], axis=0)
+    assert points[:, 1].max() == pytest.approx(77.0)
+    assert points[[0, -1], 0].tolist() == pytest.approx([0.0, 500.0])
+    assert len(points) <= 4 * PIECES
+
+
+def test_dots_on_the_same_pixel_are_drawn_once() -> None:
+    assert dots(np.full(300, 7.2), np.full(300, 3.1)).count("M") == 1

@@ -1,0 +1,62 @@
+"""Facts of the session: subject and operator from the journal, devices and protocol from the recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from recordings.manifest import CuffSite, DataOrigin, LoadCell, Manifest, MeasurementProtocol
+from recordings.samples import DeviceIdentity
+from station.journal import Setup, write_setup
+from station.report import session_facts as module
+from station.report.session_facts import UNKNOWN, session_facts
+
+MANIFEST = Manifest(
+    cuff=CuffSite("hand", "arm", ("a1",), ("c1",)),
+    test="static",
+    repeat=1,
+    run=1,
+    donning="1",
+    start="sync_edge",
+    sync_threshold_v=2.5,
+    load_cell=LoadCell("daq", 98.0665, 1, serial_number="LC-7", capacity_kg=50.0, calibrated_on="2026-01-15"),
+    start_utc_ns=1_780_000_000_000_000_000,
+    protocol=MeasurementProtocol((1.5, 1.5), 7.0, 20.0),
+    devices=(DeviceIdentity("NI Dev1", "USB-6008 serial number 01C0FFEE", False),),
+)
+
+
+@pytest.fixture
+def facts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    write_setup(tmp_path, Setup("P01", "MK", ("hand",), 1))
+    later = replace(MANIFEST, test="dynamic", start_utc_ns=MANIFEST.start_utc_ns + 600 * 10**9)
+    found = dict(zip(("first.mcap", "second.mcap"), (MANIFEST, later), strict=True))
+    monkeypatch.setattr(module, "read_manifest", lambda path: found[path.name])
+    return {
+        fact.name: fact.text
+        for fact in session_facts(tmp_path, [tmp_path / name for name in found], None, DataOrigin.MEASURED)
+    }
+
+
+def test_subject_operator_devices_and_serial_numbers_are_told(facts: dict[str, str]) -> None:
+    assert facts["Subject"] == "P01"
+    assert facts["Operator"] == "MK"
+    assert facts["Data"] == "measured"
+    assert facts["Devices"] == "USB-6008 serial number 01C0FFEE", "a device of several trials stands once"
+    assert "LC-7" in facts["Load cell"] and "2026-01-15" in facts["Load cell"]
+
+
+def test_the_protocol_counts_trials_cuffs_and_weights(facts: dict[str, str]) -> None:
+    assert facts["Protocol"].startswith("2 trials of 1 cuff in 1 donning; static: 2 weights, 3 kg together")
+
+
+def test_the_time_is_that_of_the_first_and_the_last_recording(facts: dict[str, str]) -> None:
+    assert facts["Recorded"] == "2026-05-28 20:26 to 20:36 UTC"
+
+
+def test_a_folder_without_journal_and_recordings_says_that_nothing_is_recorded(tmp_path: Path) -> None:
+    facts = {fact.name: fact.text for fact in session_facts(tmp_path, [], None, DataOrigin.UNKNOWN)}
+    assert facts["Subject"] == facts["Operator"] == UNKNOWN
+    assert set(facts) == {"Subject", "Operator", "Data"}

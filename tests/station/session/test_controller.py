@@ -1,0 +1,415 @@
+"""The controller without a browser: one session, at most one trial, refusals with codes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from scipy.constants import g
+
+from recordings.reader import open_recording
+from recordings.samples import Event
+from station.bench.simulation import SimulatedBench, practice_settings
+from station.config import StationConfig, load_config
+from station.journal import JournalError, Recorded, Setup, read_journal, write_recorded, write_setup
+from station.messages.codes import AlarmCode, CommandCode, JournalCode, ReasonCode, TerminalCode, TrialCode
+from station.messages.message import Message
+from station.messages.setup_codes import FolderCode
+from station.protocol import TrialSpec
+from station.session.controller import SessionController
+from station.session.force_limits import ForceLimits
+from station.session.guide import FreeStaticGuide
+from station.session.listing import list_sessions
+from station.session.live_trial import LiveTrial
+from station.session.open_session import CommandRefused
+from station.session.plan_check import looks_like_a_name
+from tests.station.console.served import write_config
+from tests.station.refusal import refused
+from tests.station.session.benched import simulated_bench
+from tests.timeout import scaled_timeout
+
+SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)
+PATIENCE_S = 120.0
+SPEED = 12.0
+HOLD_S = 30.0
+"""Long, for a trial that the test ends."""
+
+
+@pytest.fixture
+def controller(tmp_path: Path) -> Iterator[SessionController]:
+    controller = SessionController(load_config(write_config(tmp_path)))
+    controller.session.config = with_folder(controller.session.config, tmp_path / "sessions")
+    yield controller
+    controller.close()
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedBench, StationConfig]]:
+    with simulated_bench(tmp_path_factory.mktemp("bench"), speed=SPEED, hold_s=HOLD_S) as both:
+        yield both
+
+
+def with_folder(config: StationConfig, folder: Path) -> StationConfig:
+    return config.model_copy(update={"session": config.session.model_copy(update={"folder": folder})})
+
+
+async def until(is_met: Callable[[], bool]) -> None:
+    async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
+        while not is_met():
+            await asyncio.sleep(0.02)
+
+
+def run(work: Awaitable[None]) -> None:
+    async def whole() -> None:
+        await work
+
+    asyncio.run(whole())
+
+
+def put_recording(controller: SessionController, run: int = 1, test: str = "static") -> str:
+    """A recording in the session, and its line in the journal."""
+    assert controller.session.folder is not None
+    name = f"sub-P01_ses-1_task-{test}_acq-hand_run-{run}.mcap"
+    (controller.session.folder / name).touch()
+    write_recorded(controller.session.folder, Recorded(name, "hand", test, 1, "1", True, 0, "the mocap capture ended"))
+    return name
+
+
+@pytest.mark.parametrize("word", ["Maria", "smith", "Anna Lee", "de Vries"])
+def test_a_name_is_recognised(word: str) -> None:
+    assert looks_like_a_name(word)
+
+
+@pytest.mark.parametrize("word", ["P01", "S12b", "AB", "x3", ""])
+def test_a_code_is_not_a_name(word: str) -> None:
+    assert not looks_like_a_name(word)
+
+
+@pytest.mark.parametrize(
+    ("setup", "code"),
+    [
+        (replace(SETUP, subject="Maria Lee"), CommandCode.WRONG_SUBJECT),
+        (replace(SETUP, subject="../P01"), CommandCode.WRONG_SUBJECT),
+        (replace(SETUP, cuffs=("hand", "knee")), CommandCode.UNKNOWN_CUFF),
+        (replace(SETUP, number="1/2"), CommandCode.WRONG_NUMBER),
+        (replace(SETUP, step_masses_kg=(2.0, -2.0)), CommandCode.WRONG_MASSES),
+        (replace(SETUP, cuffs=()), CommandCode.NO_CUFF_CHOSEN),
+    ],
+)
+def test_a_wrong_set_up_is_refused_without_a_folder(
+    controller: SessionController, setup: Setup, code: CommandCode
+) -> None:
+    with refused(CommandRefused, code):
+        controller.session.begin(setup)
+    assert controller.session.folder is None and not controller.session.config.session.folder.exists()
+
+
+def test_a_session_is_resumed_with_its_plan(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    name = put_recording(controller)
+    controller.reviewer.decide("accept", "")
+    controller.session.leave()
+    assert controller.session.folder is None
+    controller.session.begin(SETUP)
+    plan = controller.session.plan
+    assert plan is not None and len(plan.done) == 1
+    assert plan.spec is not None and plan.spec.test == "dynamic"
+    assert [
+        (listed.setup, listed.done, listed.trials) for listed in list_sessions(controller.session.config.session.folder)
+    ] == [(SETUP, 1, 2)]
+    assert name in controller.session.journal.verdicts
+
+
+@pytest.mark.parametrize("line", ["[" * 100_000, '{"kind": "setup", "at": "", "subject": 5}', "\0", '{"at": 1e999}'])
+def test_a_malformed_journal_hides_no_other_session(controller: SessionController, line: str) -> None:
+    controller.session.begin(SETUP)
+    controller.session.leave()
+    malformed = controller.session.config.session.folder / "sub-P02_ses-1"
+    malformed.mkdir()
+    (malformed / "session.jsonl").write_text(line + "\n")
+    assert [listed.setup for listed in list_sessions(controller.session.config.session.folder)] == [SETUP]
+
+
+def test_another_plan_under_the_same_number_is_refused(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    controller.session.leave()
+    with refused(CommandRefused, CommandCode.OTHER_PLAN):
+        controller.session.begin(replace(SETUP, repeats=3))
+    with refused(CommandRefused, CommandCode.OTHER_PLAN):
+        controller.session.begin(replace(SETUP, step_masses_kg=(5.0,)))
+    controller.session.begin(replace(SETUP, step_masses_kg=(2.0, 2.0, 2.0)))
+    controller.session.begin(replace(SETUP, repeats=3, number="2"))
+    assert controller.session.folder is not None and controller.session.folder.name == "sub-P01_ses-2"
+
+
+def test_a_rehearsal_leaves_nothing(controller: SessionController) -> None:
+    controller.session.begin(SETUP, is_rehearsal=True)
+    folder = controller.session.folder
+    assert folder is not None and (folder / "session.jsonl").is_file()
+    controller.session.leave()
+    assert not folder.exists() and not controller.session.config.session.folder.exists()
+
+
+def test_to_redo_a_trial_needs_a_reason(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    put_recording(controller)
+    with refused(JournalError, JournalCode.NO_REASON):
+        controller.reviewer.decide("redo", " ")
+    assert controller.session.plan is not None and controller.session.plan.undecided is not None
+    controller.reviewer.decide("redo", "the wearer coughed")
+    assert (
+        controller.session.plan is not None
+        and controller.session.plan.undecided is None
+        and controller.session.plan.done == frozenset()
+    )
+
+
+def test_a_cuff_donned_anew_is_another_donning(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    put_recording(controller)
+    controller.reviewer.decide("redo", "it slipped", is_donned_anew=True)
+    plan = controller.session.plan
+    assert plan is not None and plan.spec is not None
+    assert plan.spec.donning == "2" and plan.is_new_cuff
+
+
+def test_a_session_in_a_folder_of_any_name_is_resumed(controller: SessionController, tmp_path: Path) -> None:
+    controller.session.begin(SETUP, folder=tmp_path / "monday")
+    controller.session.leave()
+    controller.session.resume(tmp_path / "monday")
+    assert controller.session.journal.setup == SETUP
+    with refused(CommandRefused, CommandCode.NO_PLAN):
+        controller.session.resume(tmp_path / "tuesday")
+
+
+def test_a_skipped_trial_stays_skipped_when_the_session_is_resumed(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    assert controller.session.skip().test == "static"
+    controller.session.leave()
+    controller.session.begin(SETUP)
+    plan = controller.session.plan
+    assert plan is not None and plan.spec is not None
+    assert plan.spec.test == "dynamic" and len(plan.skipped) == 1 and not plan.done
+    controller.session.skip()
+    with refused(CommandRefused, CommandCode.NOTHING_TO_SKIP):
+        controller.session.skip()
+
+
+def test_commands_that_are_not_possible_now_are_refused(controller: SessionController) -> None:
+    for work, code in (
+        (controller.runner.arm, CommandCode.NO_SESSION),
+        (controller.runner.stop, CommandCode.NO_TRIAL),
+        (controller.runner.mark, CommandCode.NO_TRIAL),
+    ):
+        with refused(CommandRefused, code):
+            run(work())
+    with refused(CommandRefused, CommandCode.NOTHING_TO_DECIDE):
+        controller.reviewer.decide("accept", "")
+    controller.session.begin(SETUP)
+    put_recording(controller)
+    with refused(CommandRefused, CommandCode.UNDECIDED):
+        run(controller.runner.arm())
+    controller.reviewer.decide("accept", "")
+    put_recording(controller, test="dynamic")
+    controller.reviewer.decide("accept", "")
+    with refused(CommandRefused, CommandCode.COMPLETE):
+        run(controller.runner.arm())
+
+
+def test_a_session_without_recordings_has_no_summary(
+    controller: SessionController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def here(work: Callable[..., object], *arguments: object) -> object:
+        return work(*arguments)
+
+    monkeypatch.setattr(controller.reviewer, "in_worker", here)
+    controller.session.begin(SETUP)
+    run(controller.reviewer.finish())
+    figures = {"folder": str(controller.session.folder)}
+    assert controller.session.message == str(Message(FolderCode.NO_RECORDING, figures))
+    assert controller.reviewer.progress == "" and controller.session.summary is None
+
+
+def test_an_unexpected_error_of_the_summary_is_a_message(
+    controller: SessionController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(*_: object) -> None:
+        raise ZeroDivisionError("oh")
+
+    controller.session.begin(SETUP)
+    monkeypatch.setattr(controller.reviewer, "in_worker", fail)
+    run(controller.reviewer.finish())
+    figures = {"error": "ZeroDivisionError: oh"}
+    assert controller.session.message == str(Message(TerminalCode.SUMMARY_FAILED, figures))
+    assert controller.reviewer.progress == ""
+
+
+def test_after_a_killed_fit_the_operator_decides_without_figures(
+    controller: SessionController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def die(*_: object) -> None:
+        raise BrokenProcessPool
+
+    controller.session.begin(SETUP)
+    name = put_recording(controller)
+    monkeypatch.setattr(controller.reviewer, "in_worker", die)
+    run(controller.reviewer.process_recordings())
+    assert (
+        controller.session.judgement is not None
+        and controller.session.judgement.file == name
+        and controller.session.judgement.reasons == (Message(ReasonCode.FIT_KILLED),)
+    )
+
+
+def test_a_mark_is_named_in_the_journal(controller: SessionController) -> None:
+    controller.session.begin(SETUP)
+    name = put_recording(controller)
+    controller.reviewer.name_mark(2, "coughed")
+    assert controller.session.journal.marks == {name: {2: "coughed"}}
+
+
+def test_a_session_with_a_broken_journal_is_not_listed(controller: SessionController) -> None:
+    folder = controller.session.config.session.folder
+    write_setup(folder / "sub-P01_ses-1", SETUP)
+    (folder / "sub-P02_ses-1").mkdir()
+    (folder / "sub-P02_ses-1" / "session.jsonl").write_text("what?\n")
+    assert [listed.setup.subject for listed in list_sessions(controller.session.config.session.folder)] == ["P01"]
+
+
+def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: SessionController) -> None:
+    """No device listens at these ports: the trial does not begin, no file remains, and arming again is possible."""
+    data = controller.session.config.model_dump(mode="json")
+    data["daq"]["grpc_target"], data["mocap"]["port"] = "127.0.0.1:9", 9
+    controller.session.config = StationConfig(**data)
+
+    async def whole() -> None:
+        controller.session.begin(SETUP)
+        await controller.runner.arm()
+        with refused(CommandRefused, CommandCode.TRIAL_RUNNING):
+            controller.session.leave()
+        await until(lambda: controller.runner.live is None)
+
+    run(whole())
+    assert "127.0.0.1" in controller.session.message and controller.session.message.count("\n") == 0
+    assert controller.session.plan is not None and controller.session.plan.undecided is None
+    assert controller.session.folder is not None and not list(controller.session.folder.glob("*.mcap"))
+
+
+def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
+    live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
+    points = [(0.1 * i, 10.0 + 5.0 * (i > 15)) for i in range(30)]
+    live.update(
+        {"state": "recording", "recorded_s": 2.9, "force": points, "displacement": [], "elevation": [], "events": []},
+        ForceLimits(150.0, 5e3),
+    )
+    assert (live.add_mark(), live.add_mark("STOP")) == (1, 2)
+    assert live.marks == {1: 2.9, 2: 2.9} and live.mark_names == {2: "STOP"}
+    live.tare()
+    assert live.tare_n == pytest.approx(15.0)
+
+
+def test_an_alarm_lasts_until_it_is_acknowledged_and_its_cause_is_gone() -> None:
+    live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
+
+    def raised_by(start_s: float, newtons: float) -> bool:
+        points = [(start_s + 0.1 * i, newtons) for i in range(12)]
+        return live.update(
+            {"state": "armed", "force": points, "displacement": [], "elevation": [], "events": []},
+            ForceLimits(150.0, 5e3),
+        )
+
+    assert not raised_by(0.0, 20.0) and live.alarm is None
+    assert raised_by(2.0, 160.0) and live.unseen_alarm is not None
+    assert not raised_by(4.0, 20.0) and live.unseen_alarm is not None, "the operator has not seen it"
+    assert not raised_by(6.0, 160.0)
+    live.is_alarm_seen = True
+    assert not raised_by(8.0, 160.0) and live.unseen_alarm is None and live.alarm is not None, (
+        "the force is still above the limit"
+    )
+    assert not raised_by(10.0, 20.0) and not raised_by(11.5, 20.0) and live.alarm is None
+    assert raised_by(13.0, 160.0) and live.unseen_alarm is not None, "another one"
+
+
+def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
+    tmp_path: Path,
+) -> None:
+    """The holds of the cues, the empty hook first, suffice for the fit."""
+    config = load_config(write_config(tmp_path))
+    seen: list[tuple[int, float]] = []
+    with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
+        pointed = with_folder(bench.configure(config), tmp_path / "sessions")
+        controller = SessionController(pointed, SPEED, bench)
+
+        async def record() -> None:
+            controller.session.begin(SETUP)
+            await controller.runner.arm()
+            live = controller.runner.live
+            assert live is not None
+
+            def has_ended() -> bool:
+                if live.latest["state"] == "recording" and live.force:
+                    seen.append((live.cue.step, live.force[-1][1]))
+                return controller.runner.live is None
+
+            await until(has_ended)
+            await controller.reviewer.process_recordings()
+
+        run(record())
+        controller.close()
+    assert controller.session.message == str(Message(TrialCode.CAPTURE_ENDED))
+    assert sorted({step for step, _ in seen}) == list(range(8)), "every step, and then the end"
+    hook, weight = seen[0][1], 2 * g
+    for step, newtons in seen:
+        expected = hook + weight * min(step, max(6 - step, 0))
+        assert newtons < expected + 0.4 * weight or step > 3, "no weight hangs before its cue"
+        assert newtons > expected - 0.4 * weight or step <= 3, "none is removed before its cue"
+    judgement = controller.session.judgement
+    assert judgement is not None and judgement.grade == "good", judgement
+
+
+def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
+    running: tuple[SimulatedBench, StationConfig], tmp_path: Path
+) -> None:
+    bench, config = running
+    safety = config.safety.model_copy(update={"force_ceiling_n": 30.0})
+    config = with_folder(config, tmp_path).model_copy(update={"safety": safety})
+    first, second = (SessionController(config, SPEED, bench) for _ in range(2))
+
+    async def record() -> None:
+        first.session.begin(SETUP)
+        await first.runner.arm()
+        with refused(CommandRefused, CommandCode.TRIAL_RUNNING):
+            await first.runner.arm()
+        live = first.runner.live
+        assert live is not None
+        await until(lambda: live.alarm is not None)
+        assert live.alarm is not None and live.alarm.code is AlarmCode.FORCE
+        first.runner.acknowledge_alarm()
+        await until(lambda: live.latest["state"] == "recording" and live.latest["recorded_s"] > 4)
+        await first.runner.stop()
+        await until(lambda: first.runner.live is None)
+
+    run(record())
+    first.close()
+    assert first.session.message == str(Message(TrialCode.OPERATOR_STOP))
+    folder = tmp_path / "sub-P01_ses-1"
+    (recorded,) = read_journal(folder).recorded
+    assert TrialSpec("hand", "static", 1).test == recorded.test and recorded.accepted
+    marks = [item for item in open_recording(folder / recorded.file).items() if isinstance(item, Event)]
+    assert [event.text for event in marks if event.kind == "mark"][:1] == ["mark 1"]
+    assert read_journal(folder).marks[recorded.file][1].startswith("STOP: ")
+
+    async def resume() -> None:
+        second.session.begin(SETUP)
+        await second.reviewer.process_recordings()
+
+    run(resume())
+    second.close()
+    plan = second.session.plan
+    assert plan is not None and plan.undecided == recorded
+    assert second.session.judgement is not None and second.session.judgement.file == recorded.file
+    assert second.session.judgement.marks == len([event for event in marks if event.kind == "mark"])

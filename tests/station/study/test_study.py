@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fitting.study.cuff_study import ComparisonOutcome, StudyOutcome
+from fitting.study.reliability import ReliabilityOutcome
+from fitting.study.variance_components import ComponentOutcome
+from station.checksums import sha256_of
+from station.messages.study_codes import StudyCode
+from station.study.normative_file import NormativePlace, read_normative
+from station.study.sessions import StudyError, read_sessions
+from station.study.study import make_study
+from station.study.study_document import StudyDocument
+from station.study.study_json import read_study, study_document
+from tests.station.command import Ran, assert_refused
+from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sessions")
+    write_sessions(folder, 8)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def document(folder: Path) -> StudyDocument:
+    return study_document(make_study(read_sessions([folder])))
+
+
+def test_the_spreads_that_the_sessions_were_drawn_with_are_in_the_intervals(document: StudyDocument) -> None:
+    components = document.cuffs["tube"]["stiffness"].components
+    for name in ("volunteer", "donning", "repeat"):
+        low, high = components[name].sd.ci95 or (None, None)
+        assert low is not None and high is not None
+        assert low <= getattr(STIFFNESS, name) <= high
+    assert document.cuffs["tube"]["stiffness"].noise_sd == pytest.approx(STIFFNESS.noise)
+
+
+def test_a_migration_is_one_value_of_a_donning_so_that_repeats_are_in_the_donning(document: StudyDocument) -> None:
+    migration = document.cuffs["tube"]["migration"]
+    assert migration.repeats == 1
+    assert migration.components["repeat"].outcome is ComponentOutcome.CONFOUNDED
+    assert migration.components["repeat"].confounded_with == ["donning"]
+
+
+def test_the_cuffs_differ_over_volunteers_by_what_they_were_drawn_with(document: StudyDocument) -> None:
+    (found,) = [one for one in document.comparisons if one.quantity == "stiffness"]
+    assert (found.first, found.second, found.volunteers) == ("hand", "tube", 8)
+    assert found.difference is not None
+    expected = STIFFNESS.mean * (CUFF_FACTORS["tube"] - CUFF_FACTORS["hand"])
+    assert found.difference.ci95[0] <= expected <= found.difference.ci95[1]
+
+
+def test_the_verb_writes_study_normative_table_and_page(
+    folder: Path, tmp_path: Path, station: Callable[..., Ran]
+) -> None:
+    ran = station("study", folder, "--output", tmp_path)
+    assert ran.code == 0, ran.err
+    written = read_study(tmp_path / "study.json")
+    normative = read_normative(tmp_path / "normative.json")
+    entry, found = normative.cuffs["hand"]["stiffness"], written.cuffs["hand"]["stiffness"]
+    assert normative.study_sha256 == sha256_of(tmp_path / "study.json")
+    assert found.prediction is not None
+    assert entry.prediction95 == found.prediction.ci95
+    assert [entry.place(value) for value in (entry.prediction95[0] - 1, entry.mean, entry.prediction95[1] + 1)] == [
+        *NormativePlace
+    ]
+    page = (tmp_path / "study.html").read_text(encoding="utf-8")
+    assert page.count("<svg") > 6
+    assert "P01" in page
+
+
+def test_one_volunteer_one_operator_and_one_repeat_have_outcomes(tmp_path: Path) -> None:
+    write_sessions(tmp_path, 1, operators=1, donnings=3, repeats=1)
+    found = study_document(make_study(read_sessions([tmp_path]))).cuffs["hand"]["stiffness"]
+    assert found.outcome is StudyOutcome.ONE_VOLUNTEER
+    assert found.reliability is not None
+    assert found.reliability.outcome is ReliabilityOutcome.ONE_VOLUNTEER
+    assert found.components["operator"].outcome is ComponentOutcome.ONE_LEVEL
+    assert found.components["volunteer"].outcome is ComponentOutcome.ONE_LEVEL
+    assert found.prediction is None
+
+
+def test_a_single_donning_is_too_little_and_cuffs_of_one_volunteer_are_not_compared(tmp_path: Path) -> None:
+    write_sessions(tmp_path, 1, operators=1, donnings=1, repeats=1)
+    found = study_document(make_study(read_sessions([tmp_path])))
+    assert found.cuffs["hand"]["stiffness"].outcome is StudyOutcome.TOO_FEW
+    assert {one.outcome for one in found.comparisons} == {ComparisonOutcome.FEW_COMMON}
+
+
+def test_sessions_and_donnings_that_cannot_be_used_are_listed_by_code(folder: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "sessions"
+    shutil.copytree(folder, copied)
+    first, second, third, fourth = sorted(copied.iterdir())[:4]
+    (first / "cuffs.json").unlink()
+    (second / "session.jsonl").unlink()
+    (third / "cuffs.json").write_text("{", encoding="utf-8")
+    cuffs = json.loads((fourth / "cuffs.json").read_text(encoding="utf-8"))
+    donning = cuffs["cuffs"]["hand"]["donnings"]["1"]
+    donning["damping_n_s_per_m"]["value"], donning["verdict_codes"] = None, ["damping_not_identified.lag"]
+    (fourth / "cuffs.json").write_text(json.dumps(cuffs), encoding="utf-8")
+    made = make_study(read_sessions([copied]))
+    assert [message.code.value for message in made.left_out] == [
+        "study.session_not_fitted",
+        "study.no_volunteer_code",
+        "study.session_unreadable",
+        "study.not_identified",
+    ]
+    assert len(made.sessions.sessions) == 13
+
+
+def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
+    write_sessions(tmp_path / "a", 1, operators=1)
+    write_sessions(tmp_path / "b", 1, operators=1, origin="simulated")
+    with pytest.raises(StudyError) as refused:
+        read_sessions([tmp_path / "a", tmp_path / "b"])
+    assert refused.value.code == "study.mixed_origin"
+
+
+def test_a_folder_without_sessions_is_refused_and_nothing_is_written(
+    tmp_path: Path, station: Callable[..., Ran]
+) -> None:
+    for given, code in ((tmp_path, StudyCode.NO_SESSION), (tmp_path / "missing", StudyCode.NOT_A_FOLDER)):
+        assert_refused(station("study", given, "--output", tmp_path / "out"), 1, code)
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None:
+    (tmp_path / "other.json").write_text('{"format": 2}', encoding="utf-8")
+    for read, code in ((read_study, "study.wrong_file"), (read_normative, "normative.wrong_file")):
+        with pytest.raises(StudyError) as refused:
+            read(tmp_path / "other.json")
+        assert refused.value.code == code
+
+
+def test_two_volunteers_have_an_interval_with_one_degree_of_freedom(tmp_path: Path) -> None:
+    """Also where the variance between them is estimated as zero."""
+    write_sessions(tmp_path, 2, operators=1)
+    for found in study_document(make_study(read_sessions([tmp_path]))).cuffs["tube"].values():
+        assert found.mean is not None and found.prediction is not None
+        assert (found.mean.dof, found.prediction.dof) == (1.0, 1.0)

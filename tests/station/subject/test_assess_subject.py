@@ -1,0 +1,171 @@
+"""The suit assessed on the wearer: the simulated person's body, motion and cord come back, with their uncertainty.
+
+The simulated person shares no code with the solver (drivers/simulators/shoulder.py).
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.simulators.settings import PersonSettings
+from solver.bundled import bundled_model
+from solver.suit.suit import PARTS, read_suit
+from station.assessment import case
+from station.assessment.assess import assess_cuffs, write_assessment
+from station.assessment.assessment_file import read_assessment
+from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
+from station.kinematics.person_findings import PersonError
+from station.messages.person_codes import PersonCode
+from station.messages.subject_codes import SubjectCode
+from station.report.page import write_report
+from station.subject import assessed_subject
+from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
+from station.subject.subject_file import Subject, SubjectError
+from tests.station.assessment.test_assess import write_cuffs
+from tests.station.wearer import SPECS, WearerSession
+
+GENERIC = bundled_model()
+POSE, FREE, TIGHT = SPECS
+MIDDLE = ("ij", "px", "EpL", "EpM")
+CORD = PersonSettings().cord_rest_length_m
+
+
+@pytest.fixture(scope="module")
+def folder(wearer: WearerSession, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wearer's session with what an analyst writes beside it."""
+    folder = tmp_path_factory.mktemp("subject")
+    for spec in SPECS:
+        shutil.copy(wearer.path(spec), folder)
+    (folder / "subject.toml").write_text(f"mass_kg = 75.0\n[cord]\nrest_length_m = {CORD}\n", encoding="utf-8")
+    write_cuffs(folder / "cuffs.json")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def person(folder: Path) -> AssessedSubject:
+    return build_subject(folder, GENERIC)
+
+
+@pytest.fixture(scope="module")
+def plain(folder: Path, person: AssessedSubject) -> dict[str, Any]:
+    inputs = AssessmentInputs(folder / "cuffs.json", subject=folder)
+    cuffs = read_cuffs_to_wear(inputs.cuffs)
+    with pytest.MonkeyPatch.context() as patch:  # the person takes seconds to estimate
+        patch.setattr(case, "build_subject", lambda *_: person)
+        assessed = assess_cuffs(cuffs, inputs, most_frames=20, most_rest_lengths=7, draws=24)
+    write_assessment(assessed, folder)
+    return read_assessment(folder / "assessment.json")
+
+
+def test_the_body_is_that_of_the_model_it_was_simulated_from(person: AssessedSubject) -> None:
+    estimate = person.body.estimate
+    assert estimate.outcome == "converged"
+    assert np.all(np.abs(estimate.factors - 1.0) < 3.0 * estimate.factor_errors)
+    assert len(person.not_measured) == 2, person.not_measured  # no marker is on the forearm
+
+
+def test_the_arm_is_raised_as_far_as_it_was(person: AssessedSubject, wearer: WearerSession) -> None:
+    """Glenohumeral and scapular angles are off by degrees, as the posture of the girdle is known by degrees; the drawn
+    motions show by how many.
+    """
+    time = wearer.starts[person.assessed.file] + person.kinematics.time
+    truth = wearer.person.coordinates(time)
+    spread = np.std([drawn.positions for drawn in person.drawn], axis=0)
+    for name in ("shoulder_elv", "scapula_upward_rot", "plane_elv"):
+        place = GENERIC.coordinate_index(name)
+        error = person.kinematics.positions[:, place] - truth[:, wearer.person.coordinate_names.index(name)]
+        assert np.degrees(np.sqrt(np.mean(error**2))) < 10.0, name
+        assert np.sqrt(np.mean((error / spread[:, place]) ** 2)) < 2.5, name
+
+
+def test_the_cord_runs_where_its_markers_were(person: AssessedSubject, wearer: WearerSession) -> None:
+    fitted = fit_suit(person, read_suit())
+    assert fitted is not None
+    places = wearer.person._shoulder.cord.values()
+    for part, place in zip(PARTS, places, strict=True):
+        np.testing.assert_allclose(getattr(fitted.suit, part).location, place[1], atol=0.02)
+        assert fitted.spread[part] < 0.015
+
+
+def test_figures_stand_on_the_wearer_and_every_interval_holds_the_posture(plain: dict[str, Any]) -> None:
+    subject = plain["subject"]
+    assert subject["motion"] == FREE.file_name(1) and subject["condition"] == "unsuited"
+    assert plain["inputs"]["motion"].startswith(FREE.file_name(1)) and "wearer" in plain["inputs"]["model"]
+    assert [trial["rms_m"] < 0.01 for trial in subject["trials"]] == [True] * 3
+    low, high = plain["at_rigid_optimum"]["rigid"]["ci95"]
+    assert 0.01 < high - low < 0.4  # with the bundled motion, which is taken as known, rigid cuffs have no interval
+    assert plain["unsolved"]["count"]["value"] == 0
+
+
+def test_the_measured_tension_of_the_cord_stands_beside_the_predicted_one(plain: dict[str, Any]) -> None:
+    cord = plain["subject"]["cord"]
+    assert cord["correlation"] > 0.95
+    assert cord["rms_n"] < 5.0 and abs(cord["offset_n"]) < 8.0
+
+
+def test_the_report_names_body_and_motion(plain: dict[str, Any], folder: Path) -> None:
+    page = write_report(folder).read_text(encoding="utf-8")
+    assert "scaled to the wearer" in page and FREE.file_name(1) in page
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "mass_kg is missing"),
+        ("mass_kg = -3", "mass_kg"),
+        ("mass_kg = 70\nheight = 2", "height"),
+        ('mass_kg = 70\nmarkers = { ij = "nose" }', "nose"),
+    ],
+)
+def test_a_wearer_who_cannot_be_used_is_refused_by_key(folder: Path, tmp_path: Path, text: str, named: str) -> None:
+    for path in folder.glob("*.mcap"):
+        shutil.copy(path, tmp_path)
+    (tmp_path / "subject.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SubjectError, match=named) as caught:
+        build_subject(tmp_path, GENERIC)
+    assert caught.value.code in {SubjectCode.INVALID_KEY, SubjectCode.UNKNOWN_MARKERS}
+
+
+def test_a_mass_that_does_not_go_with_the_arm_is_refused_by_code(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(assessed_subject, "read_subject", lambda _: Subject(mass_kg=250.0))
+    with pytest.raises(PersonError) as caught:
+        build_subject(folder, GENERIC)
+    assert caught.value.args[0].code is PersonCode.MASS_DOES_NOT_FIT
+
+
+@pytest.mark.slow
+def test_labels_of_other_markers_are_findings_of_a_body_that_is_not_whole(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    declared = Subject(mass_kg=75.0, markers=dict(zip(MIDDLE, reversed(MIDDLE), strict=True)))
+    monkeypatch.setattr(assessed_subject, "read_subject", lambda _: declared)
+    monkeypatch.setattr(assessed_subject, "DRAWS", 0)
+    body = build_subject(folder, GENERIC).body
+    codes = {finding.code for finding in body.findings}
+    assert {PersonCode.MARKER_FAR_OFF, PersonCode.NOT_CONVERGED} <= codes and not body.is_whole
+
+
+def test_a_pose_in_which_the_person_moves_is_refused_by_code(folder: Path) -> None:
+    (motion,) = (trial for trial in assessed_subject.read_wearer_trials(folder) if trial.file == FREE.file_name(1))
+    with pytest.raises(PersonError) as caught:
+        assessed_subject.find_on_pose(replace(motion, manifest=replace(motion.manifest, test="pose")))
+    assert caught.value.args[0].code is PersonCode.POSE_MOVES
+
+
+def test_a_folder_without_a_motion_is_refused(folder: Path, tmp_path: Path) -> None:
+    shutil.copy(folder / "subject.toml", tmp_path)
+    shutil.copy(folder / POSE.file_name(1), tmp_path)
+    with pytest.raises(SubjectError) as caught:
+        build_subject(tmp_path, GENERIC)
+    assert caught.value.code == SubjectCode.NO_MOTION
+
+
+def test_the_document_is_json_without_numbers_that_are_none(folder: Path, plain: dict[str, Any]) -> None:
+    json.loads((folder / "assessment.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)

@@ -1,0 +1,267 @@
+"""A session without a page: its own decisions, its questions, and problems between two trials."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import qtm_rt
+
+from recordings.reader import open_recording
+from station.bench.simulation import SimulatedBench
+from station.config import StationConfig
+from station.journal import read_journal, write_verdict
+from station.messages.codes import CommandCode, TrialCode
+from station.terminal.events import (
+    CommandAnswered,
+    Decided,
+    Event,
+    NextTrial,
+    SessionClosed,
+    StateChanged,
+    SummaryStarted,
+    TrialEnded,
+    VerdictGiven,
+    Waiting,
+    WarningRaised,
+)
+from tests.station.terminal.practice import Answer, lead, remote_bench
+
+Told = Callable[[Event], bool]
+
+
+def is_decided(number: int, choice: str = "accept") -> Told:
+    """The n-th such decision."""
+    count = 0
+
+    def is_it(event: Event) -> bool:
+        nonlocal count
+        count += isinstance(event, Decided) and event.choice == choice
+        return isinstance(event, Decided) and event.choice == choice and count == number
+
+    return is_it
+
+
+def refused(number: int) -> Told:
+    """The n-th refusal of a command."""
+    count = 0
+
+    def is_it(event: Event) -> bool:
+        nonlocal count
+        count += isinstance(event, CommandAnswered) and event.is_refused
+        return isinstance(event, CommandAnswered) and event.is_refused and count == number
+
+    return is_it
+
+
+def answers(*rules: tuple[Told, str | Callable[[], None]]) -> Answer:
+    """Each rule answers once; a function is done instead of a command given.
+
+    Every trial is armed when it waits for that, and the session ends where it is summed up.
+    """
+    waiting = list(rules)
+
+    def answer(event: Event) -> str | None:
+        if isinstance(event, SummaryStarted):
+            return "end"
+        if isinstance(event, Waiting) and event.what == "start":
+            return "arm"
+        fitting = [rule for rule in waiting if rule[0](event)]  # every rule is evaluated: some count
+        for rule in fitting[:1]:
+            waiting.remove(rule)
+            if isinstance(rule[1], str):
+                return rule[1]
+            rule[1]()
+        return None
+
+    return answer
+
+
+def is_in(state: str, number: int = 1) -> Told:
+    """The n-th time that a trial is in this state."""
+    count = 0
+
+    def is_it(event: Event) -> bool:
+        nonlocal count
+        count += isinstance(event, StateChanged) and event.state == state
+        return isinstance(event, StateChanged) and event.state == state and count == number
+
+    return is_it
+
+
+def request_to(bench: SimulatedBench, request: dict[str, Any]) -> Callable[[], None]:
+    """Something that happens at the bench."""
+
+    def tell() -> None:
+        bench.request(request)
+
+    return tell
+
+
+def warned(code: str) -> Told:
+    return lambda event: isinstance(event, WarningRaised) and event.code == code
+
+
+def test_a_plan_is_recorded_judged_and_kept_with_arm_as_the_only_command(tmp_path: Path) -> None:
+    with remote_bench(tmp_path / "bench") as (bench, config):
+        output = lead(bench, config, tmp_path / "simulated" / "monday", answers())
+    assert [trial.test for trial in output.of(NextTrial)] == ["static", "dynamic"]
+    assert output.of(NextTrial)[0].order == "Don the hand cuff, rope slack"
+    assert [(one.choice, one.by) for one in output.of(Decided)] == [("accept", "station")] * 2
+    (stiffness,) = [figure for figure in output.of(VerdictGiven)[0].figures if figure.quantity == "stiffness_n_per_m"]
+    assert stiffness.low < 8520 < stiffness.high, "what the simulated hand cuff has"
+    assert output.of(SessionClosed)[0].done == 2
+    journal = read_journal(tmp_path / "simulated" / "monday")
+    assert [journal.verdicts[recorded.file].choice for recorded in journal.recorded] == ["accept", "accept"]
+
+
+@pytest.mark.slow
+def test_commands_of_the_operator_are_executed_and_stored_in_the_journal(tmp_path: Path) -> None:
+    """Redo after a decision, don anew, pause and continue, skip, and a redo without a reason."""
+    script = answers(
+        (is_decided(1), "redo"),  # no reason
+        (refused(1), "redo the cuff sat askew"),  # which loses the migration
+        (refused(2), "redon the cuff sat askew"),
+        (is_decided(1, "redo"), "pause"),
+        (lambda event: isinstance(event, Waiting) and event.what == "pause", "arm"),
+        (is_decided(2), "skip"),
+    )
+    with remote_bench(tmp_path / "bench") as (bench, config):
+        output = lead(bench, config, tmp_path / "simulated" / "monday", script)
+    assert [answer.code for answer in output.of(CommandAnswered)] == [
+        CommandCode.REASON_MISSING,
+        CommandCode.LOSES_MIGRATION,
+    ]
+    assert [trial.order for trial in output.of(NextTrial)][-2:] == [
+        "Don the hand cuff, rope slack",
+        "Rope slack, wearer at ease",
+    ]
+    journal = read_journal(tmp_path / "simulated" / "monday")
+    assert journal.donnings == {"hand": 1} and [spec.test for spec in journal.skipped] == ["dynamic"]
+    assert list(journal.redone.values()) == ["the cuff sat askew"]
+    assert [(one.test, one.donning) for one in journal.recorded] == [("static", "1"), ("static", "2")]
+    closed = output.of(SessionClosed)[0]
+    assert (closed.done, closed.skipped, closed.is_complete) == (1, 1, False), "ended while it was summed up"
+
+
+def test_a_recording_with_reasons_to_redo_waits_for_a_decision_here_or_elsewhere(tmp_path: Path) -> None:
+    """The trial is stopped much too early: the fit refuses it, and `station judge` in another terminal decides."""
+    folder = tmp_path / "simulated" / "monday"
+
+    def judge() -> None:
+        write_verdict(folder, read_journal(folder).recorded[0].file, "redo", "stopped by mistake")
+
+    def waits(event: Event) -> bool:
+        return isinstance(event, Waiting) and event.what == "decision"
+
+    with remote_bench(tmp_path / "bench") as (bench, config):
+        script = answers(
+            (is_in("recording"), "stop"),
+            (waits, judge),
+            (lambda event: isinstance(event, Decided) and event.by == "elsewhere", "end"),
+        )
+        output = lead(bench, config, folder, script)
+    assert output.of(VerdictGiven)[0].advice == "redo" and output.of(VerdictGiven)[0].reasons
+    assert [(one.choice, one.reason, one.by) for one in output.of(Decided)] == [
+        ("redo", "stopped by mistake", "elsewhere")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"device": "qtm", "fault": "restart"}, "QTM"),
+        pytest.param({"device": "ni", "fault": "refuse"}, "Dev1", marks=pytest.mark.slow),
+    ],
+    ids=["QTM restarts", "the DAQ is not to be had"],
+)
+def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
+    tmp_path: Path, fault: dict[str, str], words: str
+) -> None:
+    """The world stands still between two trials, so the fault lasts until the test lets time pass."""
+    with remote_bench(tmp_path / "bench") as (bench, config):
+        script = answers(
+            (is_decided(1), request_to(bench, {"fault": {**fault, "for_s": 100.0}})),
+            (warned("not_ready"), request_to(bench, {"pause_s": 101.0})),
+        )
+        output = lead(bench, config, tmp_path / "simulated" / "monday", script)
+    (warning,) = [event for event in output.of(WarningRaised) if event.code == "not_ready"]
+    assert words in warning.sentence and "\n" not in warning.sentence
+    assert output.of(SessionClosed)[0].done == 2
+
+
+@pytest.mark.slow
+def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) -> None:
+    """Nobody starts a capture in time; the vendor's own client does so once the trial is armed for the second time."""
+    with remote_bench(tmp_path / "bench", control="none", timeout_s=20.0) as (bench, config):
+        mocap = _MocapOperator(config)
+        script = answers((is_in("armed", 2), mocap.start), (is_decided(1), "end"))
+        output = lead(bench, config, tmp_path / "simulated" / "monday", script)
+    (missed,) = output.of(WarningRaised)
+    assert (missed.code, missed.cause) == ("not_recorded", TrialCode.NO_SYNC_EDGE_LOW)
+    assert [ended.accepted for ended in output.of(TrialEnded)] == [True]
+
+
+def test_an_unplanned_capture_is_reported_and_not_recorded(tmp_path: Path) -> None:
+    """The vendor's own client starts a capture before the trial is armed, stops it, and then starts the trial's."""
+    with remote_bench(tmp_path / "bench", control="none", timeout_s=1000.0) as (bench, config):
+        mocap = _MocapOperator(config)
+
+        def restart() -> None:
+            mocap.stop()
+            bench.request({"pause_s": 5.0})
+            mocap.start()
+
+        script = answers(
+            (is_in("idle"), mocap.start),
+            (warned("capture_running"), restart),
+            (is_decided(1), "end"),
+        )
+        output = lead(bench, config, tmp_path / "simulated" / "monday", script)
+    assert [warning.code for warning in output.of(WarningRaised)] == ["capture_running"]
+    (ended,) = output.of(TrialEnded)
+    assert ended.accepted and ended.codes == (TrialCode.CAPTURE_ENDED,)
+    (recorded,) = read_journal(tmp_path / "simulated" / "monday").recorded
+    frames = open_recording(tmp_path / "simulated" / "monday" / recorded.file).load("/markers").sample_numbers
+    assert frames[0] == 1, "of the second capture from its first frame on, and none of the first"
+
+
+class _MocapOperator:
+    """Somebody at the mocap system, by way of the vendor's client."""
+
+    def __init__(self, config: StationConfig) -> None:
+        self._config = config
+
+    def start(self) -> None:
+        self._do("new", "start")
+
+    def stop(self) -> None:
+        self._do("stop", "close")
+
+    def _do(self, *commands: str) -> None:
+        failures: list[BaseException] = []
+
+        def work() -> None:
+            try:
+                asyncio.run(self._send(commands))
+            except BaseException as error:
+                failures.append(error)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join()
+        if failures:
+            raise failures[0]
+
+    async def _send(self, commands: tuple[str, ...]) -> None:
+        connection = await qtm_rt.connect("127.0.0.1", self._config.mocap.port)
+        await connection.take_control("")
+        for command in commands:
+            await getattr(connection, command)()
+        await connection.release_control()
+        connection.disconnect()
+        await asyncio.sleep(0)  # for the transport to close
