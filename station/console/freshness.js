@@ -82,13 +82,23 @@ window.station = (() => {
       document.activeElement.blur(); // keys are actions again
     }
   }, true);
-  // On the window, so that the framework handles the key first; the next key then belongs to the note.
+  // The browser itself moves the focus to the name of a mark, so that no later key acts as a command. On the window: the
+  // framework handles the key or the click first.
+  function focusNote() {
+    const note = document.querySelector(".note input");
+    if (!note) return false;
+    note.value = "";
+    note.dispatchEvent(new Event("input")); // an unfinished name belongs to the previous mark
+    note.focus();
+    return true;
+  }
   window.addEventListener("keydown", (event) => {
-    const note = document.querySelector(".note input:not([disabled])");
-    if (event.key === "m" && !event.ctrlKey && !event.altKey && !event.metaKey && note && !isTyping()) {
-      event.preventDefault(); // no m in the note
-      note.focus();
-    }
+    const isMark = event.key.toLowerCase() === "m" || event.code === "KeyM"; // the code: keyboards of other scripts
+    const hasModifier = event.ctrlKey || event.altKey || event.metaKey;
+    if (isMark && !hasModifier && !event.repeat && !isTyping() && focusNote()) event.preventDefault(); // no m in the name
+  });
+  window.addEventListener("click", (event) => {
+    if (event.target.closest?.(".mark-button")) focusNote();
   });
   document.addEventListener("DOMContentLoaded", build);
 

@@ -10,31 +10,33 @@ from station.session.live_trial import LiveTrial
 
 
 class MarkReceipt:
-    """One line under the curves, with a field to name the last mark. Enter stores the name, Escape leaves the field."""
+    """One line under the curves, with a field to name this page's last mark. Enter stores the name, Escape leaves the
+    field. The browser clears the field and moves the focus to it (freshness.js): after a round trip to the console,
+    keys typed in between would act as commands, and the beginning of the name would be lost.
+    """
 
     def __init__(self, controller: SessionController, live: LiveTrial, actions: Actions) -> None:
         self._controller, self._live, self._run = controller, live, actions.run
+        self._number = 0
         with ui.element("div").classes("receipt"):
             self._text = ui.label("no mark yet").classes("quiet").mark("receipt")
             self._note = ui.input(placeholder="name, then Enter").props("dense outlined")
-            self._note.classes("grow note").mark("note").disable()
+            self._note.classes("grow note").mark("note")
             self._note.on("keydown.enter", self._store_name)
 
     async def mark(self) -> None:
-        """Mark this moment and move the focus to the name."""
-        await self._controller.runner.mark()
-        self._note.value = ""
-        self._note.run_method("focus")
+        """Mark this moment. An alarm or another page may add marks before this one is named."""
+        self._number = 0
+        self._number = await self._controller.runner.mark()
 
     async def _store_name(self) -> None:
-        number, name = len(self._live.marks), str(self._note.value or "")
-        await self._run(lambda: self._controller.runner.name_mark(number, name))
+        name = str(self._note.value or "")
+        await self._run(lambda: self._controller.runner.name_mark(self._number, name))
         self._note.value = ""
         self._note.run_method("blur")
 
     def tick(self) -> None:
         marks = self._live.marks
-        self._note.set_enabled(self._live.takes_marks)
         if not marks:
             return
         number = max(marks)

@@ -57,7 +57,7 @@ def show(controller: SessionController, live: LiveTrial, actions: Actions) -> Ca
     receipt = MarkReceipt(controller, live, actions)
     status = ui.label().classes("status quiet whitespace-pre-line").mark("status")
     actions.add("Stop", "s", controller.runner.stop, kind="danger")
-    actions.add("Mark", "m", receipt.mark, kind="main")
+    actions.add("Mark", "m", receipt.mark, kind="main").classes("mark-button")
     actions.add("Tare", "z", controller.runner.tare)
     silence = actions.add(
         "Silence the alarm", "i", controller.runner.acknowledge_alarm, kind="danger", mark="alarm-seen"

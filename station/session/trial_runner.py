@@ -69,14 +69,15 @@ class TrialRunner:
         if self._trial is not None:
             await self._trial.stop()
 
-    async def mark(self) -> None:
-        """Mark this moment in the recording; the mark is named later."""
+    async def mark(self) -> int:
+        """Mark this moment in the recording; returns the number of the mark, by which it is named later."""
         if self._trial is None or self.live is None:
             raise CommandRefused.of(CommandCode.NO_TRIAL)
         if not self.live.takes_marks:
             raise CommandRefused.of(CommandCode.NO_MARK_YET)
-        self.live.add_mark()
+        number = self.live.add_mark()
         await self._trial.mark()
+        return number
 
     def name_mark(self, number: int, name: str) -> None:
         """Name a mark of the running trial; it is written to the journal when the trial has ended."""
