@@ -43,6 +43,26 @@ class RecordingCode(StrEnum):
     MANIFEST_LOST = "recording_damaged.manifest_lost"
 
     FOREIGN = "foreign_file_unusable"
+    FOREIGN_UNREADABLE = "foreign_file_unusable.unreadable"
+    FOREIGN_EMPTY = "foreign_file_unusable.empty"
+    FOREIGN_WRONG_TYPE = "foreign_file_unusable.wrong_file_type"
+    FOREIGN_NEEDS_PACKAGE = "foreign_file_unusable.needs_package"
+    FOREIGN_DAMAGED = "foreign_file_unusable.damaged"
+    FOREIGN_CUT = "foreign_file_unusable.cut"
+    FOREIGN_CONTRADICTORY = "foreign_file_unusable.contradictory"
+    FOREIGN_NO_HEADER = "foreign_file_unusable.no_header"
+    FOREIGN_TITLES = "foreign_file_unusable.wrong_titles"
+    FOREIGN_NO_ROWS = "foreign_file_unusable.no_rows"
+    FOREIGN_TOO_SHORT = "foreign_file_unusable.too_short"
+    FOREIGN_NO_MARKERS = "foreign_file_unusable.no_markers"
+    FOREIGN_NO_CHANNEL = "foreign_file_unusable.no_channel"
+    FOREIGN_MISSING_COLUMN = "foreign_file_unusable.missing_column"
+    FOREIGN_REPEATED_NAME = "foreign_file_unusable.repeated_name"
+    FOREIGN_NO_RATE = "foreign_file_unusable.no_rate"
+    FOREIGN_UNIT = "foreign_file_unusable.unknown_unit"
+    FOREIGN_NOT_A_NUMBER = "foreign_file_unusable.not_a_number"
+    FOREIGN_TIME_NOT_RISING = "foreign_file_unusable.time_not_rising"
+    FOREIGN_MISSING_FRAME = "foreign_file_unusable.missing_frame"
 
 
 class RecordingError(Exception):

@@ -16,6 +16,7 @@ class SolverCode(StrEnum):
     """Stable codes of errors, for programs. The code of a class stands for any reason that has no code of its own."""
 
     FAILED = "solver_failed"
+    NO_PERSON_SOLVED = "solver_failed.no_person_solved"
 
     MODEL = "model_unusable"
     UNREADABLE_FILE = "model_unusable.unreadable_file"
@@ -32,6 +33,14 @@ class SolverCode(StrEnum):
     NEGATIVE_WEIGHT = "model_unusable.negative_weight"
     NOT_WRITABLE = "model_unusable.not_writable"
     NO_MARKERS = "model_unusable.no_markers_in_common"
+    TOO_FEW_MARKERS = "model_unusable.too_few_markers"
+    TOO_FEW_FRAMES = "model_unusable.too_few_frames"
+    CONSTRAINTS_NOT_MET = "model_unusable.constraints_not_met"
+    WRONG_NOISE = "model_unusable.wrong_noise"
+    MARKERS_DO_NOT_FIT = "model_unusable.markers_do_not_fit"
+    LOAD_PRESENT = "model_unusable.load_present"
+    NOT_POSITIVE = "model_unusable.not_positive"
+    NOT_NAMED = "model_unusable.not_named"
 
     MOTION = "motion_unusable"
     UNREADABLE_TABLE = "motion_unusable.unreadable_table"
@@ -60,6 +69,10 @@ class SolverCode(StrEnum):
     POINT_NOT_SEEN = "suit_unusable.point_not_seen"
     STIFFNESS_NOT_DRAWN = "suit_unusable.stiffness_not_drawn"
     NO_JOINT_CENTRE = "joint_centre_not_found"
+    CENTRE_TOO_FEW_FRAMES = "joint_centre_not_found.too_few_frames"
+    CENTRE_TOO_FEW_MARKERS = "joint_centre_not_found.too_few_markers"
+    CENTRE_TOO_LITTLE_MOTION = "joint_centre_not_found.too_little_motion"
+    CENTRE_MISSING_LANDMARK = "joint_centre_not_found.missing_landmark"
 
 
 class SolverError(ValueError):

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import PiecewisePolynomial, scaled
 from solver.inverse_kinematics.solve import assemble
 from solver.model import (
@@ -90,10 +91,15 @@ def _factors(model: Model, scaling: Scaling) -> Factors:
     for name, given in scaling.factors.items():
         one = np.asarray(given, dtype=np.float64)
         if one.shape != (3,) or not (np.isfinite(one).all() and one.min() > 0):
-            raise ModelError(f"the scale factors of {name} should be three numbers above zero and are {given!r}")
+            raise ModelError(
+                f"the scale factors of {name} should be three numbers above zero and are {given!r}",
+                SolverCode.NOT_POSITIVE,
+            )
         factors[model.body_index(name)] = one
     if scaling.mass is not None and not (np.isfinite(scaling.mass) and scaling.mass > 0):
-        raise ModelError(f"the scaled model's mass should be above zero [kg] and is {scaling.mass}")
+        raise ModelError(
+            f"the scaled model's mass should be above zero [kg] and is {scaling.mass}", SolverCode.NOT_POSITIVE
+        )
     return factors
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.c3d_layout import EXPORT_AGAIN, read_c3d_layout
 from recordings.exchange.lengths import millimetres
 from recordings.exchange.tables import MarkerTable, SignalTable, distinct_labels
@@ -25,7 +25,9 @@ def read_c3d_markers(path: Path, unit: str = "") -> MarkerTable:
     data, residuals = c3d["data"]["points"], c3d["data"]["meta_points"]["residuals"]
     _, points, frames = data.shape
     if not frames or not points or not labels:
-        raise ForeignFile(f"{path} holds no markers ({points} points, {frames} frames)")
+        raise ForeignFile(
+            f"{path} holds no markers ({points} points, {frames} frames)", RecordingCode.FOREIGN_NO_MARKERS
+        )
     named = [i for i, label in enumerate(labels[:points]) if label and not label.startswith("*")]
     names, notes = distinct_labels([labels[i] for i in named], str(path))
     rate = _rate(point, path)
@@ -45,7 +47,9 @@ def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
     labels, units = _texts(analog, "LABELS"), _texts(analog, "UNITS")
     values = c3d["data"]["analogs"][0]
     if not labels or not values.shape[1]:
-        raise ForeignFile(f"{path} holds no analog channel; export the analog data with the markers")
+        raise ForeignFile(
+            f"{path} holds no analog channel; export the analog data with the markers", RecordingCode.FOREIGN_NO_CHANNEL
+        )
     start = _first_frame(c3d) / _rate(c3d["parameters"]["POINT"], path)
     place = {name: labels.index(name) for name in wanted if name in labels}
     return SignalTable(
@@ -59,19 +63,21 @@ def read_c3d_signals(path: Path, wanted: Sequence[str]) -> SignalTable:
 def _open(path: Path) -> Any:
     """The file as ezc3d reads it. Its own sentences are meant for its maintainers, and are not passed on."""
     if not path.is_file():
-        raise ForeignFile(f"{path} cannot be read: there is no such file")
+        raise ForeignFile(f"{path} cannot be read: there is no such file", RecordingCode.FOREIGN_UNREADABLE)
     layout = read_c3d_layout(path)
     try:
         import ezc3d  # not everywhere: it has no wheel for Linux on arm64
     except ImportError as error:
         raise ForeignFile(
-            f"{path} cannot be read: C3D needs the package ezc3d, which is not installed; export TRC or TSV instead"
+            f"{path} cannot be read: C3D needs the package ezc3d, which is not installed; export TRC or TSV instead",
+            RecordingCode.FOREIGN_NEEDS_PACKAGE,
         ) from error
     try:
         c3d = ezc3d.c3d(str(path))  # type: ignore[no-untyped-call]
     except Exception as error:  # the package raises what its C++ throws: OSError, RuntimeError, MemoryError, IndexError
         raise ForeignFile(
-            f"{path} cannot be read as C3D: it is damaged, or its parameters do not keep to the format; {EXPORT_AGAIN}"
+            f"{path} cannot be read as C3D: it is damaged, or its parameters do not keep to the format; {EXPORT_AGAIN}",
+            RecordingCode.FOREIGN_DAMAGED,
         ) from error
     _, points, frames = c3d["data"]["points"].shape
     _, channels, samples = c3d["data"]["analogs"].shape
@@ -91,7 +97,7 @@ def _texts(group: Any, name: str) -> list[str]:
 def _rate(group: Any, path: Path) -> float:
     rate = float(next(iter(group["RATE"]["value"]), 0.0)) if "RATE" in group else 0.0
     if not rate > 0:
-        raise ForeignFile(f"{path} has no sampling rate; export it again with its rates")
+        raise ForeignFile(f"{path} has no sampling rate; export it again with its rates", RecordingCode.FOREIGN_NO_RATE)
     return rate
 
 

@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 
 BLOCK = 512
 SIGNATURE = 0x50
@@ -45,17 +45,22 @@ class C3dLayout:
         A header that counts channels instead of values is such a case; one of 65535 frames stands for any more.
         """
         if frames != self.frames and self.last_frame < MOST_COUNTED:
-            raise ForeignFile(f"{self.path} announces {self.frames} frames and holds {frames}; {EXPORT_AGAIN}")
+            raise ForeignFile(
+                f"{self.path} announces {self.frames} frames and holds {frames}; {EXPORT_AGAIN}",
+                RecordingCode.FOREIGN_CUT,
+            )
         end = self._end(points, analog_values, frames)
         if end > self.size:
             raise ForeignFile(
-                f"{self.path} is cut: {frames} frames end at byte {end}, and it has {self.size}; {EXPORT_AGAIN}"
+                f"{self.path} is cut: {frames} frames end at byte {end}, and it has {self.size}; {EXPORT_AGAIN}",
+                RecordingCode.FOREIGN_CUT,
             )
         told = self.points, self.analog_values
         if told != (points, analog_values) and self._fits(*told, frames):
             raise ForeignFile(
                 f"{self.path} contradicts itself: its header counts {_words(*told)}, its parameters "
-                f"{_words(points, analog_values)} a frame; {EXPORT_AGAIN}"
+                f"{_words(points, analog_values)} a frame; {EXPORT_AGAIN}",
+                RecordingCode.FOREIGN_CONTRADICTORY,
             )
 
     def _fits(self, points: int, analog_values: int, frames: int) -> bool:
@@ -75,12 +80,17 @@ def read_c3d_layout(path: Path) -> C3dLayout:
             processor = file.read(1)
             size = file.seek(0, 2)
     except OSError as error:
-        raise ForeignFile(f"{path} cannot be read: {error.strerror or error}") from error
+        raise ForeignFile(
+            f"{path} cannot be read: {error.strerror or error}", RecordingCode.FOREIGN_UNREADABLE
+        ) from error
     if len(header) < BLOCK or header[1] != SIGNATURE or not processor:
-        raise ForeignFile(f"{path} does not begin as a C3D file does; was it renamed, or cut?")
+        raise ForeignFile(
+            f"{path} does not begin as a C3D file does; was it renamed, or cut?", RecordingCode.FOREIGN_WRONG_TYPE
+        )
     if processor[0] == MIPS:
         raise ForeignFile(
-            f"{path} was written on an SGI computer (MIPS numbers), which is not read; {EXPORT_AGAIN}, for Intel"
+            f"{path} was written on an SGI computer (MIPS numbers), which is not read; {EXPORT_AGAIN}, for Intel",
+            RecordingCode.FOREIGN_WRONG_TYPE,
         )
     _, points, analog, first, last, _, scale_first, scale_last, start = struct.unpack("<9H", header[:18])
     sign = scale_first if processor[0] == DEC else scale_last

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.tables import SignalTable, require_rising
 from recordings.exchange.text import MISSING, PRINTED_BY_C, read_lines, read_numbers
 
@@ -46,7 +46,10 @@ def read_delimited_emg(path: Path, rate_hz: float | None = None, labels: Sequenc
     lines = read_lines(path)
     first = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if first is None:
-        raise ForeignFile(f"{path} holds no row of numbers, expected EMG in columns below a line of titles")
+        raise ForeignFile(
+            f"{path} holds no row of numbers, expected EMG in columns below a line of titles",
+            RecordingCode.FOREIGN_NO_ROWS,
+        )
     layout = _layout(lines[:first], lines[first], tuple(labels), path)
     values = read_numbers(lines[first:], layout.separator, range(len(layout.titles)), path, first + 1)
     time, columns = _shared_clock(values, layout.titles)
@@ -54,7 +57,10 @@ def read_delimited_emg(path: Path, rate_hz: float | None = None, labels: Sequenc
         rate = layout.rate_hz or rate_hz
         if not rate:
             titles = ", ".join(layout.titles)
-            raise ForeignFile(f"{path} has neither a time column nor a rate among {titles}; give rate_hz")
+            raise ForeignFile(
+                f"{path} has neither a time column nor a rate among {titles}; give rate_hz",
+                RecordingCode.FOREIGN_NO_RATE,
+            )
         time = np.arange(len(values)) / rate
     require_rising(time, f"{path}, time,", first + 1)
     units = {_named(layout.titles[i])[0]: layout.unit(i) for i in columns}
@@ -117,11 +123,15 @@ def _layout(above: Sequence[str], row: str, labels: tuple[str, ...], path: Path)
         found = f"{len(titles)} titles" if titles else "no line of titles"
         raise ForeignFile(
             f"{path} has {len(fields)} columns and {found}, expected a title for each; where the file has none, "
-            "give labels"
+            "give labels",
+            RecordingCode.FOREIGN_TITLES,
         )
     rates = {float(rate) for key in QTM_RATES for rate in keys.get(key, ()) if _is_number(rate)}
     if len(rates) > 1:
-        raise ForeignFile(f"{path} has channels of {_listed(rates)} Hz, expected one rate; export them one by one")
+        raise ForeignFile(
+            f"{path} has channels of {_listed(rates)} Hz, expected one rate; export them one by one",
+            RecordingCode.FOREIGN_CONTRADICTORY,
+        )
     units = dict(zip(names, keys.get("CHANNEL_UNITS", ()), strict=False))
     units |= {label[1].strip(' "'): label[2] for line in above if (label := _DELSYS_LABEL.match(line.strip()))}
     return _Layout(separator, titles, next(iter(rates), 0.0), units)
@@ -166,7 +176,13 @@ def _named(title: str) -> tuple[str, str]:
 
 def _require_channels(names: tuple[str, ...], path: Path) -> None:
     if not names:
-        raise ForeignFile(f"{path} has no column that may be EMG: none without a unit, and none in V, mV or uV")
+        raise ForeignFile(
+            f"{path} has no column that may be EMG: none without a unit, and none in V, mV or uV",
+            RecordingCode.FOREIGN_NO_CHANNEL,
+        )
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
-        raise ForeignFile(f"{path} names the channel {twice!r} twice; give each a title of its own")
+        raise ForeignFile(
+            f"{path} names the channel {twice!r} twice; give each a title of its own",
+            RecordingCode.FOREIGN_REPEATED_NAME,
+        )

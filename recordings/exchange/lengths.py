@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 SPELLED_OUT = {
@@ -23,5 +23,8 @@ def millimetres(unit: str, where: str) -> float:
     told = unit.strip().lower() or "mm"
     known = MILLIMETRES.get(SPELLED_OUT.get(told.removesuffix("s"), told))
     if known is None:
-        raise ForeignFile(f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; give --mocap-unit")
+        raise ForeignFile(
+            f"{where} has positions in {unit!r}, expected {', '.join(MILLIMETRES)}; give --mocap-unit",
+            RecordingCode.FOREIGN_UNIT,
+        )
     return known

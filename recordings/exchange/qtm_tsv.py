@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.lengths import millimetres
 from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
 from recordings.exchange.text import read_lines, read_numbers, write_row
@@ -29,7 +29,8 @@ def read_qtm_tsv(path: Path, unit: str = "mm") -> MarkerTable:
     if "MARKER_NAMES" not in header:
         raise ForeignFile(
             f"{path} has no line MARKER_NAMES, expected QTM's export of 3D trajectories as TSV with its header; "
-            "tick Include TSV header in QTM's export settings"
+            "tick Include TSV header in QTM's export settings",
+            RecordingCode.FOREIGN_NO_HEADER,
         )
     labels, notes = distinct_labels(header["MARKER_NAMES"], f"{path}, MARKER_NAMES,")
     _require_count(header, "NO_OF_MARKERS", len(labels), "names", path)
@@ -94,7 +95,10 @@ def _is_number(field: str) -> bool:
 def _require_count(header: dict[str, list[str]], key: str, found: int, verb: str, path: Path) -> None:
     announced = header.get(key)
     if announced and announced[0].isdigit() and int(announced[0]) != found:
-        raise ForeignFile(f"{path} announces {key} {announced[0]} and {verb} {found}; export it again, whole")
+        raise ForeignFile(
+            f"{path} announces {key} {announced[0]} and {verb} {found}; export it again, whole",
+            RecordingCode.FOREIGN_CUT,
+        )
 
 
 def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int, path: Path) -> int:
@@ -109,7 +113,8 @@ def _leading_columns(titles: str, rows: Sequence[str], widest: int, markers: int
         return extra
     raise ForeignFile(
         f"{path} has {widest} columns for {markers} markers, expected {3 * markers}, with Frame and Time at most "
-        f"{3 * markers + 2}; export X, Y and Z of every trajectory and nothing else"
+        f"{3 * markers + 2}; export X, Y and Z of every trajectory and nothing else",
+        RecordingCode.FOREIGN_TITLES,
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.tables import SignalTable, require_rising
 from recordings.exchange.text import read_lines, read_numbers, write_table
 
@@ -26,7 +26,10 @@ def read_signals(path: Path, time_column: str, wanted: Sequence[str]) -> SignalT
     )
     separator, titles = _header(lines[start], time_column)
     if time_column not in titles:
-        raise ForeignFile(f"{path} has no column {time_column}, only {', '.join(titles)}; name it with --time-column")
+        raise ForeignFile(
+            f"{path} has no column {time_column}, only {', '.join(titles)}; name it with --time-column",
+            RecordingCode.FOREIGN_MISSING_COLUMN,
+        )
     chosen = [time_column, *(name for name in wanted if name in titles)]
     values = read_numbers(lines[start + 1 :], separator, [titles.index(name) for name in chosen], path, start + 2)
     require_rising(values[:, 0], f"{path}, {time_column},", start + 2)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 
 
 @dataclass(frozen=True)
@@ -58,17 +58,24 @@ def require_rising(time_s: NDArray[np.float64], where: str, first_line: int = 1)
     where names file and column; times stand on consecutive lines from first_line on.
     """
     if len(time_s) < 2:
-        raise ForeignFile(f"{where} holds {len(time_s)} samples, expected at least 2; is the file whole?")
+        raise ForeignFile(
+            f"{where} holds {len(time_s)} samples, expected at least 2; is the file whole?",
+            RecordingCode.FOREIGN_TOO_SHORT,
+        )
     broken = np.flatnonzero(~np.isfinite(time_s))
     if len(broken):
-        raise ForeignFile(f"{where} has no number in line {first_line + broken[0]}; every sample needs its time")
+        raise ForeignFile(
+            f"{where} has no number in line {first_line + broken[0]}; every sample needs its time",
+            RecordingCode.FOREIGN_NOT_A_NUMBER,
+        )
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         at = int(back[0]) + 1
         what = "again" if time_s[at] == time_s[at - 1] else f"after {time_s[at - 1]:.9g} s"
         raise ForeignFile(
             f"{where} has {time_s[at]:.9g} s {what} in line {first_line + at}, expected times that rise; "
-            "export it anew, with enough digits, or repair the line"
+            "export it anew, with enough digits, or repair the line",
+            RecordingCode.FOREIGN_TIME_NOT_RISING,
         )
 
 
@@ -76,9 +83,14 @@ def require_labels(labels: tuple[str, ...], where: str) -> None:
     """Raises ForeignFile where there is no label, an empty one, or one twice."""
     twice = next((label for i, label in enumerate(labels) if label in labels[:i]), None)
     if not labels:
-        raise ForeignFile(f"{where} names no markers; export the labelled trajectories")
+        raise ForeignFile(
+            f"{where} names no markers; export the labelled trajectories", RecordingCode.FOREIGN_NO_MARKERS
+        )
     if twice is not None:
-        raise ForeignFile(f"{where} names the marker {twice!r} twice; give each trajectory a label of its own")
+        raise ForeignFile(
+            f"{where} names the marker {twice!r} twice; give each trajectory a label of its own",
+            RecordingCode.FOREIGN_REPEATED_NAME,
+        )
 
 
 def distinct_labels(labels: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -118,14 +130,18 @@ def settle_times(
     """
     if time is None:
         if rate <= 0:
-            raise ForeignFile(f"{where} tells neither a frame rate nor times; export it with its time column")
+            raise ForeignFile(
+                f"{where} tells neither a frame rate nor times; export it with its time column",
+                RecordingCode.FOREIGN_NO_RATE,
+            )
         require_rising(numbers, f"{where}, frame numbers,", first_line)
         return rate, (numbers - 1) / rate
     require_rising(time, f"{where}, times,", first_line)
     counted = count_samples(time)[1]
     if rate > 0 and abs(counted / rate - 1) > 0.01:
         raise ForeignFile(
-            f"{where} announces {rate:g} frames a second, and its times tell {counted:.6g}; are they in s?"
+            f"{where} announces {rate:g} frames a second, and its times tell {counted:.6g}; are they in s?",
+            RecordingCode.FOREIGN_CONTRADICTORY,
         )
     return rate or counted, time
 

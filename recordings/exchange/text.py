@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.regular_file import open_regular
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 
 MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
 """How programs write a value that is not there."""
@@ -26,15 +26,19 @@ def read_lines(path: Path) -> list[str]:
         with open_regular(path) as file:
             raw = file.read()
     except OSError as error:
-        raise ForeignFile(f"{path} cannot be read: {error.strerror or error}") from error
+        raise ForeignFile(
+            f"{path} cannot be read: {error.strerror or error}", RecordingCode.FOREIGN_UNREADABLE
+        ) from error
     if b"\0" in raw[:4096]:
-        raise ForeignFile(f"{path} is no text file, expected a table in text; was it renamed?")
+        raise ForeignFile(
+            f"{path} is no text file, expected a table in text; was it renamed?", RecordingCode.FOREIGN_WRONG_TYPE
+        )
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     if not text.strip():
-        raise ForeignFile(f"{path} is empty; export it again")
+        raise ForeignFile(f"{path} is empty; export it again", RecordingCode.FOREIGN_EMPTY)
     return text.rstrip("\r\n \x1a").splitlines()
 
 
@@ -61,7 +65,8 @@ def read_numbers(
                 values[i, j] = float(field)
             except ValueError:
                 raise ForeignFile(
-                    f"{path}, line {first_line + i}, has {field!r} in column {column + 1}, expected a number"
+                    f"{path}, line {first_line + i}, has {field!r} in column {column + 1}, expected a number",
+                    RecordingCode.FOREIGN_NOT_A_NUMBER,
                 ) from None
     return values
 

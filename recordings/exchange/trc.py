@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.errors import ForeignFile
+from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.lengths import millimetres
 from recordings.exchange.tables import MarkerTable, distinct_labels, settle_times, without_origin
 from recordings.exchange.text import printed_by_c, read_lines, read_numbers, write_row
@@ -22,7 +22,10 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     """
     lines = read_lines(path)
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise ForeignFile(f"{path} does not begin with PathFileType and five lines of header, expected a TRC file")
+        raise ForeignFile(
+            f"{path} does not begin with PathFileType and five lines of header, expected a TRC file",
+            RecordingCode.FOREIGN_WRONG_TYPE,
+        )
     header = dict(zip(_fields(lines[1]), _fields(lines[2]), strict=False))
     labels, notes = distinct_labels(_fields(lines[3])[2:], str(path))
     first = next((i for i in range(4, len(lines)) if lines[i].split("\t", 1)[0].strip().isdigit()), len(lines))
@@ -73,7 +76,10 @@ def _fields(line: str) -> Sequence[str]:
 def _require_markers(header: dict[str, str], found: int, path: Path) -> None:
     announced = header.get("NumMarkers", str(found)).removesuffix(".0")
     if announced != str(found):
-        raise ForeignFile(f"{path} announces NumMarkers {announced} and names {found}; export it again, whole")
+        raise ForeignFile(
+            f"{path} announces NumMarkers {announced} and names {found}; export it again, whole",
+            RecordingCode.FOREIGN_CUT,
+        )
 
 
 def _whole_rows(header: dict[str, str], rows: list[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
@@ -106,4 +112,7 @@ def _rate(header: dict[str, str], path: Path) -> float:
     try:
         return float(header.get("DataRate", "0"))
     except ValueError:
-        raise ForeignFile(f"{path} has DataRate {header['DataRate']!r}, expected a number of frames a second") from None
+        raise ForeignFile(
+            f"{path} has DataRate {header['DataRate']!r}, expected a number of frames a second",
+            RecordingCode.FOREIGN_NO_RATE,
+        ) from None

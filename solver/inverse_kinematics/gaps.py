@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome
 from solver.model import Model
 from solver.motion import Motion, MotionError
@@ -47,7 +48,8 @@ def longest_whole_motion(model: Model, time: Array, solution: InverseKinematics)
     if len(longest) < 2 or (longest[-1] - longest[0]) * interval < SHORTEST_MOTION:
         raise MotionError(
             f"the markers should determine the posture for at least {SHORTEST_MOTION:g} s without a gap of more than "
-            f"{LONGEST_GAP:g} s, and do in {len(solved)} of {len(time)} frames; record the trial again"
+            f"{LONGEST_GAP:g} s, and do in {len(solved)} of {len(time)} frames; record the trial again",
+            SolverCode.NOT_COVERED,
         )
     start, end = int(longest[0]), int(longest[-1]) + 1
     whole = PchipInterpolator(time[longest], solution.coordinates[longest])(time[start:end])

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import assemble
 from solver.model import Marker, Model, ModelError
 from solver.multibody.postures import points_in_ground, postures
@@ -39,7 +40,8 @@ def rotation_laboratory_to_ground(
     if is_seen.sum() < 3:
         raise ModelError(
             f"expected at least 3 of the markers {', '.join(marker.name for marker in markers)} and found "
-            f"{int(is_seen.sum())}; label them"
+            f"{int(is_seen.sum())}; label them",
+            SolverCode.TOO_FEW_MARKERS,
         )
     posture = assemble(model)[None]
     state = postures(model, posture, np.zeros_like(posture))

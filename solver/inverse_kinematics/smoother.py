@@ -15,6 +15,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.exchanges import find_exchanges
 from solver.inverse_kinematics.motion_prior import LEAST_SD, START_SD, MotionPrior, fit_motion_prior, transition
 from solver.inverse_kinematics.solve import (
@@ -99,7 +100,8 @@ def smooth_motion(
     """
     if interval <= 0 or len(observed) < 3:
         raise ModelError(
-            f"smoothing needs at least 3 frames at a positive interval, got {len(observed)}, {interval:g} s"
+            f"smoothing needs at least 3 frames at a positive interval, got {len(observed)}, {interval:g} s",
+            SolverCode.TOO_FEW_FRAMES,
         )
     counts, frames = _trusted(model, observed, tasks)
     used = np.where(counts[..., None], observed, np.nan)

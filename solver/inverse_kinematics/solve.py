@@ -16,6 +16,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.frame import IkWorkspace, Problem
 from solver.inverse_kinematics.linearise import TrackedMarkers, allocate_least_squares, constraints_of
 from solver.inverse_kinematics.skeleton import allocate_pose, skeleton_of
@@ -121,7 +122,8 @@ def assemble(model: Model, wanted: Array | None = None) -> Array:
     else:
         raise ModelError(
             f"the constraints of {model.name} cannot be met near the default posture, {found.gap[0]:.3g} m or rad "
-            "remain; check its constraints and locked coordinates"
+            "remain; check its constraints and locked coordinates",
+            SolverCode.CONSTRAINTS_NOT_MET,
         )
     posture: Array = found.coordinates[0]
     return posture
@@ -208,8 +210,12 @@ def _ensure_fits(observed: Array, tasks: TrackingTasks) -> None:
     if observed.ndim != 3 or observed.shape[1:] != (count, 3) or tasks.weights.shape != (count,):
         raise ModelError(
             f"expected observed markers of shape (frames, {count}, 3) and {count} weights, found {observed.shape} and "
-            f"{tasks.weights.shape}"
+            f"{tasks.weights.shape}",
+            SolverCode.WRONG_SHAPE,
         )
     weights = np.concatenate([tasks.weights, list(tasks.coordinate_weights.values())])
     if not np.isfinite(weights).all() or weights.min(initial=0.0) < 0.0:
-        raise ModelError("weights of markers and coordinates should be finite and not negative; correct the tasks")
+        raise ModelError(
+            "weights of markers and coordinates should be finite and not negative; correct the tasks",
+            SolverCode.NEGATIVE_WEIGHT,
+        )

@@ -16,6 +16,7 @@ from math import comb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, allocate_workspace, build_problem
 from solver.model import Model, ModelError
 
@@ -58,7 +59,7 @@ def posture_uncertainty(
     frames, count = solution.coordinates.shape
     sigma = np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(tasks.markers),))
     if not (np.isfinite(sigma).all() and sigma.min(initial=0.0) >= 0.0):
-        raise ModelError("the noise of each marker should be finite and not negative [m]")
+        raise ModelError("the noise of each marker should be finite and not negative [m]", SolverCode.WRONG_NOISE)
     rows = np.zeros((frames, solution.multipliers.shape[1], count))
     hessians, spread = np.zeros((frames, count, count)), np.zeros((frames, count, count))
     work = allocate_workspace(model, problem)

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.model import Model, ModelError
 
 Array = NDArray[np.float64]
@@ -83,7 +84,9 @@ def size_factors(model: Model) -> tuple[tuple[SizeFactor, ...], Array]:
     kept = [k for k, factor in enumerate(SIZE_FACTORS) if names.issuperset(factor.bodies)]
     if not kept:
         known = ", ".join(sorted({body for factor in SIZE_FACTORS for body in factor.bodies}))
-        raise ModelError(f"the model {model.name} has no body of a known size ({known}); rename its bodies")
+        raise ModelError(
+            f"the model {model.name} has no body of a known size ({known}); rename its bodies", SolverCode.UNKNOWN_NAME
+        )
     return tuple(SIZE_FACTORS[k] for k in kept), 2.0 * LOG_COVARIANCE[np.ix_(kept, kept)]
 
 

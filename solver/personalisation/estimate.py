@@ -22,6 +22,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.model import Marker, Model, ModelError
 from solver.personalisation.anthropometry import body_factors
@@ -93,7 +94,10 @@ def estimate_body(
     priors = priors or population_priors(model, markers)
     for observed in trials:
         if observed.ndim != 3 or observed.shape[1:] != (len(markers), 3):
-            raise ModelError(f"expected trials of shape (frames, {len(markers)}, 3) and found {observed.shape}")
+            raise ModelError(
+                f"expected trials of shape (frames, {len(markers)}, 3) and found {observed.shape}",
+                SolverCode.WRONG_SHAPE,
+            )
     typical = float(np.median(priors.errors.scatter))
     effective = np.array([effective_frames(observed, typical) for observed in trials])
     problem = _Problem(model, tuple(markers), tuple(trials), priors, effective)
@@ -191,7 +195,8 @@ class _Problem:
             if not len(solved):
                 raise ModelError(
                     f"no frame of trial {len(shares) + 1} can be solved: its markers do not fit the model "
-                    f"{self.model.name}; check labels and units"
+                    f"{self.model.name}; check labels and units",
+                    SolverCode.MARKERS_DO_NOT_FIT,
                 )
             chosen = solved[np.linspace(0, len(solved) - 1, min(len(solved), MOST_FRAMES)).astype(int)]
             shares.append(Share(chosen, float(effective) / len(chosen)))

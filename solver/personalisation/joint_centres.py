@@ -106,14 +106,18 @@ def functional_centre(proximal: Array, distal: Array) -> JointCentre:
     is_seen = np.isfinite(poses[0][1]).all(axis=1) & np.isfinite(poses[1][1]).all(axis=1)
     (rotation, origin), (turned, moved) = ((turn[is_seen], at[is_seen]) for turn, at in poses)
     if len(rotation) < LEAST_MARKERS:
-        raise JointCentreError(f"a centre of rotation needs at least {LEAST_MARKERS} frames with all markers")
+        raise JointCentreError(
+            f"a centre of rotation needs at least {LEAST_MARKERS} frames with all markers",
+            SolverCode.CENTRE_TOO_FEW_FRAMES,
+        )
     matrix = np.concatenate([rotation, -turned], axis=2).reshape(-1, 6)
     solved, _, _, singular = np.linalg.lstsq(matrix, (moved - origin).reshape(-1), rcond=None)
     conditioning = float(singular[-1] / singular[0])
     if conditioning < LEAST_MOTION:
         raise JointCentreError(
             "the segments turn too little against each other to show their centre of rotation: "
-            f"conditioning {conditioning:.3f}, at least {LEAST_MOTION}; record circumduction, flexion and abduction"
+            f"conditioning {conditioning:.3f}, at least {LEAST_MOTION}; record circumduction, flexion and abduction",
+            SolverCode.CENTRE_TOO_LITTLE_MOTION,
         )
     one = origin + rotation @ solved[:3]
     two = moved + turned @ solved[3:]
@@ -130,7 +134,10 @@ def sphere_centre(points: Array) -> Array:
     """
     seen = points[np.isfinite(points).all(axis=(1, 2))]
     if len(seen) < LEAST_MARKERS:
-        raise JointCentreError(f"a centre of rotation needs at least {LEAST_MARKERS} frames with all markers")
+        raise JointCentreError(
+            f"a centre of rotation needs at least {LEAST_MARKERS} frames with all markers",
+            SolverCode.CENTRE_TOO_FEW_FRAMES,
+        )
     mean = seen.mean(axis=0)
     away = seen - mean
     square = np.sum(away**2, axis=2)
@@ -140,7 +147,10 @@ def sphere_centre(points: Array) -> Array:
     shift = 2.0 * np.einsum("fmi,fmj,mj->i", away, away, mean) / len(seen)
     values = np.linalg.eigvalsh(matrix)
     if values[0] < LEAST_MOTION**2 * values[-1]:
-        raise JointCentreError("the markers stay too near a plane or a line to show the centre of their spheres")
+        raise JointCentreError(
+            "the markers stay too near a plane or a line to show the centre of their spheres",
+            SolverCode.CENTRE_TOO_LITTLE_MOTION,
+        )
     centre: Array = np.linalg.solve(matrix, vector + shift)
     return centre
 
@@ -157,7 +167,9 @@ def _poses(markers: Array) -> tuple[Array, Array]:
     mean shape of its markers (Söderkvist and Wedin 1993, J. Biomech. 26:1473), in the frame of the first whole one.
     """
     if markers.ndim != 3 or markers.shape[1] < LEAST_MARKERS:
-        raise JointCentreError(f"a segment needs at least {LEAST_MARKERS} markers for its pose")
+        raise JointCentreError(
+            f"a segment needs at least {LEAST_MARKERS} markers for its pose", SolverCode.CENTRE_TOO_FEW_MARKERS
+        )
     is_seen = np.isfinite(markers).all(axis=(1, 2))
     rotation, origin = np.full((len(markers), 3, 3), np.nan), np.full((len(markers), 3), np.nan)
     if not is_seen.any():
@@ -185,7 +197,10 @@ def _rotations(shape: Array, seen: Array) -> Array:
 def _points(landmarks: Mapping[str, Array], names: Sequence[str]) -> list[Array]:
     missing = [name for name in names if name not in landmarks]
     if missing:
-        raise JointCentreError(f"the regression of the glenohumeral centre needs {', '.join(missing)}; point them in")
+        raise JointCentreError(
+            f"the regression of the glenohumeral centre needs {', '.join(missing)}; point them in",
+            SolverCode.CENTRE_MISSING_LANDMARK,
+        )
     return [np.asarray(landmarks[name], dtype=np.float64) for name in names]
 
 

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
 from solver.model import NO_COORDINATE, AxisMotion, Body, Joint, Model, ModelError, Placement
 from solver.personalisation.anthropometry import ARM_SEGMENTS
@@ -75,7 +76,9 @@ def upper_arm_length(model: Model) -> float:
     shoulder = [joint for joint in model.joints if joint.child == humerus]
     elbow = [joint for joint in model.joints if joint.parent == humerus]
     if not (shoulder and elbow):
-        raise ModelError(f"the humerus of {model.name} should have a joint at either end and has not")
+        raise ModelError(
+            f"the humerus of {model.name} should have a joint at either end and has not", SolverCode.UNKNOWN_NAME
+        )
     ends = shoulder[0].frame_in_child.translation, elbow[0].frame_in_parent.translation
     return float(np.linalg.norm(ends[0] - ends[1]))
 
@@ -97,7 +100,9 @@ def hold_load(model: Model, mass: float) -> Model:
     Raises ModelError for a model without a hand, or one that holds a load already.
     """
     if any(body.name == LOAD for body in model.bodies):
-        raise ModelError(f"the model {model.name} holds a load already; remove the body {LOAD}")
+        raise ModelError(
+            f"the model {model.name} holds a load already; remove the body {LOAD}", SolverCode.LOAD_PRESENT
+        )
     hand = model.body_index(HAND)
     load = Body(LOAD, mass, np.zeros(3), np.zeros((3, 3)))
     still = AxisMotion(np.vstack([np.eye(3), np.eye(3)]), np.full(6, NO_COORDINATE), (polynomial([0.0]),) * 6)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.errors import SolverError
+from solver.errors import SolverCode, SolverError
 from solver.motion import Kinematics
 from solver.suit.curve_minimum import find_minimum
 from solver.suit.readouts import CurveReadouts, read_off_curves, stacked
@@ -102,7 +102,9 @@ def solve_people(
         progress(done, len(scores))
     template = next((readouts for readouts in found if readouts), None)
     if template is None:
-        raise SolverError("none of the drawn people can be solved; check the sources of uncertainty")
+        raise SolverError(
+            "none of the drawn people can be solved; check the sources of uncertainty", SolverCode.NO_PERSON_SOLVED
+        )
     unknown = {place: _unknown(reading) for place, reading in template.items()}
     return {place: stacked([(readouts or unknown)[place] for readouts in found]) for place in template}
 

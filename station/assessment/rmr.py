@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
@@ -94,7 +95,7 @@ def ensure_joint_and_markers(model: Model, options: RedundancyOptions) -> None:
     if options.has_glenoid_cone and lacking:
         obstacles.append(f"has no marker {', '.join(lacking)}: add the markers of the glenoid, or give --no-glenoid")
     if obstacles:
-        raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}")
+        raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}", SolverCode.UNSUPPORTED)
 
 
 def _describe_suit(suited: SuitedModel) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
+from solver.errors import SolverCode
 from solver.inverse_kinematics.laboratory_frame import Vertical, rotation_laboratory_to_ground
 from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
@@ -123,7 +124,10 @@ def _smoothed(model: Model, time: Array, observed: Array, tasks: TrackingTasks, 
     """Raises MotionError where frames are missing from the file."""
     steps = np.diff(time)
     if len(time) < 3 or steps.max() > 1.5 * np.median(steps):
-        raise MotionError("a trial that is smoothed needs every frame; leave a missing marker empty, and keep its row")
+        raise MotionError(
+            "a trial that is smoothed needs every frame; leave a missing marker empty, and keep its row",
+            SolverCode.NOT_COVERED,
+        )
     return smooth_motion(model, observed, float(np.median(steps)), tasks, noise)
 
 
@@ -133,7 +137,8 @@ def _frames(file: Path, table: MarkerTable, inputs: IkInputs, setup: IkSetup | N
     kept = (table.time_s >= max(low, inputs.start) - 1e-6) & (table.time_s <= min(high, inputs.end) + 1e-6)
     if not kept.any():
         raise MotionError(
-            f"{file.name} has no frame between {inputs.start:g} and {inputs.end:g} s; choose other limits"
+            f"{file.name} has no frame between {inputs.start:g} and {inputs.end:g} s; choose other limits",
+            SolverCode.NO_FRAMES,
         )
     return np.asarray(kept)
 
@@ -189,7 +194,9 @@ def write_xml(path: Path, root: Xml.Element) -> None:
 
 def named_file(path: Path | None, what: str, option: str) -> Path:
     if path is None:
-        raise ModelError(f"which {what} is not said: neither the set-up nor {option} names one; add {option}")
+        raise ModelError(
+            f"which {what} is not said: neither the set-up nor {option} names one; add {option}", SolverCode.NOT_NAMED
+        )
     return path
 
 

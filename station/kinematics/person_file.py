@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.constants import g
 
+from solver.errors import SolverCode
 from solver.model import ModelError
 from solver.osim.ik_setup import ik_setup_document, ik_setup_of_tasks
 from solver.osim.writer import osim_document
@@ -21,7 +22,10 @@ from station.whole_file import drafted, write_whole
 def write_person(output: Path, person: PersonBody, inputs: PersonInputs) -> tuple[Path, ...]:
     """Write output (.osim), and beside it …-ik.xml and …-body.json; returns their paths."""
     if output.suffix != ".osim":
-        raise ModelError(f"the person's model should be written as .osim and is {output.name}; choose such a name")
+        raise ModelError(
+            f"the person's model should be written as .osim and is {output.name}; choose such a name",
+            SolverCode.NOT_WRITABLE,
+        )
     setup, record = output.with_name(f"{output.stem}-ik.xml"), output.with_name(f"{output.stem}-body.json")
     documents = {
         output: osim_document(person.model),

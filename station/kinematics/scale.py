@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.exchange.tables import MarkerTable
+from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.marker_placement import place_markers
 from solver.model import Model, ModelError
@@ -81,7 +82,10 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
     first, last = setup.time_range
     shown = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not shown.any():
-        raise MotionError(f"{file.name} has no frame between {first:g} and {last:g} s; correct the set-up's time_range")
+        raise MotionError(
+            f"{file.name} has no frame between {first:g} and {last:g} s; correct the set-up's time_range",
+            SolverCode.NO_FRAMES,
+        )
     observed = 1e-3 * table.positions[shown]
     _ensure_markers_fit(generic, file, table, setup, observed)
     factors = setup.factors(generic, table.labels, observed)
@@ -136,7 +140,10 @@ def _ensure_plausible(file: Path, factors: Mapping[str, Array]) -> None:
 def write_body(path: Path, body: ScaledBody) -> None:
     """The model as .osim: what the solver knows of it, without pictures of bones."""
     if path.suffix != ".osim":
-        raise ModelError(f"the scaled model should be written as .osim and is {path.name}; choose such a name")
+        raise ModelError(
+            f"the scaled model should be written as .osim and is {path.name}; choose such a name",
+            SolverCode.NOT_WRITABLE,
+        )
     write_xml(path, osim_document(body.model))
 
 

@@ -11,8 +11,9 @@ from recordings.errors import RecordingCode, RecordingError
 
 
 @contextmanager
-def refused(code: RecordingCode) -> Iterator[None]:
-    """The block raises a RecordingError with this code."""
+def refused(code: RecordingCode, naming: str = "") -> Iterator[None]:
+    """The block raises a RecordingError with this code, whose sentence names the file, line or label at fault."""
     with pytest.raises(RecordingError) as caught:
         yield
     assert caught.value.code is code
+    assert naming in str(caught.value)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from recordings.errors import ForeignFile
+from recordings.errors import RecordingCode
 from recordings.exchange.delimited_emg import read_delimited_emg
 from recordings.exchange.tables import SignalTable
+from tests.recordings.refusals import refused
 
 DELSYS = (
     "Label: EMG1 Sampling frequency: 1000 Unit: mV Domain: Time\n\n"
@@ -78,20 +79,22 @@ def test_a_rate_and_labels_that_are_given_stand_in_for_what_the_file_lacks(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "code", "naming"),
     [
-        ("", "is empty"),
-        ("AD MD\n0 1\n", "holds no row of numbers"),
-        ("1,2\n3,4\n", "has 2 columns and no line of titles"),
-        ("time,AD,MD\n0,1\n", "has 2 columns and 3 titles"),
-        ("AD,MD\n1,2\n3,4\n", "has neither a time column nor a rate among AD, MD"),
-        ("time,ACC [g]\n0,1\n0.001,2\n", "has no column that may be EMG"),
-        ("time,AD,AD\n0,1,2\n0.001,3,4\n", "names the channel 'AD' twice"),
-        ("time,AD\n0,1\n0,2\n", "has 0 s again in line 3"),
-        ("time,AD\n0,1\n0.001,high\n", "line 3, has 'high' in column 2"),
-        (QTM.format(rates="2000\t1000", titles="1\t2\n"), "has channels of 1000 and 2000 Hz"),
+        ("", RecordingCode.FOREIGN_EMPTY, ""),
+        ("AD MD\n0 1\n", RecordingCode.FOREIGN_NO_ROWS, ""),
+        ("1,2\n3,4\n", RecordingCode.FOREIGN_TITLES, "2 columns"),
+        ("time,AD,MD\n0,1\n", RecordingCode.FOREIGN_TITLES, "2 columns"),
+        ("AD,MD\n1,2\n3,4\n", RecordingCode.FOREIGN_NO_RATE, ""),
+        ("time,ACC [g]\n0,1\n0.001,2\n", RecordingCode.FOREIGN_NO_CHANNEL, ""),
+        ("time,AD,AD\n0,1,2\n0.001,3,4\n", RecordingCode.FOREIGN_REPEATED_NAME, "'AD'"),
+        ("time,AD\n0,1\n0,2\n", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 3"),
+        ("time,AD\n0,1\n0.001,high\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 3, has 'high' in column 2"),
+        (QTM.format(rates="2000\t1000", titles="1\t2\n"), RecordingCode.FOREIGN_CONTRADICTORY, "1000 and 2000 Hz"),
     ],
 )
-def test_what_cannot_be_read_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(ForeignFile, match=words):
+def test_what_cannot_be_read_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, code: RecordingCode, naming: str
+) -> None:
+    with refused(code, naming):
         read(tmp_path, text)

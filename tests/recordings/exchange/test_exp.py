@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings.errors import ForeignFile
+from recordings.errors import RecordingCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED
+from tests.recordings.refusals import refused
 
 TEXT = """  \t// User name
 29-11-2018\t// Evaluation date
@@ -42,25 +43,27 @@ def test_header_and_rows_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "words"),
+    ("before", "after", "code", "naming"),
     [
-        ("1000.000\t// Measurement rate\n", "", "gives 'Measurement rate' as nothing"),
-        ("1000.000", "fast", "gives 'Measurement rate' as fast"),
-        ("0.003", "0.300", "announces 300 frames and holds 3"),
-        ("1\t-0.797424", "7\t-0.797424", r"has frame 7 after 0 in line 11"),
-        ("AD\tMD", "AD\tAD", "names the channels AD, AD"),
-        ("0.25", "high", "line 12, has 'high' in column 3"),
-        ("Frame #\tAD\tMD\t\n", "", "has no header"),
+        ("1000.000\t// Measurement rate\n", "", RecordingCode.FOREIGN_NO_RATE, "Measurement rate"),
+        ("1000.000", "fast", RecordingCode.FOREIGN_NO_RATE, "fast"),
+        ("0.003", "0.300", RecordingCode.FOREIGN_CUT, "300"),
+        ("1\t-0.797424", "7\t-0.797424", RecordingCode.FOREIGN_MISSING_FRAME, "line 11"),
+        ("AD\tMD", "AD\tAD", RecordingCode.FOREIGN_REPEATED_NAME, "AD, AD"),
+        ("0.25", "high", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 12, has 'high' in column 3"),
+        ("Frame #\tAD\tMD\t\n", "", RecordingCode.FOREIGN_NO_HEADER, ""),
     ],
 )
-def test_a_file_that_is_none_is_refused_in_a_sentence(tmp_path: Path, before: str, after: str, words: str) -> None:
-    with pytest.raises(ForeignFile, match=words):
+def test_a_file_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, before: str, after: str, code: RecordingCode, naming: str
+) -> None:
+    with refused(code, naming):
         read_exp(written(tmp_path, TEXT.replace(before, after)))
 
 
 def test_bare_numbers_need_a_rate_and_labels(tmp_path: Path) -> None:
     path = written(tmp_path, "0.5\t1.5\n-0.5\t2.5\n")
-    with pytest.raises(ForeignFile, match="has no header"):
+    with refused(RecordingCode.FOREIGN_NO_HEADER):
         read_exp(path)
     read = read_exp(path, 1000.0, ["AD", "MD"])
     assert (read.time_s.tolist(), read.signals["MD"].tolist()) == ([0.0, 0.001], [1.5, 2.5])

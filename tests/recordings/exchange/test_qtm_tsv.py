@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings.errors import ForeignFile
+from recordings.errors import RecordingCode
 from recordings.exchange.qtm_tsv import read_qtm_tsv, write_qtm_tsv
 from tests.recordings.exchange.walk import FRAMES, same, walk
+from tests.recordings.refusals import refused
 
 HEADER = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t12\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nDESCRIPTION\t--\nDATA_INCLUDED\t3D\n"
 NAMES = "MARKER_NAMES\ta\tb\n"
@@ -72,21 +73,35 @@ def test_every_variant_of_the_export_reads_the_same(
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "code", "naming"),
     [
-        (lines(ROWS), "has no line MARKER_NAMES"),
-        (HEADER + "MARKER_NAMES\n" + lines(ROWS), "names no markers"),
-        (HEADER + "MARKER_NAMES\ta\n" + lines(ROWS), "announces NO_OF_MARKERS 2 and names 1"),
-        (HEADER + NAMES + lines(ROWS[:2]), "announces NO_OF_FRAMES 3 and holds 2"),
-        (HEADER + NAMES, "announces NO_OF_FRAMES 3 and holds 0"),
-        (HEADER + NAMES + lines([row + "\t7\t8\t9" for row in ROWS]), "has 9 columns for 2 markers, expected 6"),
-        (HEADER + NAMES + lines([ROWS[0], "1.6\t2\tx\t4\t5\t6", ROWS[2]]), "line 9, has 'x' in column 3"),
-        (HEADER.replace("100", "EXT") + NAMES + lines(ROWS), "neither a frame rate nor times"),
-        (HEADER + NAMES + lines([f"{i}\t{row}" for i, row in zip((1, 3, 3), ROWS, strict=True)]), "again in line 10"),
+        (lines(ROWS), RecordingCode.FOREIGN_NO_HEADER, "MARKER_NAMES"),
+        (HEADER + "MARKER_NAMES\n" + lines(ROWS), RecordingCode.FOREIGN_NO_MARKERS, ""),
+        (HEADER + "MARKER_NAMES\ta\n" + lines(ROWS), RecordingCode.FOREIGN_CUT, "NO_OF_MARKERS"),
+        (HEADER + NAMES + lines(ROWS[:2]), RecordingCode.FOREIGN_CUT, "NO_OF_FRAMES"),
+        (HEADER + NAMES, RecordingCode.FOREIGN_CUT, "NO_OF_FRAMES"),
+        (
+            HEADER + NAMES + lines([row + "\t7\t8\t9" for row in ROWS]),
+            RecordingCode.FOREIGN_TITLES,
+            "9 columns for 2 markers",
+        ),
+        (
+            HEADER + NAMES + lines([ROWS[0], "1.6\t2\tx\t4\t5\t6", ROWS[2]]),
+            RecordingCode.FOREIGN_NOT_A_NUMBER,
+            "line 9, has 'x' in column 3",
+        ),
+        (HEADER.replace("100", "EXT") + NAMES + lines(ROWS), RecordingCode.FOREIGN_NO_RATE, ""),
+        (
+            HEADER + NAMES + lines([f"{i}\t{row}" for i, row in zip((1, 3, 3), ROWS, strict=True)]),
+            RecordingCode.FOREIGN_TIME_NOT_RISING,
+            "line 10",
+        ),
     ],
 )
-def test_an_export_that_is_none_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(ForeignFile, match=words):
+def test_an_export_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, code: RecordingCode, naming: str
+) -> None:
+    with refused(code, naming):
         read_qtm_tsv(export(tmp_path, text))
 
 

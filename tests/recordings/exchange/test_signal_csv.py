@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings.errors import ForeignFile
+from recordings.errors import RecordingCode
 from recordings.exchange.signal_csv import read_signals, write_columns
+from tests.recordings.refusals import refused
 
 
 def table(tmp_path: Path, text: str) -> Path:
@@ -32,27 +33,29 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "code", "naming"),
     [
-        ("", "is empty"),
-        ("\n \n", "is empty"),
-        ("time,force\n0,1\n", "has no column time_s, only time, force"),
-        ("0.0,1.5\n0.1,1.5\n", "has no column time_s, only 0.0, 1.5"),
-        ("time_s,force_v\n", "holds 0 samples"),
-        ("time_s,force_v\n0,1\n0.1,high\n", "line 3, has 'high' in column 2, expected a number"),
-        ("time_s,force_v\n0,1\n,1\n", "no number in line 3"),
-        ("time_s,force_v\n0,1\n0,1\n", "has 0 s again in line 3"),
-        ("time_s,force_v\n1,1\n0,1\n", "has 0 s after 1 s in line 3"),
-        ("PK\0\0", "is no text file"),
+        ("", RecordingCode.FOREIGN_EMPTY, ""),
+        ("\n \n", RecordingCode.FOREIGN_EMPTY, ""),
+        ("time,force\n0,1\n", RecordingCode.FOREIGN_MISSING_COLUMN, "time_s"),
+        ("0.0,1.5\n0.1,1.5\n", RecordingCode.FOREIGN_MISSING_COLUMN, "time_s"),
+        ("time_s,force_v\n", RecordingCode.FOREIGN_TOO_SHORT, ""),
+        ("time_s,force_v\n0,1\n0.1,high\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 3, has 'high' in column 2"),
+        ("time_s,force_v\n0,1\n,1\n", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 3"),
+        ("time_s,force_v\n0,1\n0,1\n", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 3"),
+        ("time_s,force_v\n1,1\n0,1\n", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 3"),
+        ("PK\0\0", RecordingCode.FOREIGN_WRONG_TYPE, ""),
     ],
 )
-def test_a_table_that_is_none_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(ForeignFile, match=words):
+def test_a_table_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, code: RecordingCode, naming: str
+) -> None:
+    with refused(code, naming):
         read_signals(table(tmp_path, text), "time_s", ["force_v"])
 
 
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(ForeignFile, match=r"none\.csv cannot be read: No such file"):
+    with refused(RecordingCode.FOREIGN_UNREADABLE, "none.csv"):
         read_signals(tmp_path / "none.csv", "time_s", ["force_v"])
 
 

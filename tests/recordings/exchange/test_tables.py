@@ -3,21 +3,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recordings.errors import ForeignFile
+from recordings.errors import RecordingCode
 from recordings.exchange.tables import count_samples, require_rising, settle_times, without_origin
+from tests.recordings.refusals import refused
 
 
 @pytest.mark.parametrize(
-    ("times", "words"),
+    ("times", "code", "naming"),
     [
-        ([0.0], "holds 1 samples"),
-        ([0.0, float("nan"), 0.2], "no number in line 8"),
-        ([0.0, 0.1, 0.1], "has 0.1 s again in line 9"),
-        ([0.0, 0.2, 0.1], "has 0.1 s after 0.2 s in line 9"),
+        ([0.0], RecordingCode.FOREIGN_TOO_SHORT, ""),
+        ([0.0, float("nan"), 0.2], RecordingCode.FOREIGN_NOT_A_NUMBER, "line 8"),
+        ([0.0, 0.1, 0.1], RecordingCode.FOREIGN_TIME_NOT_RISING, "line 9"),
+        ([0.0, 0.2, 0.1], RecordingCode.FOREIGN_TIME_NOT_RISING, "line 9"),
     ],
 )
-def test_times_that_do_not_rise_are_refused_with_their_line(times: list[float], words: str) -> None:
-    with pytest.raises(ForeignFile, match=words):
+def test_times_that_do_not_rise_are_refused_with_their_line(
+    times: list[float], code: RecordingCode, naming: str
+) -> None:
+    with refused(code, naming):
         require_rising(np.array(times), "daq.csv, time_s,", 7)
 
 
@@ -52,7 +55,7 @@ def test_a_frame_without_time_stands_where_its_number_says() -> None:
 
 
 def test_a_rate_and_times_that_contradict_each_other_are_refused() -> None:
-    with pytest.raises(ForeignFile, match="announces 100 frames a second, and its times tell 200"):
+    with refused(RecordingCode.FOREIGN_CONTRADICTORY, "200"):
         settle_times(np.arange(1.0, 9.0), np.arange(8) / 200, 100.0, "f", 1)
-    with pytest.raises(ForeignFile, match="neither a frame rate nor times"):
+    with refused(RecordingCode.FOREIGN_NO_RATE):
         settle_times(np.arange(1.0, 9.0), None, 0.0, "f", 1)

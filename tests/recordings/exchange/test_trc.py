@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from recordings.errors import ForeignFile
+from recordings.errors import RecordingCode
 from recordings.exchange.trc import read_trc, write_trc
 from tests.recordings.exchange.walk import FRAMES, same, walk
+from tests.recordings.refusals import refused
 
 MARKERS = Path(__file__).parents[3].parent / "shared" / "data" / "markers"
 
@@ -32,20 +33,22 @@ def test_positions_are_in_the_unit_of_the_header_or_in_the_one_that_is_said(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "code", "naming"),
     [
-        ("PathFileType", "Path", "does not begin with PathFileType"),
-        (f"\t{FRAMES}\t3\tmm", f"\t{FRAMES}\t4\tmm", "announces NumMarkers 4 and names 3"),
-        ("\tmm\t", "\tfoot\t", "has positions in 'foot', expected mm, cm, m; give --mocap-unit"),
-        ("\n7\t0.06\t", "\n7\tsoon\t", "line 13, has 'soon' in column 2"),
-        ("\n7\t0.06\t", "\n7\t0.05\t", "has 0.05 s again in line 13"),
-        ("100\t100\t", "fast\t100\t", "has DataRate 'fast'"),
+        ("PathFileType", "Path", RecordingCode.FOREIGN_WRONG_TYPE, "PathFileType"),
+        (f"\t{FRAMES}\t3\tmm", f"\t{FRAMES}\t4\tmm", RecordingCode.FOREIGN_CUT, "NumMarkers"),
+        ("\tmm\t", "\tfoot\t", RecordingCode.FOREIGN_UNIT, "'foot'"),
+        ("\n7\t0.06\t", "\n7\tsoon\t", RecordingCode.FOREIGN_NOT_A_NUMBER, "line 13, has 'soon' in column 2"),
+        ("\n7\t0.06\t", "\n7\t0.05\t", RecordingCode.FOREIGN_TIME_NOT_RISING, "line 13"),
+        ("100\t100\t", "fast\t100\t", RecordingCode.FOREIGN_NO_RATE, "'fast'"),
     ],
 )
-def test_a_file_that_is_none_is_refused_in_a_sentence(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_a_file_that_is_none_is_refused_in_a_sentence(
+    tmp_path: Path, old: str, new: str, code: RecordingCode, naming: str
+) -> None:
     text = write_trc(walk(), "t")
     assert old in text
-    with pytest.raises(ForeignFile, match=words):
+    with refused(code, naming):
         read_trc(file(tmp_path, text.replace(old, new, 1)))
 
 

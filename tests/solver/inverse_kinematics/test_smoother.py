@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from solver.errors import SolverCode
 from solver.inverse_kinematics.smoother import SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
-from solver.model import ModelError
 from solver.motion import Motion, differentiate
 from tests.solver.inverse_kinematics.known_motions import (
     INTERVAL,
@@ -24,6 +24,7 @@ from tests.solver.inverse_kinematics.known_motions import (
     white_jerk,
 )
 from tests.solver.inverse_kinematics.marked import gaps_of, seen_from
+from tests.solver.refused import refused
 
 Array = NDArray[np.float64]
 NOISE = 1e-3
@@ -118,5 +119,5 @@ def test_an_iteration_that_runs_out_of_rounds_and_a_trial_without_markers_have_o
     nothing = smooth_motion(MODEL, np.full_like(observed, np.nan), INTERVAL, TASKS, NOISE)
     assert nothing.outcome is SmootherOutcome.NO_MARKERS
     assert np.isnan(nothing.positions).all()
-    with pytest.raises(ModelError, match="at least 3 frames"):
+    with refused(SolverCode.TOO_FEW_FRAMES):
         smooth_motion(MODEL, observed[:2], INTERVAL, TASKS, NOISE)

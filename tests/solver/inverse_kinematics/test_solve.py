@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks, assemble, solve_inverse_kinematics
-from solver.model import CoordinateCoupler, CoordinateLock, Model, ModelError
+from solver.model import CoordinateCoupler, CoordinateLock, Model
 from tests.solver.inverse_kinematics.marked import (
     cost_of,
     gaps_of,
@@ -23,6 +24,7 @@ from tests.solver.inverse_kinematics.marked import (
     with_markers,
 )
 from tests.solver.linkage import linkage
+from tests.solver.refused import refused
 
 Array = NDArray[np.float64]
 MODELS = pytest.mark.parametrize("make", [bundled_model, linkage], ids=["bundled", "linkage"])
@@ -185,13 +187,20 @@ def test_constraints_that_contradict_each_other_are_told() -> None:
     found = solve_inverse_kinematics(bound, noisy(model, 1, 0.0)[1], tasks_of(model), model.default_coordinates)
     assert found.outcomes == (PostureOutcome.GAP_OPEN,)
     assert found.gap[0] == pytest.approx(0.3)
-    with pytest.raises(ModelError, match="cannot be met"):
+    with refused(SolverCode.CONSTRAINTS_NOT_MET):
         assemble(bound)
 
 
-@pytest.mark.parametrize("weights", [[1.0, -1.0], [np.nan, 1.0], [1.0]])
-def test_weights_that_are_none_are_refused(weights: list[float]) -> None:
+@pytest.mark.parametrize(
+    ("weights", "code"),
+    [
+        ([1.0, -1.0], SolverCode.NEGATIVE_WEIGHT),
+        ([np.nan, 1.0], SolverCode.NEGATIVE_WEIGHT),
+        ([1.0], SolverCode.WRONG_SHAPE),
+    ],
+)
+def test_invalid_weights_are_refused(weights: list[float], code: SolverCode) -> None:
     model = with_markers(linkage())
     tasks = TrackingTasks(model.markers[:2], np.array(weights))
-    with pytest.raises(ModelError):
+    with refused(code):
         solve_inverse_kinematics(model, np.zeros((1, 2, 3)), tasks)

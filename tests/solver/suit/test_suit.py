@@ -7,7 +7,7 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.suit.suit import BUNDLED_SUIT, SuitError, ensure_fits, read_suit, suit_toml, with_suit_masses
+from solver.suit.suit import BUNDLED_SUIT, ensure_fits, read_suit, suit_toml, with_suit_masses
 from tests.solver.refused import refused
 
 MODEL = bundled_model()
@@ -51,18 +51,19 @@ def test_the_bundled_suit_fits_the_bundled_model_and_no_other_body():
 
 
 @pytest.mark.parametrize(
-    ("lost", "sentence"),
+    ("lost", "code", "naming"),
     [
         (
             {"waist": replace(SUIT.waist, body="pelvis")},
-            "exotendon.waist is on the body pelvis, which .* it has ground",
+            SolverCode.SUIT_BODY,
+            "exotendon.waist is on the body pelvis",
         ),
-        ({"masses": (replace(SUIT.masses[0], body="leg"),)}, "masses.waist is on the body leg"),
-        ({"groups": {"calf": ("Soleus", "BIC_long")}}, "groups.calf names Soleus, which"),
+        ({"masses": (replace(SUIT.masses[0], body="leg"),)}, SolverCode.SUIT_BODY, "masses.waist is on the body leg"),
+        ({"groups": {"calf": ("Soleus", "BIC_long")}}, SolverCode.SUIT_MUSCLE, "groups.calf names Soleus"),
     ],
 )
-def test_a_suit_for_another_body_is_refused_by_name(lost, sentence):
-    with pytest.raises(SuitError, match=sentence):
+def test_a_suit_for_another_body_is_refused_by_name(lost, code, naming):
+    with refused(code, naming):
         ensure_fits(replace(SUIT, **lost), MODEL)
 
 
@@ -78,7 +79,7 @@ def test_what_a_suit_file_leaves_out_is_as_published(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new", "naming"),
     [
         (
             "stiffness_n_per_m = 500.0",
@@ -111,19 +112,19 @@ def test_what_a_suit_file_leaves_out_is_as_published(tmp_path):
         ),
         ("mass_kg = 0.2", "mass_kg = 'light'", "masses.waist.mass_kg is 'light', expected a number"),
         ("[masses.arm]", "[masses.leg]", "masses.arm is missing"),
-        ("[masses.waist]", "[[masses.waist]]", "masses.waist is .*, expected a table"),
+        ("[masses.waist]", "[[masses.waist]]", "masses.waist is"),
         ("[exotendon]", "[exotendon", "cannot be read"),
         ('"cord"', '"sideways"', "migration_direction is 'sideways', expected 'cord' or 'bone'"),
         ('"backward"', '"forward"', "rate is 'forward', expected 'backward' or 'central'"),
         ('["TRIlong"]', '"TRIlong"', "groups.triceps is 'TRIlong', expected a list"),
     ],
 )
-def test_a_malformed_suit_gives_one_sentence(tmp_path, old, new, sentence):
+def test_a_malformed_suit_is_refused_by_key(tmp_path, old, new, naming):
     path = tmp_path / "suit.toml"
     text = BUNDLED_SUIT.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(SuitError, match=sentence):
+    with refused(SolverCode.SUIT_FILE if naming == "cannot be read" else SolverCode.SUIT_KEY, naming):
         read_suit(path)
 
 

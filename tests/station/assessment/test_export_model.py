@@ -10,16 +10,18 @@ import pandas as pd
 import pytest
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.osim.suited import add_suit
 from solver.osim.suited_reader import read_suited
 from solver.osim.writer import osim_document
 from solver.raise_arm import simulate_arm_raise
 from solver.suit.scenarios import Condition, LoadedMotion, SuitScenario, prepare_suited_motion, solve_scenarios
-from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
+from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.export_model import SuitToExport, write_suited_model
 from station.messages.codes import InputCode
+from tests.solver.refused import refused as refused_by_solver
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.command import assert_one_sentence
 from tests.station.refusal import refused
@@ -68,7 +70,7 @@ def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
 def test_a_model_that_wears_the_suit_does_not_get_a_second_one() -> None:
     root, rigid = osim_document(bundled_model()), SuitScenario("rigid", None, None, np.array([0.7]))
     add_suit(root, bundled_model(), read_suit(), rigid)
-    with pytest.raises(SuitError, match="should not wear a suit yet and has arm_cuff, exotendon, shoulder_cuff"):
+    with refused_by_solver(SolverCode.SUIT_NOT_WRITABLE):
         add_suit(root, bundled_model(), read_suit(), rigid)
 
 
@@ -90,21 +92,21 @@ def test_the_cuffs_of_the_suit_must_be_unambiguous(tmp_path: Path, worn: dict[st
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new", "naming"),
     [
-        ("damping_n_s_per_m = 0.0", "damping_n_s_per_m = 3.0", "no damping to become a PathSpring, .* has 3 N s/m"),
+        ("damping_n_s_per_m = 0.0", "damping_n_s_per_m = 3.0", "3 N s/m"),
         (
             '[masses.arm]\nbody = "humerus"',
             '[masses.arm]\nbody = "ulna"',
-            r"masses.arm should be on .* humerus, .* is on ulna",
+            "masses.arm",
         ),
     ],
 )
-def test_a_suit_that_opensim_cannot_have_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+def test_a_suit_that_opensim_cannot_have_is_refused(tmp_path: Path, old: str, new: str, naming: str) -> None:
     text = BUNDLED_SUIT.read_text(encoding="utf-8")
     assert old in text
     (tmp_path / "suit.toml").write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(SuitError, match=sentence):
+    with refused_by_solver(SolverCode.SUIT_NOT_WRITABLE, naming):
         write_suited_model(SuitToExport(suit=tmp_path / "suit.toml"), tmp_path / "out.osim")
 
 
@@ -185,5 +187,5 @@ def test_a_suit_that_was_changed_into_none_of_ours_is_refused(
 def test_the_suit_is_not_added_to_a_document_in_the_layout_of_opensim_3() -> None:
     root = osim_document(bundled_model())
     root.set("Version", "30000")
-    with pytest.raises(SuitError, match="layout of OpenSim 3"):
+    with refused_by_solver(SolverCode.SUIT_NOT_WRITABLE):
         add_suit(root, bundled_model(), read_suit(), SuitScenario("rigid", None, None, np.array([0.7])))
