@@ -14,6 +14,7 @@ from station.messages.decision_sentences import DECISIONS
 from station.messages.emg_sentences import EMG
 from station.messages.file_sentences import FILES
 from station.messages.kinematics_sentences import KINEMATICS
+from station.messages.live_sentences import LIVE
 from station.messages.person_sentences import PERSON_SENTENCES
 from station.messages.session_sentences import SESSION
 from station.messages.setup_sentences import SETUP
@@ -31,6 +32,7 @@ SENTENCES: Mapping[StrEnum, str] = {
     **DECISIONS,
     **EMG,
     **FILES,
+    **LIVE,
     **SETUP,
     **STUDY,
     **SUBJECT,

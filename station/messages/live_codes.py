@@ -1,0 +1,25 @@
+"""Codes of live operation: what a view shows beside the values."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class LiveCode(StrEnum):
+    """Finding on the live values, or reason why there are none."""
+
+    GENERIC_BODY = "live.generic_body"
+    NO_GLENOID = "live.no_glenoid"
+    UNKNOWN_MARKERS = "live.unknown_markers"
+    WAITING = "live.waiting"
+    STARTING = "live.starting"
+    WEARER_LEFT = "live.wearer_left"
+    MARKERS_EXCHANGED = "live.markers_exchanged"
+    MARKERS_LEFT_OUT = "live.markers_left_out"
+    NOT_HELD = "live.not_held"
+    UNSOLVED = "live.unsolved"
+    DECIMATED = "live.decimated"
+    OVERLOADED = "live.overloaded"
+    NO_FILE = "live.no_file"
+    ENDED = "live.ended"
+    UNREACHABLE = "live.unreachable"

@@ -1,0 +1,44 @@
+"""Sentences of live operation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.live_codes import LiveCode
+
+LIVE: Mapping[StrEnum, str] = {
+    LiveCode.GENERIC_BODY: (
+        "generic body {model}, not scaled to the wearer ({reason}): effort and forces are those of an average person"
+    ),
+    LiveCode.NO_GLENOID: (
+        "{model} has no glenoid: the direction of the joint force is not constrained, and no joint force is shown"
+    ),
+    LiveCode.UNKNOWN_MARKERS: (
+        "the cameras send the markers {labels}, of which the body {model} has {known}, expected at least 3; list "
+        "the labels under [markers] in subject.toml"
+    ),
+    LiveCode.WAITING: "waiting for the first frame of the cameras",
+    LiveCode.STARTING: "preparing the body and its muscles; frames before that are not solved",
+    LiveCode.WEARER_LEFT: (
+        "no marker of the body has been seen for {seconds:.1f} s: the wearer is outside the volume; values resume "
+        "when the markers are back"
+    ),
+    LiveCode.MARKERS_EXCHANGED: (
+        "the labels of {markers} are exchanged: they are exchanged back for the live values; the recording keeps them "
+        "as QTM sent them, so correct them there"
+    ),
+    LiveCode.MARKERS_LEFT_OUT: "{markers} jumped and are left out; check their labels and reflections in QTM",
+    LiveCode.NOT_HELD: "hidden markers leave {coordinates} undetermined; the values there are estimates",
+    LiveCode.UNSOLVED: "{frames:.0f} of the last {of:.0f} frames have no solution ({outcome})",
+    LiveCode.DECIMATED: (
+        "the cameras send {rate_hz:.0f} frames per second: one in {every:.0f} is solved ({solved_hz:.0f} per second)"
+    ),
+    LiveCode.OVERLOADED: (
+        "this computer does not keep up: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), "
+        "{dropped:.0f} frames were left out so far; the recording is not affected; fewer scenarios need less time"
+    ),
+    LiveCode.NO_FILE: "the live result is not written ({reason}); the recording is not affected",
+    LiveCode.ENDED: "the live process has ended (exit code {exit_code}); the recording is not affected",
+    LiveCode.UNREACHABLE: "no live process answers; it runs while a trial is recorded with [live] enabled = true",
+}

@@ -1,0 +1,171 @@
+"""Updates reach any number of views; a view that does not read loses updates, and holds up nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from queue import Queue
+from typing import Any
+
+import pytest
+
+from station.live.address import ADDRESS_FILE, LiveAddress, announce, find_address, withdraw
+from station.live.published import (
+    NAN,
+    UPDATE,
+    LiveDelivery,
+    LiveScenario,
+    LiveScenarioValues,
+    LiveSetup,
+    LiveSubject,
+    LiveUpdate,
+    LiveValues,
+    update_line,
+)
+from station.live.server import VIEW_BACKLOG, LiveServer
+from station.live.subscription import LiveSubscription, LiveUnreachable
+from station.messages.live_codes import LiveCode
+from tests.timeout import scaled_timeout
+
+SETUP = LiveSetup(
+    trial="cuff-hand",
+    subject=LiveSubject("generic", is_scaled=False),
+    coordinates=("elevation",),
+    muscles=("deltoid",),
+    markers=("ac",),
+    scenarios=(LiveScenario("slack", "slack", NAN), LiveScenario("worn", "worn", 0.7, "hand")),
+    lag_s=0.15,
+    frame_rate_hz=100.0,
+)
+ALL = 1e9  # updates per second that a view gets
+
+
+def update(frame: int) -> LiveUpdate:
+    solved = LiveScenarioValues("solved", NAN, 0.0, (0.25,), 12.5, (1.0, 2.0, NAN))
+    values = LiveValues(frame / 100, frame, "solved", (0.1,), (0.0,), (0.0,), (solved,))
+    return LiveUpdate(values, LiveDelivery(1000.0, 0.152, 0.002, frame, 0, 1, 100.0))
+
+
+def ignore(_: dict[str, Any]) -> None: ...
+
+
+def frames_until(view: LiveSubscription, last: int) -> list[LiveUpdate]:
+    """All updates up to that of the frame `last`, or to the end."""
+    found: list[LiveUpdate] = []
+    while not (found and found[-1].values is not None and found[-1].values.frame == last):
+        is_over = view.wait_until_over(0.005)
+        new = view.take()
+        found += new
+        if is_over and not new:
+            break
+    return found
+
+
+def wait_for(claim: Callable[[], bool], view: LiveSubscription) -> None:
+    for _ in range(round(scaled_timeout(10) / 0.005)):
+        if claim():
+            return
+        view.wait_until_over(0.005)
+    raise AssertionError("not within the time-out")
+
+
+def test_an_update_is_the_same_after_the_wire() -> None:
+    sent = replace(update(7), scenarios=SETUP.scenarios)
+    back = UPDATE.validate_json(update_line(sent))
+    assert update_line(back) == update_line(sent)
+    assert back.values is not None and math.isnan(back.values.scenarios[0].effort)
+    assert back.values.scenarios[0].activations == (0.25,)
+
+
+def test_two_views_see_the_same_updates() -> None:
+    with (
+        LiveServer(SETUP, ignore, ALL) as server,
+        LiveSubscription(server.address) as one,
+        LiveSubscription(server.address) as other,
+    ):
+        wait_for(lambda: server.views == 2, one)
+        for frame in range(20):
+            server.publish(update(frame))
+        seen = [[found.values.frame for found in frames_until(view, 19) if found.values] for view in (one, other)]
+        assert one.setup.scenarios[1] == other.setup.scenarios[1] == SETUP.scenarios[1]
+    assert seen == [list(range(20)), list(range(20))]
+
+
+def test_a_view_that_is_closed_leaves_the_other_running() -> None:
+    with LiveServer(SETUP, ignore, ALL) as server, LiveSubscription(server.address) as kept:
+        LiveSubscription(server.address).close()
+        wait_for(lambda: server.views == 1, kept)
+        server.publish(update(1))
+        assert [found.values.frame for found in frames_until(kept, 1) if found.values] == [1]
+
+
+def test_a_view_that_does_not_read_loses_the_oldest_updates_and_they_are_counted() -> None:
+    """The reference is the sequence of frames itself: shown + not shown = published."""
+    count = 20 * VIEW_BACKLOG
+    big = replace(SETUP, muscles=tuple(f"muscle {k}" for k in range(2000)))
+    with LiveServer(big, ignore, ALL) as server, socket.create_connection(("127.0.0.1", server.address.port)) as frozen:
+        frozen.sendall(json.dumps({"token": server.address.token}).encode() + b"\n")
+        lines = frozen.makefile("rb")
+        lines.readline()
+        wide = LiveScenarioValues("solved", 1.0, 0.0, (0.25,) * 2000, 12.5, ())
+        for frame in range(count):
+            one = update(frame)
+            assert one.values is not None
+            server.publish(replace(one, values=replace(one.values, scenarios=(wide,))))
+        received: list[LiveUpdate] = []
+        while not received or received[-1].values is None or received[-1].values.frame < count - 1:
+            received.append(UPDATE.validate_json(lines.readline()))
+    frames = [found.values.frame for found in received if found.values]
+    assert frames == sorted(frames) and len(frames) < count
+    assert received[-1].delivery.not_shown + len(frames) == count
+
+
+def test_a_slow_reader_in_the_view_counts_what_it_drops() -> None:
+    with LiveServer(SETUP, ignore, ALL) as server:
+        view = LiveSubscription(server.address, backlog=5)
+        wait_for(lambda: server.views == 1, view)
+        for frame in range(30):
+            server.publish(update(frame))
+    assert view.wait_until_over(scaled_timeout(10))
+    shown = view.take()
+    assert [found.values.frame for found in shown if found.values] == [25, 26, 27, 28, 29]
+    assert shown[-1].delivery.not_shown == 25
+    view.close()
+
+
+def test_a_command_of_a_view_reaches_the_process() -> None:
+    commands: Queue[dict[str, Any]] = Queue()
+    with LiveServer(SETUP, commands.put) as server, LiveSubscription(server.address) as view:
+        view.set_rest_length("worn", 0.71)
+        assert commands.get(timeout=scaled_timeout(10)) == {"scenario": "worn", "rest_length_m": 0.71}
+
+
+def test_a_view_without_the_token_gets_nothing() -> None:
+    with LiveServer(SETUP, ignore) as server, pytest.raises(LiveUnreachable) as refused:
+        LiveSubscription(LiveAddress(server.address.port, "guessed"))
+    assert refused.value.code == LiveCode.UNREACHABLE
+
+
+def test_views_get_no_more_updates_a_second_than_they_draw() -> None:
+    with LiveServer(SETUP, ignore, rate_hz=1e-3) as server, LiveSubscription(server.address) as view:
+        wait_for(lambda: server.views == 1, view)
+        for frame in range(10):
+            server.publish(update(frame))
+        server.publish(update(10), is_last=True)
+        assert [found.values.frame for found in frames_until(view, 10) if found.values] == [0, 10]
+
+
+def test_the_address_is_for_its_owner_alone_and_goes_with_its_process(tmp_path: Path) -> None:
+    mine, later = LiveAddress(4711, "mine"), LiveAddress(4712, "later")
+    announce(tmp_path, mine)
+    assert find_address(tmp_path) == mine
+    assert (tmp_path / ADDRESS_FILE).stat().st_mode & 0o077 == 0
+    announce(tmp_path, later)
+    withdraw(tmp_path, mine)
+    assert find_address(tmp_path) == later
+    withdraw(tmp_path, later)
+    assert find_address(tmp_path) is None
