@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -205,6 +206,7 @@ def _point(point: Fixed, s: Array) -> Fixed:
     return replace(point, placement=_moved(point.placement, s), functions=(x, y, z))
 
 
+@lru_cache(maxsize=2)  # many models are scaled from one; they are frozen
 def _default_lengths(model: Model) -> Array:
     """(muscles,) [m] in the default posture, assembled."""
     posture = assemble(model)[None]

@@ -119,34 +119,40 @@ def suit_forces(
     Raises SuitError where a cuff has no positive stiffness, or no equilibrium in a frame.
     """
     _ensure_springs(cuffs)
-    rest = (with_migration(suit, line, cuffs) if is_shifted else line).anchors
+    rest = with_migration(suit, line, cuffs) if is_shifted else line
     stiffness = np.array([cuff.stiffness if cuff and yields else np.inf for cuff in cuffs])
-    displacement = _equilibrium(line.shoulder[:, None] - rest, suit.stiffness, rest_lengths[:, None], stiffness)
-    points = rest + displacement
-    span = line.shoulder[:, None] - points
+    span = rest.shoulder[:, None] - rest.anchors
     reach = np.linalg.norm(span, axis=-1)
-    tension = _cord_tension(suit, reach.sum(axis=-1), rest_lengths[:, None], line.interval)
+    direction = span / reach[..., None]
+    travel = _equilibrium(reach, suit.stiffness, rest_lengths[:, None], stiffness)
+    tension = _cord_tension(suit, (reach - travel).sum(axis=-1), rest_lengths[:, None], line.interval)
     chosen = slice(None, None, every)
-    pull = tension[:, chosen, None, None] * span[:, chosen] / reach[:, chosen, :, None]
+    displacement = travel[:, chosen, :, None] * direction[chosen]
+    pull = tension[:, chosen, None, None] * direction[chosen]
     held = [pull[..., i, :] for i in range(len(cuffs))]
     if yields:
-        velocity = _velocity(suit, line, displacement, chosen)
+        velocity = _velocity(suit, line, travel, direction, chosen)
         for i, cuff in enumerate(cuffs):
             if cuff:
-                held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[:, chosen, i], velocity[..., i, :])
+                held[i] = cuff_force(cuff.stiffness, cuff.damping, displacement[..., i, :], velocity[..., i, :])
     shoulder = np.broadcast_to(line.shoulder[chosen], held[0].shape)
     return SuitForces(
         tension=tension,
-        displacement=displacement[:, chosen],
-        points=np.stack([*np.moveaxis(points[:, chosen], -2, 0), shoulder], axis=-2),
+        displacement=displacement,
+        points=np.stack([*np.moveaxis(rest.anchors[chosen] + displacement, -2, 0), shoulder], axis=-2),
         forces=np.stack([*held, -pull.sum(axis=-2)], axis=-2),
     )
 
 
-def _velocity(suit: Suit, line: CordLine, displacement: Array, chosen: slice) -> Array:
-    """Velocity of the cuffs relative to their bodies, in ground, from differences between all frames."""
-    in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), displacement)
-    return rotate(line.anchors_to_ground[chosen], _rate(in_body, line.interval, suit.rate)[:, chosen])
+def _velocity(suit: Suit, line: CordLine, travel: Array, direction: Array, chosen: slice) -> Array:
+    """Velocity of the cuffs relative to their bodies, in ground, from differences between neighbouring frames."""
+    frames = np.arange(len(line.shoulder))
+    before = np.maximum(frames - 1, 0)[chosen]
+    after = frames[chosen] if suit.rate == "backward" else np.minimum(frames + 1, frames[-1])[chosen]
+    in_body = rotate(np.swapaxes(line.anchors_to_ground, -1, -2), direction)
+    moved = travel[:, after, :, None] * in_body[after] - travel[:, before, :, None] * in_body[before]
+    seconds = line.interval * np.maximum(after - before, 1)
+    return rotate(line.anchors_to_ground[chosen], moved / seconds[:, None, None])
 
 
 def _ensure_springs(cuffs: Cuffs) -> None:
@@ -170,24 +176,22 @@ def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
             )
 
 
-def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
-    """Displacements q (rest lengths, frames, 2, 3) where k q = T d for both cuffs; span (frames, 2, 3) to the shoulder.
+def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_stiffness: Array) -> Array:
+    """Travel q (rest lengths, frames, 2) of both cuffs along the cord, where k q = T; reach (frames, 2) to the
+    shoulder.
 
-    A cuff with the same stiffness in all directions moves along the cord d, so cord and cuffs are springs in series:
+    A cuff with the same stiffness in all directions moves along the cord, so cord and cuffs are springs in series:
     T = stretch / (1/k_cord + 1/k_waist + 1/k_arm). Energy is convex, so the equilibrium is unique. There is
     none where a cuff would be pulled beyond the shoulder point.
     """
     compliance = 1 / cuff_stiffness
-    reach = np.linalg.norm(span, axis=-1, keepdims=True)
-    stretch = np.maximum(reach.sum(axis=-2)[..., 0] - rest_length, 0.0)
+    stretch = np.maximum(reach.sum(axis=-1) - rest_length, 0.0)
     tension = cord_stiffness * stretch / (1 + cord_stiffness * compliance.sum())
-    q: Array = (tension[..., None] * compliance)[..., None] * (span / reach)
-    left = span - q
-    reach = np.linalg.norm(left, axis=-1, keepdims=True)
-    pull = cord_stiffness * np.maximum(reach.sum(axis=-2)[..., 0] - rest_length, 0.0)
+    travel: Array = tension[..., None] * compliance
+    left = reach - travel
+    pull = cord_stiffness * np.maximum(np.abs(left).sum(axis=-1) - rest_length, 0.0)
     yielding = np.isfinite(cuff_stiffness)
-    residual = pull[..., None, None] * left[..., yielding, :] / reach[..., yielding, :]
-    residual -= cuff_stiffness[yielding, None] * q[..., yielding, :]
+    residual = pull[..., None] * np.sign(left[..., yielding]) - cuff_stiffness[yielding] * travel[..., yielding]
     largest = float(np.abs(residual).max(initial=0.0))
     if not largest < EQUILIBRIUM_RESIDUAL:
         softest = float(cuff_stiffness.min())
@@ -196,7 +200,7 @@ def _equilibrium(span: Array, cord_stiffness: float, rest_length: Array, cuff_st
             f"{softest:g} N/m is drawn over the shoulder point; check the cuffs' stiffness and the rest lengths",
             SolverCode.CUFFS_NOT_AT_REST,
         )
-    return q
+    return travel
 
 
 def _cord_tension(suit: Suit, length: Array, rest_length: Array, interval: float) -> Array:

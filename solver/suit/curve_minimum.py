@@ -31,11 +31,9 @@ def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
     """The lowest point of a cubic spline through the cost (rest lengths,) at the lengths tried (rest lengths,) [m]."""
     from scipy.interpolate import CubicSpline  # slow to import, and needed only here
 
-    best = int(np.argmin(cost))
-    if np.isnan(cost).any():
-        return CurveMinimum(NOWHERE, NOWHERE, NOWHERE)
-    if best in {0, len(cost) - 1}:
-        return CurveMinimum(NOWHERE, NOWHERE, NOWHERE, edge=1 if best else -1)
+    edge = edge_of_minimum(cost)
+    if edge or np.isnan(cost).any():
+        return CurveMinimum(NOWHERE, NOWHERE, NOWHERE, edge)
     spline = CubicSpline(rest_lengths, cost)
     flat = spline.derivative().roots(extrapolate=False)
     length = float(flat[np.argmin(spline(flat))])
@@ -44,3 +42,11 @@ def find_minimum(rest_lengths: Array, cost: Array) -> CurveMinimum:
     before, after = edges[edges < length], edges[edges > length]
     is_kept = before.size and after.size and lowest < 1
     return CurveMinimum(length, lowest, float(after.min() - before.max()) if is_kept else NOWHERE)
+
+
+def edge_of_minimum(cost: Array) -> int:
+    """−1 if the first cost (rest lengths,) is the least, 1 if the last is, 0 otherwise or if a cost is unknown."""
+    best = int(np.argmin(cost))
+    if np.isnan(cost[best]):
+        return 0
+    return -1 if best == 0 else int(best == len(cost) - 1)

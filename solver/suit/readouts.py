@@ -58,8 +58,10 @@ def read_off_curves(
     suited: SuitedMotion, slack: ScenarioEffort, solved: Mapping[Condition, Solved]
 ) -> dict[Condition, CurveReadouts]:
     """One version of each curve, from one set of cuffs in all conditions, or from rigid ones alone."""
+    mean_slack = suited.mean_activation(slack.activations[0])
     return {
-        condition: _read(suited, slack, curve, _unmigrated(solved, condition)) for condition, curve in solved.items()
+        condition: _read(suited, mean_slack, curve, _unmigrated(solved, condition))
+        for condition, curve in solved.items()
     }
 
 
@@ -74,7 +76,7 @@ def _unmigrated(solved: Mapping[Condition, Solved], condition: Condition) -> Sol
     return solved[UNMIGRATED[condition]] if condition in UNMIGRATED else None
 
 
-def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
+def _read(suited: SuitedMotion, mean_slack: Array, solved: Solved, unmigrated: Solved | None) -> CurveReadouts:
     scenario, effort = solved
     force, cost = effort.cord_force[-1], effort.muscles[-1]
     force_before = cost_before = np.nan
@@ -88,7 +90,7 @@ def _read(suited: SuitedMotion, slack: ScenarioEffort, solved: Solved, unmigrate
         length = scenario.rest_lengths[place]
         bounds = np.array([lowest.edge, length, effort.muscles[place], suited.slack_rest_length(scenario) - length])
     slipped = scenario.arm.migration if scenario.arm else 0.0
-    mean, mean_slack = suited.mean_activation(effort.activations[-1]), suited.mean_activation(slack.activations[0])
+    mean = suited.mean_activation(effort.activations[-1])
     return CurveReadouts(
         at_reference=np.array([cost]),
         rest_length=np.array([lowest.rest_length]),

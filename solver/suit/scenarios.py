@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ from solver.motion import Kinematics, MotionError, decimate
 from solver.multibody.dynamics import Response, response_to_loads
 from solver.multibody.external_loads import ExternalForce
 from solver.multibody.postures import Postures, postures
-from solver.multibody.rotations import wrench_about_origin
+from solver.multibody.rotations import each_frame, wrench_about_origin
 from solver.redundancy.motion import (
     FrameOutcome,
     LoadResponse,
@@ -103,18 +104,31 @@ class ScenarioEffort:
 @dataclass(frozen=True, eq=False)
 class SuitedMotion:
     """Everything that no scenario changes: the model with the suit's masses, and the postures of all frames, of which
-    the muscles are solved in every N-th; muscle_outcomes (solved frames, muscles) of MuscleOutcome.
+    the muscles are solved in every N-th; motion is without the suit, mechanics with it, in the solved frames.
     """
 
+    motion: LoadedMotion
     model: Model
     suit: Suit
     postures: Postures
     line: CordLine
     every: int
+    mechanics: Mechanics
     problem: RedundancyProblem
-    bare_problem: RedundancyProblem
     per_unit_wrench: Response
-    muscle_outcomes: NDArray[np.object_]
+
+    @cached_property
+    def bare_problem(self) -> RedundancyProblem:
+        """The problem of the body without the suit's masses."""
+        motion, kinematics = self.motion, self.mechanics.kinematics
+        loads = [load.decimate(self.every) for load in motion.loads]
+        bare = evaluate_motion(motion.model, kinematics, self.mechanics.paths, loads, motion.options.joint)
+        return build_redundancy(motion.model, bare, motion.options)
+
+    @property
+    def muscle_outcomes(self) -> NDArray[np.object_]:
+        """(solved frames, muscles) of MuscleOutcome."""
+        return self.mechanics.muscle_outcomes
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -123,9 +137,14 @@ class SuitedMotion:
 
     def mean_activation(self, activations: Array) -> Array:
         """(measured,) mean over the finite frames of activations (frames, muscles), groups by their muscles' mean."""
-        mean, names = activations[self.problem.is_finite].mean(axis=0), self.model.muscle_names
-        groups = [mean[[names.index(name) for name in group]].mean() for group in self.suit.groups.values()]
-        return np.array([*mean, *groups])
+        mean = activations[self.problem.is_finite].mean(axis=0)
+        return np.append(mean, [mean[group].mean() for group in self._groups])
+
+    @cached_property
+    def _groups(self) -> list[list[int]]:
+        """Indices of the muscles of every group."""
+        names = self.model.muscle_names
+        return [[names.index(name) for name in group] for group in self.suit.groups.values()]
 
     def with_suit(self, suit: Suit) -> SuitedMotion:
         """The same motion in a suit that differs in its cord only, not in its bodies or masses."""
@@ -173,20 +192,18 @@ def prepare_suited_motion(motion: LoadedMotion, suit: Suit, every: int = 1) -> S
     suited = with_suit_masses(model, suit)
     state = postures(suited, kinematics.positions, kinematics.speeds)
     loads = [load.decimate(every) for load in motion.loads]
-    bare = evaluate_motion(
-        model, decimate(kinematics, every), loads=loads, joint=options.joint, path_mode=options.path_mode
-    )
-    mechanics = evaluate_motion(suited, bare.kinematics, bare.paths, loads, options.joint)
+    decimated = decimate(kinematics, every)
+    mechanics = evaluate_motion(suited, decimated, loads=loads, joint=options.joint, path_mode=options.path_mode)
     return SuitedMotion(
+        motion=motion,
         model=suited,
         suit=suit,
         postures=state,
         line=cord_line(suit, suited, state, kinematics.interval),
         every=every,
+        mechanics=mechanics,
         problem=build_redundancy(suited, mechanics, options),
-        bare_problem=build_redundancy(model, bare, options),
         per_unit_wrench=_per_unit_wrench(suited, suit, mechanics),
-        muscle_outcomes=mechanics.muscle_outcomes,
     )
 
 
@@ -200,18 +217,17 @@ def solve_scenarios(
 
     Scenarios are divided among workers (threads), by default as many as processors.
     """
-    loads, cord_forces = [_no_load(suited)], [np.zeros(1)]
+    frames, places = suited.per_unit_wrench.acceleration.shape[:2]
+    wrenches, cord_forces = [np.zeros((1, frames, places))], [np.zeros(1)]
     for scenario in scenarios:
         forces = suited.forces(scenario)
-        loads.append(_load(suited, forces))
+        wrench = wrench_about_origin(forces.points, forces.forces)
+        wrenches.append(wrench.reshape(*wrench.shape[:2], places))
         cord_forces.append(forces.tension.max(axis=1))
-    together = LoadResponse(
-        acceleration=np.concatenate([load.acceleration for load in loads]),
-        reaction=np.concatenate([load.reaction for load in loads]),
-    )
-    solution = solve_redundancy(suited.problem, together, progress, workers)
+    loads = _response(suited, np.concatenate(wrenches))
+    solution = solve_redundancy(suited.problem, loads, progress, workers)
     slack = float(_effort(suited.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
-    ends = np.cumsum([len(load.acceleration) for load in loads])
+    ends = np.cumsum([len(wrench) for wrench in wrenches])
     first, *others = (
         _effort(suited.problem, solution, slice(begin, end), cord_force, slack)
         for begin, end, cord_force in zip([0, *ends[:-1]], ends, cord_forces, strict=True)
@@ -251,17 +267,12 @@ def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response
     return response_to_loads(mechanics.equations, units.reshape(len(units), -1, len(model.bodies), 6))
 
 
-def _no_load(suited: SuitedMotion) -> LoadResponse:
-    response = suited.per_unit_wrench
-    return LoadResponse(np.zeros_like(response.acceleration[None, :, 0]), np.zeros_like(response.reaction[None, :, 0]))
-
-
-def _load(suited: SuitedMotion, forces: SuitForces) -> LoadResponse:
-    wrench = wrench_about_origin(forces.points, forces.forces)
-    wrench = wrench.reshape(*wrench.shape[:2], -1)
+def _response(suited: SuitedMotion, wrenches: Array) -> LoadResponse:
+    """Response to wrenches (scenarios, frames, 18) on the bodies of waist, arm and shoulder."""
+    unit = suited.per_unit_wrench
     return LoadResponse(
-        acceleration=np.einsum("sfk,fkc->sfc", wrench, suited.per_unit_wrench.acceleration),
-        reaction=np.einsum("sfk,fkc->sfc", wrench, suited.per_unit_wrench.reaction),
+        acceleration=each_frame(np.swapaxes(unit.acceleration, 1, 2), wrenches),
+        reaction=each_frame(np.swapaxes(unit.reaction, 1, 2), wrenches),
     )
 
 

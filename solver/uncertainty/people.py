@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.motion import Kinematics
-from solver.suit.curve_minimum import find_minimum
+from solver.suit.curve_minimum import edge_of_minimum
 from solver.suit.readouts import CurveReadouts, read_off_curves, stacked
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
@@ -179,9 +179,8 @@ def _bracket_optima(
         outside = {}
         for index, (scenario, effort) in enumerate(zip(scenarios, efforts, strict=True)):
             lengths, cost = scenario.rest_lengths[:-1], effort.muscles[:-1]
-            if np.isnan(find_minimum(lengths, cost).rest_length) and not np.isnan(cost).any():
-                shift = 0.6 * (lengths[-1] - lengths[0]) * (-1 if np.argmin(cost) == 0 else 1)
-                moved = np.append(lengths + shift, scenario.rest_lengths[-1])
+            if edge := edge_of_minimum(cost):
+                moved = np.append(lengths + 0.6 * edge * (lengths[-1] - lengths[0]), scenario.rest_lengths[-1])
                 outside[index] = replace(scenario, rest_lengths=moved)
         if not outside or min(scenario.rest_lengths.min() for scenario in outside.values()) <= 0:
             return
