@@ -33,6 +33,7 @@ from solver.multibody.bodies import move_bodies
 from solver.multibody.joint_loads import add_joint_loads
 from solver.multibody.masses import mass_matrix_and_bias
 from solver.multibody.postures import points_in_ground, postures
+from solver.path_lines import path_lines
 from solver.personalisation.estimate import estimate_body
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.frames import solve_frames
@@ -42,6 +43,7 @@ from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from solver.suit.uncertainty import DrawSettings
 from solver.wrapping.moving_points import place_points
+from solver.wrapping.path_nodes import place_path_nodes
 from solver.wrapping.tension import evaluate_wrapped_paths
 
 KERNELS: tuple[Any, ...] = (
@@ -56,8 +58,9 @@ KERNELS: tuple[Any, ...] = (
     solve_postures,
     fill_sensitivities,
     fill_information,
+    place_path_nodes,
 )
-"""Kernels that an assessment calls, in order of use; a test finds a missing one."""
+"""Kernels that an assessment and its drawings call, in order of use; a test finds a missing one."""
 
 SKIN_MARKERS = ("ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "EpL", "EpM")
 WITH_PARENT = "--with-parent"
@@ -74,6 +77,7 @@ def compile_ahead() -> None:
     cuff = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
     assess(motion, suit, [cuff], every=FRAMES_APART, draws=DrawSettings(count=0))
+    path_lines(model, postures(model, motion.kinematics.positions[:1], motion.kinematics.speeds[:1]))
     _estimate_a_body(model, motion.kinematics.positions[:: FRAMES_APART // 3])
 
 

@@ -1,7 +1,7 @@
 """A compiler for functions that only other compiled functions call: they are linked into these and optimised there.
 
 numba optimises a function together with all that it calls, and generates machine code for it, before its callers link
-it, optimise it again and generate machine code for it again. Nine of the solver's 180 functions are called from Python;
+it, optimise it again and generate machine code for it again. Few of the solver's functions are called from Python;
 for the other ones that machine code is never run (docs/decisions/0015-linking-of-compiled-functions.md).
 """
 

@@ -16,15 +16,15 @@ from fitting.session import fit_session
 from fitting.trial.reader import read_trial
 from recordings.reader import read_manifest
 from solver.bundled import bundled_model
-from solver.model import ConditionalPathPoint, Model, PathPoint
+from solver.model import Model
 from solver.motion import decimate, differentiate
-from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.suit import SuitPoint, read_suit
+from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
 from station.sources import BUNDLED, named_hashes
+from station.viewer.body_scene import BodyScene
 from station.viewer.curves import DISPLAY_HZ, LineStyle, log_curve
-from station.viewer.layout import TIMELINE, SceneExtent, layout
+from station.viewer.layout import SceneExtent, layout
 from station.viewer.wearer_scene import log_wearer
 
 Array = NDArray[np.float64]
@@ -35,8 +35,6 @@ GAP_S = 1e-3
 """Gap after a plateau, at which its line ends."""
 SHOWN_CONDITION = "both"
 """Migration and compliance of the cuffs, the condition of a worn suit."""
-IDLE, ACTIVE = np.array([60, 90, 160]), np.array([215, 40, 30])
-"""Colours (RGB) of a muscle at rest and at full activation."""
 
 
 def log_scene(
@@ -106,42 +104,10 @@ def _read_activity(folder: Path, model: Model) -> _Activity | None:
 
 
 def _log_body(stream: rr.RecordingStream, activity: _Activity, edge_ns: int) -> SceneExtent:
-    """Log the bundled model raising its arm; muscles are straight lines through their path points, without wrapping.
-
-    Returns the extent of the scene.
-    """
-    stream.log("body", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)  # axes of OpenSim models
-    model, suit = bundled_model(), read_suit()
+    """Log the bundled model raising its arm. Returns the extent of the scene."""
+    model = bundled_model()
     motion = differentiate(simulate_arm_raise(model))
     motion = decimate(motion, max(1, round(len(motion.time) / (DISPLAY_HZ * float(np.ptp(motion.time))))))
-    state = postures(model, motion.positions, motion.speeds)
-    strengths = np.array([np.interp(motion.time, activity.time, column) for column in activity.activations.T]).T
-    lines = [_muscle_points(model, state, muscle) for muscle in range(len(model.muscles))]
-    cord = np.stack([_suit_point(model, state, point) for point in (suit.waist, suit.shoulder, suit.arm)], axis=1)
-    bones = [(joint.parent, joint.child) for joint in model.joints]
-    for frame, time in enumerate(motion.time):
-        stream.set_time(TIMELINE, timestamp=np.datetime64(edge_ns + int(time * 1e9), "ns"))
-        colours = (IDLE + strengths[frame][:, None] * (ACTIVE - IDLE)).astype(np.uint8)
-        stream.log("body/muscles", rr.LineStrips3D([line[frame] for line in lines], colors=colours, radii=0.003))
-        origins = state.origin_in_ground[frame]
-        stream.log(
-            "body/bones", rr.LineStrips3D([origins[[a, b]] for a, b in bones], colors=[200, 200, 190], radii=0.006)
-        )
-        stream.log("body/cord", rr.LineStrips3D([cord[frame]], colors=[30, 140, 60], radii=0.004))
-        stream.log(
-            "body/cuffs", rr.Points3D(cord[frame, [0, 2]], colors=[30, 140, 60], radii=0.02, labels=["waist", "arm"])
-        )
-    drawn = [state.origin_in_ground.reshape(-1, 3), *(line.reshape(-1, 3) for line in lines)]
-    return SceneExtent.around(np.concatenate(drawn))
-
-
-def _muscle_points(model: Model, state: Postures, muscle: int) -> Array:
-    """Path points (frames, points, 3) [m] in ground."""
-    fixed = [
-        point for point in model.muscles[muscle].path.points if isinstance(point, PathPoint | ConditionalPathPoint)
-    ]
-    return np.stack([points_in_ground(state, point.body, point.location) for point in fixed], axis=1)
-
-
-def _suit_point(model: Model, state: Postures, point: SuitPoint) -> Array:
-    return points_in_ground(state, model.body_index(point.body), point.location)
+    activations = np.array([np.interp(motion.time, activity.time, column) for column in activity.activations.T]).T
+    times_ns = edge_ns + (motion.time * 1e9).astype(np.int64)
+    return BodyScene(stream, model, read_suit()).log(times_ns, motion.positions, activations)

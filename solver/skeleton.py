@@ -1,0 +1,99 @@
+"""Bones as lines and outlines, from the geometry of the model alone, for drawings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.model import GROUND, Model, PathPoint, PointConstraint, WrapSurface
+from solver.multibody.postures import Postures, points_in_ground
+
+Array = NDArray[np.float64]
+BoneKind = Literal["shaft", "plate", "cage"]
+
+RING_POINTS = 24
+FLATNESS = 0.5
+"""Of the attachments of a flat bone: least second spread over the first; those of a long bone lie along a line."""
+FEWEST_ATTACHMENTS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Bone:
+    """A line (points, 3) [m] in its body.
+
+    kind  "shaft": from a joint to the next one; "plate": closed outline of the muscle attachments of a flat bone;
+          "cage": a ring of the ellipsoid on which the scapula glides
+    """
+
+    body: int
+    kind: BoneKind
+    points: Array
+
+
+def skeleton(model: Model) -> tuple[Bone, ...]:
+    """Bones of all bodies: what the joints, constraints, muscle attachments and surfaces of the model show of them."""
+    cage = _thorax(model)
+    bones = list(_rings(cage)) if cage is not None else []
+    for body in range(1, len(model.bodies)):
+        if cage is not None and body == cage.body:
+            continue
+        outline = _plate(model, body)
+        bones += [Bone(body, "plate", outline)] if outline is not None else _shafts(model, body)
+    return tuple(bones)
+
+
+def bone_lines(bones: tuple[Bone, ...], postures: Postures) -> list[Array]:
+    """Every bone as (frames, points, 3) [m] in ground."""
+    return [np.stack([points_in_ground(postures, b.body, point) for point in b.points], axis=1) for b in bones]
+
+
+def _thorax(model: Model) -> WrapSurface | None:
+    """The largest ellipsoid, if a body beyond a joint has it."""
+    ellipsoids = [surface for surface in model.surfaces if surface.kind == "ellipsoid" and surface.body != GROUND]
+    return max(ellipsoids, key=lambda surface: float(np.prod(surface.dimensions)), default=None)
+
+
+def _rings(surface: WrapSurface) -> Iterator[Bone]:
+    """Three principal ellipses and two parallels."""
+    angle = np.linspace(0.0, 2.0 * np.pi, RING_POINTS + 1)
+    zero, cosine, sine = np.zeros_like(angle), np.cos(angle), np.sin(angle)
+    rings = [np.stack(axes, axis=1) for axes in ((cosine, sine, zero), (zero, cosine, sine), (cosine, zero, sine))]
+    rings += [np.stack([0.8 * cosine, np.full_like(angle, height), 0.8 * sine], axis=1) for height in (-0.6, 0.6)]
+    for ring in rings:
+        points = (ring * surface.dimensions) @ surface.placement.rotation.T + surface.placement.translation
+        yield Bone(surface.body, "cage", points)
+
+
+def _plate(model: Model, body: int) -> Array | None:
+    """Convex outline of the attachments in their plane, closed; None if they are few or along a line."""
+    from scipy.spatial import ConvexHull
+
+    places = [
+        point.location
+        for muscle in model.muscles
+        for point in (muscle.path.points[0], muscle.path.points[-1])
+        if isinstance(point, PathPoint) and point.body == body
+    ]
+    if len(places) < FEWEST_ATTACHMENTS:
+        return None
+    points = np.array(places)
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if spread[1] < FLATNESS * spread[0]:
+        return None
+    corners = ConvexHull((points - points.mean(axis=0)) @ axes[:2].T).vertices
+    return np.asarray(points[np.append(corners, corners[0])])
+
+
+def _shafts(model: Model, body: int) -> list[Bone]:
+    """From the body's joint to those beyond it, to a point that a constraint holds, or else to the mass centre."""
+    start = next(joint.frame_in_child.translation for joint in model.joints if joint.child == body)
+    ends = [joint.frame_in_parent.translation for joint in model.joints if joint.parent == body]
+    for held in model.constraints:
+        if isinstance(held, PointConstraint):
+            ends += [at for of, at in ((held.body_1, held.location_1), (held.body_2, held.location_2)) if of == body]
+    ends = [end for end in ends if np.linalg.norm(end - start) > 1e-3] or [model.bodies[body].mass_center]
+    return [Bone(body, "shaft", np.stack([start, end])) for end in ends]

@@ -1,0 +1,82 @@
+"""Muscle paths as lines: the nodes are those of the lengths that OpenSim certifies, and arcs lie on their surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.model import Model, Path, PathPoint, PathWrap, Placement, WrapSurface
+from solver.motion import differentiate
+from solver.multibody.postures import Postures, points_in_ground, postures
+from solver.path_lines import ARC_POINTS, path_lines
+from solver.paths import evaluate_paths
+from solver.raise_arm import simulate_arm_raise
+
+Array = NDArray[np.float64]
+Kind = Literal["ellipsoid", "sphere", "cylinder"]
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return bundled_model()
+
+
+@pytest.fixture(scope="module")
+def raised(model: Model) -> Postures:
+    q = differentiate(simulate_arm_raise(model)).positions[::90]
+    return postures(model, q, np.zeros_like(q))
+
+
+def length(line: Array) -> float:
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+def test_a_line_is_as_long_as_the_path(model: Model, raised: Postures) -> None:
+    """Paths without surfaces exactly; wrapped ones within the difference of an arc and its chords."""
+    lengths = evaluate_paths(model, raised).lengths
+    drawn = np.array([[length(line) for line in frame] for frame in path_lines(model, raised)])
+    is_straight = np.array([not muscle.path.wraps for muscle in model.muscles])
+    assert is_straight.any() and not is_straight.all()
+    assert drawn[:, is_straight] == pytest.approx(lengths[:, is_straight], abs=1e-12)
+    assert drawn == pytest.approx(lengths, abs=4e-3)
+    assert np.median(np.abs(drawn - lengths)) < 1e-4
+
+
+def test_a_line_begins_and_ends_at_the_attachments(model: Model, raised: Postures) -> None:
+    for frame, lines in enumerate(path_lines(model, raised)):
+        for muscle, line in zip(model.muscles, lines, strict=True):
+            for point, end in ((muscle.path.points[0], line[0]), (muscle.path.points[-1], line[-1])):
+                assert isinstance(point, PathPoint)
+                assert end == pytest.approx(points_in_ground(raised, point.body, point.location)[frame], abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "sphere", "cylinder"])
+def test_an_arc_lies_on_its_surface(
+    model: Model, raised: Postures, kind: Literal["ellipsoid", "sphere", "cylinder"]
+) -> None:
+    size = {"ellipsoid": (0.05, 0.08, 0.06), "sphere": (0.05, 0.05, 0.05), "cylinder": (0.05, 0.05, 0.3)}[kind]
+    pose = Placement(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.1, 0.0, 0.02]))
+    surface = WrapSurface("made", model.body_index("humerus"), pose, kind, np.array(size), "all")
+    ends = ((0.08, 0.01, 0.0), (-0.07, 0.02, 0.01))
+    points = tuple(PathPoint(surface.body, pose.rotation @ np.array(end) + pose.translation) for end in ends)
+    with_surface = replace(model, surfaces=(surface,), muscles=())
+    line = path_lines(with_surface, raised, [Path(points, (PathWrap(0, "hybrid"),))])[0][0]
+    level = levels(surface, raised, line)
+    assert len(line) == 4 + ARC_POINTS
+    assert level[1:-1] == pytest.approx(1.0, abs=1e-4), "OpenSim's tangent points of an ellipsoid are not exact"
+    assert level[2:-2] == pytest.approx(1.0, abs=1e-9)
+
+
+def levels(surface: WrapSurface, state: Postures, line: Array) -> Array:
+    """1 on the surface, less inside."""
+    in_its_body = (line - state.origin_in_ground[0, surface.body]) @ state.rotation_to_ground[0, surface.body]
+    own = (in_its_body - surface.placement.translation) @ surface.placement.rotation
+    size = np.array(surface.dimensions)
+    across = 2 if surface.kind == "cylinder" else 3
+    level: Array = np.linalg.norm(own[:, :across] / size[:across], axis=1)
+    return level
