@@ -5,7 +5,8 @@ beside them; the answer has "ports", "labels", "trial" and "truth". With speed n
 far as the attached stations have processed its data (control.py). Every further line is a request (requests.py) or
 {"quit": true}, and is answered by one line. The process also ends when its standard input does.
 
-An answer {"error": "…"} is a sentence; the bench continues, unless the settings could not be used (exit code 2).
+An answer {"error": "…", "code": "…"} is a sentence and its code (errors.py); the bench continues, unless the settings
+could not be used (exit code 2).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from drivers.simulators.bench import Bench
+from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
 from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.requests import answer, speed_from
 from drivers.simulators.settings import settings_from_dict
@@ -41,7 +43,7 @@ def main() -> int:
             requests.when_ended(bench.clock.stop)
             _serve(bench, requests)
     except (ValueError, TypeError, OSError, RuntimeError) as error:
-        _answer(error=str(error))
+        _answer(**refusal(error))
         return 2
     return 0
 
@@ -64,7 +66,7 @@ class _Requests:
         threading.Thread(target=wait, name="end of requests", daemon=True).start()
 
     def next(self) -> dict[str, Any] | None:
-        """The next request, None at the end of input. Raises ValueError for a line that is not a JSON object."""
+        """The next request, None at the end of input. Raises SimulatorError for a line that is not a JSON object."""
         line = self._lines.get()
         if not line:
             return None
@@ -73,7 +75,9 @@ class _Requests:
         except json.JSONDecodeError:
             request = None
         if not isinstance(request, dict):
-            raise ValueError(f"expected a JSON object on one line, found {line.strip()!r}")
+            raise SimulatorError(
+                f"expected a JSON object on one line, found {line.strip()!r}", SimulatorCode.WRONG_REQUEST
+            )
         return request
 
     def _read(self) -> None:
@@ -93,7 +97,7 @@ def _serve(bench: Bench, requests: _Requests) -> None:
             if "quit" in request:
                 return
         except (ValueError, ClockStopped) as error:
-            _answer(error=str(error))
+            _answer(**refusal(error))
 
 
 def _answer(**content: Any) -> None:

@@ -25,6 +25,7 @@ from contextlib import ExitStack, suppress
 from typing import Any
 from weakref import WeakSet
 
+from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
 from drivers.simulators.requests import ServedBench, answer, seconds_from, speed_from
 from drivers.simulators.world_clock import Attachment, ClockStopped
 
@@ -90,22 +91,24 @@ class _ClockConnection:
         try:
             request = json.loads(line)
             if not isinstance(request, dict):
-                raise ValueError(f"expected a JSON object, found {request!r}")
+                raise SimulatorError(f"expected a JSON object, found {request!r}", SimulatorCode.WRONG_REQUEST)
             match request:
                 case {"attach": str(name)}:
                     return self._attach(name, request)
                 case {"advance_to": until}:
                     return self._advance(seconds_from("advance_to", until), request.get("ports", []))
                 case {"pause_s": _} if self._station is not None:
-                    raise ValueError(f"{self._station.name} is attached, and pauses by advance_to")
+                    raise SimulatorError(
+                        f"{self._station.name} is attached, and pauses by advance_to", SimulatorCode.ATTACHED
+                    )
                 case _:
                     return answer(self._bench, request)
         except (ValueError, RecursionError, ClockStopped) as error:
-            return {"error": str(error)}
+            return refusal(error)
 
     def _attach(self, name: str, request: dict[str, Any]) -> dict[str, Any]:
         if self._station is not None:
-            raise ValueError(f"{self._station.name} is attached already on this connection")
+            raise SimulatorError(f"{self._station.name} is attached already on this connection", SimulatorCode.ATTACHED)
         speed = speed_from(request.get("speed"))
         self._station = self._attached.enter_context(self._bench.clock.attach(name, speed))
         clock = self._bench.clock
@@ -113,9 +116,9 @@ class _ClockConnection:
 
     def _advance(self, until: float, ports: Any) -> dict[str, Any]:
         if self._station is None:
-            raise ValueError("expected attach before advance_to")
+            raise SimulatorError("expected attach before advance_to", SimulatorCode.NOT_ATTACHED)
         if not isinstance(ports, list) or not all(isinstance(port, int) for port in ports):
-            raise ValueError(f"ports is {ports!r}, expected a list of numbers")
+            raise SimulatorError(f"ports is {ports!r}, expected a list of numbers", SimulatorCode.WRONG_VALUE)
         self._wait_until_known(set(ports))
         now = self._station.advance_to(until)
         sent, pending = self._bench.sent(), self._bench.pending()
@@ -125,5 +128,7 @@ class _ClockConnection:
         give_up_s = time.monotonic() + CONNECTION_KNOWN_S
         while not ports <= {port for sent in self._bench.sent().values() for port in sent}:
             if time.monotonic() > give_up_s:
-                raise ValueError(f"no device of this bench has a connection from port {min(ports)}")
+                raise SimulatorError(
+                    f"no device of this bench has a connection from port {min(ports)}", SimulatorCode.UNKNOWN_PORT
+                )
             time.sleep(POLL_INTERVAL_S)

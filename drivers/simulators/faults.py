@@ -24,6 +24,7 @@ from pydantic import Field, Strict, ValidationError, model_validator
 
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import NonNegative, Section, Whole, describe_error
+from drivers.simulators.errors import SimulatorCode, SimulatorError
 
 FAULTS: Mapping[str, Mapping[str, float]] = {
     "ni": {
@@ -92,32 +93,43 @@ class Happening:
 
 
 def fault_from_dict(data: Any) -> Fault:
-    """One entry of a plan. Raises ValueError in one sentence that names the key and the value."""
+    """One entry of a plan. Raises SimulatorError in one sentence that names the key and the value."""
     if not isinstance(data, dict):
-        raise ValueError(f"a fault is {data!r}, expected a table with device and fault")
+        raise SimulatorError(f"a fault is {data!r}, expected a table with device and fault", SimulatorCode.WRONG_FAULT)
     try:
         table = _FaultTable.model_validate(data)
     except ValidationError as error:
-        raise ValueError(f"fault {data.get('fault')} of {data.get('device')}: {describe_error(error)}") from error
+        raise SimulatorError(
+            f"fault {data.get('fault')} of {data.get('device')}: {describe_error(error)}", SimulatorCode.WRONG_FAULT
+        ) from error
     for_s = FAULTS[table.device][table.fault] if table.for_s is None else table.for_s
     return Fault(table.device, table.fault, table.at_s, for_s, table.capture, table.labels)
 
 
 def read_fault_plan(path: Path) -> tuple[Fault, ...]:
-    """The plan in a TOML file. Raises ValueError in one sentence that names file, key and value."""
+    """The plan in a TOML file. Raises SimulatorError in one sentence that names file, key and value."""
     try:
         content = read_toml(path)
     except OSError as error:
-        raise ValueError(f"the fault plan {path} cannot be read: {error.strerror or error}") from error
+        raise SimulatorError(
+            f"the fault plan {path} cannot be read: {error.strerror or error}", SimulatorCode.WRONG_FAULT_PLAN
+        ) from error
     except PlainDataError as error:
-        raise ValueError(f"the fault plan {path} cannot be used: it {' '.join(str(error).split())}") from error
+        raise SimulatorError(
+            f"the fault plan {path} cannot be used: it {' '.join(str(error).split())}", SimulatorCode.WRONG_FAULT_PLAN
+        ) from error
     entries = content.pop("faults", [])
     if content or not isinstance(entries, list):
-        raise ValueError(f"the fault plan {path} cannot be used: expected a list of [[faults]] and nothing else")
+        raise SimulatorError(
+            f"the fault plan {path} cannot be used: expected a list of [[faults]] and nothing else",
+            SimulatorCode.WRONG_FAULT_PLAN,
+        )
     try:
         return tuple(fault_from_dict(entry) for entry in entries)
     except ValueError as error:
-        raise ValueError(f"the fault plan {path} cannot be used: {error}") from error
+        raise SimulatorError(
+            f"the fault plan {path} cannot be used: {error}", SimulatorCode.WRONG_FAULT_PLAN
+        ) from error
 
 
 class _FaultTable(Section):

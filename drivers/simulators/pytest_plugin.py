@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def simulated_bench() -> Iterator[Callable[..., Bench]]:
     """Starts a bench each time it is called with (speed, seed, faults, **settings); all end with the test.
 
-    Raises ValueError in one sentence where a fault or a setting cannot be used.
+    Raises SimulatorError in one sentence where a fault or a setting cannot be used.
     """
     # Imported when asked for: the plugin is loaded in every run of pytest, and physics and gRPC are slow to import.
     from drivers.simulators.bench import Bench

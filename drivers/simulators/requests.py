@@ -23,6 +23,7 @@ import math
 from dataclasses import asdict
 from typing import Any, Protocol, cast, get_args
 
+from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.person import Worn
 from drivers.simulators.world import SimulatedTrial, TestKind, World
@@ -45,7 +46,7 @@ class ServedBench(Protocol):
 
 
 def answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
-    """Answer to one request. Raises ValueError in one sentence for a refusal, ClockStopped once the world has ended."""
+    """Answer to one request. Raises SimulatorError for a refusal, ClockStopped once the world has ended."""
     content = _answer(bench, request)
     return {**content, "now": bench.clock.now()}
 
@@ -80,7 +81,9 @@ def _answer(bench: ServedBench, request: dict[str, Any]) -> dict[str, Any]:
         case {"quit": True}:
             content = {"quit": True}
         case _:
-            raise ValueError(f"no request is {json.dumps(request)}; known are {', '.join(KNOWN)}")
+            raise SimulatorError(
+                f"no request is {json.dumps(request)}; known are {', '.join(KNOWN)}", SimulatorCode.WRONG_REQUEST
+            )
     return content
 
 
@@ -88,30 +91,34 @@ def _set_up(world: World, trial: dict[str, Any]) -> SimulatedTrial:
     cuff, test, worn = trial.get("cuff"), str(trial.get("test")), trial.get("condition")
     is_known = test in get_args(TestKind) and (worn is None or worn in get_args(Worn))
     if not is_known or not isinstance(cuff, str | None) or trial.keys() - {"cuff", "test", "condition"}:
-        raise ValueError(
+        raise SimulatorError(
             f"no trial is {json.dumps(trial)}; tests are {', '.join(get_args(TestKind))}, conditions "
-            f"{', '.join(get_args(Worn))}"
+            f"{', '.join(get_args(Worn))}",
+            SimulatorCode.UNKNOWN_TRIAL,
         )
     return world.select_trial(cuff, cast(TestKind, test), worn)
 
 
 def seconds_from(key: str, value: Any) -> float:
-    """Raises ValueError if the value is not a time."""
+    """Raises SimulatorError if the value is not a time."""
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
-    raise ValueError(f"{key} is {value!r}, expected seconds from 0")
+    raise SimulatorError(f"{key} is {value!r}, expected seconds from 0", SimulatorCode.WRONG_VALUE)
 
 
 def _mass_from(value: Any) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
-    raise ValueError(f"hang_kg is {value!r}, expected kilograms from 0")
+    raise SimulatorError(f"hang_kg is {value!r}, expected kilograms from 0", SimulatorCode.WRONG_VALUE)
 
 
 def speed_from(value: Any) -> float | None:
-    """Raises ValueError if the value is not a speed."""
+    """Raises SimulatorError if the value is not a speed."""
     if value is None:
         return None
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
         return float(value)
-    raise ValueError(f"the speed is {value!r}, expected a number above 0, or null for as fast as it is handled")
+    raise SimulatorError(
+        f"the speed is {value!r}, expected a number above 0, or null for as fast as it is handled",
+        SimulatorCode.WRONG_VALUE,
+    )

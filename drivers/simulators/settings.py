@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from scipy.constants import g
 
 from documents.validation import describe_error
+from drivers.simulators.errors import SimulatorCode, SimulatorError
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -305,9 +306,9 @@ class Settings(_Section):
 def settings_from_dict(data: Mapping[str, Any]) -> Settings:
     """Plain data over the defaults, e.g. {"cuffs": {"hand": {"stiffness_n_per_m": 6000}}}.
 
-    Raises ValueError in one sentence that names the key.
+    Raises SimulatorError in one sentence that names the key.
     """
     try:
         return Settings.model_validate(dict(data))
     except ValidationError as error:
-        raise ValueError(f"simulated bench: {describe_error(error)}") from error
+        raise SimulatorError(f"simulated bench: {describe_error(error)}", SimulatorCode.WRONG_SETTING) from error

@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from drivers.simulators.errors import SimulatorCode, SimulatorError
+
 Floats = NDArray[np.float64]
 
 SEGMENTS = ("thorax", "clavicle", "scapula", "humerus")
@@ -110,7 +112,7 @@ class Shoulder:
     def closed(self, coordinates: Floats, free: Sequence[str]) -> Floats:
         """The coordinates (n, 15) with the acromioclavicular joint closed by three of them. Newton's method.
 
-        Raises ValueError where it does not converge.
+        Raises SimulatorError where it does not converge.
         """
         columns, q = [self.index(name) for name in free], coordinates.copy()
         for _ in range(MOST_STEPS):
@@ -123,7 +125,10 @@ class Shoulder:
                 nudged[:, column] += STEP_RAD
                 slope[:, :, k] = (self.gap(nudged) - gap) / STEP_RAD
             q[:, columns] -= np.einsum("nij,nj->ni", np.linalg.pinv(slope), gap)
-        raise ValueError(f"the simulated shoulder does not close: its joint stands open by {np.abs(gap).max():.2g} m")
+        raise SimulatorError(
+            f"the simulated shoulder does not close: its joint stands open by {np.abs(gap).max():.2g} m",
+            SimulatorCode.OPEN_JOINT,
+        )
 
     def _segment(self, row: Mapping[str, Any]) -> _Segment:
         on = row.get("on", "ground")

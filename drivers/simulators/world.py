@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.constants import g
 
 from drivers.simulators.bounce import BouncingMass
+from drivers.simulators.errors import SimulatorCode, SimulatorError
 from drivers.simulators.faults import INVERSIONS, Fault, Faults
 from drivers.simulators.hung_mass import HungMass
 from drivers.simulators.markers import MarkerCloud, Wearer
@@ -173,11 +174,13 @@ class World:
             return self._capture
 
     def start_capture(self) -> Capture:
-        """Raise the sync line now and begin the script of the trial. Raises ValueError while a capture runs."""
+        """Raise the sync line now and begin the script of the trial. Raises SimulatorError while a capture runs."""
         with self._lock:
             self._live(self.now())
             if self._is_capturing:
-                raise ValueError("a capture is running; stop it before starting another")
+                raise SimulatorError(
+                    "a capture is running; stop it before starting another", SimulatorCode.CAPTURE_RUNNING
+                )
             self._hung.take_off(self._seen)
             self._pull.advance(self._seen)
             number = 1 if self._capture is None else self._capture.number + 1
@@ -198,12 +201,12 @@ class World:
     def stop_capture(self) -> Capture:
         """Lower the sync line at the end of this frame; the hands remove every load.
 
-        Raises ValueError when no capture runs.
+        Raises SimulatorError when no capture runs.
         """
         with self._lock:
             self._live(self.now())
             if self._capture is None or not self._is_capturing:
-                raise ValueError("no capture is running")
+                raise SimulatorError("no capture is running", SimulatorCode.NO_CAPTURE)
             self._capture = replace(self._capture, end=self._end_of_frame(self._capture.start, self._seen))
             self._live(self._capture.end)
             return self._capture
@@ -231,13 +234,13 @@ class World:
     def select_trial(self, cuff: str | None, test: TestKind, condition: Worn | None = None) -> SimulatedTrial:
         """Sets this trial up and leaves the plan; it is played until another is selected. Another cuff is donned first.
 
-        A bounce, a pose and a motion have no cuff. Raises ValueError for an unknown cuff or test, or while a capture
-        runs.
+        A bounce, a pose and a motion have no cuff. Raises SimulatorError for an unknown cuff or test, or while a
+        capture runs.
         """
         return self._select(SimulatedTrial(cuff, test, condition), is_donning=cuff not in (self._worn, None))
 
     def don(self, cuff: str) -> SimulatedTrial:
-        """Don the cuff again, without slip, and set up its static test. Raises ValueError as select_trial."""
+        """Don the cuff again, without slip, and set up its static test. Raises SimulatorError as select_trial."""
         return self._select(SimulatedTrial(cuff, "static"), is_donning=True)
 
     def truth(self) -> dict[str, Any]:
@@ -254,13 +257,16 @@ class World:
         with self._lock:
             self._live(self.now())
             if self._is_capturing:
-                raise ValueError(f"a capture of {self._trial.cuff} {self._trial.test} is running; stop it first")
+                raise SimulatorError(
+                    f"a capture of {self._trial.cuff} {self._trial.test} is running; stop it first",
+                    SimulatorCode.CAPTURE_RUNNING,
+                )
             self._plan = None
             self._set_up(trial, is_donning=is_donning)
             return self._trial
 
     def _refuse_unknown(self, trial: SimulatedTrial) -> None:
-        """Raises ValueError where the settings have no such trial."""
+        """Raises SimulatorError where the settings have no such trial."""
         of_cuff = trial.cuff in self.settings.cuffs and trial.test in ("static", "dynamic")
         of_bounce = (trial.cuff, trial.test) == (None, "bounce") and self._bounce is not None
         of_person = trial.cuff is None and trial.test in BODY_TESTS and self.person is not None
@@ -268,9 +274,10 @@ class World:
             known = ", ".join(self.settings.cuffs)
             bounce = "; a bounce has no cuff" if self._bounce else ", and the settings have no bounce"
             person = "; a pose and a motion have no cuff" if self.person else ", and no person"
-            raise ValueError(
+            raise SimulatorError(
                 f"no trial {trial.cuff!r} {trial.test!r}; cuffs are {known}, tests are static and dynamic{bounce}"
-                f"{person}"
+                f"{person}",
+                SimulatorCode.UNKNOWN_TRIAL,
             )
 
     # Everything below is called with the lock held

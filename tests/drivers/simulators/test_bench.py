@@ -20,6 +20,7 @@ from drivers import nidaq, qualisys_connection
 from drivers.catalogue import make_device
 from drivers.qualisys import Qualisys
 from drivers.simulators.bench import Bench
+from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.settings import settings_from_dict
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import blocks, read_until
@@ -165,19 +166,20 @@ def test_the_process_answers_each_line_with_one_and_ends_with_its_input(child: C
     trial = {"cuff": "hand", "test": "dynamic", "condition": None}
     assert child.ask({"trial": {"cuff": "hand", "test": "dynamic"}}) == {"trial": trial, "now": 0.0}
     assert child.ask({"don": "tube"})["trial"] == {"cuff": "tube", "test": "static", "condition": None}
-    assert "no trial is" in child.ask({"trial": {"cuff": "hand", "test": "dance"}})["error"]
-    assert "and no person" in child.ask({"trial": {"cuff": None, "test": "motion", "condition": "tight"}})["error"]
+    assert child.ask({"trial": {"cuff": "hand", "test": "dance"}})["code"] == SimulatorCode.UNKNOWN_TRIAL
+    motion = {"cuff": None, "test": "motion", "condition": "tight"}
+    assert child.ask({"trial": motion})["code"] == SimulatorCode.UNKNOWN_TRIAL, "the settings have no person"
     assert child.ask({"pause_s": 60}) == {"pause_s": 60, "now": 60.0}
     assert child.ask({"speed": 3}) == {"speed": 3.0, "now": 60.0}
     assert child.ask({"speed": None})["speed"] is None
-    assert "the speed is 0, expected a number above 0" in child.ask({"speed": 0})["error"]
+    assert child.ask({"speed": 0})["code"] == SimulatorCode.WRONG_VALUE
     assert child.ask({"truth": True})["truth"]["slip_m"]["hand"] == 0.0
     fault = child.ask({"fault": {"device": "qtm", "fault": "skip_frames", "for_s": 2}})["fault"]
     assert (fault["fault"], fault["for_s"]) == ("skip_frames", 2.0)
-    assert "qtm has no fault 'fire'" in child.ask({"fault": {"device": "qtm", "fault": "fire"}})["error"]
-    assert "cuffs are waist" in child.ask({"don": "foot"})["error"]
-    assert "known are trial, don" in child.ask({"dance": 1})["error"]
-    assert "expected a JSON object" in child.ask("no json")["error"]
+    assert child.ask({"fault": {"device": "qtm", "fault": "fire"}})["code"] == SimulatorCode.WRONG_FAULT
+    assert child.ask({"don": "foot"})["code"] == SimulatorCode.UNKNOWN_TRIAL
+    assert child.ask({"dance": 1})["code"] == SimulatorCode.WRONG_REQUEST
+    assert child.ask("no json")["code"] == SimulatorCode.WRONG_REQUEST
     assert child.end() == 0
 
 
@@ -221,5 +223,6 @@ def test_an_endless_pause_ends_with_the_parent(child: Child) -> None:
 
 
 def test_settings_that_cannot_be_used_end_it_with_a_sentence(child: Child) -> None:
-    assert child.ask({"sped": 3}) == {"error": "simulated bench: unknown key sped"}
+    refused = child.ask({"sped": 3})
+    assert (refused["error"], refused["code"]) == ("simulated bench: unknown key sped", SimulatorCode.WRONG_SETTING)
     assert child.end() == 2

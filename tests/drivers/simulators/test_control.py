@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from drivers.simulators.bench import Bench
+from drivers.simulators.errors import SimulatorCode
 
 QUIET = {"operator": {"capture": "remote"}}
 
@@ -75,25 +76,25 @@ def test_commands_take_effect_at_a_time_of_the_world_that_the_answer_tells(
 
 
 @pytest.mark.parametrize(
-    ("request_line", "words"),
+    ("request_line", "code"),
     [
-        (b"[1, 2]", "expected a JSON object"),
-        (b"no json", "Expecting value"),
-        (b"[" * 100_000, "recursion"),
-        (b'{"advance_to": 1}', "expected attach before advance_to"),
-        (b'{"advance_to": Infinity}', "expected seconds from 0"),
-        (b'{"advance_to": true}', "expected seconds from 0"),
-        (b'{"pause_s": NaN}', "expected seconds from 0"),
-        (b'{"dance": 1}', "known are trial, don"),
-        (b'{"speed": -1}', "expected a number above 0"),
-        (b'{"attach": "x", "speed": "fast"}', "expected a number above 0"),
+        (b"[1, 2]", SimulatorCode.WRONG_REQUEST),
+        (b"no json", SimulatorCode.WRONG_REQUEST),
+        (b"[" * 100_000, SimulatorCode.WRONG_REQUEST),
+        (b'{"advance_to": 1}', SimulatorCode.NOT_ATTACHED),
+        (b'{"advance_to": Infinity}', SimulatorCode.WRONG_VALUE),
+        (b'{"advance_to": true}', SimulatorCode.WRONG_VALUE),
+        (b'{"pause_s": NaN}', SimulatorCode.WRONG_VALUE),
+        (b'{"dance": 1}', SimulatorCode.WRONG_REQUEST),
+        (b'{"speed": -1}', SimulatorCode.WRONG_VALUE),
+        (b'{"attach": "x", "speed": "fast"}', SimulatorCode.WRONG_VALUE),
     ],
 )
 def test_nonsense_is_refused_in_a_sentence_and_the_connection_stays(
-    simulated_bench: Callable[..., Bench], request_line: bytes, words: str
+    simulated_bench: Callable[..., Bench], request_line: bytes, code: SimulatorCode
 ) -> None:
     with talking(simulated_bench(**QUIET)) as talker:
-        assert words in talker.ask(request_line)["error"]
+        assert talker.ask(request_line)["code"] == code
         assert talker.ask({"truth": True})["truth"]["slip_m"]
 
 
@@ -102,15 +103,15 @@ def test_an_attached_station_names_its_ports_in_a_list_and_pauses_by_advancing(
 ) -> None:
     with talking(simulated_bench(**QUIET)) as talker:
         talker.ask({"attach": "a test", "speed": 100.0})
-        assert "expected a list of numbers" in talker.ask({"advance_to": 1, "ports": 5})["error"]
-        assert "pauses by advance_to" in talker.ask({"pause_s": 1})["error"]
+        assert talker.ask({"advance_to": 1, "ports": 5})["code"] == SimulatorCode.WRONG_VALUE
+        assert talker.ask({"pause_s": 1})["code"] == SimulatorCode.ATTACHED
         assert talker.ask({"advance_to": 0.1})["now"] == 0.1
 
 
 def test_a_station_attaches_once_on_a_connection(simulated_bench: Callable[..., Bench]) -> None:
     with talking(simulated_bench(**QUIET)) as talker:
         talker.ask({"attach": "a test"})
-        assert talker.ask({"attach": "again"})["error"] == "a test is attached already on this connection"
+        assert talker.ask({"attach": "again"})["code"] == SimulatorCode.ATTACHED
 
 
 def test_a_device_that_owes_an_answer_is_named_until_the_world_goes_on(simulated_bench: Callable[..., Bench]) -> None:

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.faults import Fault, Faults, fault_from_dict, read_fault_plan
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
+from tests.drivers.simulators.refusals import refused
 
 PLAN = """
 [[faults]]
@@ -42,7 +44,7 @@ def test_a_plan_is_read_with_what_it_leaves_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "naming"),
     [
         ("[[faults]]\ndevice = 'daq'\nfault = 'fire'", "device is 'daq', expected 'ni', 'qtm', 'serial' or 'sync'"),
         ("[[faults]]\ndevice = 'ni'\nfault = 'fire'", "ni has no fault 'fire'; it has overrun"),
@@ -52,20 +54,19 @@ def test_a_plan_is_read_with_what_it_leaves_out(tmp_path: Path) -> None:
         ("[[faults]]\ndevice = 'ni'\nfault = 'freeze'\ncapture = 1.5", "capture is 1.5, expected a whole number"),
         ("[[faults]]\ndevice = 'qtm'\nfault = 'drop_labels'\nlabels = 'cuff_1'", "labels is 'cuff_1', expected a list"),
         ("faults = [3]", "a fault is 3, expected a table"),
-        ("faults = 3", r"expected a list of \[\[faults\]\]"),
-        ("fault = []", r"expected a list of \[\[faults\]\]"),
+        ("faults = 3", "[[faults]]"),
+        ("fault = []", "[[faults]]"),
         ("[[faults", "plan.toml cannot be used"),
         (b"\xff", "plan.toml cannot be used"),
     ],
 )
-def test_a_plan_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text: str | bytes, words: str) -> None:
-    with pytest.raises(ValueError, match=words) as caught:
+def test_a_plan_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text: str | bytes, naming: str) -> None:
+    with refused(SimulatorCode.WRONG_FAULT_PLAN, naming):
         read_fault_plan(plan_file(tmp_path, text))
-    assert "\n" not in str(caught.value)
 
 
 def test_a_plan_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"plan.toml cannot be read: No such file"):
+    with refused(SimulatorCode.WRONG_FAULT_PLAN, "plan.toml cannot be read"):
         read_fault_plan(tmp_path / "plan.toml")
 
 

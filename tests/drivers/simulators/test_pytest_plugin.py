@@ -12,9 +12,11 @@ import pytest
 
 from drivers.qualisys import Qualisys
 from drivers.simulators.bench import Bench
+from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.faults import fault_from_dict
 from recordings.samples import Loss
 from tests.drivers.contract import blocks, read_until
+from tests.drivers.simulators.refusals import refused
 
 pytest_plugins = ["pytester"]
 
@@ -68,7 +70,7 @@ def test_every_bench_ends_with_the_test(pytester: pytest.Pytester) -> None:
 
 
 def test_what_cannot_be_used_is_refused_in_a_sentence(simulated_bench: Callable[..., Bench]) -> None:
-    with pytest.raises(ValueError, match="serial has no fault 'fire'"):
+    with refused(SimulatorCode.WRONG_FAULT, "'fire'"):
         simulated_bench(faults=[{"device": "serial", "fault": "fire"}])
-    with pytest.raises(ValueError, match="unknown key moocap"):
+    with refused(SimulatorCode.WRONG_SETTING, "moocap"):
         simulated_bench(moocap={})
