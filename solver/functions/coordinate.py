@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Derivatives = tuple[Array, Array, Array]
 """Value, slope and curvature of a function, each of the shape of its argument."""
+LEAST_PIECE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +102,15 @@ def smooth_step(start: float, end: float, low: float, high: float) -> PiecewiseP
 
 
 def simm_spline(x: Array, y: Array) -> PiecewisePolynomial:
-    """OpenSim's SimmSpline through points (knots,), x increasing: cubic, straight beyond its ends.
+    """OpenSim's SimmSpline through points (knots,), x not decreasing: cubic, straight beyond its ends.
 
     Its third derivatives at the ends are those of the cubics through the first and through the last four points.
+    OpenSim computes the coefficients of a piece that is shorter than LEAST_PIECE as if it were that long.
     """
     if len(x) == 2:
         return piecewise_linear(x, y)
-    h, slope = np.diff(x), np.diff(y) / np.diff(x)
+    h = np.maximum(np.diff(x), LEAST_PIECE)
+    slope = np.diff(y) / h
     last = len(x) - 1
     matrix, right = np.zeros((len(x), len(x))), np.zeros(len(x))  # of the curvatures over 6
     for i in range(1, last):

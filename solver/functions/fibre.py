@@ -2,7 +2,9 @@
 
 Millard, Uchida, Seth, Delp, J. Biomech. Eng. 135(2):021005 (2013): chains of quintic Bézier corners, the shapes of
 OpenSim's SmoothSegmentedFunctionFactory. Thelen, J. Biomech. Eng. 125(1):70-77 (2003): exponentials and hyperbolas, in
-OpenSim's version. Lengths over the optimal one, speeds over the fastest, forces over the greatest isometric one.
+OpenSim's version. De Groote, Kinney, Rao, Fregly, Ann. Biomed. Eng. 44(10):2922-2936 (2016), and Schutte, Rodgers,
+Zajac, Glaser, IEEE Trans. Rehabil. Eng. 1(2):109-125 (1993): as in OpenSim's classes of these names.
+Lengths over the optimal one, speeds over the fastest, forces over the greatest isometric one.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from solver.functions.coordinate import Function, simm_spline
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -101,7 +105,97 @@ class ThelenCurves:
         return force
 
 
-Curves = MillardCurves | ThelenCurves
+_DE_GROOTE_BELLS = (  # height, centre, width at zero, growth of the width
+    (0.8150671134243542, 1.055033428970575, 0.162384573599574, 0.063303448465465),
+    (0.433004984392647, 0.716775413397760, -0.029947116970696, 0.200356847296188),
+    (0.1, 1.0, 0.353553390593274, 0.0),
+)
+_DE_GROOTE_SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
+
+
+@dataclass(frozen=True)
+class DeGrooteFreglyCurves:
+    """The figures of OpenSim's DeGrooteFregly2016Muscle, its defaults; the curves are in the code of that class.
+
+    The active curve is `width` times as wide as the published one. The passive force is that of full activity at
+    `passive_strain` and zero at a length of 0.2; it is zero everywhere if not `has_passive_force`.
+    """
+
+    width: float = 1.0
+    passive_strain: float = 0.6
+    has_passive_force: bool = True
+    shortest: ClassVar[float] = 0.0
+    is_idle_when_shortest: ClassVar[bool] = True
+
+    def active_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
+        """The sum of three bells of height, centre, and width that grows with the length."""
+        x = (length - 1.0) / self.width + 1.0
+        bells = [b1 * np.exp(-0.5 * ((x - b2) / (b3 + b4 * x)) ** 2) for b1, b2, b3, b4 in _DE_GROOTE_BELLS]
+        force: Array = np.sum(bells, axis=0)
+        return force
+
+    def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
+        """Lengthening is positive; d₁ ln(y + √(y² + 1)) + d₄ at y = d₂ v + d₃, which is 1 at rest."""
+        d1, d2, d3, d4 = _DE_GROOTE_SPEED
+        force: Array = d1 * np.arcsinh(d2 * speed + d3) + d4
+        return force
+
+    def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
+        if not self.has_passive_force:
+            return np.zeros_like(length)
+        shape, strain = 4.0, self.passive_strain
+        foot = np.exp(shape * (0.2 - 1.0) / strain)
+        force: Array = (np.exp(shape * (length - 1.0) / strain) - foot) / (np.exp(shape) - foot)
+        return force
+
+
+_SCHUTTE_ACTIVE = simm_spline(
+    np.array(
+        [
+            *(-5.307692, -4.307692, -1.923077, -0.884615, -0.269231, 0.230769, 0.461538, 0.52725, 0.62875, 0.71875),
+            *(0.86125, 1.045, 1.2175, 1.43875, 1.5, 1.615385, 2.0, 2.961538, 3.692308, 5.461538, 9.901902),
+        ]
+    ),
+    np.array(
+        [
+            *(0.012188, 0.021899, 0.036466, 0.052493, 0.075312, 0.114158, 0.157859, 0.226667, 0.636667, 0.856667),
+            *(0.95, 0.993333, 0.77, 0.246667, 0.193821, 0.133252, 0.072683, 0.044417, 0.036341, 0.021899, 0.007332),
+        ]
+    ),
+)
+
+
+@dataclass(frozen=True)
+class SchutteCurves:
+    """Curves of OpenSim's Schutte1993Muscle_Deprecated: splines of the file over length, Hill's hyperbolas over speed.
+
+    Without a passive curve in the file the passive force is an exponential of the length.
+    """
+
+    active: Function = _SCHUTTE_ACTIVE
+    passive: Function | None = None
+    shortest: ClassVar[float] = 0.0
+    is_idle_when_shortest: ClassVar[bool] = True
+
+    def active_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
+        force: Array = np.maximum(self.active.derivatives(length)[0], 0.0)
+        return force
+
+    def force_velocity(self, speed: Array, _codes: Codes | None = None) -> Array:
+        """Lengthening is positive. The class solves these for the speed, with damping, which is left out."""
+        shortening, lengthening = np.clip(speed, -1.0, 0.0), np.maximum(speed, 0.0)
+        k, slope = 0.15, 0.13 * 0.15 / (0.15 + 1.0)
+        force: Array = np.where(
+            speed < 0.0, k * (1.0 + shortening) / (k - shortening), (slope + 1.4 * lengthening) / (slope + lengthening)
+        )
+        return force
+
+    def passive_force_length(self, length: Array, _codes: Codes | None = None) -> Array:
+        force: Array = np.exp(8.0 * length - 12.0) if self.passive is None else self.passive.derivatives(length)[0]
+        return force
+
+
+Curves = MillardCurves | ThelenCurves | DeGrooteFreglyCurves | SchutteCurves
 
 _NODES = 512  # in each corner
 _PLATEAU = 0.05

@@ -45,8 +45,8 @@ def _upgraded(element: Element) -> Element:
         return _body(element)
     if element.tag == "TransformAxis":
         return _unwrapped(element, "function")
-    if element.tag == "Thelen2003Muscle":
-        element = _with(element, "pennation_angle", partial(replace, tag="pennation_angle_at_optimal"))
+    if element.find("max_isometric_force") is not None:
+        element = _muscle(element)
     for old, new in _BODY_REFERENCES.get(element.tag, {}).items():
         element = _with(element, old, _reference(new))
     for old, new in _COORDINATE_REFERENCES.get(element.tag, {}).items():
@@ -54,7 +54,21 @@ def _upgraded(element: Element) -> Element:
     return element
 
 
-_TAGS = {"NaturalCubicSpline": "SimmSpline", "natCubicSpline": "SimmSpline"}
+_TAGS = {  # classes that were renamed
+    "NaturalCubicSpline": "SimmSpline",
+    "natCubicSpline": "SimmSpline",
+    "ActuatorSet": "ForceSet",
+    "GeneralizedForce": "CoordinateActuator",
+    "Force": "PointActuator",
+    "Torque": "TorqueActuator",
+    "Schutte1993Muscle": "Schutte1993Muscle_Deprecated",
+    "MusclePointSet": "PathPointSet",
+    "MusclePoint": "PathPoint",
+    "MuscleViaPoint": "ConditionalPathPoint",
+    "MovingMusclePoint": "MovingPathPoint",
+    "MuscleWrapSet": "PathWrapSet",
+    "MuscleWrap": "PathWrap",
+}
 _POINT, _PAIR = {"body": "socket_parent_frame"}, {"body_1": "socket_body_1", "body_2": "socket_body_2"}
 _BODY_REFERENCES = {
     "PathPoint": _POINT,
@@ -65,7 +79,7 @@ _BODY_REFERENCES = {
     "WeldConstraint": {"body_1": "socket_frame1", "body_2": "socket_frame2"},
 }
 _COORDINATE_REFERENCES = {
-    "ConditionalPathPoint": {"coordinate": "socket_coordinate"},
+    "ConditionalPathPoint": {"coordinate": "socket_coordinate", "coordinates": "socket_coordinate"},
     "MovingPathPoint": {f"{axis}_coordinate": f"socket_{axis}_coordinate" for axis in "xyz"},
 }
 
@@ -108,6 +122,16 @@ def _body(element: Element) -> Element:
     inertia = _rounded(_element(element, "inertia", text=" ".join(element.word(tag, "0") for tag in tags)))
     kept = [child for child in element.children if child.tag not in tags]
     return replace(element, children=[*kept, inertia])
+
+
+def _muscle(element: Element) -> Element:
+    """The path is a property, and the pennation has its present name."""
+    element = _with(element, "pennation_angle", partial(replace, tag="pennation_angle_at_optimal"))
+    path = [child for child in element.children if child.tag in ("PathPointSet", "PathWrapSet")]
+    if element.find("GeometryPath") is not None or not path:
+        return element
+    kept = [child for child in element.children if child not in path]
+    return replace(element, children=[*kept, _element(element, "GeometryPath", children=path)])
 
 
 def _joint(body: Element) -> Element:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,16 @@ def read_function(holder: Element) -> Function:
     functions = [child for child in holder.children if child.tag[0].isupper()]
     if len(functions) != 1:
         raise holder.refusal(f"has {len(functions)} functions, expected one")
-    element = functions[0]
+    return read_function_element(functions[0])
+
+
+def read_named_function(holder: Element, name: str) -> Function | None:
+    """The function that is the element's property of that name, if it has one; its tag is the class."""
+    element = next((child for child in holder.children if child.name == name and child.tag[0].isupper()), None)
+    return read_function_element(element) if element is not None else None
+
+
+def read_function_element(element: Element) -> Function:
     if element.tag in _WITHOUT_CURVATURE:
         raise element.refusal(
             "has its slope for its curvature in OpenSim 4.6, so that accelerations are wrong there; write it as a "
@@ -79,9 +89,23 @@ def _natural_spline(element: Element) -> Function:
     return natural_spline(*_points(element, fewest=2 * half_order), half_order)
 
 
-def _points(element: Element, fewest: int = 2) -> tuple[Array, Array]:
+def _simm_spline(element: Element) -> Function:
+    """SIMM's splines may repeat an x between their ends."""
+    x, y = _points(element, may_repeat=True)
+    return _shared_simm_spline(tuple(x), tuple(y))
+
+
+@lru_cache(maxsize=256)
+def _shared_simm_spline(x: tuple[float, ...], y: tuple[float, ...]) -> Function:
+    """One function for the same points: muscles with the same curves are evaluated together."""
+    return simm_spline(np.array(x), np.array(y))
+
+
+def _points(element: Element, fewest: int = 2, *, may_repeat: bool = False) -> tuple[Array, Array]:
     x, y = element.series("x"), element.series("y")
-    if len(x) != len(y) or len(x) < fewest or not np.all(np.diff(x) > 0.0):
+    steps = np.diff(x)
+    is_rising = bool(np.all(steps >= 0.0) and x[0] < x[-1]) if may_repeat and len(x) > 2 else np.all(steps > 0.0)
+    if len(x) != len(y) or len(x) < fewest or not is_rising:
         raise element.refusal(f"has {len(x)} x and {len(y)} y; the solver needs {fewest} or more of both, x increasing")
     return x, y
 
@@ -91,7 +115,7 @@ _READERS: dict[str, Callable[[Element], Function]] = {
     "Constant": _constant,
     "LinearFunction": _line,
     "PolynomialFunction": _polynomial,
-    "SimmSpline": lambda element: simm_spline(*_points(element)),
+    "SimmSpline": _simm_spline,
     "PiecewiseLinearFunction": lambda element: piecewise_linear(*_points(element)),
     "PiecewiseConstantFunction": lambda element: piecewise_constant(*_points(element)),
     "GCVSpline": _natural_spline,

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from solver.functions.fibre import Curves, MillardCurves, ThelenCurves
+from solver.functions.fibre import Curves, DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
 from solver.model import CoordinateActuator, Muscle, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names
+from solver.osim.functions import read_named_function
 from solver.osim.paths import read_path
+
+MUSCLES = (
+    "Millard2012EquilibriumMuscle",
+    "Thelen2003Muscle",
+    "DeGrooteFregly2016Muscle",
+    "Schutte1993Muscle_Deprecated",
+)
 
 
 def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> Muscle:
-    is_millard = element.tag == "Millard2012EquilibriumMuscle"
-    rise, fall = ("0.010", "0.040") if is_millard else ("0.015", "0.050")
+    rise, fall = _time_constants(element)
+    has_flat_fibers = element.tag in ("DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated")
+    steepest = np.pi / 2 if has_flat_fibers else element.number("maximum_pennation_angle", repr(float(np.arccos(0.1))))
+    fastest = element.number("max_contraction_velocity", "10")
+    if element.tag == "Schutte1993Muscle_Deprecated":
+        fastest = 1.0 / _time_scale(element)
     return Muscle(
         name=element.name,
         path=read_path(element.child("GeometryPath"), names, surfaces),
@@ -23,11 +36,11 @@ def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> 
         optimal_fiber_length=element.number("optimal_fiber_length", "0.1"),
         tendon_slack_length=element.number("tendon_slack_length", "0.2"),
         pennation_at_optimal=element.number("pennation_angle_at_optimal", "0"),
-        maximum_pennation=element.number("maximum_pennation_angle", repr(float(np.arccos(0.1)))),
-        max_contraction_velocity=element.number("max_contraction_velocity", "10"),
-        activation_time_constant=element.number("activation_time_constant", rise),
-        deactivation_time_constant=element.number("deactivation_time_constant", fall),
-        curves=_millard_curves(element) if is_millard else _thelen_curves(element),
+        maximum_pennation=steepest,
+        max_contraction_velocity=fastest,
+        activation_time_constant=rise,
+        deactivation_time_constant=fall,
+        curves=_CURVES[element.tag](element),
     )
 
 
@@ -82,6 +95,21 @@ _THELEN = {
 }
 
 
+def _time_constants(element: Element) -> tuple[float, float]:
+    """Of activation and deactivation [s]. The rates of Schutte's muscle are those at full and at no excitation."""
+    if element.tag == "Schutte1993Muscle_Deprecated":
+        rise, fall = element.number("activation1", "7.667"), element.number("activation2", "1.459854")
+        return _time_scale(element) / (rise + fall), _time_scale(element) / fall
+    defaults = {"Millard2012EquilibriumMuscle": ("0.010", "0.040"), "DeGrooteFregly2016Muscle": ("0.015", "0.060")}
+    usual_rise, usual_fall = defaults.get(element.tag, ("0.015", "0.050"))
+    rise = element.number("activation_time_constant", usual_rise)
+    return rise, element.number("deactivation_time_constant", usual_fall)
+
+
+def _time_scale(element: Element) -> float:
+    return element.number("time_scale", "0.1")
+
+
 def _millard_curves(element: Element) -> Curves:
     given: dict[str, float] = {}
     for tag, options in MILLARD_OPTIONS.items():
@@ -112,3 +140,24 @@ def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
 
 def _thelen_curves(element: Element) -> Curves:
     return ThelenCurves(**{name: element.number(option) for option, name in _THELEN.items() if element.find(option)})
+
+
+def _de_groote_fregly_curves(element: Element) -> Curves:
+    return DeGrooteFreglyCurves(
+        width=element.number("active_force_width_scale", "1"),
+        passive_strain=element.number("passive_fiber_strain_at_one_norm_force", "0.6"),
+        has_passive_force=element.word("ignore_passive_fiber_force", "false") != "true",
+    )
+
+
+def _schutte_curves(element: Element) -> Curves:
+    active = read_named_function(element, "active_force_length_curve") or SchutteCurves.active
+    return SchutteCurves(active, read_named_function(element, "passive_force_length_curve"))
+
+
+_CURVES: dict[str, Callable[[Element], Curves]] = {
+    "Millard2012EquilibriumMuscle": _millard_curves,
+    "Thelen2003Muscle": _thelen_curves,
+    "DeGrooteFregly2016Muscle": _de_groote_fregly_curves,
+    "Schutte1993Muscle_Deprecated": _schutte_curves,
+}

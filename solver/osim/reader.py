@@ -25,7 +25,7 @@ from solver.osim.joints import (
     read_joint_frames,
     read_lock,
 )
-from solver.osim.muscles import read_actuator, read_muscle
+from solver.osim.muscles import MUSCLES, read_actuator, read_muscle
 from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
 
@@ -68,8 +68,7 @@ def _is_earlier(document: Element) -> bool:
     return number < OPENSIM_4
 
 
-_MUSCLES = ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
-_FORCES = (*_MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
+_FORCES = (*MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
 
 
 def _model(element: Element) -> Model:
@@ -99,7 +98,7 @@ def _model(element: Element) -> Model:
     def read(kind: Callable[[Element, Names], T], tags: Sequence[str]) -> list[T]:
         return obstacles.among(lambda force: kind(force, names), [force for force in forces if force.tag in tags])
 
-    muscles = read(lambda force, names: read_muscle(force, names, surfaces), _MUSCLES)
+    muscles = read(lambda force, names: read_muscle(force, names, surfaces), MUSCLES)
     actuators = read(read_actuator, ("CoordinateActuator",))
     coordinate_forces = read(read_coordinate_force, COORDINATE_FORCES)
     coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from solver.functions.fibre import SchutteCurves
 from solver.model import Model
 from solver.multibody.postures import postures
 from solver.muscle import MuscleForces, muscle_forces
+from solver.osim.reader import read_osim
 from solver.paths import evaluate_paths
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
 
@@ -61,6 +65,82 @@ def test_a_thelen_muscle(tmp_path: Path) -> None:
     strength = 300.0
     assert np.abs(forces.active[:, 1:] - theirs[:, 1:, 0]).max() / strength < 1e-10
     assert np.allclose(forces.passive_factor[:, 1:], theirs[:, 1:, 1], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_a_de_groote_fregly_muscle(is_changed: bool, tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    for index, (optimal, slack, pennation) in enumerate(FIBERS):
+        muscle = opensim.DeGrooteFregly2016Muscle()
+        muscle.setName(f"de_groote_{index}")
+        muscle.set_max_isometric_force(300.0)
+        muscle.set_optimal_fiber_length(optimal)
+        muscle.set_tendon_slack_length(slack)
+        muscle.set_pennation_angle_at_optimal(pennation)
+        muscle.set_ignore_tendon_compliance(True)
+        muscle.set_ignore_activation_dynamics(True)
+        if is_changed:
+            muscle.set_active_force_width_scale(1.3)
+            muscle.set_passive_fiber_strain_at_one_norm_force(0.5)
+            muscle.set_ignore_passive_fiber_force(index % 2 == 1)
+        span(model, muscle)
+    ours, forces, theirs = both(model, tmp_path, rigid_factors)
+    is_stretched = lengths_of(ours, 1)[0] > [slack for _, slack, _ in FIBERS]  # OpenSim's fibres push if they are not
+    assert is_stretched.sum() > 100
+    np.testing.assert_allclose(
+        factors(forces)[:, 1:][is_stretched], theirs[:, 1:][is_stretched], rtol=1e-12, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    "curves",
+    [
+        "",
+        """<SimmSpline name="active_force_length_curve"><x>-9 0 0.4 0.7 1 1.3 1.6 9</x><y>0 0 0 0.8 1 0.7 0 0</y>
+        </SimmSpline><SimmSpline name="passive_force_length_curve"><x>-35 1 1.15 1.15 1.25 1.75 35</x>
+        <y>0 0 0 0 0.035 2 2</y></SimmSpline>""",
+    ],
+)
+def test_a_schutte_muscle(curves: str, tmp_path: Path) -> None:
+    """OpenSim has its fibre length for a state and solves its curves for the fibre's speed; damping is left out."""
+    source, file = model_with(opensim.UniversalJoint), tmp_path / "schutte.osim"
+    for index, fiber in enumerate(FIBERS[:3]):
+        span(source, opensim.Millard2012EquilibriumMuscle(f"schutte_{index}", 300.0, *fiber))
+    source.finalizeConnections()
+    source.printToXML(str(file))
+    text = re.sub(
+        r"<(/?)Millard2012EquilibriumMuscle(?! name=.pull)", r"<\1Schutte1993Muscle_Deprecated", file.read_text()
+    )
+    text = text.replace("</Schutte1993Muscle_Deprecated>", "</Millard2012EquilibriumMuscle>", 1)
+    text = text.replace(
+        "</Schutte1993Muscle_Deprecated>", f"<damping>0.05</damping>{curves}</Schutte1993Muscle_Deprecated>"
+    )
+    file.write_text(text)
+    theirs, ours = opensim.Model(str(file)), read_osim(file)
+    assert [type(muscle.curves) for muscle in ours.muscles[1:]] == [SchutteCurves] * 3
+    state, coordinate = theirs.initSystem(), theirs.getCoordinateSet().get(0)
+    lengths, activations = np.linspace(0.5, 1.6, 12), np.array([0.3, 1.0])
+    for muscle in ours.muscles[1:]:
+        expected = theirs.getMuscles().get(muscle.name)
+        rows = []
+        for activation, length in itertools.product(activations, lengths):
+            for name, value in (("activation", activation), ("fiber_length", length * muscle.optimal_fiber_length)):
+                theirs.setStateVariableValue(state, f"{expected.getAbsolutePathString()}/{name}", float(value))
+            coordinate.setValue(state, coordinate.getValue(state), False)  # or OpenSim keeps the last fibre length
+            theirs.realizeAcceleration(state)
+            speed = theirs.getStateVariableDerivativeValue(state, f"{expected.getAbsolutePathString()}/fiber_length")
+            along = expected.getActuation(state) / muscle.max_isometric_force / expected.getCosPennationAngle(state)
+            active, passive = expected.getActiveForceLengthMultiplier(state), expected.getPassiveForceMultiplier(state)
+            rows.append((activation, length, active, passive, speed / muscle.optimal_fiber_length, along - passive))
+        activation, length, active, passive, speed, force = np.array(rows).T
+        curves = muscle.curves
+        np.testing.assert_allclose(curves.active_force_length(length), np.maximum(active, 0.0), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(curves.passive_force_length(length), passive, rtol=1e-12, atol=1e-12)
+        speed = speed / muscle.max_contraction_velocity
+        balanced = activation * curves.active_force_length(length) * curves.force_velocity(speed) + 0.05 * speed
+        is_pulled = force > 0.0  # OpenSim takes no fibre for one that pushes
+        np.testing.assert_allclose(balanced[is_pulled], force[is_pulled], rtol=1e-9, atol=1e-11)
+        assert is_pulled.sum() > 8 and np.ptp(speed[is_pulled]) > 0.5
 
 
 def test_muscles_of_both_kinds_in_one_model(tmp_path: Path) -> None:
