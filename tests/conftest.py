@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.timeout import scaled_timeout
+from tests.timeout import count_cores, scaled_timeout
 
 # The matrices here are small: threads only wait for each other, several times the work on a machine that is busy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes
@@ -36,8 +36,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """No test processes with --hardware, since there is one bench; else xdist's own number, one per core."""
-    return 0 if config.getoption("--hardware") else None
+    """No test processes with --hardware, since there is one bench; one more than cores for the default suite.
+
+    A third of its time is spent waiting for a simulated bench. The slow tests keep xdist's own number, one per core.
+    """
+    if config.getoption("--hardware"):
+        return 0
+    return count_cores() + 1 if config.option.markexpr == "not slow" else None
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
