@@ -38,12 +38,12 @@ def find_exchanges(observed: Array) -> tuple[Exchange, ...]:
     half of the frames was exchanged before.
     """
     frames, count = observed.shape[:2]
-    tracks = _Tracks(count)
+    tracks = MarkerTracks(count)
     begun: dict[tuple[int, int], int] = {}
     found = []
     for frame in range(frames):
         seen = observed[frame, tracks.label_of]
-        for pair in _exchanged(seen, tracks.expected(frame)):
+        for pair in exchanged_pairs(seen, tracks.expected(frame)):
             labels = tuple(sorted(int(tracks.label_of[marker]) for marker in pair))
             tracks.exchange(*pair)
             start = begun.pop((labels[0], labels[1]), None)
@@ -57,7 +57,7 @@ def find_exchanges(observed: Array) -> tuple[Exchange, ...]:
     return tuple(sorted(found, key=lambda exchange: exchange.start))
 
 
-class _Tracks:
+class MarkerTracks:
     """Places of markers whatever their labels: label_of (markers,), and the last two places of each."""
 
     def __init__(self, count: int) -> None:
@@ -76,6 +76,10 @@ class _Tracks:
     def exchange(self, one: int, other: int) -> None:
         self.label_of[[one, other]] = self.label_of[[other, one]]
 
+    def forget(self, marker: int) -> None:
+        """Take the next place of a marker as its first."""
+        self._last[marker] = self._before[marker] = np.nan
+
     def add(self, frame: int, places: Array) -> None:
         is_seen = np.isfinite(places).all(axis=1)
         follows = is_seen & (self._frame == frame - 1) & np.isfinite(self._last[:, 0])
@@ -84,7 +88,7 @@ class _Tracks:
         self._frame[is_seen] = frame
 
 
-def _exchanged(seen: Array, expected: Array) -> list[tuple[int, int]]:
+def exchanged_pairs(seen: Array, expected: Array) -> list[tuple[int, int]]:
     """Pairs of markers that appear in each other's places; seen and expected (markers, 3)."""
     with np.errstate(invalid="ignore"):
         away = np.linalg.norm(seen[:, None] - expected[None], axis=2)

@@ -102,9 +102,9 @@ def solve_inverse_kinematics(
     ModelError where shapes, names or weights do not fit.
     """
     _ensure_fits(observed, tasks)
-    starts = _spread(model, assemble(model)) if start is None else np.array(start, dtype=np.float64)[None]
+    starts = spread_starts(model, assemble(model)) if start is None else np.array(start, dtype=np.float64)[None]
     problem = build_problem(model, tasks)
-    return _solve(model, problem, observed, _targets(model, tasks, len(observed)), starts, most_rounds)
+    return _solve(model, problem, observed, targets_of(model, tasks, len(observed)), starts, most_rounds)
 
 
 def assemble(model: Model, wanted: Array | None = None) -> Array:
@@ -115,7 +115,7 @@ def assemble(model: Model, wanted: Array | None = None) -> Array:
     wanted = model.default_coordinates if wanted is None else np.array(wanted, dtype=np.float64)
     everywhere = dict.fromkeys(model.coordinate_names, ASSEMBLY_WEIGHT)
     problem = build_problem(model, TrackingTasks((), np.zeros(0), everywhere))
-    for starts in (wanted[None], _spread(model, wanted)):
+    for starts in (wanted[None], spread_starts(model, wanted)):
         found = _solve(model, problem, np.zeros((1, 0, 3)), wanted[None], starts.copy(), MOST_ROUNDS)
         if found.unsolved == 0:
             break
@@ -137,7 +137,7 @@ def build_problem(model: Model, tasks: TrackingTasks) -> Problem:
         if coordinate.is_clamped:
             lowest[k], highest[k] = coordinate.range
     is_locked = np.zeros(count, dtype=np.bool_)
-    is_locked[[lock.coordinate for lock in _locks(model)]] = True
+    is_locked[[coordinate for coordinate, _ in locked_values(model)]] = True
     pull = np.zeros(count)
     for name, weight in tasks.coordinate_weights.items():
         pull[model.coordinate_index(name)] = weight
@@ -167,13 +167,33 @@ def allocate_workspace(model: Model, problem: Problem) -> IkWorkspace:
     )
 
 
+def locked_values(model: Model) -> Sequence[tuple[int, float]]:
+    """Index and value [rad or m] of every locked coordinate."""
+    return [(lock.coordinate, lock.value) for lock in model.constraints if isinstance(lock, CoordinateLock)]
+
+
+def spread_starts(model: Model, start: Array) -> Array:
+    """(starts, coordinates): the one given, and angles drawn about it."""
+    is_angle = np.array([coordinate.motion != "translation" for coordinate in model.coordinates])
+    drawn = np.random.default_rng(0).uniform(-START_SPREAD, START_SPREAD, (MORE_STARTS, len(start)))
+    return np.concatenate([start[None], start + is_angle * drawn])
+
+
+def targets_of(model: Model, tasks: TrackingTasks, frames: int) -> Array:
+    """v (frames, coordinates)."""
+    targets = np.tile(model.default_coordinates, (frames, 1))
+    for name, value in tasks.coordinate_targets.items():
+        targets[:, model.coordinate_index(name)] = value
+    return targets
+
+
 def _solve(
     model: Model, problem: Problem, observed: Array, values: Array, starts: Array, most_rounds: int
 ) -> InverseKinematics:
     from solver.inverse_kinematics.sequence import solve_frames  # the compiler behind it takes a while to import
 
-    for lock in _locks(model):
-        starts[:, lock.coordinate] = lock.value
+    for coordinate, value in locked_values(model):
+        starts[:, coordinate] = value
     work = allocate_workspace(model, problem)
     frames, markers = observed.shape[:2]
     found = np.zeros((frames, starts.shape[1]))
@@ -184,25 +204,6 @@ def _solve(
     solve_frames(problem, seen, np.ascontiguousarray(values), most_rounds, starts, work, results)
     outcomes = tuple(OUTCOMES[code] for code in outcome[:, 0])
     return InverseKinematics(found, residuals, gap, cost, multipliers, outcomes, outcome[:, 1])
-
-
-def _spread(model: Model, start: Array) -> Array:
-    """(starts, coordinates): the one given, and angles drawn about it."""
-    is_angle = np.array([coordinate.motion != "translation" for coordinate in model.coordinates])
-    drawn = np.random.default_rng(0).uniform(-START_SPREAD, START_SPREAD, (MORE_STARTS, len(start)))
-    return np.concatenate([start[None], start + is_angle * drawn])
-
-
-def _locks(model: Model) -> Sequence[CoordinateLock]:
-    return [constraint for constraint in model.constraints if isinstance(constraint, CoordinateLock)]
-
-
-def _targets(model: Model, tasks: TrackingTasks, frames: int) -> Array:
-    """v (frames, coordinates)."""
-    targets = np.tile(model.default_coordinates, (frames, 1))
-    for name, value in tasks.coordinate_targets.items():
-        targets[:, model.coordinate_index(name)] = value
-    return targets
 
 
 def _ensure_fits(observed: Array, tasks: TrackingTasks) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import SolverCode
+from solver.inverse_kinematics.frame import IkWorkspace, Problem
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, allocate_workspace, build_problem
 from solver.model import Model, ModelError
 
@@ -53,20 +54,28 @@ def posture_uncertainty(
     """Uncertainty of a solution; noise is the standard deviation of a marker along each axis [m], one for all or
     (markers,). observed and tasks are those that were solved.
     """
-    from solver.inverse_kinematics.sensitivity import fill_sensitivities  # the compiler takes a while to import
-
-    problem = build_problem(model, tasks)
-    frames, count = solution.coordinates.shape
     sigma = np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(tasks.markers),))
     if not (np.isfinite(sigma).all() and sigma.min(initial=0.0) >= 0.0):
         raise ModelError("the noise of each marker should be finite and not negative [m]", SolverCode.WRONG_NOISE)
-    rows = np.zeros((frames, solution.multipliers.shape[1], count))
-    hessians, spread = np.zeros((frames, count, count)), np.zeros((frames, count, count))
+    problem = build_problem(model, tasks)
     work = allocate_workspace(model, problem)
-    results = (hessians, rows, spread)
+    return uncertainty_of_postures(problem, work, observed, solution.coordinates, solution.multipliers, sigma)
+
+
+def uncertainty_of_postures(
+    problem: Problem, work: IkWorkspace, observed: Array, q: Array, multipliers: Array, sigma: Array
+) -> PostureUncertainty:
+    """posture_uncertainty with the tables of the compiled solver: q (frames, coordinates), λ (frames, rows) of the
+    constraints, sigma (markers,) [m].
+    """
+    from solver.inverse_kinematics.sensitivity import fill_sensitivities  # the compiler takes a while to import
+
+    frames, count = q.shape
+    rows = np.zeros((frames, multipliers.shape[1], count))
+    hessians, spread = np.zeros((frames, count, count)), np.zeros((frames, count, count))
     seen = np.ascontiguousarray(observed, dtype=np.float64)
-    fill_sensitivities(problem, seen, solution.coordinates, solution.multipliers, sigma**2, work, results)
-    q, bounds = solution.coordinates, problem.bounds
+    fill_sensitivities(problem, seen, q, multipliers, sigma**2, work, (hessians, rows, spread))
+    bounds = problem.bounds
     is_at_bound = ((q <= bounds.lowest) | (q >= bounds.highest)) & ~bounds.is_locked
     response, loose = _response(hessians, rows, bounds.is_locked | is_at_bound)
     covariance = response @ spread @ response

@@ -31,8 +31,8 @@ from solver.paths import PathMode, PathState, evaluate_paths
 from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_cone
 from solver.redundancy.reachability import idle_controls, is_met
 from solver.redundancy.response_maps import ResponseMaps, response_maps
+from solver.redundancy.sequence import SOLVERS, FrameSequence, RunSolver, solve_runs
 from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (part of this module's interface)
-from solver.redundancy.sequence import FrameSequence, solve_runs, solve_sequence, solve_sequence_with_clarabel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -348,10 +348,12 @@ def solve_redundancy(
     loads: LoadResponse | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
     workers: int | None = None,
+    solve_run: RunSolver | None = None,
 ) -> ScenarioSolutions:
     """Solve all frames in order, scenarios independently; progress(done, total) counts frames.
 
-    Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one.
+    Scenarios are divided among workers (threads), by default as many as processors; Clarabel uses one. solve_run
+    replaces the problem's solver, as for a single frame that starts from the frame before (next_frame.py).
     """
     frames, coordinates = len(problem.time), len(problem.tracked)
     loads = loads or LoadResponse(np.zeros((1, frames, coordinates)), np.zeros((1, frames, 6)))
@@ -369,7 +371,8 @@ def solve_redundancy(
         fall=fall,
         limits=problem.control_limits,
     )
-    controls, outcomes = solve_runs(_SOLVERS[problem.solver], sequence, problem.is_finite, progress, workers)
+    solve_run = solve_run or SOLVERS[problem.solver]
+    controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
     controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
     size = np.linalg.norm(target, axis=-1)
     residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
@@ -389,6 +392,3 @@ def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction
     except ModelError:  # a model without glenoid markers, which is solved without the cone
         return np.full((len(reaction), 2), np.nan)
     return contact_points(glenoid, state.rotation_to_ground[:, glenoid.body], reaction[:, 3:])
-
-
-_SOLVERS = {"interior_point": solve_sequence, "clarabel": solve_sequence_with_clarabel}

@@ -9,7 +9,7 @@ b that no x produces is left out. Bounds follow first-order activation dynamics 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -121,7 +121,7 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
         return solve_sequence_with_clarabel(sequence, progress)
     from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
 
-    sequence = replace(sequence, weights=_determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
+    sequence = replace(sequence, weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
     reduction = reduce_frames(sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix)
     if reduction is None:
         return solve_sequence_with_clarabel(sequence, progress)
@@ -140,7 +140,7 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
             end = min(start + FRAMES_AT_ONCE, frames)
             list(spread(_Share.solve, shares, [slice(start, end)] * workers))
             progress(end, frames)
-    outcomes: Outcomes = _OUTCOME_OF_CODE[codes]
+    outcomes: Outcomes = OUTCOME_OF_CODE[codes]
     return controls, outcomes
 
 
@@ -153,23 +153,30 @@ def solve_sequence_with_clarabel(
     scenarios, frames = sequence.target.shape[:2]
     controls = np.empty((scenarios, frames, len(sequence.weights)))
     outcomes = np.empty((scenarios, frames), dtype=object)
-    widest = lower, upper = _widest_bounds(sequence, scenarios)
+    bounds = widest_bounds(sequence, scenarios)
     progress(0, frames)
     for frame in range(frames):
-        rows, to_rows = _reachable_rows(sequence.matrix[frame])
-        problem = ConicProblem(
-            weights=_determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
-            equality_matrix=rows,
-            equality_target=sequence.target[:, frame] @ to_rows.T,
-            lower=lower,
-            upper=upper,
-            cone_matrix=sequence.cone_matrix[frame],
-            cone_offset=sequence.cone_offset[:, frame],
-        )
-        controls[:, frame], outcomes[:, frame] = _solve_frame(problem, widest)
-        lower, upper = _reachable_bounds(sequence, controls[:, frame], outcomes[:, frame])
+        controls[:, frame], outcomes[:, frame] = solve_frame_with_clarabel(sequence, frame, bounds)
+        bounds = _reachable_bounds(sequence, controls[:, frame], outcomes[:, frame])
         progress(frame + 1, frames)
     return controls, outcomes
+
+
+def solve_frame_with_clarabel(
+    sequence: FrameSequence, frame: int, bounds: tuple[Array, Array]
+) -> tuple[Array, Outcomes]:
+    """x (scenarios, controls) and outcomes (scenarios,) within bounds, lower and upper (scenarios, controls)."""
+    rows, to_rows = _reachable_rows(sequence.matrix[frame])
+    problem = ConicProblem(
+        weights=determined(sequence.weights, sequence.matrix[[frame]], sequence.cone_matrix[[frame]]),
+        equality_matrix=rows,
+        equality_target=sequence.target[:, frame] @ to_rows.T,
+        lower=bounds[0],
+        upper=bounds[1],
+        cone_matrix=sequence.cone_matrix[frame],
+        cone_offset=sequence.cone_offset[:, frame],
+    )
+    return _solve_frame(problem, widest_bounds(sequence, len(sequence.target)))
 
 
 class _Share:
@@ -206,8 +213,8 @@ class _Share:
         self.controls[:, frames] = reduction.controls(frames, solution.a, solution.v, b)
 
 
-_OUTCOME_OF_CODE = np.empty(4, dtype=object)
-_OUTCOME_OF_CODE[[SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE]] = [
+OUTCOME_OF_CODE = np.empty(4, dtype=object)
+OUTCOME_OF_CODE[[SOLVED, INFEASIBLE, NOT_CONVERGED, BEYOND_RATE]] = [
     FrameOutcome.SOLVED,
     FrameOutcome.INFEASIBLE,
     FrameOutcome.NOT_CONVERGED,
@@ -219,7 +226,7 @@ def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) 
     progress(start + done, frames)
 
 
-def _determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
+def determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
     """w, but 1 for a control without effect in these frames: without a weight its value would be undetermined."""
     is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
     return np.where(is_moving, weights, np.maximum(weights, 1.0))
@@ -232,7 +239,7 @@ def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
     return right[:rank], (left[:, :rank] / sizes[:rank]).T
 
 
-def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array]:
+def widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array]:
     muscles, controls = len(sequence.rise), len(sequence.weights)
     lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
     lower[:, :muscles], upper[:, :muscles] = 0.0, 1.0
@@ -243,7 +250,7 @@ def _widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Arra
 
 def _reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
     """Bounds of activations after one interval at full or no excitation; 0 and 1 after an unsolved frame."""
-    lower, upper = _widest_bounds(sequence, len(controls))
+    lower, upper = widest_bounds(sequence, len(controls))
     muscles = len(sequence.rise)
     a = controls[:, :muscles].clip(0, 1)
     pace = 0.5 + 1.5 * a
@@ -287,3 +294,6 @@ _FRAME_OUTCOME = {
     ConicOutcome.INFEASIBLE: FrameOutcome.INFEASIBLE,
     ConicOutcome.NOT_CONVERGED: FrameOutcome.NOT_CONVERGED,
 }
+
+SOLVERS: Mapping[str, RunSolver] = {"interior_point": solve_sequence, "clarabel": solve_sequence_with_clarabel}
+"""By the name of RedundancyOptions.solver."""

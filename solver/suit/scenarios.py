@@ -203,7 +203,7 @@ def prepare_suited_motion(motion: LoadedMotion, suit: Suit, every: int = 1) -> S
         every=every,
         mechanics=mechanics,
         problem=build_redundancy(suited, mechanics, options),
-        per_unit_wrench=_per_unit_wrench(suited, suit, mechanics),
+        per_unit_wrench=per_unit_wrench(suited, suit, mechanics),
     )
 
 
@@ -224,7 +224,7 @@ def solve_scenarios(
         wrench = wrench_about_origin(forces.points, forces.forces)
         wrenches.append(wrench.reshape(*wrench.shape[:2], places))
         cord_forces.append(forces.tension.max(axis=1))
-    loads = _response(suited, np.concatenate(wrenches))
+    loads = response_to_wrenches(suited.per_unit_wrench, np.concatenate(wrenches))
     solution = solve_redundancy(suited.problem, loads, progress, workers)
     slack = float(_effort(suited.problem, solution, slice(0, 1), cord_forces[0], 1.0).muscles[0])
     ends = np.cumsum([len(wrench) for wrench in wrenches])
@@ -258,7 +258,7 @@ def _ensure_within_ranges(model: Model, kinematics: Kinematics) -> None:
         )
 
 
-def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
+def per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response:
     """Response maps to unit moments and forces on the bodies of waist, arm and shoulder, (frames, 18, …)."""
     bodies = [model.body_index(point.body) for point in (suit.waist, suit.arm, suit.shoulder)]
     units = np.zeros((len(mechanics.kinematics.time), len(bodies), 6, len(model.bodies), 6))
@@ -267,9 +267,8 @@ def _per_unit_wrench(model: Model, suit: Suit, mechanics: Mechanics) -> Response
     return response_to_loads(mechanics.equations, units.reshape(len(units), -1, len(model.bodies), 6))
 
 
-def _response(suited: SuitedMotion, wrenches: Array) -> LoadResponse:
-    """Response to wrenches (scenarios, frames, 18) on the bodies of waist, arm and shoulder."""
-    unit = suited.per_unit_wrench
+def response_to_wrenches(unit: Response, wrenches: Array) -> LoadResponse:
+    """Response to wrenches (scenarios, frames, 18) on the bodies of waist, arm and shoulder, by per_unit_wrench."""
     return LoadResponse(
         acceleration=each_frame(np.swapaxes(unit.acceleration, 1, 2), wrenches),
         reaction=each_frame(np.swapaxes(unit.reaction, 1, 2), wrenches),

@@ -1,0 +1,186 @@
+"""Muscles of all scenarios in one frame: geometry and response maps are computed once, a scenario changes the loads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.errors import SolverCode, SolverError
+from solver.model import Model, ModelError
+from solver.motion import Kinematics
+from solver.paths import PathState
+from solver.redundancy.glenoid import glenoid_cone
+from solver.redundancy.motion import (
+    LoadResponse,
+    Mechanics,
+    RedundancyOptions,
+    build_redundancy,
+    evaluate_motion,
+)
+from solver.redundancy.next_frame import FrameByFrame
+from solver.stream.frame_suit import FrameForces, suit_forces_of_frame
+from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
+from solver.stream.stream_scenario import StreamScenario
+from solver.suit.scenarios import per_unit_wrench, response_to_wrenches
+from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
+
+Array = NDArray[np.float64]
+
+
+class FrameMuscles:
+    """Solves frames in the order of time; each starts from the activations of the frame before.
+
+    scenarios  name → what is worn, None for the body without the suit;  notices  what the model cannot give
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        scenarios: Mapping[str, StreamScenario | None],
+        suit: Suit | None,
+        options: RedundancyOptions,
+    ) -> None:
+        options, self.notices = _possible_options(model, options)
+        self._worn = {name: worn for name, worn in scenarios.items() if worn is not None}
+        if suit is None and self._worn:
+            raise SuitError("a scenario that wears the suit needs a Suit and there is none; pass suit")
+        if suit is not None:
+            ensure_fits(suit, model)
+        self._suit, self._order = suit, tuple(scenarios)
+        self._bare = _Body(model, [name for name in scenarios if name not in self._worn], options, self.notices)
+        suited = with_suit_masses(model, suit) if suit is not None else model
+        self._suited = _Body(suited, list(self._worn), options, self.notices)
+
+    def set_rest_length(self, scenario: str, rest_length: float) -> None:
+        """Change the rest length of a scenario [m], from the next frame on. Raises SuitError for one without a suit."""
+        if scenario not in self._worn or not rest_length > 0:
+            raise SuitError(
+                f"a rest length above 0 m of a scenario with a suit ({', '.join(self._worn) or 'none'}) was expected, "
+                f"found {rest_length:g} m of {scenario}; correct it",
+                SolverCode.SUIT_KEY,
+            )
+        self._worn[scenario] = replace(self._worn[scenario], rest_length=rest_length)
+
+    def solve(self, time: float, state: Array, interval: float) -> dict[str, StreamSuitFrame]:
+        """Muscles at time [s], state (3, coordinates) q, q̇, q̈; rates of cord and cuffs are differences over the
+        interval [s], as in the offline assessment.
+        """
+        kinematics = Kinematics(np.array([time]), interval, state[0][None], state[1][None], state[2][None], None)
+        found: dict[str, StreamSuitFrame] = {}
+        paths = None
+        if self._bare.names:
+            mechanics = self._bare.evaluate(kinematics, None)
+            found |= self._bare.solve(mechanics, {})
+            paths = mechanics.paths if mechanics else None
+        if self._suit is not None and self._worn:
+            mechanics = self._suited.evaluate(kinematics, paths)
+            forces = suit_forces_of_frame(self._suit, self._suited.model, state, interval, self._worn)
+            found |= self._suited.solve(mechanics, forces, self._suit)
+        return {name: found[name] for name in self._order}
+
+
+class _Body:
+    """A model, bare or with the masses of the suit, and the scenarios in which it is solved."""
+
+    def __init__(
+        self, model: Model, names: Sequence[str], options: RedundancyOptions, notices: frozenset[StreamNotice]
+    ) -> None:
+        self.model, self.names = model, names
+        self._options, self._notices = options, notices
+        self._frames = FrameByFrame(len(names), len(model.muscles))
+        self._strength = np.array([actuator.optimal_force for actuator in model.actuators])
+        self._glenoid = (
+            None if StreamNotice.NO_GLENOID_CONE in notices else glenoid_cone(model, joint_name=options.joint)
+        )
+
+    def evaluate(self, kinematics: Kinematics, paths: PathState | None) -> Mechanics | None:
+        """None where the model has no finite accelerations."""
+        joint, path_mode = self._options.joint, self._options.path_mode
+        try:
+            return evaluate_motion(self.model, kinematics, paths, joint=joint, path_mode=path_mode)
+        except SolverError:
+            return None
+
+    def solve(
+        self, mechanics: Mechanics | None, forces: Mapping[str, FrameForces], suit: Suit | None = None
+    ) -> dict[str, StreamSuitFrame]:
+        """By the name of a scenario; with a suit, one without forces has no equilibrium."""
+        if mechanics is None:
+            return dict.fromkeys(self.names, self._without(StreamSuitOutcome.NOT_FINITE))
+        loads = self._loads(mechanics, forces, suit)
+        problem = build_redundancy(self.model, mechanics, self._options)
+        solution = self._frames.solve(problem, loads)
+        controls, reaction = solution.controls[:, 0], solution.reaction[:, 0, 3:]
+        if StreamNotice.NO_GLENOHUMERAL_JOINT in self._notices:
+            reaction = np.full_like(reaction, np.nan)
+        in_glenoid = self._in_glenoid(mechanics, reaction)
+        count, found = len(self.model.muscles), {}
+        cost = problem.weights * controls**2
+        for place, name in enumerate(self.names):
+            if suit is not None and name not in forces:
+                self._frames.forget(place)
+                found[name] = self._without(StreamSuitOutcome.CUFF_NOT_AT_REST)
+                continue
+            worn = forces.get(name)
+            found[name] = StreamSuitFrame(
+                outcome=StreamSuitOutcome(solution.outcomes[place, 0]),
+                activations=controls[place, :count],
+                reserves=controls[place, count:] * self._strength,
+                cord_force_n=worn.tension if worn else 0.0,
+                cuff_shift_m=worn.shift if worn else np.zeros(2),
+                glenohumeral_force_n=reaction[place],
+                glenohumeral_force_in_glenoid_n=in_glenoid[place],
+                effort=float(cost[place, :count].sum()),
+                reserve_effort=float(cost[place, count:].sum()),
+            )
+        return found
+
+    def _loads(self, mechanics: Mechanics, forces: Mapping[str, FrameForces], suit: Suit | None) -> LoadResponse:
+        if suit is None:
+            count = len(self.names)
+            return LoadResponse(np.zeros((count, 1, len(self.model.coordinates))), np.zeros((count, 1, 6)))
+        nothing = np.zeros(18)
+        wrenches = [forces[name].wrench if name in forces else nothing for name in self.names]
+        return response_to_wrenches(per_unit_wrench(self.model, suit, mechanics), np.array(wrenches)[:, None])
+
+    def _in_glenoid(self, mechanics: Mechanics, reaction: Array) -> Array:
+        """(scenarios, 3) compression, shear towards the edge marker and across it."""
+        if self._glenoid is None:
+            return np.full_like(reaction, np.nan)
+        axis, edge = self._glenoid.axis, self._glenoid.edge
+        axes = np.vstack([axis, edge, np.cross(axis, edge)])
+        found: Array = reaction @ mechanics.state.rotation_to_ground[0, self._glenoid.body] @ axes.T
+        return found
+
+    def _without(self, outcome: StreamSuitOutcome) -> StreamSuitFrame:
+        def nothing(*shape: int) -> Array:
+            return np.full(shape, np.nan)
+
+        return StreamSuitFrame(
+            outcome=outcome,
+            activations=nothing(len(self.model.muscles)),
+            reserves=nothing(len(self._strength)),
+            cord_force_n=np.nan,
+            cuff_shift_m=nothing(2),
+            glenohumeral_force_n=nothing(3),
+            glenohumeral_force_in_glenoid_n=nothing(3),
+            effort=np.nan,
+            reserve_effort=np.nan,
+        )
+
+
+def _possible_options(model: Model, options: RedundancyOptions) -> tuple[RedundancyOptions, frozenset[StreamNotice]]:
+    """Without what the model lacks: the reaction of another joint, and no cone."""
+    notices = set()
+    if options.joint not in [joint.name for joint in model.joints]:
+        notices.add(StreamNotice.NO_GLENOHUMERAL_JOINT)
+        options = replace(options, joint=model.joints[-1].name)
+    try:
+        glenoid_cone(model, options.glenoid_aspect, options.joint)
+    except ModelError:
+        notices.add(StreamNotice.NO_GLENOID_CONE)
+        options = replace(options, has_glenoid_cone=False)
+    return options, frozenset(notices)

@@ -1,0 +1,97 @@
+"""Inverse kinematics frame by frame, each from the posture of the frame before, with the covariance of the posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.inverse_kinematics.solve import (
+    MOST_ROUNDS,
+    OUTCOMES,
+    PostureOutcome,
+    TrackingTasks,
+    allocate_workspace,
+    assemble,
+    build_problem,
+    locked_values,
+    spread_starts,
+    targets_of,
+)
+from solver.inverse_kinematics.uncertainty import uncertainty_of_postures
+from solver.model import Model
+
+Array = NDArray[np.float64]
+
+LEAST_TIME_BETWEEN_SEARCHES = 0.25
+"""s; a search for the posture from many starts takes as long as ten frames."""
+
+
+@dataclass(frozen=True, eq=False)
+class FramePosture:
+    """Posture that tracks the markers of one frame; NaN unless outcome is SOLVED.
+
+    coordinates (coordinates,) q [rad or m];  points (markers, 3) where the model has them, in ground [m]
+    covariance  (coordinates, coordinates);  is_held (coordinates,) whether markers, tasks or locks determine it
+    """
+
+    outcome: PostureOutcome
+    coordinates: Array
+    points: Array
+    covariance: Array
+    is_held: NDArray[np.bool_]
+
+
+class PostureTracker:
+    """Inverse kinematics of a stream; tables and memory are allocated once."""
+
+    def __init__(self, model: Model, tasks: TrackingTasks) -> None:
+        self._model, self._markers = model, tasks.markers
+        self._problem = build_problem(model, tasks)
+        self._work = allocate_workspace(model, self._problem)
+        self._values = targets_of(model, tasks, 1)
+        self._locks = locked_values(model)
+        self._spread = self._with_locks(spread_starts(model, assemble(model)))
+        self._last = self._spread[0]
+        self._searched_at = -np.inf
+
+    def solve(self, time: float, observed: Array, noise: Array, *, is_start: bool) -> FramePosture:
+        """observed (markers, 3) [m], NaN where hidden; noise (markers,) [m]; is_start searches from many postures."""
+        found, multipliers, outcome = self._solve(observed, self._spread if is_start else self._last[None].copy())
+        may_search = time - self._searched_at >= LEAST_TIME_BETWEEN_SEARCHES
+        if outcome is not PostureOutcome.SOLVED and outcome is not PostureOutcome.NO_MARKERS and may_search:
+            self._searched_at = time
+            found, multipliers, outcome = self._solve(observed, np.concatenate([self._last[None], self._spread]))
+        count = len(found)
+        if outcome is not PostureOutcome.SOLVED:
+            nothing = np.full((count, count), np.nan)
+            return FramePosture(
+                outcome, nothing[0], np.full_like(observed, np.nan), nothing, np.zeros(count, dtype=np.bool_)
+            )
+        self._last = found
+        stated = uncertainty_of_postures(
+            self._problem, self._work, observed[None], found[None], multipliers[None], noise
+        )
+        return FramePosture(outcome, found, self._points(), stated.covariance[0], stated.is_held[0])
+
+    def _solve(self, observed: Array, starts: Array) -> tuple[Array, Array, PostureOutcome]:
+        from solver.inverse_kinematics.sequence import solve_frames  # the compiler behind it takes a while to import
+
+        count, rows, markers = starts.shape[1], len(self._work.system.gap), len(observed)
+        found, multipliers, residuals = np.zeros((1, count)), np.zeros((1, rows)), np.zeros((1, markers))
+        outcome = np.zeros((1, 2), dtype=np.int64)
+        results = (found, multipliers, residuals, np.zeros(1), np.zeros(1), outcome)
+        seen = np.ascontiguousarray(observed[None], dtype=np.float64)
+        solve_frames(self._problem, seen, self._values, MOST_ROUNDS, np.ascontiguousarray(starts), self._work, results)
+        return found[0], multipliers[0], OUTCOMES[outcome[0, 0]]
+
+    def _points(self) -> Array:
+        """(markers, 3) places of the model's markers [m] in the posture that was evaluated last."""
+        poses = self._work.pose.poses
+        return np.array([poses["origin"][m.body] + poses["rotation"][m.body] @ m.location for m in self._markers])
+
+    def _with_locks(self, starts: Array) -> Array:
+        for coordinate, value in self._locks:
+            starts[:, coordinate] = value
+        return starts

@@ -1,0 +1,202 @@
+"""The stream solver: markers in, posture, muscles and joint force out, frame by frame with a fixed lag.
+
+    solver = StreamSolver(model, tasks, {"slack": StreamScenario(), "worn": StreamScenario(0.71)}, suit=suit)
+    for time_s, positions in source:                      # (markers, 3) [m] in ground, in the order of tasks.markers
+        for frame in solver.push(time_s, positions):      # usually one: the frame of lag_s ago
+            print(frame.time_s, frame.outcome, frame.suits["worn"].effort)
+    rest = solver.finish()
+
+- A frame is given out as soon as a frame has been pushed that is at least lag_s later. Every pushed frame is given out
+  once, in order; one whose time is refused is given out at once.
+- Results depend on the pushed frames, times, rest lengths and skips only, to the bit: never on a clock.
+- push(..., solve_muscles=False) leaves `suits` of the frames that this call gives out empty and takes about a tenth of
+  the time; kinematics still use every frame. After skipped frames activations may change by as much as the time allows.
+- set_rest_length acts from the next frame that is given out.
+- A scenario that is None is the body without the suit; StreamScenario() is the suit with a slack cord.
+- Exceptions are for a wrong call only (shapes, names); a bad frame is an outcome.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solver.errors import SolverCode
+from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks
+from solver.model import Model, ModelError
+from solver.redundancy.motion import RedundancyOptions
+from solver.stream.frame_muscles import FrameMuscles
+from solver.stream.frame_posture import FramePosture, PostureTracker
+from solver.stream.lag_window import LagWindow
+from solver.stream.marker_labels import LabelledFrame, MarkerLabels
+from solver.stream.marker_noise import RunningMarkerNoise
+from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitFrame
+from solver.stream.stream_scenario import StreamScenario
+from solver.suit.suit import Suit
+
+Array = NDArray[np.float64]
+
+DEFAULT_LAG = 0.15
+LARGEST_LAG = 0.5
+"""s"""
+
+
+class StreamSolver:
+    """Solves markers frame by frame; see the module's docstring.
+
+    model      with or without a glenoid; notices says what it lacks
+    tasks      markers and weights that the posture tracks, as for solve_inverse_kinematics
+    scenarios  name → what is worn; None is the body without the suit
+    suit       cord and masses of all scenarios
+    lag_s      how far behind the markers results are [s], 0 to 0.5
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        tasks: TrackingTasks,
+        scenarios: Mapping[str, StreamScenario | None],
+        *,
+        suit: Suit | None = None,
+        options: RedundancyOptions | None = None,
+        lag_s: float = DEFAULT_LAG,
+    ) -> None:
+        if not 0 <= lag_s <= LARGEST_LAG:
+            raise ModelError(f"the lag should lie between 0 and {LARGEST_LAG:g} s and is {lag_s:g} s; choose another")
+        self.model, self.tasks, self.lag_s = model, tasks, float(lag_s)
+        self._names = tuple(marker.name for marker in tasks.markers)
+        self._labels = MarkerLabels(len(self._names))
+        self._noise = RunningMarkerNoise(len(self._names))
+        self._tracker = PostureTracker(model, tasks)
+        self._window = LagWindow(len(model.coordinates))
+        self._muscles = FrameMuscles(model, scenarios, suit, options or RedundancyOptions())
+        self._pending: list[_Pending] = []
+
+    @property
+    def notices(self) -> frozenset[StreamNotice]:
+        """What the model cannot give, for the whole stream."""
+        return self._muscles.notices
+
+    @property
+    def marker_noise_m(self) -> Array:
+        """(markers,) standard deviation along an axis, as measured so far."""
+        return self._noise.standard_deviation
+
+    def set_rest_length(self, scenario: str, rest_length_m: float) -> None:
+        """Change the rest length of a scenario from the next frame on. Raises SuitError for one without a suit."""
+        self._muscles.set_rest_length(scenario, rest_length_m)
+
+    def push(self, time_s: float, positions: ArrayLike, *, solve_muscles: bool = True) -> list[StreamFrame]:
+        """Take a frame, positions (markers, 3) [m] in ground with NaN where hidden; return the frames that are ready.
+
+        Raises ModelError for another shape.
+        """
+        observed = np.array(positions, dtype=np.float64)
+        if observed.shape != (len(self._names), 3):
+            raise ModelError(
+                f"a frame should have positions of shape ({len(self._names)}, 3) and has {observed.shape}",
+                SolverCode.WRONG_SHAPE,
+            )
+        if not (np.isfinite(time_s) and time_s > self._window.last_time):
+            return [self._refused(time_s, np.asarray(np.isfinite(observed).all(axis=1)))]
+        self._pending.append(self._track(float(time_s), observed))
+        ready = []
+        while self._window.is_ready(self.lag_s):
+            ready.append(self._give_out(solve_muscles=solve_muscles))
+        return ready
+
+    def finish(self, *, solve_muscles: bool = True) -> list[StreamFrame]:
+        """The frames whose lag has not elapsed, from what is known."""
+        return [self._give_out(solve_muscles=solve_muscles) for _ in range(len(self._pending))]
+
+    def _track(self, time: float, observed: Array) -> _Pending:
+        observed[~np.isfinite(observed).all(axis=1)] = np.nan
+        labelled = self._labels.take(time, observed)
+        self._noise.add(time, labelled.positions)
+        is_start = self._window.is_lost(time)
+        posture = self._tracker.solve(time, labelled.positions, self._noise.standard_deviation, is_start=is_start)
+        lost = self._window.add(time, posture)
+        if posture.outcome is PostureOutcome.SOLVED:
+            self._labels.compare(posture.points)
+        return _Pending(time, np.isnan(observed[:, 0]), labelled, posture, lost)
+
+    def _give_out(self, *, solve_muscles: bool) -> StreamFrame:
+        pending = self._pending.pop(0)
+        smoothed = self._window.pop()
+        suits: Mapping[str, StreamSuitFrame] = {}
+        if smoothed is not None and solve_muscles:
+            suits = self._muscles.solve(pending.time, smoothed.state, self._window.interval)
+        nothing = np.full((3, len(self.model.coordinates)), np.nan)
+        state, deviations = (smoothed.state, smoothed.standard_deviations) if smoothed else (nothing, nothing)
+        return StreamFrame(
+            time_s=pending.time,
+            outcome=_outcome(pending, has_state=smoothed is not None),
+            coordinates=state[0],
+            speeds=state[1],
+            accelerations=state[2],
+            standard_deviations=deviations,
+            covariance=pending.posture.covariance,
+            marker_rms_m=_rms(pending.labelled.positions - pending.posture.points),
+            hidden=self._named(pending.is_hidden),
+            left_out=self._named(pending.labelled.is_left_out),
+            exchanged=tuple((self._names[one], self._names[other]) for one, other in pending.labelled.exchanged),
+            lost=tuple(np.array(self.model.coordinate_names)[pending.lost].tolist()),
+            suits=suits,
+        )
+
+    def _named(self, is_meant: NDArray[np.bool_]) -> tuple[str, ...]:
+        return tuple(name for name, meant in zip(self._names, is_meant, strict=True) if meant)
+
+    def _refused(self, time: float, is_seen: NDArray[np.bool_]) -> StreamFrame:
+        nothing = np.full((3, len(self.model.coordinates)), np.nan)
+        return StreamFrame(
+            time_s=time,
+            outcome=StreamOutcome.TIME_NOT_LATER,
+            coordinates=nothing[0],
+            speeds=nothing[1],
+            accelerations=nothing[2],
+            standard_deviations=nothing,
+            covariance=np.full((nothing.shape[1], nothing.shape[1]), np.nan),
+            marker_rms_m=np.nan,
+            hidden=self._named(~is_seen),
+            left_out=(),
+            exchanged=(),
+            lost=(),
+            suits={},
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Pending:
+    """A frame whose lag has not elapsed. is_hidden (markers,), lost (coordinates,)."""
+
+    time: float
+    is_hidden: NDArray[np.bool_]
+    labelled: LabelledFrame
+    posture: FramePosture
+    lost: NDArray[np.bool_]
+
+
+_WITHOUT_POSTURE = {
+    PostureOutcome.NO_MARKERS: StreamOutcome.NO_MARKERS,
+    PostureOutcome.NOT_CONVERGED: StreamOutcome.NOT_CONVERGED,
+    PostureOutcome.GAP_OPEN: StreamOutcome.GAP_OPEN,
+}
+
+
+def _outcome(pending: _Pending, *, has_state: bool) -> StreamOutcome:
+    if pending.posture.outcome is not PostureOutcome.SOLVED:
+        return StreamOutcome.INTERPOLATED if has_state else _WITHOUT_POSTURE[pending.posture.outcome]
+    if pending.lost.any():
+        return StreamOutcome.COORDINATES_LOST
+    if pending.labelled.exchanged:
+        return StreamOutcome.MARKERS_EXCHANGED
+    return StreamOutcome.MARKER_LEFT_OUT if pending.labelled.is_left_out.any() else StreamOutcome.SOLVED
+
+
+def _rms(residuals: Array) -> float:
+    squares = (residuals[np.isfinite(residuals).all(axis=1)] ** 2).sum(axis=1)
+    return float(np.sqrt(squares.mean())) if len(squares) else np.nan

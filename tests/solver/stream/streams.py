@@ -1,0 +1,58 @@
+"""The bundled arm raise as a stream of markers, with a suit on the body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.cuff import CuffParameters
+from solver.inverse_kinematics.solve import TrackingTasks
+from solver.raise_arm import simulate_arm_raise
+from solver.stream.stream_frame import StreamFrame
+from solver.stream.stream_scenario import StreamScenario
+from solver.stream.stream_solver import StreamSolver
+from solver.suit.suit import read_suit
+from tests.solver.inverse_kinematics.marked import seen_from, with_markers
+
+Array = NDArray[np.float64]
+
+MODEL = with_markers(bundled_model())
+TASKS = TrackingTasks(MODEL.markers, np.ones(len(MODEL.markers)))
+NAMES = tuple(marker.name for marker in MODEL.markers)
+SUIT = read_suit()
+ARM = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
+WAIST = CuffParameters("waist", "waist", stiffness=2140.0, damping=124.0, migration=0.012)
+WORN = StreamScenario(SUIT.reference_rest_length, "both", WAIST, ARM)
+INTERVAL, NOISE = 0.01, 2e-4
+FIRST, FRAMES = 100, 60
+"""Frames of the arm raise that are streamed: it is under way."""
+
+
+@cache
+def raised() -> Array:
+    """(frames, coordinates) of the arm raise."""
+    return simulate_arm_raise(bundled_model()).coordinates
+
+
+@cache
+def seen() -> Array:
+    """(frames, markers, 3) with noise."""
+    clean = seen_from(MODEL, raised()[FIRST : FIRST + FRAMES])
+    return clean + NOISE * np.random.default_rng(3).standard_normal(clean.shape)
+
+
+def solver(scenarios: Mapping[str, StreamScenario | None] | None = None, **options: Any) -> StreamSolver:
+    return StreamSolver(MODEL, TASKS, {"bare": None} if scenarios is None else scenarios, suit=SUIT, **options)
+
+
+def stream(pushed: Iterable[Array], to: StreamSolver | None = None, interval: float = INTERVAL) -> list[StreamFrame]:
+    """Push frames at even times, and finish."""
+    to, found = to or solver(), []
+    for k, positions in enumerate(pushed):
+        found += to.push(k * interval, positions)
+    return [*found, *to.finish()]
