@@ -18,22 +18,24 @@ import argparse
 import tempfile
 import xml.etree.ElementTree as Xml
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.exchange.joint_force import read_joint_force
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.model import CoordinateLock, Model
 from solver.motion import Motion, differentiate
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
-from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, glenoid_cone
-from solver.redundancy.motion import RedundancyOptions, solve_motion
+from solver.redundancy.force_agreement import ForceAgreement, force_agreement
+from solver.redundancy.motion import solve_motion
 from solver.scaling_findings import muscle_ranges
 from station.kinematics.person import PersonBody, PersonInputs, measure_person
+from station.validation.variants import CUTOFF_HZ, PUBLISHED_VARIANTS
 from tests.solver.references import SHARED
 
 Array = NDArray[np.float64]
@@ -42,16 +44,7 @@ BODY_WEIGHT = 830.0  # N
 BODY_MASS = BODY_WEIGHT / 9.81
 HELD_MASS = 2.4
 FIRST_LIFT_S = {"side": 4.0, "back": 3.4, "front": 4.5}
-TANGENT = 0.5
-HEAVY = (
-    "scapula_abduction",
-    "scapula_elevation",
-    "scapula_upward_rot",
-    "scapula_winging",
-    "plane_elv",
-    "shoulder_elv",
-    "axial_rot",
-)
+CIRCLE = PUBLISHED_VARIANTS[1]
 EXCHANGED = {"US2": "RS2", "RS2": "US2"}
 
 
@@ -119,58 +112,21 @@ def _row(
         source,
         f"{1e3 * (rms or 0.0):.1f}",
         f"{ranges.shortest.min():.2f} to {ranges.longest.max():.2f}",
-        f"{error.rmse:.0f}",
+        f"{100.0 * error.rmse / BODY_WEIGHT:.0f}",
         f"{error.correlation:.2f}",
-        f"{error.peaks:.2f}",
+        f"{error.peak_ratio:.2f}",
     ]
     return f"| {' | '.join(cells)} |"
 
 
-@dataclass(frozen=True)
-class JointForceError:
-    """RMSE [% of body weight], correlation, and ratio of the peaks, predicted over measured."""
-
-    rmse: float
-    correlation: float
-    peaks: float
-
-
-def joint_force_error(data: Path, lift: str, model: Model, time: Array, coordinates: Array) -> JointForceError:
+def joint_force_error(data: Path, lift: str, model: Model, time: Array, coordinates: Array) -> ForceAgreement:
     """Of the first lift at time (frames,) [s] with coordinates (frames, coordinates), solved as published."""
-    model = with_circular_cone(model)
-    kinematics = differentiate(Motion(model.coordinate_names, time, coordinates), 3.0, 0.0, FIRST_LIFT_S[lift])
-    solution = solve_motion(model, kinematics, published_options(model))
-    force = np.linalg.norm(solution.reaction[:, 3:], axis=1)
-    truth = np.interp(solution.time, *measured_force(data / f"S8R_{lift}_measured_force_glenoid.txt"))
-    rmse = 100.0 * float(np.sqrt(np.mean((force - truth) ** 2))) / BODY_WEIGHT
-    return JointForceError(rmse, float(np.corrcoef(force, truth)[0, 1]), float(force.max() / truth.max()))
-
-
-def measured_force(path: Path) -> tuple[Array, Array]:
-    """Time (samples,) [s] from the motion's first frame, and the size of the force in the joint (samples,) [N]."""
-    rows = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        cells = line.replace(",", ".").split()
-        try:
-            rows.append([float(cells[0]), float(cells[4])])
-        except (ValueError, IndexError):
-            continue  # the header
-    table = np.array(rows)
-    return table[:, 0] - table[0, 0], table[:, 1]
-
-
-def with_circular_cone(model: Model) -> Model:
-    """The model with its glenoid's edge where the cone has the published tangent."""
-    cone, center = glenoid_cone(model), model.marker(CENTER_MARKER)
-    edge = center.location + cone.distance * TANGENT * cone.edge
-    markers = (replace(marker, location=edge) if marker.name == EDGE_MARKER else marker for marker in model.markers)
-    return replace(model, markers=tuple(markers))
-
-
-def published_options(model: Model) -> RedundancyOptions:
-    driven = {model.coordinate_names[actuator.coordinate] for actuator in model.actuators}
-    weights = {name: 10.0 for name in HEAVY if name in driven}
-    return RedundancyOptions(unweighted_coordinates=(), reserve_weight=1.0, weights=weights)
+    model, options = CIRCLE.applied(model)
+    kinematics = differentiate(Motion(model.coordinate_names, time, coordinates), CUTOFF_HZ, 0.0, FIRST_LIFT_S[lift])
+    solution = solve_motion(model, kinematics, options)
+    record = read_joint_force(data / f"S8R_{lift}_measured_force_glenoid.txt")
+    measured = np.interp(solution.time, record.time_s, record.resultant)
+    return force_agreement(np.linalg.norm(solution.reaction[:, 3:], axis=1), measured)
 
 
 if __name__ == "__main__":

@@ -63,6 +63,7 @@ class RecordingCode(StrEnum):
     FOREIGN_NOT_A_NUMBER = "foreign_file_unusable.not_a_number"
     FOREIGN_TIME_NOT_RISING = "foreign_file_unusable.time_not_rising"
     FOREIGN_MISSING_FRAME = "foreign_file_unusable.missing_frame"
+    FOREIGN_NO_MOTION = "foreign_file_unusable.no_motion"
 
 
 class RecordingError(Exception):

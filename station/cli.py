@@ -35,7 +35,7 @@ STAGES = {
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
     "Body and motion": (kinematics.scale, kinematics.ik),
-    "Suit and muscles": (muscles.rmr, muscles.emg, muscles.assess, muscles.optimise, muscles.sweep),
+    "Suit and muscles": (muscles.rmr, muscles.validate, muscles.emg, muscles.assess, muscles.optimise, muscles.sweep),
     "Many sessions": (study.plan, study.catalogue, study.study),
     "Report": (whole.report, whole.verify),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -73,6 +73,17 @@ def glenoid_cone(model: Model, aspect: float = 1.0, joint_name: str = JOINT) -> 
         aspect=aspect,
         distance=float(np.linalg.norm(center.location - head_in_scapula)),
     )
+
+
+def with_rim(model: Model, tangent: float, joint_name: str = JOINT) -> Model:
+    """The model with its edge marker moved along the edge's direction, so that tan θ of the cone is this tangent.
+
+    Raises ModelError as glenoid_cone does.
+    """
+    cone, center = glenoid_cone(model, joint_name=joint_name), model.marker(CENTER_MARKER)
+    edge = center.location + cone.distance * tangent * cone.edge
+    markers = (replace(marker, location=edge) if marker.name == EDGE_MARKER else marker for marker in model.markers)
+    return replace(model, markers=tuple(markers))
 
 
 def cone_rows(cone: GlenoidCone, rotation_to_ground: Array) -> Array:

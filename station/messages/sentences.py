@@ -21,6 +21,7 @@ from station.messages.setup_sentences import SETUP
 from station.messages.study_sentences import STUDY
 from station.messages.subject_sentences import SUBJECT
 from station.messages.sweep_sentences import SWEEPS
+from station.messages.validation_sentences import VALIDATION
 from station.messages.wearer_sentences import WEARER_SENTENCES
 
 SENTENCES: Mapping[StrEnum, str] = {
@@ -37,6 +38,7 @@ SENTENCES: Mapping[StrEnum, str] = {
     **STUDY,
     **SUBJECT,
     **SWEEPS,
+    **VALIDATION,
     **WEARER_SENTENCES,
 }
 """Code → template, filled with the figures of the message."""

@@ -1,4 +1,4 @@
-"""Verbs on suit and muscles: rmr, emg, assess, optimise, sweep."""
+"""Verbs on suit and muscles: rmr, validate, emg, assess, optimise, sweep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from station.exit_code import DONE, LOSSY
+from station.exit_code import DONE, FAILED, LOSSY
 from station.verbs.options import Condition, End, Freedom, Paths, Start, print_message
 
 if TYPE_CHECKING:
@@ -98,6 +98,44 @@ def _print_conditions(solved: SolvedMotion) -> None:
         print_message(f"Left out of the model: {solved.notes['left_out']}. The results do not include their loads.")
     for sentence in (*describe_unsolved(solved.solution), *describe_unconverged(solved.solution)):
         print_message(sentence)
+
+
+def validate(
+    folder: Annotated[Path, typer.Argument(help="Lifts with a measured joint force; docs/validation.md lists files.")],
+    output: Annotated[Path | None, typer.Option(help="Table of the results: .csv.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Figure of measured and predicted force: .svg or .png.")] = None,
+) -> None:
+    """Compare the predicted joint force with that measured in a prosthesis, and with published solutions.
+
+    Exit code 1 if a published variant is beyond its limits.
+    """
+    from rich.console import Console
+
+    from station.assessment.compilation import compilation_shown
+    from station.progress import progress_bars
+    from station.validation.validate import validate_folder, verdicts
+    from station.validation.validation_table import validation_table, write_validation
+
+    if output is not None and output.suffix != ".csv":
+        raise typer.BadParameter(f"--output should end in .csv and is {output.name}")
+    if plot is not None and plot.suffix not in (".svg", ".png"):
+        raise typer.BadParameter(f"--plot should end in .svg or .png and is {plot.name}")
+    with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
+        solved = validate_folder(folder, progress)
+    Console(markup=False).print(validation_table(solved))
+    for verdict in verdicts(solved):
+        print_message(str(verdict))
+    if output is not None:
+        write_validation(output, solved)
+        print(output)
+    if plot is not None:
+        from station.validation.force_figure import draw_forces
+
+        draw_forces(plot, solved)
+        print(plot)
+    if any(found.is_within_limits is False for found in solved):
+        raise typer.Exit(FAILED)
+    raise typer.Exit(LOSSY if any(found.unsolved for found in solved) else DONE)
 
 
 def emg(

@@ -1,0 +1,154 @@
+"""Joint force measured by an instrumented implant, as Orthoload publishes it (.txt): relative to the implant, or to the
+glenoid.
+
+    BodyWeight [N]:<tab>830                         in the header of the implant's record only
+    Time<tab>Fx<tab>Fy<tab>Fz<tab>F<tab>…<tab>Marker        Fgx … Fg relative to the glenoid
+    [s]<tab>[N]<tab>[N]<tab>[N]<tab>[N]<tab>…<tab>[0/1]
+    0.000<tab>00135.85<tab>…
+
+Numbers have decimal commas in the header and decimal points in the rows, or commas in both. Marker is 1 in the samples
+that belong to the motion that was captured with it; the record relative to the glenoid has only these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.errors import ForeignFile, RecordingCode
+from recordings.exchange.text import read_lines, read_numbers
+
+Array = NDArray[np.float64]
+
+ROUNDING_N = 0.05
+"""Largest difference between |F| and the resultant in the file; its numbers have two decimals."""
+FEWEST_SAMPLES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class JointForceRecord:
+    """Samples of a joint force that belong to a captured motion, at the file's own uneven times.
+
+    time_s        (samples,) from the first frame of the motion
+    force         (samples, 3) [N]: relative to implant (medial, anterior, superior) or glenoid (forward, up, lateral)
+    resultant     (samples,) [N]
+    body_weight   [N]; None where the header has none
+    """
+
+    time_s: Array
+    force: Array
+    resultant: Array
+    body_weight: float | None
+
+
+def read_joint_force(path: Path) -> JointForceRecord:
+    """Read either record. Raises ForeignFile with a code where columns, units, rows, times or marker are wrong."""
+    lines = read_lines(path)
+    first = _titles_line(lines, path)
+    titles = lines[first].split()
+    columns = _columns(titles, lines[first + 1].split(), path)
+    rows = [line for line in lines[first + 2 :] if line.strip()]
+    _ensure_announced(lines[:first], len(rows), path)
+    table = read_numbers(rows, "\t", columns, path, first + 3)
+    _ensure_plausible(table, path)
+    captured = np.flatnonzero(table[:, -1] > 0)
+    if len(captured) < FEWEST_SAMPLES:
+        raise ForeignFile(
+            f"{path} has Marker 1 in {len(captured)} samples, expected it in those of the captured motion; use a "
+            "record with motion data",
+            RecordingCode.FOREIGN_NO_MOTION,
+        )
+    kept = table[captured[0] : captured[-1] + 1]
+    weight = _header_number(lines[:first], "BodyWeight", path)
+    return JointForceRecord(kept[:, 0] - kept[0, 0], kept[:, 1:4], kept[:, 4], weight)
+
+
+def _titles_line(lines: Sequence[str], path: Path) -> int:
+    for number, line in enumerate(lines[:-1]):
+        if line.split("\t")[0].strip() == "Time" and lines[number + 1].startswith("["):
+            return number
+    raise ForeignFile(
+        f"{path} has no line of titles that begins with Time, with units below it, expected a joint force as published "
+        "by Orthoload; download it again",
+        RecordingCode.FOREIGN_NO_HEADER,
+    )
+
+
+def _columns(titles: Sequence[str], units: Sequence[str], path: Path) -> list[int]:
+    """Columns of time, three components, resultant and marker."""
+    expected = ("Time", "Fx", "Fy", "Fz", "F", "Marker")
+    found = [title.replace("Fg", "F") for title in titles]
+    missing = [title for title in expected if found.count(title) != 1]
+    if missing:
+        raise ForeignFile(
+            f"{path} has the columns {', '.join(titles)}, expected one {', one '.join(missing)}; use a joint force",
+            RecordingCode.FOREIGN_MISSING_COLUMN,
+        )
+    columns = [found.index(title) for title in expected]
+    wrong = [titles[column] for column in columns[:-1] if column >= len(units) or units[column] != _unit(found[column])]
+    if wrong:
+        raise ForeignFile(
+            f"{path} has another unit than s and N, or none, for {', '.join(wrong)}; convert it",
+            RecordingCode.FOREIGN_UNIT,
+        )
+    return columns
+
+
+def _unit(title: str) -> str:
+    return "[s]" if title == "Time" else "[N]"
+
+
+def _ensure_announced(header: Sequence[str], found: int, path: Path) -> None:
+    announced = _header_number(header, "Number of Data Sets", path)
+    if announced is not None and announced != found:
+        raise ForeignFile(
+            f"{path} announces {announced:g} samples and has {found}; download it again", RecordingCode.FOREIGN_CUT
+        )
+
+
+def _ensure_plausible(table: Array, path: Path) -> None:
+    """Raise ForeignFile for holes, times that do not increase, and a resultant that is not that of the components."""
+    holes = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if len(holes) or not len(table):
+        place = f"sample {holes[0] + 1}" if len(holes) else "its table"
+        raise ForeignFile(
+            f"{path} has no number somewhere in {place}, expected every sample; download it again",
+            RecordingCode.FOREIGN_NOT_A_NUMBER,
+        )
+    backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0)
+    if len(backwards):
+        raise ForeignFile(
+            f"{path} has {table[backwards[0] + 1, 0]:g} s after {table[backwards[0], 0]:g} s, expected times that "
+            "increase; download it again",
+            RecordingCode.FOREIGN_TIME_NOT_RISING,
+        )
+    difference = np.abs(np.linalg.norm(table[:, 1:4], axis=1) - table[:, 4])
+    worst = int(difference.argmax())
+    if difference[worst] > ROUNDING_N:
+        raise ForeignFile(
+            f"{path} gives a resultant of {table[worst, 4]:g} N at {table[worst, 0]:g} s, expected that of its "
+            f"components within {ROUNDING_N:g} N; check its columns",
+            RecordingCode.FOREIGN_CONTRADICTORY,
+        )
+
+
+def _header_number(header: Sequence[str], key: str, path: Path) -> float | None:
+    """The number after a key of the header, None where there is no such line."""
+    line = next((line for line in header if line.startswith(key)), None)
+    if line is None:
+        return None
+    field = line.split("\t")[-1].strip().replace(",", ".")
+    try:
+        number = float(field)
+    except ValueError:
+        number = np.nan
+    if not 0 < number < np.inf:
+        raise ForeignFile(
+            f"{path} has {key} {field!r} in its header, expected a positive number; correct the line",
+            RecordingCode.FOREIGN_NOT_A_NUMBER,
+        )
+    return number

@@ -1,0 +1,33 @@
+"""Sentences on the validation with measured joint forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from station.messages.validation_codes import ValidationCode
+
+VALIDATION: Mapping[StrEnum, str] = {
+    ValidationCode.NOT_A_FOLDER: "{path} is not a folder, expected one with lifts (NAME_as_solved.osim, …)",
+    ValidationCode.NO_LIFT: "{path} contains no NAME_as_solved.osim; docs/validation.md lists the files of a lift",
+    ValidationCode.FILES_MISSING: "{path} lacks {missing} of the lift {lift}; docs/validation.md lists the files",
+    ValidationCode.NO_BODY_WEIGHT: "{file} has no BodyWeight [N] in its header, expected the patient's; add the line",
+    ValidationCode.DIFFERENT_FORCES: (
+        "the two records of the force of {lift} differ by up to {difference_n:.1f} N, expected at most {limit_n:g} N; "
+        "use the two records of one measurement"
+    ),
+    ValidationCode.NOT_COVERED: (
+        "the motion of {lift} lasts from {start_s:g} to {end_s:g} s and its measured force from 0 to {last_s:g} s; "
+        "cut the motion"
+    ),
+    ValidationCode.TIMES_DIFFER: (
+        "the published solution {variant} of {lift} and its motion have no frames in common; use files of one lift"
+    ),
+    ValidationCode.WITHIN_LIMITS: (
+        "all {count} published variants are within the limits: median difference from the published force at most "
+        "{difference_n:g} N, RMSE at most the published one + {rmse_percent:g} % of body weight"
+    ),
+    ValidationCode.BEYOND_LIMITS: "beyond the limits: {variants}",
+    ValidationCode.NOTHING_PUBLISHED: "no published solution in the folder: the limits were not checked",
+    ValidationCode.UNSOLVED: "{unsolved} of {frames} frames of {lift}, {variant}, have no solution and are left out",
+}

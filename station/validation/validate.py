@@ -1,0 +1,144 @@
+"""Solve the lifts of a folder in every variant and compare the joint force with the published and the measured one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.motion import differentiate
+from solver.multibody.postures import postures
+from solver.redundancy.force_agreement import ForceAgreement, angle_between, force_agreement, glenoid_axes
+from solver.redundancy.glenoid import glenoid_cone
+from solver.redundancy.motion import FrameOutcome, solve_motion
+from station.messages.message import Message
+from station.messages.validation_codes import ValidationCode
+from station.progress import Progress, silent
+from station.validation.lifts import TIME_TOLERANCE_S, MeasuredLift, ValidationFileError, find_lifts, read_lift
+from station.validation.variants import CUTOFF_HZ, PUBLISHED_VARIANTS, VARIANTS, Variant
+
+Array = NDArray[np.float64]
+
+LARGEST_MEDIAN_N, LARGEST_EXCESS_PERCENT = 5.0, 1.0
+"""Median difference from the published force [N]; RMSE above the published one [% of body weight]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedVariant:
+    """A lift in one variant, compared. Forces are sizes [N] at time (frames,) [s]; NaN where a frame is unsolved.
+
+    angle               median between predicted and measured direction [rad]; not judged (docs/validation.md)
+    published           agreement of the published force with the measured one; None without a published solution
+    median_difference   |our force − the published one| as vectors, median over the frames [N]
+    unsolved            number of frames
+    """
+
+    lift: str
+    variant: str
+    time: Array
+    force: Array
+    measured_force: Array
+    body_weight: float
+    agreement: ForceAgreement
+    angle: float
+    published: ForceAgreement | None
+    median_difference: float | None
+    unsolved: int
+
+    @property
+    def rmse_percent(self) -> float:
+        """RMSE to the measured force [% of body weight]."""
+        return 100.0 * self.agreement.rmse / self.body_weight
+
+    @property
+    def published_rmse_percent(self) -> float | None:
+        """RMSE of the published force [% of body weight]."""
+        return None if self.published is None else 100.0 * self.published.rmse / self.body_weight
+
+    @property
+    def is_within_limits(self) -> bool | None:
+        """Whether it agrees with the published solution; None without one."""
+        if self.published_rmse_percent is None or self.median_difference is None:
+            return None
+        is_close = self.median_difference <= LARGEST_MEDIAN_N
+        return is_close and self.rmse_percent <= self.published_rmse_percent + LARGEST_EXCESS_PERCENT
+
+
+def validate_folder(folder: Path, progress: Progress = silent) -> list[SolvedVariant]:
+    """Every lift of the folder in every variant. Raises ValidationFileError, ForeignFile, SolverError."""
+    names = find_lifts(folder)
+    solved: list[SolvedVariant] = []
+    for name in names:
+        lift = read_lift(folder, name, tuple(variant.name for variant in PUBLISHED_VARIANTS))
+        for variant in VARIANTS:
+            solved.append(solve_variant(lift, variant))
+            progress("solving lifts", len(solved), len(names) * len(VARIANTS))
+    return solved
+
+
+def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
+    """Solve a lift in one variant, over the whole of its motion, with the published low-pass filter."""
+    model, options = variant.applied(lift.model)
+    kinematics = differentiate(lift.motion, CUTOFF_HZ)
+    solution = solve_motion(model, kinematics, options)
+    is_solved = np.array([outcome is FrameOutcome.SOLVED for outcome in solution.outcomes])
+    force = np.where(is_solved[:, None], solution.reaction[:, 3:], np.nan)
+    record = lift.measured
+    resultant = np.interp(solution.time, record.time_s, record.resultant)
+    measured = np.column_stack([np.interp(solution.time, record.time_s, part) for part in record.force.T])
+    cone = glenoid_cone(model)
+    scapula = postures(model, kinematics.positions, kinematics.speeds).rotation_to_ground[:, cone.body]
+    in_glenoid = np.einsum("ij,fkj,fk->fi", glenoid_axes(cone.axis, cone.edge), scapula.swapaxes(1, 2), force)
+    published, difference = _beside_published(lift, variant, solution.time, force, resultant)
+    size = np.linalg.norm(force, axis=1)
+    return SolvedVariant(
+        lift=lift.name,
+        variant=variant.name,
+        time=solution.time,
+        force=size,
+        measured_force=resultant,
+        body_weight=lift.body_weight,
+        agreement=force_agreement(size, resultant),
+        angle=float(np.nanmedian(angle_between(in_glenoid, measured))) if is_solved.any() else np.nan,
+        published=published,
+        median_difference=difference,
+        unsolved=int((~is_solved).sum()),
+    )
+
+
+def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
+    """Unsolved frames, and whether the published variants are within the limits."""
+    for found in solved:
+        if found.unsolved:
+            frames = {"unsolved": found.unsolved, "frames": len(found.time)}
+            yield Message(ValidationCode.UNSOLVED, {**frames, "lift": found.lift, "variant": found.variant})
+    judged = [found for found in solved if found.is_within_limits is not None]
+    beyond = [f"{found.lift}, {found.variant}" for found in judged if not found.is_within_limits]
+    limits = {"difference_n": LARGEST_MEDIAN_N, "rmse_percent": LARGEST_EXCESS_PERCENT}
+    if beyond:
+        yield Message(ValidationCode.BEYOND_LIMITS, {"variants": "; ".join(beyond)})
+    elif judged:
+        yield Message(ValidationCode.WITHIN_LIMITS, {"count": len(judged), **limits})
+    else:
+        yield Message(ValidationCode.NOTHING_PUBLISHED)
+
+
+def _beside_published(
+    lift: MeasuredLift, variant: Variant, time: Array, force: Array, measured: Array
+) -> tuple[ForceAgreement | None, float | None]:
+    """Agreement of the published force with the measured one, and the median difference of ours from it [N]."""
+    published = lift.published.get(variant.name)
+    if published is None:
+        return None, None
+    place = np.searchsorted(published.time, time - TIME_TOLERANCE_S).clip(max=len(published.time) - 1)
+    is_common = np.abs(published.time[place] - time) <= TIME_TOLERANCE_S
+    if not is_common.any():
+        raise ValidationFileError(Message(ValidationCode.TIMES_DIFFER, {"lift": lift.name, "variant": variant.name}))
+    theirs = np.where(is_common[:, None], published.force[place], np.nan)
+    difference = np.linalg.norm(force - theirs, axis=1)
+    known = difference[np.isfinite(difference)]
+    agreement = force_agreement(np.linalg.norm(theirs, axis=1), measured)
+    return agreement, float(np.median(known)) if len(known) else np.nan

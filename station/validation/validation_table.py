@@ -1,0 +1,85 @@
+"""Results of `station validate` as a table on the terminal and as CSV."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from solver.redundancy.force_agreement import ForceAgreement
+from station.validation.validate import SolvedVariant
+from station.whole_file import write_whole
+
+COLUMNS = (
+    "lift",
+    "variant",
+    "frames",
+    "unsolved",
+    "median_difference_from_published_n",
+    "rmse_percent_of_body_weight",
+    "published_rmse_percent_of_body_weight",
+    "correlation",
+    "published_correlation",
+    "peak_ratio",
+    "published_peak_ratio",
+    "angle_to_measured_deg",
+    "is_within_limits",
+)
+NOTE = (
+    "ΔF: median difference from the published force. RMSE in % of body weight, in brackets that of the published "
+    "force; r; peaks, predicted / measured; angle to the measured force, which is not judged."
+)
+UNKNOWN = ForceAgreement(math.nan, math.nan, math.nan)
+
+
+def validation_table(solved: Sequence[SolvedVariant]) -> Table:
+    """A row per lift and variant; the RMSE of the published solution in brackets."""
+    table = Table(
+        "lift", "variant", "ΔF [N]", "RMSE [%]", "r", "peaks", "angle", "limits", caption=NOTE, show_edge=False
+    )
+    for found in solved:
+        ours = found.agreement
+        table.add_row(
+            found.lift,
+            found.variant,
+            "" if found.median_difference is None else f"{found.median_difference:.1f}",
+            _beside(f"{found.rmse_percent:.1f}", found.published_rmse_percent, ".1f"),
+            f"{ours.correlation:.3f}",
+            f"{ours.peak_ratio:.2f}",
+            f"{np.degrees(found.angle):.0f}°",
+            {True: "met", False: "exceeded", None: ""}[found.is_within_limits],
+        )
+    return table
+
+
+def write_validation(path: Path, solved: Sequence[SolvedVariant]) -> None:
+    """A row per lift and variant; a field is empty where there is no published solution."""
+    rows = [",".join(_row(found)) for found in solved]
+    write_whole(path, "\n".join([",".join(COLUMNS), *rows]) + "\n")
+
+
+def _row(found: SolvedVariant) -> list[str]:
+    ours, theirs = found.agreement, found.published or UNKNOWN
+    figures = (
+        found.median_difference,
+        found.rmse_percent,
+        found.published_rmse_percent,
+        ours.correlation,
+        theirs.correlation,
+        ours.peak_ratio,
+        theirs.peak_ratio,
+        math.degrees(found.angle),
+    )
+    verdict = {True: "true", False: "false", None: ""}[found.is_within_limits]
+    return [found.lift, found.variant, str(len(found.time)), str(found.unsolved), *map(_field, figures), verdict]
+
+
+def _field(figure: float | None) -> str:
+    return "" if figure is None or math.isnan(figure) else f"{figure:.6g}"
+
+
+def _beside(ours: str, theirs: float | None, form: str) -> str:
+    return ours if theirs is None else f"{ours} ({theirs:{form}})"

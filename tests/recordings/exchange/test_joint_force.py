@@ -1,0 +1,127 @@
+"""Joint forces as Orthoload publishes them: seeded records come back, bad ones are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recordings.errors import RecordingCode
+from recordings.exchange.joint_force import read_joint_force
+from tests.conftest import SHARED
+from tests.recordings.refusals import refused
+
+Array = NDArray[np.float64]
+
+IMPLANT = "Time\tFx\tFy\tFz\tF\tMx\tMy\tMz\tMarker\n[s]\t[N]\t[N]\t[N]\t[N]\t[Nm]\t[Nm]\t[Nm]\t[0/1]\n"
+GLENOID = (
+    "Time\tFgx\tFgy\tFgz\tFg\tMgx\tMgy\tMgz\tMg\tMarker\n[s]\t[N]\t[N]\t[N]\t[N]\t[Nm]\t[Nm]\t[Nm]\t[Nm]    [0/1/2/3]\n"
+)
+
+
+def drawn(seed: int, samples: int = 40) -> tuple[Array, Array, Array]:
+    """Uneven times, forces and markers, rounded as in the files; markers begin and end with 0."""
+    generator = np.random.default_rng(seed)
+    time = np.round(np.cumsum(generator.uniform(0.008, 0.011, samples)), 3)
+    marker = np.zeros(samples)
+    marker[samples // 4 : -samples // 5] = 1
+    return time, np.round(generator.normal(0, 300, (samples, 3)), 2), marker
+
+
+def text_of(time: Array, force: Array, marker: Array, *, is_comma: bool = False, weight: str = "830,5") -> str:
+    header = f"Comment\t2,4 kg\nBodyWeight [N]:\t{weight}\n\nNumber of Data Sets =\t{len(time)}\n\n{IMPLANT}\n"
+    rows = [
+        f"{t:.3f}\t" + "".join(f"{part:09.2f}\t" for part in (*f, np.linalg.norm(f))) + f"0.46\t0.03\t0.10\t{m:.0f}\n"
+        for t, f, m in zip(time, force, marker, strict=True)
+    ]
+    body = "".join(rows)
+    return header + (body.replace(".", ",") if is_comma else body)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "force.txt"
+    path.write_bytes(text.replace("\n", "\r\n").encode("latin-1"))
+    return path
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("is_comma", [False, True])
+def test_a_record_is_read_from_its_first_to_its_last_marked_sample(
+    tmp_path: Path, seed: int, *, is_comma: bool
+) -> None:
+    time, force, marker = drawn(seed)
+    read = read_joint_force(written(tmp_path, text_of(time, force, marker, is_comma=is_comma)))
+    kept = np.flatnonzero(marker)
+    np.testing.assert_allclose(read.time_s, time[kept] - time[kept[0]], atol=1e-12)
+    np.testing.assert_array_equal(read.force, force[kept])
+    np.testing.assert_allclose(read.resultant, np.linalg.norm(force[kept], axis=1), atol=0.006)
+    assert read.body_weight == 830.5
+
+
+def test_a_sample_with_faulty_kinematics_inside_the_motion_is_kept(tmp_path: Path) -> None:
+    """Markers 2 and 3 are about the motion; the force was measured."""
+    time, force, marker = drawn(0)
+    marker[15:18] = [2, 0, 3]
+    assert len(read_joint_force(written(tmp_path, text_of(time, force, marker))).time_s) == np.count_nonzero(marker) + 1
+
+
+def test_a_record_relative_to_the_glenoid_has_no_body_weight(tmp_path: Path) -> None:
+    samples = ("0.934\t-88.72\t-119.37\t-136.89\t202.14", "0.944\t-73.40\t-125.40\t-142.84\t203.75")
+    rows = "".join(f"{sample}\t0\t0\t0\t0\t1\n" for sample in samples)
+    read = read_joint_force(written(tmp_path, f"Patient: S8R\nTime:\nstarts at 1\n{GLENOID}{rows}"))
+    np.testing.assert_allclose(read.time_s, [0, 0.01], atol=1e-12)
+    assert (read.body_weight, read.resultant.tolist()) == (None, [202.14, 203.75])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "code"),
+    [
+        (IMPLANT, "", RecordingCode.FOREIGN_NO_HEADER),
+        ("\tFz\t", "\tFy\t", RecordingCode.FOREIGN_MISSING_COLUMN),
+        ("\tMarker", "\tTrigger", RecordingCode.FOREIGN_MISSING_COLUMN),
+        ("830,5", "unknown", RecordingCode.FOREIGN_NOT_A_NUMBER),
+        ("830,5", "-830", RecordingCode.FOREIGN_NOT_A_NUMBER),
+        ("[s]\t[N]", "[ms]\t[N]", RecordingCode.FOREIGN_UNIT),
+        ("[N]\t[N]\t[N]\t[N]", "[N]\t[N]\t[N]\t[kN]", RecordingCode.FOREIGN_UNIT),
+        ("Sets =\t40", "Sets =\t400", RecordingCode.FOREIGN_CUT),
+        ("\t0\n", "\n", RecordingCode.FOREIGN_NOT_A_NUMBER),
+        ("\t1\n", "\t0\n", RecordingCode.FOREIGN_NO_MOTION),
+    ],
+)
+def test_a_bad_record_is_refused_with_its_code(tmp_path: Path, before: str, after: str, code: RecordingCode) -> None:
+    text = text_of(*drawn(0))
+    assert before in text
+    with refused(code):
+        read_joint_force(written(tmp_path, text.replace(before, after)))
+
+
+def test_times_that_go_back_and_a_resultant_of_other_components_are_refused(tmp_path: Path) -> None:
+    time, force, marker = drawn(0)
+    with refused(RecordingCode.FOREIGN_TIME_NOT_RISING):
+        read_joint_force(written(tmp_path, text_of(time[::-1], force, marker)))
+    text = text_of(time, force, marker)
+    row = text.splitlines()[-3]
+    cells = row.split("\t")
+    cells[4] = f"{float(cells[4]) + 0.1:09.2f}"
+    with refused(RecordingCode.FOREIGN_CONTRADICTORY):
+        read_joint_force(written(tmp_path, text.replace(row, "\t".join(cells))))
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("lift", "samples", "peak"), [("side", 1025, 1678.71), ("back", 814, 857.55)])
+def test_the_public_records_are_read_as_numpy_reads_them(lift: str, samples: int, peak: float) -> None:
+    """The peak is that in the header of the implant's record."""
+    implant = SHARED / "subject" / f"S8R_{lift}_measured_force.txt"
+    glenoid = SHARED / "subject" / f"S8R_{lift}_measured_force_glenoid.txt"
+    found = read_joint_force(implant), read_joint_force(glenoid)
+    for path, read, skipped in zip((implant, glenoid), found, (33, 27), strict=True):
+        table = np.genfromtxt(path, delimiter="\t", skip_header=skipped, encoding="latin-1")
+        table = table[np.isfinite(table[:, -1]) & (table[:, -1] == 1)]
+        assert len(read.time_s) == len(table) == samples
+        np.testing.assert_allclose(read.time_s, table[:, 0] - table[0, 0], atol=1e-12)
+        np.testing.assert_array_equal(np.column_stack([read.force, read.resultant]), table[:, 1:5])
+    assert found[0].resultant.max() == pytest.approx(peak, abs=0.01)
+    assert (found[0].body_weight, found[1].body_weight) == (830.0, None)
+    assert np.abs(found[0].resultant - found[1].resultant).max() < 0.9

@@ -1,0 +1,159 @@
+"""The in-vivo table: published figures from the published files themselves, ours within the limits, faults by code."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from recordings.errors import RecordingCode
+from station.exit_code import DONE, FAILED
+from station.messages.validation_codes import ValidationCode
+from station.validation.lifts import ValidationFileError, find_lifts, read_lift, read_published_force
+from station.validation.validate import SolvedVariant, validate_folder, verdicts
+from station.validation.validation_table import write_validation
+from tests.conftest import SHARED
+from tests.recordings import refusals
+from tests.station.command import Ran, assert_refused
+from tests.station.refusal import refused
+
+SUBJECT = SHARED / "subject"
+VARIANTS = ("none", "circle", "ellipse")
+PUBLISHED_PERCENT = {
+    ("S8R_side", "none"): 35.7,
+    ("S8R_side", "circle"): 17.9,
+    ("S8R_side", "ellipse"): 19.1,
+    ("S8R_back", "none"): 15.1,
+    ("S8R_back", "circle"): 32.1,
+    ("S8R_back", "ellipse"): 27.6,
+}
+"""RMSE of the published forces [% of body weight]."""
+OWN_LIMITS = {"S8R_side": 20.0, "S8R_back": 41.0}
+
+
+@pytest.fixture(scope="module")
+def solved() -> list[SolvedVariant]:
+    return validate_folder(SUBJECT)
+
+
+def by_pandas(lift: str, variant: str) -> tuple[float, float]:
+    """RMSE [N] and r of a published force, by pandas alone."""
+    published = pd.read_csv(SUBJECT / f"{lift}_published_{variant}.txt")
+    text = (SUBJECT / f"{lift}_measured_force_glenoid.txt").read_text(encoding="latin-1")
+    rows = text[text.index("[0/1/2/3]") + len("[0/1/2/3]") :]
+    measured = pd.read_csv(io.StringIO(rows), sep=r"\s+", header=None)
+    size = (published[["Fx", "Fy", "Fz"]] ** 2).sum(axis=1) ** 0.5
+    truth = pd.Series(np.interp(published["time"], measured[0] - measured[0][0], measured[4]))
+    return float(((size - truth) ** 2).mean() ** 0.5), float(size.corr(truth))
+
+
+@pytest.mark.shared
+def test_the_published_figures_are_those_of_the_published_files(solved: list[SolvedVariant]) -> None:
+    found = {(each.lift, each.variant): each for each in solved if each.published}
+    assert set(found) == set(PUBLISHED_PERCENT)
+    for (lift, variant), of in found.items():
+        assert of.published is not None
+        rmse, correlation = by_pandas(lift, variant)
+        assert of.published.rmse == pytest.approx(rmse, rel=1e-9)
+        assert of.published.correlation == pytest.approx(correlation, abs=1e-9)
+        assert of.published_rmse_percent == pytest.approx(PUBLISHED_PERCENT[lift, variant], abs=0.05)
+
+
+@pytest.mark.shared
+def test_every_variant_is_the_published_one_within_the_limits(solved: list[SolvedVariant]) -> None:
+    for found in solved:
+        assert found.unsolved == 0
+        if found.variant in VARIANTS:
+            assert found.median_difference is not None and found.published_rmse_percent is not None
+            assert found.median_difference <= 5.0
+            assert found.rmse_percent <= found.published_rmse_percent + 1.0
+            assert found.is_within_limits
+    assert [verdict.code for verdict in verdicts(solved)] == [ValidationCode.WITHIN_LIMITS]
+
+
+@pytest.mark.shared
+def test_the_defaults_agree_with_the_measured_force(solved: list[SolvedVariant]) -> None:
+    found = {each.lift: each for each in solved if each.variant == "defaults"}
+    for lift, limit in OWN_LIMITS.items():
+        assert found[lift].rmse_percent <= limit
+        assert found[lift].agreement.correlation >= 0.94
+        assert found[lift].is_within_limits is None
+
+
+@pytest.mark.shared
+def test_the_csv_has_a_row_per_lift_and_variant(solved: list[SolvedVariant], tmp_path: Path) -> None:
+    write_validation(tmp_path / "validation.csv", solved)
+    rows = list(csv.DictReader((tmp_path / "validation.csv").read_text(encoding="utf-8").splitlines()))
+    assert [(row["lift"], row["variant"]) for row in rows] == [(each.lift, each.variant) for each in solved]
+    for row, each in zip(rows, solved, strict=True):
+        assert float(row["rmse_percent_of_body_weight"]) == pytest.approx(each.rmse_percent, rel=1e-5)
+        assert (row["median_difference_from_published_n"] == "") == (each.published is None)
+
+
+@pytest.mark.shared
+def test_the_command_draws_and_fails_beyond_the_limits(station: Callable[..., Ran], tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    ran = station("validate", tmp_path, "--plot", tmp_path / "forces.svg")
+    assert ran.code == DONE
+    assert (tmp_path / "forces.svg").read_text(encoding="utf-8").count("<svg") == 1
+    (tmp_path / "S8R_back_published_none.txt").write_bytes((SUBJECT / "S8R_back_published_circle.txt").read_bytes())
+    assert station("validate", tmp_path).code == FAILED
+
+
+@pytest.mark.shared
+def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
+    copied(tmp_path, "S8R_back")
+    record = tmp_path / "S8R_back_measured_force.txt"
+    whole = record.read_text(encoding="latin-1")
+    record.write_text(whole.replace("BodyWeight", "Weight"), encoding="latin-1")
+    with refused(ValidationFileError, ValidationCode.NO_BODY_WEIGHT):
+        read_lift(tmp_path, "S8R_back", ())
+    record.write_bytes((SUBJECT / "S8R_side_measured_force.txt").read_bytes())
+    with refused(ValidationFileError, ValidationCode.DIFFERENT_FORCES):
+        read_lift(tmp_path, "S8R_back", ())
+    record.write_text(whole, encoding="latin-1")
+    motion = tmp_path / "S8R_back.mot"
+    lines = motion.read_text(encoding="utf-8").splitlines()
+    first = next(number for number, line in enumerate(lines) if line.strip() == "endheader") + 2
+    later = [f"{float(time) + 7:g}\t{rest}" for time, rest in (line.split(maxsplit=1) for line in lines[first:])]
+    motion.write_text("\n".join([*lines[:first], *later]), encoding="utf-8")
+    with refused(ValidationFileError, ValidationCode.NOT_COVERED):
+        read_lift(tmp_path, "S8R_back", ())
+
+
+def test_a_folder_without_a_whole_lift_is_refused(station: Callable[..., Ran], tmp_path: Path) -> None:
+    assert_refused(station("validate", tmp_path / "none"), FAILED, ValidationCode.NOT_A_FOLDER)
+    assert_refused(station("validate", tmp_path), FAILED, ValidationCode.NO_LIFT)
+    (tmp_path / "P1_side_as_solved.osim").touch()
+    assert find_lifts(tmp_path) == ["P1_side"]
+    assert_refused(station("validate", tmp_path), FAILED, ValidationCode.FILES_MISSING)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_published_solution_is_read_by_its_titles(tmp_path: Path, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    names = ["Fgx", "Fz", "BIC_long", "Fx", "Fy"]
+    columns = [names[place] for place in generator.permutation(5)]
+    table = pd.DataFrame(generator.normal(size=(20, 5)), columns=columns)
+    table.insert(0, "time", np.arange(20) / 50)
+    path = tmp_path / "published.txt"
+    table.to_csv(path, index=False)
+    read = read_published_force(path)
+    np.testing.assert_array_equal(read.force, table[["Fx", "Fy", "Fz"]].to_numpy())
+    table.drop(columns="Fy").to_csv(path, index=False)
+    with refusals.refused(RecordingCode.FOREIGN_MISSING_COLUMN):
+        read_published_force(path)
+    table.assign(time=0.0).to_csv(path, index=False)
+    with refusals.refused(RecordingCode.FOREIGN_TIME_NOT_RISING):
+        read_published_force(path)
+
+
+def copied(folder: Path, lift: str) -> None:
+    for path in SUBJECT.glob(f"{lift}*"):
+        shutil.copy(path, folder)
