@@ -27,7 +27,7 @@ from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
 from station.sources import BUNDLED, loads_of, model_of, motion_of
 from station.sweep.plan import NONE, PlanError, Point, SweepPlan, Value
-from station.sweep.solving import Task, WornCase
+from station.sweep.solving import Failure, Task, WornCase
 from station.versions import solver_digest
 
 FRAMES_PER_TASK = 100_000
@@ -70,7 +70,7 @@ class SweepInputs:
         for geometry, group in groups.items():
             motion = self._motion(dict(zip(GEOMETRY, geometry, strict=True)))
             worn = list(group.values())
-            frames = 1 if isinstance(motion, str) else len(motion.kinematics.time[:: self.plan.every])
+            frames = 1 if isinstance(motion, Failure) else len(motion.kinematics.time[:: self.plan.every])
             size = max(1, FRAMES_PER_TASK // (frames * max(len(case.scenario.rest_lengths) for case in worn)))
             for first in range(0, len(worn), size):
                 yield Task(motion, self.plan.every, tuple(worn[first : first + size]))
@@ -109,8 +109,8 @@ class SweepInputs:
             raise PlanError(Message(SweepCode.WORN_CUFFS, figures))
         return (None, None) if point["condition"] == "rigid" else (waists[0] if waists else None, arms[0])
 
-    def _motion(self, geometry: Point) -> LoadedMotion | str:
-        """The motion, or a sentence that gives the reason why it cannot be used."""
+    def _motion(self, geometry: Point) -> LoadedMotion | Failure:
+        """The motion, or the reason why it cannot be used."""
         try:
             model, motion, loads = self.model(geometry["model"]), geometry["motion"], geometry["external_loads"]
             kinematics = differentiate(motion_of(None if motion == BUNDLED else self._path(motion), model))
@@ -120,7 +120,7 @@ class SweepInputs:
                 loads=loads_of(None if loads == NONE else self._path(loads), model, kinematics.time),
             )
         except (ModelError, MotionError) as error:
-            return str(error)
+            return Failure.of(error)
 
     def _model(self, name: Value) -> Model:
         return model_of(BUNDLED if name == BUNDLED else str(self._path(name)))

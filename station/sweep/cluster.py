@@ -9,7 +9,7 @@ from distributed import Client
 from station.dask_cluster import completed_tasks
 from station.messages.message import Message
 from station.messages.sweep_codes import SweepCode
-from station.sweep.solving import Outcome, Task, failed, solve_task
+from station.sweep.solving import Failure, Outcome, Task, failed, solve_task
 
 
 def solve_on(client: Client, tasks: Iterable[Task]) -> Iterator[tuple[dict[str, Outcome], bool]]:
@@ -24,4 +24,5 @@ def solve_on(client: Client, tasks: Iterable[Task]) -> Iterator[tuple[dict[str, 
             yield future.result(), True
         else:
             reason = Message(SweepCode.CASE_FAILED, {"reason": f"{type(error).__name__}: {error}"})
-            yield {case.key: failed(str(reason)) for case in task.cases}, False
+            failure = Failure(str(reason), reason.code)
+            yield {case.key: failed(failure) for case in task.cases}, False

@@ -11,7 +11,7 @@ from documents.plain_data import PlainDataError, read_json
 from solver.suit.suit import PARTS
 from station.sweep.cases import Case
 from station.sweep.plan import AXES, SweepPlan
-from station.sweep.solving import RESULTS, Outcome
+from station.sweep.solving import ERRORS, RESULTS, Outcome
 from station.versions import solving_versions
 from station.whole_file import drafted, write_whole
 
@@ -32,7 +32,7 @@ class Parts:
             found: Outcome = read_json(self._path(key))
         except (OSError, PlainDataError):
             return None
-        return found if isinstance(found, dict) and set(found) == {*RESULTS, "error"} else None
+        return found if isinstance(found, dict) and set(found) == {*RESULTS, *ERRORS} else None
 
     def write(self, key: str, outcome: Outcome) -> None:
         write_whole(self._path(key), json.dumps(outcome, allow_nan=False) + "\n")
@@ -53,7 +53,7 @@ def write_table(folder: Path, plan: SweepPlan, cases: Sequence[Case], outcomes: 
     from pyarrow import parquet
 
     rows = [{**_design(case), **outcomes[case.key], "remarks": case.remarks, "key": case.key} for case in cases]
-    kinds = {**dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys([*NAMES, "error", "remarks", "key"], pa.string())}
+    kinds = {**dict.fromkeys(COUNTS, pa.int64()), **dict.fromkeys([*NAMES, *ERRORS, "remarks", "key"], pa.string())}
     fields = [pa.field(name, kinds.get(name, pa.float64())) for name in rows[0]]
     metadata = {"plan_sha256": plan.digest, "versions": json.dumps(solving_versions())}
     table = pa.Table.from_pylist(rows, schema=pa.schema(fields, metadata=metadata))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.errors import SolverError
 from solver.model import ModelError
 from solver.motion import MotionError
 from solver.suit.curve_minimum import find_minimum
@@ -23,7 +24,7 @@ from solver.suit.scenarios import (
 from solver.suit.suit import Suit, SuitError
 
 Outcome = dict[str, float | str | None]
-"""Column → value: the columns of RESULTS, and `error`, the reason of a case that failed."""
+"""Column → value: the columns of RESULTS, and of ERRORS where the case failed."""
 
 RESULTS = (
     "normalised_cost",
@@ -37,6 +38,8 @@ RESULTS = (
     "frames",
     "unsolved",
 )
+ERRORS = ("error", "error_code")
+"""The reason of a case that failed as a sentence, and as a stable code."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +51,23 @@ class WornCase:
     scenario: SuitScenario
 
 
+@dataclass(frozen=True)
+class Failure:
+    """Why a case, or the motion of its task, cannot be solved."""
+
+    sentence: str
+    code: str
+
+    @classmethod
+    def of(cls, error: SolverError) -> Failure:
+        return cls(str(error), error.code)
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """Cases of one motion, or the reason why it cannot be evaluated; their suits differ in the cord only."""
 
-    motion: LoadedMotion | str
+    motion: LoadedMotion | Failure
     every: int
     cases: tuple[WornCase, ...]
 
@@ -60,19 +75,19 @@ class Task:
 def solve_task(task: Task) -> dict[str, Outcome]:
     """Solve the cases of a task. Returns the outcomes by key."""
     motion = task.motion
-    if isinstance(motion, str):
+    if isinstance(motion, Failure):
         return {case.key: failed(motion) for case in task.cases}
     try:
         worn = prepare_suited_motion(motion, task.cases[0].suit, task.every)
         slack, _ = solve_scenarios(worn, [], workers=1)
     except (ModelError, MotionError, SuitError) as error:
-        return {case.key: failed(str(error)) for case in task.cases}
+        return {case.key: failed(Failure.of(error)) for case in task.cases}
     bare = float(solve_without_suit(worn, slack, workers=1).muscles[0])
     return {case.key: _solved(worn, case, bare) for case in task.cases}
 
 
-def failed(sentence: str) -> Outcome:
-    return {**dict.fromkeys(RESULTS), "error": sentence}
+def failed(failure: Failure) -> Outcome:
+    return {**dict.fromkeys(RESULTS), "error": failure.sentence, "error_code": failure.code}
 
 
 def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcome:
@@ -82,7 +97,7 @@ def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcom
         suited.ensure_pulls()
         slack, (effort,) = solve_scenarios(suited, [scenario], workers=1)
     except SuitError as error:
-        return failed(str(error))
+        return failed(Failure.of(error))
     searched = scenario.rest_lengths[:-1]
     lowest = find_minimum(searched, effort.muscles[:-1]) if len(searched) else None
     numbers = (
@@ -96,4 +111,4 @@ def _solved(worn: SuitedMotion, case: WornCase, bare_body_cost: float) -> Outcom
         effort.unsolved + slack.unsolved,
     )
     plain = [None if np.isnan(number) else float(number) for number in numbers]
-    return {**dict(zip(RESULTS, plain, strict=True)), "error": None}
+    return {**dict(zip(RESULTS, plain, strict=True)), **dict.fromkeys(ERRORS)}

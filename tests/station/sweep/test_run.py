@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.model import ModelError
 from solver.motion import differentiate
 from solver.raise_arm import simulate_arm_raise
@@ -100,9 +101,10 @@ def test_a_failed_case_is_a_row_with_the_reason(tmp_path: Path) -> None:
     vary = 'condition = "rigid"\nrest_length_m = [0.74, 1.2]\nmotion = ["bundled", "short.mot"]'
     found, table = swept(tmp_path, vary)
     assert (found.cases, found.failed, len(table)) == (8, 6, 8)
-    slack = table[(table["rest_length_m"] == 1.2) & (table["motion"] == "bundled")]["error"]
-    assert slack.str.contains("slack in all frames").all()
+    slack = table[(table["rest_length_m"] == 1.2) & (table["motion"] == "bundled")]["error_code"]
+    assert set(slack) == {SolverCode.CORD_SLACK}
     assert table[table["motion"] == "short.mot"]["error"].str.contains("short.mot").all()
+    assert set(table[table["motion"] == "short.mot"]["error_code"]) == {SolverCode.MISSING_COLUMN}
     assert table[table["error"].isna()]["normalised_cost"].notna().all()
 
 
