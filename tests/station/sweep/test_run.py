@@ -104,7 +104,7 @@ def test_a_failed_case_is_a_row_with_the_reason(tmp_path: Path) -> None:
     slack = table[(table["rest_length_m"] == 1.2) & (table["motion"] == "bundled")]["error_code"]
     assert set(slack) == {SolverCode.CORD_SLACK}
     assert table[table["motion"] == "short.mot"]["error"].str.contains("short.mot").all()
-    assert set(table[table["motion"] == "short.mot"]["error_code"]) == {SolverCode.MISSING_COLUMN}
+    assert set(table[table["motion"] == "short.mot"]["error_code"]) == {SolverCode.NO_FRAMES}
     assert table[table["error"].isna()]["normalised_cost"].notna().all()
 
 
