@@ -1,7 +1,7 @@
 """The root of what the solver raises.
 
 SolverError
-├── ModelError        a model, or an option for it, that cannot be solved (model.py)
+├── ModelError        a model, or an option for it, that cannot be solved
 ├── MotionError       a motion that does not fit the model (motion.py)
 ├── SuitError         a suit that does not fit the model (suit/suit.py)
 └── JointCentreError  a motion from which no joint centre can be found (personalisation/joint_centres.py)
@@ -84,3 +84,9 @@ class SolverError(ValueError):
     def __init__(self, sentence: str, code: SolverCode | None = None) -> None:
         super().__init__(sentence)
         self.code = code or self.general_code
+
+
+class ModelError(SolverError):
+    """A model that cannot be read or is inconsistent; one sentence for its author."""
+
+    general_code = SolverCode.MODEL

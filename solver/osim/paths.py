@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,7 @@ from solver.model import (
     PathPoint,
     PathWrap,
     Placement,
+    SurfaceKind,
     WrapSurface,
 )
 from solver.multibody.rotations import rotation_body_fixed_xyz
@@ -38,6 +37,7 @@ _SIDES = {
     "WrapEllipsoid": (*_ROUND, "z", "+z", "-z"),
     "WrapSphere": (*_ROUND, "z", "+z", "-z"),
     "WrapCylinder": _ROUND,
+    "WrapTorus": (*_ROUND, "z", "+z", "-z"),
 }
 
 
@@ -54,11 +54,13 @@ def read_surface(body: int, element: Element) -> WrapSurface:
     return WrapSurface(element.name, body, placement, kind, dimensions, quadrant, is_active)
 
 
-def _shape(element: Element) -> tuple[Literal["ellipsoid", "sphere", "cylinder"], Array]:
+def _shape(element: Element) -> tuple[SurfaceKind, Array]:
     if element.tag == "WrapEllipsoid":
         return "ellipsoid", element.numbers("dimensions", 3, "0.05 0.05 0.05")
     if element.tag == "WrapSphere":
         return "sphere", np.full(3, element.number("radius", "0.05"))
+    if element.tag == "WrapTorus":
+        return "torus", np.array([element.number("inner_radius", "0.01"), element.number("outer_radius", "0.05"), 0.0])
     radius = element.number("radius", "1")
     return "cylinder", np.array([radius, radius, element.number("length", "1")])
 

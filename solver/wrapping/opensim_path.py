@@ -30,6 +30,7 @@ from solver.wrapping.path_tables import (
     NO_SURFACE,
     NOT_CONVERGED,
     SPHERE,
+    TORUS,
     Indices,
     PathTables,
     Record,
@@ -37,6 +38,7 @@ from solver.wrapping.path_tables import (
 )
 from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WRAPPED, WrapResult
 from solver.wrapping.sphere import wrap_sphere
+from solver.wrapping.torus import wrap_torus
 from solver.wrapping.workspace import WrapWorkspace
 
 MOST_SWEEPS = 8
@@ -189,6 +191,8 @@ def _wrap_segment(
         action, r1, r2, length = wrap_ellipsoid(p1, p2, size, wrap["method"], axis, allowed, work.fan, work.code)
     elif wrap["kind"] == SPHERE:
         action, r1, r2, length = wrap_sphere(p1, p2, size[0], axis, allowed)
+    elif wrap["kind"] == TORUS:
+        action, r1, r2, length = wrap_torus(p1, p2, size[0], size[1], axis, allowed, surfaces, work.code)
     else:
         action, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, surfaces, work.code)
     rotation, translation = wrap["rotation"], read(wrap["translation"])

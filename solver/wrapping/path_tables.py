@@ -28,8 +28,8 @@ Record = np.void
 Records = NDArray[np.void]
 Codes = NDArray[np.int8]
 
-KINDS = ("ellipsoid", "sphere", "cylinder")
-ELLIPSOID, SPHERE, CYLINDER = 0, 1, 2
+KINDS = ("ellipsoid", "sphere", "cylinder", "torus")
+ELLIPSOID, SPHERE, CYLINDER, TORUS = 0, 1, 2, 3
 METHODS = ("hybrid", "midpoint", "axial")
 HYBRID, MIDPOINT, AXIAL = 0, 1, 2
 CONVERGED, NOT_CONVERGED = 0, 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -35,6 +37,15 @@ def _mover(body: int, coordinate: int, limits: tuple[float, float]) -> MovingPat
 
 def _lengths(coordinates: Array, paths: list[Path]) -> Array:
     return evaluate_paths(MODEL, postures(MODEL, coordinates, np.zeros_like(coordinates)), paths).lengths
+
+
+def test_there_are_no_geodesics_over_a_torus() -> None:
+    torus = replace(MODEL.surfaces[0], kind="torus", dimensions=np.array([0.01, 0.05, 0.0]))
+    model = replace(MODEL, surfaces=(torus, *MODEL.surfaces[1:]))
+    path = replace(CORD, wraps=(PathWrap(0, "hybrid"),))
+    assert np.isfinite(evaluate_paths(model, STATE, [path]).lengths).all()
+    with refused(SolverCode.UNSUPPORTED):
+        evaluate_paths(model, STATE, [path], mode="geodesic")
 
 
 def test_without_other_paths_those_of_the_muscles_are_laid() -> None:

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.oracle
 ENDS = [("ground", (0.3, 0.2, -0.1)), ("lower", (0.02, -0.2, 0.1))]
 ROUND = ("all", "x", "+x", "-x", "y", "+y", "-y")
 SURFACES = [("WrapCylinder", side) for side in ROUND] + [
-    (kind, side) for kind in ("WrapSphere", "WrapEllipsoid") for side in (*ROUND, "z", "+z", "-z")
+    (kind, side) for kind in ("WrapSphere", "WrapEllipsoid", "WrapTorus") for side in (*ROUND, "z", "+z", "-z")
 ]
 
 
@@ -72,6 +72,9 @@ def test_a_path_wraps_over_a_surface_on_one_side(kind: str, side: str, tmp_path:
     surface.set_xyz_body_rotation(vec3(0.3, -0.4, 0.2))
     if kind == "WrapEllipsoid":
         surface.set_dimensions(vec3(0.1, 0.14, 0.12))
+    elif kind == "WrapTorus":
+        surface.set_inner_radius(0.11)
+        surface.set_outer_radius(0.14)
     else:
         surface.set_radius(0.12)
     model.getBodySet().get("upper").addWrapObject(given(surface))

@@ -192,7 +192,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "code", "naming"),
     [
-        ("WrapCylinder", "WrapTorus", SolverCode.UNSUPPORTED, "line 11: WrapTorus hinge"),
+        ("WrapCylinder", "WrapCylinderObst", SolverCode.UNSUPPORTED, "line 11: WrapCylinderObst hinge"),
         ("-y</quadrant>", "+z</quadrant>", SolverCode.MALFORMED, "WrapCylinder hinge"),
         (
             "CustomJoint",
