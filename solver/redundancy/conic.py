@@ -1,14 +1,14 @@
 """Many small convex problems that share their matrices, and the outcome of every problem.
 
-    minimise  Σ w x²   subject to   E x = e,   lower ≤ x ≤ upper,   C x + c ∈ cone
+    minimise  Σ w xᵖ   subject to   E x = e,   lower ≤ x ≤ upper,   C x + c ∈ cone
 
-with the second-order cone {(s, v): s ≥ |v|}. One frame of a motion is one batch: its scenarios differ in e, in the
-bounds and in c only.
+with the second-order cone {(s, v): s ≥ |v|} and p = 2, or 3 for the first unknowns, which are not negative. One frame
+of a motion is one batch: its scenarios differ in e, in the bounds and in c only.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -21,6 +21,7 @@ VIOLATION_LIMIT = 1e-6
 OPTIMALITY_LIMIT = 1e-5
 LARGEST_SOLUTION = 1e3  # Σ |x| beyond which no solution is sought
 EFFORT_SHARE = 1e-6  # of effort against violation, in least_violation
+CUBE_TOLERANCE = 1e-11  # of Clarabel for cubes, whose slope is small where the unknown is
 
 
 class ConicOutcome(StrEnum):
@@ -43,6 +44,7 @@ class ConicProblem:
     equality_matrix  E (m, n);  equality_target  e (problems, m)
     lower, upper     (problems, n); a bound is infinite in all problems or in none
     cone_matrix      C (k, n) and cone_offset c (problems, k); k = 0 where there is no cone
+    cubed            number of unknowns, the first ones, whose effort is w x³; their lower bounds are not negative
     """
 
     weights: Array
@@ -52,6 +54,18 @@ class ConicProblem:
     upper: Array
     cone_matrix: Array
     cone_offset: Array
+    cubed: int = 0
+
+    def effort(self, x: Array) -> float:
+        """Σ w xᵖ."""
+        powers = np.where(np.arange(len(x)) < self.cubed, 3, 2)
+        return float((self.weights * x**powers).sum())
+
+    def slopes(self, x: Array) -> Array:
+        """Derivative (n,) of the effort."""
+        slopes: Array = 2 * self.weights * x
+        slopes[: self.cubed] *= 1.5 * x[: self.cubed]
+        return slopes
 
 
 @dataclass(frozen=True)
@@ -79,16 +93,16 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
     targets = np.hstack(
         [problem.equality_target, problem.upper[:, above], -problem.lower[:, below], problem.cone_offset]
     )
-    solver = _clarabel_solver(problem, matrix, targets[0], int(above.sum() + below.sum()))
+    solver = _clarabel_solver(problem, matrix, int(above.sum() + below.sum()))
     x = np.empty(problem.lower.shape)
     violation, optimality = np.empty((2, len(x)))
     outcomes: list[ConicOutcome] = []
     for i, target in enumerate(targets):
-        solver.update(b=target)
+        solver.update(b=np.append(target, np.tile([1.0, -1.0, 0.0, 0.0, 0.0, 0.0], problem.cubed)))
         answer = solver.solve()
-        primal, dual = np.array(answer.x), np.array(answer.z)
+        primal, dual = np.array(answer.x)[: problem.weights.size], np.array(answer.z)[: len(target)]
         violation[i] = _violation(problem, i, primal)
-        optimality[i] = _optimality(problem.weights, matrix, target, primal, dual)
+        optimality[i] = _optimality(problem, matrix, target, primal, dual)
         if violation[i] <= VIOLATION_LIMIT and optimality[i] <= OPTIMALITY_LIMIT:
             outcomes.append(ConicOutcome.SOLVED)
         else:
@@ -102,10 +116,12 @@ def solve_conic(problem: ConicProblem) -> ConicSolution:
 def least_violation(problem: ConicProblem) -> Array:
     """x (problems, n) within the bounds that violate the cone least, along its axis.
 
-    Without a cone, or if that is not enough, equalities are violated as well; the sum of squares is minimised.
+    Without a cone, or if that is not enough, equalities are violated as well; the sum of squares is minimised. Squares
+    also choose among points of the same violation.
     """
     m, k = len(problem.equality_matrix), len(problem.cone_matrix)
     along_axis = np.eye(k, min(k, 1))
+    problem = replace(problem, cubed=0)
     x = _with_violations(problem, np.zeros((m, min(k, 1))), along_axis)
     infeasible = np.isnan(x).any(axis=1)
     if infeasible.any():
@@ -157,7 +173,7 @@ def _stacked_matrix(problem: ConicProblem, below: NDArray[np.bool_], above: NDAr
     return np.vstack([problem.equality_matrix, unit[above], -unit[below], -problem.cone_matrix])
 
 
-def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds: int) -> Any:
+def _clarabel_solver(problem: ConicProblem, matrix: Array, bounds: int) -> Any:
     import clarabel
     from scipy import sparse  # both take long to import
 
@@ -169,10 +185,30 @@ def _clarabel_solver(problem: ConicProblem, matrix: Array, target: Array, bounds
     cones = [clarabel.ZeroConeT(len(problem.equality_matrix)), clarabel.NonnegativeConeT(bounds)]
     if len(problem.cone_matrix):
         cones.append(clarabel.SecondOrderConeT(len(problem.cone_matrix)))
-    hessian = sparse.diags_array(2 * problem.weights, format="csc")
-    return clarabel.DefaultSolver(
-        hessian, np.zeros(problem.weights.size), sparse.csc_matrix(matrix), target, cones, settings
-    )
+    n, cubed = problem.weights.size, problem.cubed
+    cones += [clarabel.SecondOrderConeT(3)] * (2 * cubed)
+    if cubed:
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = CUBE_TOLERANCE
+    rows = sparse.csc_matrix(np.vstack([np.hstack([matrix, np.zeros((len(matrix), 2 * cubed))]), _cube_rows(n, cubed)]))
+    squares = np.r_[np.zeros(cubed), 2 * problem.weights[cubed:], np.zeros(2 * cubed)]
+    linear = np.r_[np.zeros(n + cubed), problem.weights[:cubed]]
+    hessian, target = sparse.diags_array(squares, format="csc"), np.zeros(rows.shape[0])
+    return clarabel.DefaultSolver(hessian, linear, rows, target, cones, settings)
+
+
+def _cube_rows(n: int, cubed: int) -> Array:
+    """Rows (6 cubed, n + 2 cubed) of x² ≤ z and z² ≤ x y, two cones each, so that y ≥ x³ for x ≥ 0; z then y follow
+    the unknowns.
+    """
+    rows = np.zeros((6 * cubed, n + 2 * cubed))
+    for i in range(cubed):
+        first, z, y = 6 * i, n + i, n + cubed + i
+        rows[first, z] = rows[first + 1, z] = -1.0  # (z + 1, z − 1, 2 x)
+        rows[first + 2, i] = -2.0
+        rows[first + 3, [i, y]] = -1.0  # (y + x, y − x, 2 z)
+        rows[first + 4, [i, y]] = 1.0, -1.0
+        rows[first + 5, z] = -2.0
+    return rows
 
 
 def _is_certificate(matrix: Array, target: Array, dual: Array) -> bool:
@@ -196,8 +232,10 @@ def _violation(problem: ConicProblem, i: int, x: Array) -> float:
     return max(0.0, *(float(gap.max(initial=0.0)) for gap in gaps))
 
 
-def _optimality(weights: Array, matrix: Array, target: Array, x: Array, dual: Array) -> float:
-    objective = float(weights @ x**2)
-    stationarity = float(np.abs(2 * weights * x + matrix.T @ dual).max())
-    gap = abs(2 * objective + float(target @ dual))  # x·P x + b·z vanishes at the optimum
-    return max(stationarity, gap) / max(1.0, objective)
+def _optimality(problem: ConicProblem, matrix: Array, target: Array, x: Array, dual: Array) -> float:
+    slopes, cubed = problem.slopes(x), problem.cubed
+    errors = slopes + matrix.T @ dual
+    errors[:cubed] = np.minimum(errors[:cubed], x[:cubed])  # the cones of a cube also hold x ≥ 0
+    stationarity = float(np.abs(errors).max())
+    gap = abs(float(x @ slopes) + float(target @ dual))  # x·∇ + b·z vanishes at the optimum
+    return max(stationarity, gap) / max(1.0, problem.effort(x))

@@ -29,6 +29,7 @@ from solver.redundancy.workspace import FrameWorkspace
 Array = NDArray[np.float64]
 
 EFFORT_SHARE = 1e-6  # weight of effort relative to violation where a problem is infeasible
+AT_BOUND = 1e-9  # distance of an activation from its bound
 
 
 @compiled_for_python
@@ -44,7 +45,14 @@ def solve_frames(problem: SequenceProblem, start: WarmStart, work: FrameWorkspac
             a, v = solution.a[scenario, k], solution.v[scenario, k]
             copy(guess, v)
             frame = FrameProblem(
-                problem.q, problem.M[k], problem.R[k], problem.t[scenario, k], problem.equalities, lower, upper
+                problem.q,
+                problem.M[k],
+                problem.R[k],
+                problem.t[scenario, k],
+                problem.equalities,
+                lower,
+                upper,
+                problem.exponent,
             )
             code = _solve_frame(frame, work, a, v)
             solution.codes[scenario, k] = code
@@ -73,16 +81,17 @@ def _minimise_violation(problem: FrameProblem, work: FrameWorkspace, a: Array, v
     """Violate the cone along its axis as little as possible; without a cone, or if that is not enough, the equalities
     as well.
 
-    The violation of a row is one more eliminated unknown, in R, of weight 1 against the effort's share.
+    The violation of a row is one more eliminated unknown, in R, of weight 1 against the share of the effort, which is
+    one of squares here whatever the exponent.
     """
-    q, M, R, t, equalities, lower, upper = problem
+    q, M, R, t, equalities, lower, upper, exponent = problem
     cost, relaxed, code = work.cost, work.relaxed, INFEASIBLE
     for i in range(len(q)):
-        cost[i] = EFFORT_SHARE * q[i]
+        cost[i] = EFFORT_SHARE * q[i] * 2 / exponent
     for i in range(len(t)):
         for j in range(len(t)):
             relaxed[i, j] = R[i, j] / EFFORT_SHARE
-    violable = FrameProblem(cost, M, relaxed, t, equalities, lower, upper)
+    violable = FrameProblem(cost, M, relaxed, t, equalities, lower, upper, 2)
     if equalities < len(t):
         relaxed[equalities, equalities] += 0.5
         code = _solve(violable, work, a, v)
@@ -96,16 +105,35 @@ def _minimise_violation(problem: FrameProblem, work: FrameWorkspace, a: Array, v
 
 @compiled
 def _solve(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> int:
-    """Solve one problem from the guess v. The code is decided on the errors of a and v as they are returned."""
+    """Solve one problem from the guess v. The code is decided on the errors of a and v as they are returned.
+
+    With p = 3 activations near zero follow from v with an infinite slope: if Newton's method stops there, the
+    interior-point method, which has errors of its own a, gives the solution.
+    """
     if newton(problem, work.newton, a, v) <= NEWTON_GOAL:
         return SOLVED
-    if interior_point(problem, work.interior, v) == INFEASIBLE:
+    code = interior_point(problem, work.interior, v)
+    if code == INFEASIBLE:
         return INFEASIBLE
     if newton(problem, work.newton, a, v) <= VIOLATION_LIMIT:
         return SOLVED
     copy(work.interior.point.v, v)
+    if problem.exponent == 3 and code == SOLVED:
+        _round_to_bounds(problem, work.interior.point.a, a)
+        return SOLVED
     error, _ = optimality_errors(problem, a, v, work.newton.free_inverse, work.newton.error)
     return SOLVED if error <= VIOLATION_LIMIT else NOT_CONVERGED
+
+
+@compiled
+def _round_to_bounds(problem: FrameProblem, interior: Array, a: Array) -> None:
+    """Activations of the interior-point method, at a bound where they are as near to it as rounding."""
+    for i in range(len(a)):
+        a[i] = interior[i]
+        if a[i] - problem.lower[i] < AT_BOUND:
+            a[i] = problem.lower[i]
+        if problem.upper[i] - a[i] < AT_BOUND:
+            a[i] = problem.upper[i]
 
 
 @compiled

@@ -28,12 +28,14 @@ from solver.redundancy.cone import (
     scaled,
     scaling,
 )
+from solver.redundancy.effort import curvature, slope
 from solver.redundancy.problem import INFEASIBLE, NOT_CONVERGED, SOLVED, VIOLATION_LIMIT, FrameProblem
 from solver.redundancy.workspace import InteriorWorkspace, Iterate, SearchDirection
 
 Array = NDArray[np.float64]
 
 GOAL = 1e-8  # of violation and duality gap: close enough for Newton's method to finish
+CUBIC_GOAL = 1e-12  # with p = 3, where the last point is the solution; GOAL is enough where rounding stops it
 MOST_STEPS = 50
 FIRST_GAP = 0.1  # of each complementary pair
 SHARE_OF_STEP = 0.995  # of the longest step to the boundary
@@ -53,20 +55,23 @@ def interior_point(problem: FrameProblem, work: InteriorWorkspace, v: Array) -> 
 
 @compiled
 def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
-    q, M, R, t, p, lower, upper = problem
+    q, M, R, t, p, lower, upper, exponent = problem
     (matrix, order, weighted), point, step, error, inverse, gradient, aim = work
     (a, z, v, slack), (da, dz, dv) = point, step
     n, has_cone = len(q), p < len(t)
     s, W = _start(problem, point), (1.0, 0.0, 0.0, 0.0)
+    largest, is_near = inf, False
     for _ in range(MOST_STEPS):
         for i in range(n):
             slack[0, i], slack[1, i] = a[i] - lower[i], upper[i] - a[i]
-            inverse[i] = 1.0 / (q[i] + z[0, i] / slack[0, i] + z[1, i] / slack[1, i])
+            inverse[i] = 1.0 / (curvature(q[i], a[i], exponent) + z[0, i] / slack[0, i] + z[1, i] / slack[1, i])
             aim[0, i] = aim[1, i] = 0.0
         columns_times(M, v, gradient)
         violation = _row_errors(problem, a, v, s, error)
         gap = _gap(point, s, p)
-        if violation <= GOAL and gap <= GOAL:
+        before, largest = largest, max(violation, gap, _stationarity_error(problem, point, gradient))
+        is_near = largest <= GOAL
+        if is_near and (exponent == 2 or largest <= CUBIC_GOAL or largest > 0.5 * before):
             return SOLVED
         if violation > VIOLATION_LIMIT and _is_certificate(problem, v, gradient):
             return INFEASIBLE
@@ -92,13 +97,13 @@ def _follow_central_path(problem: FrameProblem, work: InteriorWorkspace) -> int:
         _advance(z[1], length, dz[1])
         _advance(v, length, dv)
         s = advance(s, length, ds)
-    return NOT_CONVERGED
+    return SOLVED if is_near else NOT_CONVERGED
 
 
 @compiled
 def _start(problem: FrameProblem, point: Iterate) -> Ray:
     """Fill a, z and v with a point strictly inside all bounds; returns a ray inside the cone."""
-    _, _, _, t, p, lower, upper = problem
+    _, _, _, t, p, lower, upper, _ = problem
     a, z, v, _ = point
     for i in range(len(a)):
         a[i] = 0.7 * lower[i] + 0.3 * upper[i]
@@ -124,7 +129,7 @@ def _first_ray(problem: FrameProblem, a: Array) -> Ray:
 @compiled
 def _row_errors(problem: FrameProblem, a: Array, v: Array, s: Ray, error: Array) -> float:
     """Fill the errors M a + R v − t − (0, s); returns the largest."""
-    _, M, R, t, p, _, _ = problem
+    _, M, R, t, p, _, _, _ = problem
     largest = 0.0
     for i in range(len(t)):
         error[i] = dot(M[i], a) + dot(R[i], v) - t[i]
@@ -135,12 +140,24 @@ def _row_errors(problem: FrameProblem, a: Array, v: Array, s: Ray, error: Array)
 
 
 @compiled
+def _stationarity_error(problem: FrameProblem, point: Iterate, gradient: Array) -> float:
+    """Largest error of slope = gradient + z_lower − z_upper. Of a quadratic effort it falls with the violation: 0."""
+    q, exponent = problem.q, problem.exponent
+    largest = 0.0
+    if exponent > 2:
+        for i in range(len(q)):
+            pull = gradient[i] + point.z[0, i] - point.z[1, i]
+            largest = max(largest, abs(slope(q[i], point.a[i], exponent) - pull))
+    return largest
+
+
+@compiled
 def _is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
     """Farkas' lemma: points that meet the rows have v·t ≤ v·M a + v·R u, R u being the contribution of the eliminated
     unknowns. The first term is at most that of the best corner of the bounds, the second at most √(v·R v) √(u·R u),
     too small where the effort is bounded. The missing part, the depth, over Σ |v| is a violation that no point avoids.
     """
-    _, _, R, t, _, lower, upper = problem
+    _, _, R, t, _, lower, upper, _ = problem
     depth, effort, size = dot(v, t), 0.0, 0.0
     for j in range(len(gradient)):
         depth -= max(lower[j] * gradient[j], upper[j] * gradient[j])
@@ -153,11 +170,12 @@ def _is_certificate(problem: FrameProblem, v: Array, gradient: Array) -> bool:
 @compiled
 def _step(problem: FrameProblem, work: InteriorWorkspace, offset: Ray, W: Scaling) -> Ray:
     """The Newton step to slack · z = aim and, for the cone, to ds + W² dλ = offset. Fills da, dz and dv, returns ds."""
-    q, M = problem.q, problem.M
+    q, M, exponent = problem.q, problem.M, problem.exponent
     (factors, order, _), (a, z, _, slack), (da, dz, dv), error, inverse, gradient, aim = work
     p = len(dv) - 3
     for j in range(len(da)):
-        da[j] = inverse[j] * (gradient[j] - q[j] * a[j] + aim[0, j] / slack[0, j] - aim[1, j] / slack[1, j])
+        pull = gradient[j] + aim[0, j] / slack[0, j] - aim[1, j] / slack[1, j]
+        da[j] = inverse[j] * (pull - slope(q[j], a[j], exponent))
     for i in range(len(dv)):
         dv[i] = -error[i] - dot(M[i], da)
     if W[3] > 0.0:

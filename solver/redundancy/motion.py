@@ -1,11 +1,11 @@
 """The muscle-redundancy problem: load sharing among the muscles, frame by frame (Belli et al. 2023, "RMR").
 
-With x = (activations of the muscles, controls of the actuators), in each frame
+With x = (activations a of the muscles, controls r of the actuators), in each frame
 
-    minimise  Σ w x²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
+    minimise  Σ w aᵖ + Σ w r²   subject to   A x = q̈ − q̈₀,   lower ≤ x ≤ upper,   F₀ + A_F x in the glenoid's cone
 
-where q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics from one
-frame to the next. A has rank 14 in 17 rows: the acromioclavicular constraint determines three combinations of
+where p is 2 and q̈₀ and F₀ are accelerations and glenohumeral reaction at x = 0. Bounds follow the activation dynamics
+from one frame to the next. A has rank 14 in 17 rows: the acromioclavicular constraint determines three combinations of
 accelerations, which no muscle changes. The projection of q̈ − q̈₀ onto the column space of A is satisfied; the rest is
 reported per frame as the equality residual.
 """
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
+Exponent = Literal[2, 3]
 
 UNWEIGHTED_COORDINATES = (
     *(f"ground_thorax_{axis}" for axis in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")),
@@ -60,6 +61,8 @@ class RedundancyOptions:
     weights                 w by the name of a muscle, or of a coordinate for its actuator, in place of the above
     glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
     joint                   whose reaction is computed
+    exponent                p of the activations, 2 or 3 (Crowninshield & Brand 1981, J. Biomech. 14:793); reserves keep
+                            squares
     path_mode               wrapping as in OpenSim or over geodesics (docs/paths.md)
     solver                  interior_point, compiled for this problem, or clarabel, its reference
     """
@@ -73,6 +76,7 @@ class RedundancyOptions:
     glenoid_aspect: float = 1.0
     joint: str = JOINT
     path_mode: PathMode = "opensim"
+    exponent: Exponent = 2
     solver: Solver = "interior_point"
 
 
@@ -104,7 +108,7 @@ class RedundancyProblem:
     tracked         (coordinates,) whether the acceleration is tracked
     reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
-    solver          as in RedundancyOptions
+    solver, exponent  as in RedundancyOptions
     control_limits  (2, actuators) least and greatest control; None is no limits
     """
 
@@ -120,6 +124,15 @@ class RedundancyProblem:
     cone: Array
     solver: Solver = "interior_point"
     control_limits: Array | None = None
+    exponent: Exponent = 2
+
+    def effort_of(self, controls: Array) -> Array:
+        """Terms of the effort of x (…, controls), or of its muscles alone: w aᵖ, then w r² of the actuators."""
+        terms: Array = self.weights[: controls.shape[-1]] * controls**2
+        if self.exponent == 3:
+            muscles = self.time_constants.shape[1]
+            terms[..., :muscles] *= controls[..., :muscles]
+        return terms
 
     @property
     def is_finite(self) -> NDArray[np.bool_]:
@@ -173,7 +186,7 @@ class MotionSolution:
     reaction           (frames, 6) moment [N m] and force [N] on the scapula at the glenohumeral joint, in ground
     contact            (frames, 2) where it meets the glenoid's plane [m], as glenoid.contact_points; NaN where it does
                        not, or the model has no markers of the glenoid
-    effort             (frames,) Σ w x²
+    effort             (frames,) Σ w aᵖ + Σ w r²
     equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²], mostly by the constraint
     cone_slack         (frames,) distance of the reaction inside the cone [N], infinite without the glenoid constraint
     outcomes           (frames,) of FrameOutcome
@@ -247,7 +260,7 @@ def solve_motion(
         reserves=controls * [actuator.optimal_force for actuator in model.actuators],
         reaction=solution.reaction[0],
         contact=_contact(model, mechanics.state, options, solution.reaction[0]),
-        effort=solution.controls[0] ** 2 @ problem.weights,
+        effort=problem.effort_of(solution.controls[0]).sum(axis=-1),
         equality_residual=solution.equality_residual[0],
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
@@ -318,6 +331,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         control_limits=np.array([[actuator.min_control, actuator.max_control] for actuator in model.actuators])
         .reshape(-1, 2)
         .T,
+        exponent=options.exponent,
     )
 
 
@@ -337,7 +351,7 @@ def effort_weights(model: Model, options: RedundancyOptions) -> Array:
     weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
     if weights.min(initial=0.0) < 0.0:
         raise ModelError(
-            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of squares",
+            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of powers",
             SolverCode.NEGATIVE_WEIGHT,
         )
     return weights
@@ -370,6 +384,7 @@ def solve_redundancy(
         rise=rise,
         fall=fall,
         limits=problem.control_limits,
+        exponent=problem.exponent,
     )
     solve_run = solve_run or SOLVERS[problem.solver]
     controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)

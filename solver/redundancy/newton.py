@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled
 from solver.dense import columns_times, copy, divide, dot, factor, rows_times_rows
 from solver.redundancy.cone import Ray, project, project_rows
+from solver.redundancy.effort import activation, activation_per_slope
 from solver.redundancy.problem import FrameProblem
 from solver.redundancy.workspace import NewtonWorkspace
 
@@ -62,12 +63,12 @@ def optimality_errors(
 
     The error of an equality is its residual, that of the cone λ − projection of (λ − s).
     """
-    q, M, R, t, p, lower, upper = problem
+    q, M, R, t, p, lower, upper, exponent = problem
     columns_times(M, v, a)
     for i in range(len(q)):
-        free = a[i] / q[i]
+        free = activation(q[i], a[i], exponent)
         a[i] = min(max(free, lower[i]), upper[i])
-        free_inverse[i] = 1.0 / q[i] if a[i] == free else 0.0
+        free_inverse[i] = activation_per_slope(q[i], a[i], exponent) if a[i] == free else 0.0
     for i in range(len(t)):
         error[i] = dot(M[i], a) + dot(R[i], v) - t[i]
     ray = (0.0, 0.0, 0.0)

@@ -58,7 +58,7 @@ class FrameByFrame:
         if sequence.limits is not None and np.isfinite(sequence.limits).any():
             return self._solve_with_clarabel(sequence, progress, workers)
         weights = determined(sequence.weights, sequence.matrix, sequence.cone_matrix)
-        reduction = reduce_frames(weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix)
+        reduction = reduce_frames(weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix, sequence.exponent)
         if reduction is None:
             return self._solve_with_clarabel(replace(sequence, weights=weights), progress, workers)
         scenarios, rows, muscles = len(sequence.target), reduction.rows.shape[1], len(sequence.rise)

@@ -1,10 +1,10 @@
 """The reduced redundancy problem, its outcome codes and its solutions, as the compiled solver reads and fills them.
 
-    minimise  ½ Σ q a² + ½ v·R v   subject to   M a + R v − t = (0, s),   lower ≤ a ≤ upper,   s and λ in the cone
+    minimise  1/p Σ q aᵖ + ½ v·R v   subject to   M a + R v − t = (0, s),   lower ≤ a ≤ upper,   s and λ in the cone
 
-n activations a, m rows and their multipliers v = (y, λ). The first `equalities` rows are equalities; the last three are
-the cone's, if there is a cone. R stands for the unbounded unknowns that reduction.py eliminated: v·R v / 2 is their
-effort.
+with the exponent p, 2 or 3. n activations a, m rows and their multipliers v = (y, λ). The first `equalities` rows are
+equalities; the last three are the cone's, if there is a cone. R stands for the unbounded unknowns that reduction.py
+eliminated: v·R v / 2 is their effort.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ VIOLATION_LIMIT = 1e-8
 
 
 class FrameProblem(NamedTuple):
-    """The problem of one frame: q (n,), M (m, n), R (m, m), t (m,), lower and upper (n,)."""
+    """The problem of one frame: q (n,), M (m, n), R (m, m), t (m,), lower and upper (n,), exponent p."""
 
     q: Array
     M: Array
@@ -33,10 +33,11 @@ class FrameProblem(NamedTuple):
     equalities: int
     lower: Array
     upper: Array
+    exponent: int
 
 
 class SequenceProblem(NamedTuple):
-    """The problems of all frames and scenarios, which share q, M and R and differ in t.
+    """The problems of all frames and scenarios, which share q, M, R and the exponent and differ in t.
 
     q (n,), M (frames, m, n), R (frames, m, m), t (scenarios, frames, m)
     rise, fall  (n,) interval between frames over the time constants of activation and deactivation
@@ -49,6 +50,7 @@ class SequenceProblem(NamedTuple):
     equalities: int
     rise: Array
     fall: Array
+    exponent: int
 
 
 class WarmStart(NamedTuple):

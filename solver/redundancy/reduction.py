@@ -1,6 +1,6 @@
 """Eliminate the unbounded unknowns of the redundancy problem: bounded activations a and a few multipliers v remain.
 
-    minimise  Σ w x²   subject to   A x = b,   a within bounds,   C x + c in the cone,   x = (a, r, f)
+    minimise  Σ w aᵖ + Σ w r²   subject to   A x = b,   a within bounds,   C x + c in the cone,   x = (a, r, f)
 
 A x = b is restricted to the range of A: with constraints on accelerations A has dependent rows, and the part of b that
 no x produces is left out. f are the actuators without weight, r those with. Householder reflections,
@@ -34,7 +34,7 @@ class Reduction:
     """The reduced problem of every frame, in m rows; the first `equalities` of them are G's, each scaled to length 1.
 
     cost                   q (muscles,)
-    is_free                (controls,) which of x are f
+    is_free                (controls,) which of x are f;  exponent p of the activations
     rows                   M (frames, m, muscles);  effort R (frames, m, m)
     per_acceleration       (frames, m, tracked): t = this times b, less c in the cone's rows
     reserves               (frames, r, m): r = this times v
@@ -42,6 +42,7 @@ class Reduction:
     """
 
     equalities: int
+    exponent: int
     cost: Array
     is_free: NDArray[np.bool_]
     rows: Array
@@ -63,6 +64,7 @@ class Reduction:
             equalities=self.equalities,
             rise=rise,
             fall=fall,
+            exponent=self.exponent,
         )
 
     def controls(self, frames: slice, a: Array, v: Array, acceleration: Array) -> Array:
@@ -76,7 +78,9 @@ class Reduction:
         return controls
 
 
-def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Array) -> Reduction | None:
+def reduce_frames(
+    weights: Array, muscles: int, matrix: Array, cone_matrix: Array, exponent: int = 2
+) -> Reduction | None:
     """Reduce A (frames, tracked, controls) and C (frames, k, controls); weights w (controls,), muscles come first.
 
     None for another structure: a muscle without weight, free actuators that A leaves undetermined, or frames
@@ -100,7 +104,8 @@ def reduce_frames(weights: Array, muscles: int, matrix: Array, cone_matrix: Arra
     reserves = np.swapaxes(M[:, :, muscles:], 1, 2) / (2 * weights[~is_free][muscles:, None])
     return Reduction(
         equalities=rank - free,
-        cost=2 * weights[:muscles],
+        exponent=exponent,
+        cost=exponent * weights[:muscles],
         is_free=is_free,
         rows=np.ascontiguousarray(M[:, :, :muscles]),
         effort=M[:, :, muscles:] @ reserves,

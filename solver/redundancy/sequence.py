@@ -1,9 +1,10 @@
 """Solve the redundancy problem frame by frame; activation bounds follow from the activations of the previous frame.
 
-    minimise  Σ w x²   subject to   A x = b,   lower ≤ a ≤ upper,   C x + c in the cone {(s, v): s ≥ |v|}
+    minimise  Σ w aᵖ + Σ w r²   subject to   A x = b,   lower ≤ a ≤ upper,   C x + c in the cone {(s, v): s ≥ |v|}
 
-x = (activations a of the muscles, controls of the actuators). A x = b is restricted to the range of A; the part of
-b that no x produces is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a (Thelen 2003).
+x = (activations a of the muscles, controls r of the actuators), p is 2 or 3. A x = b is restricted to the range of
+A; the part of b that no x produces is left out. Bounds follow first-order activation dynamics with the pace 0.5 + 1.5 a
+(Thelen 2003).
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ class FrameSequence:
                 both scaled so that 1e-8 is small
     rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation
     limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
+    exponent    p of the activations
     """
 
     weights: Array
@@ -79,6 +81,7 @@ class FrameSequence:
     rise: Array
     fall: Array
     limits: Array | None = None
+    exponent: int = 2
 
     def cut(self, frames: slice) -> FrameSequence:
         """These frames alone."""
@@ -122,7 +125,9 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
     from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
 
     sequence = replace(sequence, weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
-    reduction = reduce_frames(sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix)
+    reduction = reduce_frames(
+        sequence.weights, len(sequence.rise), sequence.matrix, sequence.cone_matrix, sequence.exponent
+    )
     if reduction is None:
         return solve_sequence_with_clarabel(sequence, progress)
     scenarios, frames = sequence.target.shape[:2]
@@ -175,6 +180,7 @@ def solve_frame_with_clarabel(
         upper=bounds[1],
         cone_matrix=sequence.cone_matrix[frame],
         cone_offset=sequence.cone_offset[:, frame],
+        cubed=len(sequence.rise) if sequence.exponent == 3 else 0,
     )
     return _solve_frame(problem, widest_bounds(sequence, len(sequence.target)))
 

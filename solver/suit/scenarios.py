@@ -83,7 +83,7 @@ class LoadedMotion:
 class ScenarioEffort:
     """Effort of a scenario by rest length; costs are relative to the suit with a slack cord.
 
-    muscles, reserves  (rest lengths,) Σ w x² over all finite frames; NaN where one is infeasible
+    muscles, reserves  (rest lengths,) Σ w aᵖ and Σ w r² over all finite frames; NaN where one is infeasible
     cord_force         (rest lengths,) largest tension of the cord [N], over all frames of the motion
     activations        (rest lengths, frames, muscles)
     outcomes           (rest lengths, frames) of FrameOutcome
@@ -239,7 +239,7 @@ def solve_without_suit(suited: SuitedMotion, slack: ScenarioEffort, workers: int
     """The effort of the body without the suit's masses, over that of the slack suit."""
     solution = solve_redundancy(suited.bare_problem, workers=workers)
     activations = slack.activations[0, suited.problem.is_finite]
-    slack_cost = float((_muscle_weights(suited.problem) * activations**2).sum())
+    slack_cost = float(suited.problem.effort_of(activations).sum())
     return _effort(suited.bare_problem, solution, slice(0, 1), np.zeros(1), slack_cost)
 
 
@@ -275,15 +275,11 @@ def response_to_wrenches(unit: Response, wrenches: Array) -> LoadResponse:
     )
 
 
-def _muscle_weights(problem: RedundancyProblem) -> Array:
-    return problem.weights[: problem.time_constants.shape[1]]
-
-
 def _effort(
     problem: RedundancyProblem, solution: ScenarioSolutions, part: slice, cord_force: Array, slack_cost: float
 ) -> ScenarioEffort:
-    controls, muscles = solution.controls[part], len(_muscle_weights(problem))
-    cost = (problem.weights * controls[:, problem.is_finite] ** 2).sum(axis=1) / slack_cost
+    controls, muscles = solution.controls[part], problem.time_constants.shape[1]
+    cost = problem.effort_of(controls[:, problem.is_finite]).sum(axis=1) / slack_cost
     return ScenarioEffort(
         muscles=cost[:, :muscles].sum(axis=1),
         reserves=cost[:, muscles:].sum(axis=1),

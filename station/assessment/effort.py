@@ -7,7 +7,8 @@
     [reserves]                                                # replaces the actuator of the coordinate, if it has one
     shoulder_elv = { optimal_force = 20.0, min_control = -1.0, max_control = 1.0 }
 
-Weights multiply squares of activations and controls; a control of 1 gives the optimal force, in N m or N.
+Weights multiply squares of activations and controls, or cubes of activations with `--exponent 3`; a control of 1 gives
+the optimal force, in N m or N.
 """
 
 from __future__ import annotations

@@ -123,6 +123,7 @@ def _notes(kinematics: Kinematics, options: RedundancyOptions, solution: MotionS
         "versions": ", ".join(f"{name} {version}" for name, version in solving_versions().items()),
         "filter": kinematics.filter,
         "interval_s": f"{kinematics.interval:.10g}",
+        "exponent": str(options.exponent),
         "weights": json.dumps(weights),
         "joint": options.joint,
         "glenoid": glenoid,

@@ -40,6 +40,9 @@ def rmr(
     ] = False,
     external_loads: ExternalLoads = None,
     effort: Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")] = None,
+    exponent: Annotated[
+        int, typer.Option(min=2, max=3, help="Effort: sum of squares (2) or of cubes (3) of the activations.")
+    ] = 2,
     glenoid: Annotated[
         bool, typer.Option("--glenoid/--no-glenoid", help="Keep the joint reaction inside the glenoid.")
     ] = True,
@@ -70,7 +73,12 @@ def rmr(
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
     options = RedundancyOptions(
-        glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint, path_mode=paths
+        glenoid or no_no_glenoid,
+        free,
+        glenoid_aspect=glenoid_aspect,
+        joint=joint,
+        path_mode=paths,
+        exponent=3 if exponent == 3 else 2,
     )
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces=ignore_forces)
     cut = MotionCut(cutoff_hz or None, start, end, every)

@@ -133,6 +133,18 @@ def test_what_made_the_numbers_is_stored_beside_them(solved: SolvedMotion, motio
     assert f"# filter={notes['filter']}" in (tmp_path / "raise.csv").read_text().splitlines()
 
 
+def test_the_exponent_of_the_effort_is_chosen_and_stored(station, tmp_path: Path) -> None:
+    tables = {}
+    for exponent in (2, 3):
+        out = tmp_path / f"{exponent}.csv"
+        assert station("rmr", "--every", "50", "--exponent", str(exponent), "--output", out).code == 0
+        assert f"# exponent={exponent}" in out.read_text().splitlines()
+        tables[exponent] = pd.read_csv(out, comment="#")[list(MODEL.muscle_names)].to_numpy()
+    efforts = [[(activations**power).sum() for power in (2, 3)] for activations in tables.values()]
+    assert efforts[0][0] < efforts[1][0] and efforts[1][1] < efforts[0][1]
+    assert station("rmr", "--exponent", "4", "--output", tmp_path / "out.csv").code == 2
+
+
 @pytest.mark.oracle
 def test_opensim_reads_the_sto(infeasible: SolvedMotion, tmp_path: Path) -> None:
     opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
