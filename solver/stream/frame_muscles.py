@@ -118,7 +118,7 @@ class _Body:
             reaction = np.full_like(reaction, np.nan)
         in_glenoid = self._in_glenoid(mechanics, reaction)
         count, found = len(self.model.muscles), {}
-        cost = problem.weights * controls**2
+        cost = problem.effort_of(controls)
         for place, name in enumerate(self.names):
             if suit is not None and name not in forces:
                 self._frames.forget(place)
