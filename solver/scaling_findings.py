@@ -5,7 +5,6 @@ wrong posture stretches muscles. Marker residuals show neither.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from solver.model import Model, PathPoint, WrapSurface
 from solver.multibody.postures import Postures, postures
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
+from solver.scaling_code import ScalingCode
 
 Array = NDArray[np.float64]
 
@@ -26,17 +26,6 @@ LENGTH_RANGE = (0.9, 1.15)
 LARGEST_JUMP = 0.010  # m, of a path's length from one frame to the next, beyond the mean of its neighbours
 LARGEST_PASSIVE_FORCE = 0.5
 """Over the maximum isometric force."""
-
-
-class ScalingCode(StrEnum):
-    """What is wrong."""
-
-    POINT_INSIDE_SURFACE = "point_inside_surface"
-    FIBRE_LENGTH = "fibre_length"
-    PATH_LENGTH = "path_length"
-    FIBRE_LENGTH_IN_MOTION = "fibre_length_in_motion"
-    PASSIVE_FORCE = "passive_force"
-    PATH_JUMP = "path_jump"
 
 
 @dataclass(frozen=True)

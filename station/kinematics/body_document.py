@@ -13,7 +13,7 @@ from scipy.constants import g
 from solver.personalisation.coverage import CoverageCode
 from solver.personalisation.estimate import EstimateOutcome
 from solver.personalisation.segment_masses import segment_masses
-from solver.scaling_findings import ScalingCode
+from solver.scaling_code import ScalingCode
 from station.kinematics.person import PersonBody, PersonInputs, TrialCheck
 from station.messages.codes import KinematicsCode
 from station.messages.person_codes import PersonCode

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 
 from solver.personalisation.coverage import CoverageCode
-from solver.scaling_findings import ScalingCode
+from solver.scaling_code import ScalingCode
 from station.messages.person_codes import PersonCode
 
 PERSON_SENTENCES: Mapping[StrEnum, str] = {

@@ -18,7 +18,8 @@ from solver.osim.reader import read_osim
 from solver.osim.scale_setup import read_scale_setup
 from solver.paths import evaluate_paths
 from solver.scaling import Scaling, scale_model
-from solver.scaling_findings import ScalingCode, check_scaling
+from solver.scaling_code import ScalingCode
+from solver.scaling_findings import check_scaling
 from tests.solver.inverse_kinematics.marked import seen_from
 from tests.solver.references import SHARED
 from tests.solver.refused import refused

@@ -26,7 +26,8 @@ from solver.personalisation.segment_masses import (
     upper_arm_length,
 )
 from solver.personalisation.tendons import fit_tendons
-from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, ScalingCode, muscle_ranges
+from solver.scaling_code import ScalingCode
+from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
 from tests.solver.personalisation.simulated_person import MODEL
 from tests.solver.references import SHARED
 from tests.solver.refused import refused

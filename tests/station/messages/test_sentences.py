@@ -11,7 +11,7 @@ from string import Formatter
 import pytest
 
 from solver.personalisation.coverage import CoverageCode
-from solver.scaling_findings import ScalingCode
+from solver.scaling_code import ScalingCode
 from station import messages
 from station.messages.message import Message
 from station.messages.sentences import SENTENCES
