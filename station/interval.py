@@ -18,16 +18,32 @@ UNBROKEN = "\u00a0"  # a line may end before an interval, not within it
 Ends = Sequence[float] | None
 
 
-def bracketed(value: float, ci95: Ends, scale: float = 1.0, digits: int = 0, censored: str | None = None) -> str:
+def bracketed(
+    value: float,
+    ci95: Ends,
+    scale: float = 1.0,
+    digits: int = 0,
+    censored: str | None = None,
+    *,
+    is_limited: bool = False,
+) -> str:
     """`12.34 (12.21 to 12.47)`; without an interval, scale × value with `digits` decimals. An end that is a bound only
     (`censored`: low, high or both) is `≤12.21` or `≥12.47`.
+
+    is_limited: at most `digits` decimals, without an interval that they do not show
     """
     if ci95 is None or not has_width(ci95):
         return rounded(scale * value, digits)
-    low, high = between(ci95, scale, digits).split(" to ")
+    if is_limited and digits_of(ci95, scale) > digits:
+        low, high = (rounded(end, digits) for end in sorted(scale * end for end in ci95))
+        if low == high:
+            return rounded(scale * value, digits)
+    else:
+        low, high = between(ci95, scale, digits).split(" to ")
+        digits = digits_of(ci95, scale, digits)
     below, above = "≤" * (censored in ("low", "both")), "≥" * (censored in ("high", "both"))
     ends = f"{below}{low} to {above}{high}".replace(" ", UNBROKEN)
-    return f"{rounded(scale * value, digits_of(ci95, scale, digits))} ({ends})"
+    return f"{rounded(scale * value, digits)} ({ends})"
 
 
 def between(ci95: Sequence[float], scale: float = 1.0, digits: int = 0) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
 
 import numpy as np
@@ -98,11 +98,23 @@ def rigid_without_ghosts(
             cleaned[suspect[is_repaired]] = candidates[best[is_repaired], np.flatnonzero(is_repaired)]
             suspect = suspect[~is_repaired]
     cleaned[suspect] = np.nan
+    pose = _refitted(pose, reference, cleaned, residual > limit)
     seen, kept = np.isfinite(points[..., 0]), np.isfinite(cleaned[..., 0])
     is_exchanged = (
         seen & kept & np.any(np.where(seen[..., None], points, 0) != np.where(kept[..., None], cleaned, 0), 2)
     )
-    return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0), fit_pose(reference, cleaned)
+    return cleaned, np.count_nonzero(seen & ~kept | is_exchanged, axis=0), pose
+
+
+def _refitted(
+    pose: Pose, reference: NDArray[np.float64], points: NDArray[np.float64], is_changed: NDArray[np.bool_]
+) -> Pose:
+    """The pose of the points, most of which it is of already."""
+    again = fit_pose(reference, points[is_changed])
+    columns = {field.name: getattr(pose, field.name).copy() for field in fields(Pose)}
+    for name, column in columns.items():
+        column[is_changed] = getattr(again, name)
+    return Pose(**columns)
 
 
 def _typical_residual(

@@ -36,6 +36,8 @@ class CurveReadouts:
     bounds             (n, 4) side of the lengths tried at which the cost is lowest (−1, 1), and what rest_length,
                        lowest_cost and to_slack are there; the optimum lies there or beyond; else (0, NaN, NaN, NaN)
     reduction          (n, measured) 1 − mean activation / that with a slack cord, at the reference; see SuitedMotion
+    efforts            (n, rest lengths) normalised cost at the suit's rest lengths, of drawn people with migration and
+                       compliance; NaN below those that have a solution. (n, 0) otherwise
     """
 
     at_reference: Array
@@ -48,9 +50,10 @@ class CurveReadouts:
     cost_per_migration: Array
     bounds: Array
     reduction: Array
+    efforts: Array
 
 
-FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in {"bounds", "reduction"})
+FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in {"bounds", "reduction", "efforts"})
 """Fields with one number for each version."""
 
 
@@ -102,4 +105,24 @@ def _read(suited: SuitedMotion, mean_slack: Array, solved: Solved, unmigrated: S
         cost_per_migration=np.array([(cost - cost_before) / slipped if slipped else np.nan]),
         bounds=bounds[None],
         reduction=1 - np.divide(mean, mean_slack, out=np.full_like(mean, np.nan), where=mean_slack > IDLE)[None],
+        efforts=np.empty((1, 0)),
     )
+
+
+def efforts_at(suited: SuitedMotion, solved: Sequence[Solved]) -> Array:
+    """Normalised cost (rest lengths,) at those of the suit, from scenarios that differ in rest lengths only: monotone
+    cubics (Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17:238); 1 where the cord is slack throughout, NaN below the
+    shortest rest length from which on all have a solution.
+    """
+    from scipy.interpolate import PchipInterpolator  # slow to import, and needed only here
+
+    slack, wanted = suited.slack_rest_length(solved[0][0]), suited.suit.rest_lengths
+    every_length = np.concatenate([scenario.rest_lengths for scenario, _ in solved])
+    lengths, first = np.unique(every_length, return_index=True)
+    cost = np.concatenate([effort.muscles for _, effort in solved])[first]
+    is_used = (lengths < slack) & (np.cumsum(np.isnan(cost)[::-1])[::-1] == 0)
+    efforts = np.where(wanted < slack, np.nan, 1.0)
+    if is_used.any():
+        curve = PchipInterpolator(np.append(lengths[is_used], slack), np.append(cost[is_used], 1.0), extrapolate=False)
+        efforts[wanted < slack] = curve(wanted[wanted < slack])
+    return efforts

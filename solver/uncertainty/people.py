@@ -18,7 +18,7 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
 from solver.motion import Kinematics
 from solver.suit.curve_minimum import edge_of_minimum
-from solver.suit.readouts import CurveReadouts, read_off_curves, stacked
+from solver.suit.readouts import CurveReadouts, efforts_at, read_off_curves, stacked
 from solver.suit.scenarios import (
     CUFF_CONDITIONS,
     Condition,
@@ -39,6 +39,7 @@ from solver.uncertainty.varied_motion import MOTION_FACTORS, MotionDraws, prepar
 Array = NDArray[np.float64]
 
 NODES = 8  # rest lengths of a person's curve
+SHORTER_NODES = 5  # below them, where the effort is drawn and no optimum expected
 MOST_SHIFTS = 3  # of the rest lengths tried, until the optimum is among them
 FRAMES = 40  # frames of the motion that are solved for a person, at most this number or one more
 UNBOUNDED = (-np.inf, np.inf)
@@ -146,14 +147,17 @@ def _solve_person(
     pairs: list[tuple[Condition, CuffParameters | None, CuffParameters | None]] = [("rigid", None, None)]
     pairs += [(condition, waist, arm) for arm in arms for condition in CUFF_CONDITIONS]
     scenarios = [_scenario(case, pair, moved) for pair in pairs]
-    slack, efforts = solve_scenarios(suited, scenarios, workers=workers)
+    shorter = [_shorter(case, scenario) for scenario in scenarios if scenario.condition == "both"]
+    slack, efforts = solve_scenarios(suited, [*scenarios, *shorter], workers=workers)
+    efforts, shorter_efforts = efforts[: len(scenarios)], efforts[len(scenarios) :]
     _bracket_optima(suited, scenarios, efforts, workers)
     rigid, *others = zip(scenarios, efforts, strict=True)
     found: dict[Place, CurveReadouts] = {("rigid", None): read_off_curves(suited, slack, {"rigid": rigid})["rigid"]}
     rest = iter(others)
-    for arm in arms:
+    for arm, below in zip(arms, zip(shorter, shorter_efforts, strict=True), strict=True):
         own = {scenario.condition: (scenario, effort) for scenario, effort in islice(rest, len(CUFF_CONDITIONS))}
         curves = read_off_curves(suited, slack, {"rigid": rigid, **own})
+        curves["both"] = replace(curves["both"], efforts=efforts_at(suited, (own["both"], below))[None])
         found |= {(condition, arm.name): curves[condition] for condition in CUFF_CONDITIONS}
     return found
 
@@ -168,6 +172,13 @@ def _scenario(
     first, last = case.spans[condition, arm.name if arm else None]
     scenario = SuitScenario(condition, waist, arm, np.linspace(first + moved, last + moved, NODES))
     lengths = np.append(scenario.rest_lengths - scenario.migration, case.suit.reference_rest_length)
+    return replace(scenario, rest_lengths=lengths)
+
+
+def _shorter(case: PeopleCase, scenario: SuitScenario) -> SuitScenario:
+    """The rest lengths from the suit's shortest up to those of the scenario."""
+    shortest = float(case.suit.rest_lengths[0])
+    lengths = np.linspace(min(shortest, scenario.rest_lengths[0]), scenario.rest_lengths[0], SHORTER_NODES + 1)[:-1]
     return replace(scenario, rest_lengths=lengths)
 
 

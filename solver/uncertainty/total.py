@@ -27,6 +27,15 @@ IndexedFigure = tuple[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True, eq=False)
+class CostBand:
+    """Cost of the assessment and ends of its 95 % interval, (rest lengths,) each; NaN where too many are unknown."""
+
+    cost: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, eq=False)
 class TotalUncertainty:
     """Results for the drawn people.
 
@@ -35,6 +44,7 @@ class TotalUncertainty:
     reduction   of each curve: muscle or group of muscles → its figure
     decisions   between the arm cuffs that yield and have migrated;  rule: as decided
     readouts    of each curve: of the fitted cuffs on the assessed person, then of the people
+    bands       of the normalised cost with every arm cuff that yields and has migrated
     indices     of each figure, None where it is unknown or does not vary; empty where none were asked for
     """
 
@@ -46,6 +56,7 @@ class TotalUncertainty:
     decisions: Mapping[Basis, CuffDecision]
     rule: DecisionRule
     readouts: Mapping[Place, CurveReadouts]
+    bands: Mapping[Place, CostBand]
     indices: Mapping[IndexedFigure, SobolIndices | None] = field(default_factory=dict)
 
 
@@ -80,6 +91,11 @@ def total_uncertainty(
         decisions={basis: decide(drawn, rule) for basis, drawn in efforts.items()},
         rule=rule,
         readouts=readouts,
+        bands={
+            place: _band(curves[place].cost, reading.efforts)
+            for place, reading in readouts.items()
+            if reading.efforts.shape[1]
+        },
     )
 
 
@@ -112,3 +128,14 @@ def _quantity(value: float | None, versions: Array) -> Quantity:
         return Quantity(value)
     low, high = np.quantile(drawn[is_known], [0.025, 0.975])
     return Quantity(value, (float(min(low, value)), float(max(high, value))))
+
+
+def _band(cost: Array, versions: Array) -> CostBand:
+    """About the cost (rest lengths,) of the assessment, from versions (people + 1, rest lengths)."""
+    drawn = versions[1:] + (cost - versions[0])
+    is_known = np.isfinite(drawn).mean(axis=0) >= 1 - MOST_UNKNOWN
+    low, high = np.full((2, len(cost)), np.nan)
+    if is_known.any():
+        ends = np.nanquantile(drawn[:, is_known], [0.025, 0.975], axis=0)
+        low[is_known], high[is_known] = np.minimum(ends[0], cost[is_known]), np.maximum(ends[1], cost[is_known])
+    return CostBand(cost, low, high)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import FIGURES
 from solver.suit.uncertainty import Place
 from solver.uncertainty.indices import SobolIndices
-from solver.uncertainty.total import TotalUncertainty
+from solver.uncertainty.total import CostBand, TotalUncertainty
 from station.assessment.assessment_json import CURVE_KEYS, known
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 
@@ -48,6 +49,13 @@ class IndicesEntry(StrictEntry):
     groups: dict[str, GroupIndexEntry]
 
 
+class CostBandEntry(StrictEntry):
+    """The effort at every one of rest_lengths_m, with its interval; null where too many people have none."""
+
+    value: list[float | None]
+    ci95: list[Annotated[list[float], Field(min_length=2, max_length=2)] | None]
+
+
 class TotalUncertaintyEntry(StrictEntry):
     """Figures with intervals of total uncertainty, under the keys of the figures with intervals of the fit only.
 
@@ -64,6 +72,7 @@ class TotalUncertaintyEntry(StrictEntry):
     cord_force_lost_to_migration: dict[str, Any]
     cost_per_arm_migration_per_m: dict[str, Any]
     muscle_reduction: dict[str, Any] = Field(default_factory=dict)
+    cost: dict[str, dict[str, CostBandEntry]] = Field(default_factory=dict)
     indices: list[IndicesEntry] = Field(default_factory=list)
 
 
@@ -90,10 +99,18 @@ def plain_total(total: TotalUncertainty) -> Plain:
         "muscle_reduction": by_place(
             lambda place: {muscle: _number(figure) for muscle, figure in total.reduction[place].items()}
         ),
+        "cost": {cuff: {condition: _band(band)} for (condition, cuff), band in total.bands.items() if cuff},
         "indices": [
             _indices(figure, cuffs, found) for (figure, cuffs), found in total.indices.items() if found is not None
         ],
     }
+
+
+def with_total_intervals(assessment: Mapping[str, Any]) -> Plain:
+    """assessment.json with the intervals of total uncertainty where people were drawn, otherwise as it is."""
+    total = assessment.get("total_uncertainty") or {}
+    keys = ("at_rigid_optimum", "optimum", "muscle_reduction", *CURVE_KEYS.values())
+    return {**assessment, **{key: total[key] for key in keys if total.get(key)}}
 
 
 def people_table(total: TotalUncertainty) -> str:
@@ -119,6 +136,14 @@ def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Plain:
             group: {"first": number(first, first_half), "total": number(total, total_half)}
             for group, first, first_half, total, total_half in rows
         },
+    }
+
+
+def _band(band: CostBand) -> Plain:
+    ends = zip(band.low.tolist(), band.high.tolist(), strict=True)
+    return {
+        "value": [None if np.isnan(cost) else cost for cost in band.cost.tolist()],
+        "ci95": [None if np.isnan(low) else [low, high] for low, high in ends],
     }
 
 

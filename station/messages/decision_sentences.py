@@ -34,7 +34,7 @@ DECISIONS: Mapping[StrEnum, str] = {
     DecisionCode.SETTLE_MUSCLES: _SETTLE + "measure the wearer's strength, or compare with EMG.",
     DecisionCode.SETTLE_MOTION: _SETTLE + "record more cycles of the wearer's own motion (--subject).",
     DecisionCode.FIT_ONLY: (
-        "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Run `station assess` "
-        "with --people 1000, which adds it."
+        "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Run `station assess "
+        "--people 1000`, which adds it."
     ),
 }

@@ -63,7 +63,13 @@ def assessment_section(
 
 def effort_figures(assessment: Plain) -> list[PlannedFigure]:
     """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
-    caption = "Effort over the rest length of the cord, with migration and compliance"
+    total = assessment.get("total_uncertainty") or {}
+    bands = (
+        f"; shaded: 95 % bands of total uncertainty, {total['people']['value']:.0f} people"
+        if total.get("cost")
+        else ". For bands of total uncertainty run station assess --people 1000"
+    )
+    caption = f"Effort over the rest length of the cord, with migration and compliance{bands}"
     return [PlannedFigure(partial(cuffs_figure, assessment), caption, is_printed=True)] if _arms(assessment) else []
 
 

@@ -13,6 +13,7 @@ from station.report.charts.marks import (
     COLOURS,
     HALF,
     QUARTER,
+    Band,
     Chart,
     Colour,
     Intervals,
@@ -76,9 +77,12 @@ def cost_figure(assessment: Plain, cuff: str) -> Chart:
 
 
 def cuffs_figure(assessment: Plain) -> Chart:
-    """The same with every arm cuff, with migration and compliance, beside rigid ones."""
+    """The same with every arm cuff, with migration and compliance, beside rigid ones; where people were drawn, with the
+    band of total uncertainty of every arm cuff.
+    """
     arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
-    return chart(_effort_panel(assessment, {LIMIT: ("rigid",), **{cuff: (cuff, "both") for cuff in arms}}))
+    places = {LIMIT: ("rigid",), **{cuff: (cuff, "both") for cuff in arms}}
+    return chart(_effort_panel(assessment, places, tuple(_bands(assessment, arms))))
 
 
 def muscle_changes(activations: pd.DataFrame, cuffs: Sequence[str]) -> list[MuscleChange]:
@@ -173,15 +177,16 @@ def _activation_panel(marks: tuple[Line, ...], muscle: str) -> Panel:
     return Panel(marks, "time [s]", "activation", muscle, y_limits=(0.0, None), width=QUARTER, height=150.0)
 
 
-def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]]) -> Panel:
-    """A curve for each label and where it stands in the assessment, its best rest length marked."""
+def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]], bands: Sequence[Band | Line] = ()) -> Panel:
+    """A curve for each label and where it stands in the assessment, its best rest length marked, above the bands."""
     lengths = values(assessment["rest_lengths_m"]["value"])
     reference = assessment["reference_rest_length_m"]["value"]
     marks: list[Mark] = [
+        *bands,
         Rule(1.0, "quiet", word="slack cord"),
         Rule(reference, "quiet", dash="dotted", is_upright=True, word=f"compared at {reference:.2f} m"),
     ]
-    lowest = 1.0
+    lowest = min([1.0, *(float(np.nanmin(band.low, initial=1.0)) for band in bands if isinstance(band, Band))])
     colours: tuple[Colour, ...] = ("ink", *COLOURS)
     for (label, place), colour in zip(places.items(), colours, strict=False):
         cost, best = assessment["cost"], assessment["optimum"]
@@ -202,6 +207,18 @@ def _effort_panel(assessment: Plain, places: Mapping[str, tuple[str, ...]]) -> P
         width=420.0,
         height=290.0,
     )
+
+
+def _bands(assessment: Plain, arms: Sequence[str]) -> Iterator[Band | Line]:
+    """Of total uncertainty, with their edges: where bands overlap, these tell them apart."""
+    found = (assessment.get("total_uncertainty") or {}).get("cost") or {}
+    lengths = values(assessment["rest_lengths_m"]["value"])
+    for cuff, colour in zip(arms, COLOURS, strict=False):
+        if cuff in found:
+            low, high = values([ends or (None, None) for ends in found[cuff]["both"]["ci95"]]).T
+            yield Band(lengths, low, high, colour)
+            yield Line(lengths, low, colour, dash="dashed", width=0.8)
+            yield Line(lengths, high, colour, dash="dashed", width=0.8)
 
 
 def _conditions(activations: pd.DataFrame, cuff: str) -> Iterator[tuple[str, pd.DataFrame, Colour]]:

@@ -1,9 +1,13 @@
-"""Numbers of the report as text: filters of its templates."""
+"""Numbers and sentences of the report as text: filters of its templates."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from html import escape
 from typing import Any
+
+from jinja2.filters import do_mark_safe
 
 from fitting.results.seal import Standing
 from fitting.uncertainty import Estimate
@@ -24,16 +28,22 @@ def true_text(true: float, estimate: Estimate | None, scale: float = 1.0) -> str
 
 
 def entry_text(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
-    """An entry {"value", "ci95"} of assessment.json; a dash where it is unknown."""
+    """An entry {"value", "ci95"} of assessment.json; a dash where it is unknown.
+
+    It has at most `digits` decimals: the interval of the fit alone would give it more than the total uncertainty bears.
+    """
     if not number or number["value"] is None:
         return "–"
-    return bracketed(number["value"], number.get("ci95"), scale, digits, number.get("censored"))
+    censored = number.get("censored")
+    return bracketed(number["value"], number.get("ci95"), scale, digits, censored, is_limited=True)
 
 
 def worn_text(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
     """A parameter of a worn cuff, with its source where that is not the fit."""
-    by_hand = number is not None and number.get("source") == Standing.BY_HAND
-    return f"{entry_text(number, scale, digits)}{' (given by hand)' if by_hand else ''}"
+    if not number or number["value"] is None:
+        return "–"
+    by_hand = number.get("source") == Standing.BY_HAND
+    return f"{bracketed(number['value'], number.get('ci95'), scale, digits)}{' (given by hand)' if by_hand else ''}"
 
 
 def saving_text(effort: Mapping[str, Any]) -> str:
@@ -50,6 +60,7 @@ def saving_text(effort: Mapping[str, Any]) -> str:
         100.0,
         1,
         _MIRRORED.get(str(censored), censored) if is_less else censored,
+        is_limited=True,
     )
     number, _, brackets = text.partition(" (")
     return f"{number} % {'less' if is_less else 'more'} effort" + (f" ({brackets}" if brackets else "")
@@ -58,3 +69,8 @@ def saving_text(effort: Mapping[str, Any]) -> str:
 def counted(count: int, noun: str) -> str:
     """`1 cuff`, `2 cuffs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def with_commands(sentence: object) -> str:
+    """A sentence as HTML, its `commands` as code."""
+    return do_mark_safe(re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(str(sentence))))

@@ -22,6 +22,7 @@ from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
 from station.assessment.assessment_file import read_assessment
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
+from station.assessment.total_json import with_total_intervals
 from station.checksums import sha256_of, write_checksums
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
@@ -35,7 +36,7 @@ from station.report.assessment_section import assessment_section, effort_figures
 from station.report.cuff_section import Cuffs, ReportedCuff, TrueCuff, cuff_figures, overview_figure
 from station.report.emg_section import emg_figures, emg_section
 from station.report.first_page import summary_of
-from station.report.number_texts import entry_text, estimate_text, true_text, worn_text
+from station.report.number_texts import entry_text, estimate_text, true_text, with_commands, worn_text
 from station.report.pictures import PlannedFigure, draw_all
 from station.report.session_facts import session_facts
 from station.whole_file import write_whole
@@ -64,7 +65,8 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
     if fitted is None and folder.is_dir() and pulls_in(folder):
         fitted = fit_session_folder(folder, None, progress)
     cuffs: Cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
-    assessment = read_assessment(folder / ASSESSMENT_FILE) if (folder / ASSESSMENT_FILE).is_file() else None
+    path = folder / ASSESSMENT_FILE
+    assessment = with_total_intervals(read_assessment(path)) if path.is_file() else None
     emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
     if not cuffs and not assessment and not emg:
         raise ReportError(Message(FolderCode.NOTHING_TO_REPORT, {"folder": str(folder)}))
@@ -185,5 +187,6 @@ def _environment() -> Environment:
         "figure": entry_text,
         "worn": worn_text,
         "beside": true_text,
+        "commands": with_commands,
     }
     return environment

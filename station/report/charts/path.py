@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def dots(x: Array, y: Array) -> str:
     """`d` of dots: lines of no length, which a round line cap makes visible. Dots on the same pixel are one."""
     points = np.column_stack([x, y])[:: max(1, -(-len(x) // MOST_DOTS))]
     pixels = np.unique(np.round(points[np.isfinite(points).all(axis=1)], 0), axis=0)
-    return "".join(f"M{across:.0f} {up:.0f}h0" for across, up in pixels)
+    return "".join(f"M{across} {up}h0" for across, up in pixels.astype(np.int64).tolist())
 
 
 def _runs(points: Array) -> Iterator[Array]:
@@ -47,17 +48,26 @@ def _piece(points: Array) -> str:
     points = _decimated(points)
     tenths = np.rint(10.0 * points).astype(np.int64)
     steps = np.diff(tenths, axis=0)
-    moves = steps[np.any(steps != 0, axis=1)] / 10
-    start = f"M{tenths[0, 0] / 10:g} {tenths[0, 1] / 10:g}"
-    return start + ("l" + " ".join(f"{across:g} {up:g}" for across, up in moves) if len(moves) else "h0")
+    moves = steps[np.any(steps != 0, axis=1)]
+    start = f"M{_tenths(int(tenths[0, 0]))} {_tenths(int(tenths[0, 1]))}"
+    return start + ("l" + " ".join(map(_tenths, moves.ravel().tolist())) if len(moves) else "h0")
+
+
+@cache
+def _tenths(count: int) -> str:
+    """A number of tenths; steps of curves are few numbers many times."""
+    return f"{count / 10:g}"
 
 
 def _decimated(points: Array) -> Array:
     """First, least, greatest (of y) and last point of every piece of a long curve, in their order."""
-    if len(points) <= 4 * PIECES:
+    count = len(points)
+    if count <= 4 * PIECES:
         return points
-    kept: set[int] = set()
-    for piece in np.array_split(np.arange(len(points)), PIECES):
-        up = points[piece, 1]
-        kept.update(map(int, piece[[0, -1, up.argmin(), up.argmax()]]))
-    return np.asarray(points[sorted(kept)])
+    edges = np.arange(PIECES + 1) * count // PIECES
+    up, kept = points[:, 1], np.zeros(count, bool)
+    kept[edges[:-1]] = kept[edges[1:] - 1] = True
+    piece = np.repeat(np.arange(PIECES), np.diff(edges))
+    order = np.lexsort((up, piece))  # of every piece the least and the greatest at its ends
+    kept[order[edges[:-1]]] = kept[order[edges[1:] - 1]] = True
+    return np.asarray(points[kept])

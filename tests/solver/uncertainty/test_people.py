@@ -65,6 +65,15 @@ def test_zero_scores_are_the_assessment_with_the_fitted_cuffs(people):
         assert reading.lowest_cost[0] == pytest.approx(curve.figures["lowest_cost"].value, abs=1e-3)
 
 
+def test_the_effort_over_all_rest_lengths_is_that_of_solving_each_of_them(people):
+    found = assess(CASE.motion, SUIT, (WAIST, HAND), every=EVERY, draws=DrawSettings(count=0))
+    (curve,) = (curve for curve in found.curves if curve.condition == "both")
+    efforts = people["both", "hand"].efforts
+    np.testing.assert_allclose(efforts[0], curve.cost, atol=5e-3)
+    assert efforts.shape == (4, len(SUIT.rest_lengths)) and np.isfinite(efforts).all()
+    assert people["shift", "hand"].efforts.shape == (4, 0), "only what is worn has a band"
+
+
 def test_people_differ_and_each_is_solved(people):
     for reading in people.values():
         assert np.isfinite(reading.at_reference).all()

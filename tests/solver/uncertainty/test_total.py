@@ -37,6 +37,20 @@ def test_intervals_are_of_the_people_about_the_figures_of_the_assessment(assessm
         assert set(total.reduction[curve.condition, curve.cuff]) == set(curve.reduction)
 
 
+def test_the_band_is_of_the_people_about_the_curve_of_the_assessment_where_enough_are_known(assessment, people):  # noqa: F811
+    drawn = people["both", "hand"]
+    efforts = drawn.efforts.copy()
+    efforts[1, 0] = np.nan  # one of three people has no solution with the shortest cord
+    found = {**people, ("both", "hand"): replace(drawn, efforts=efforts)}
+    bands = total_uncertainty(assessment, found, EVERY, DecisionRule()).bands
+    assert list(bands) == [("both", "hand")]
+    low, high = bands["both", "hand"].low, bands["both", "hand"].high
+    assert np.isnan([low[0], high[0]]).all() and np.isfinite(low[1:]).all()
+    (curve,) = (curve for curve in assessment.curves if curve.condition == "both")
+    ends = np.quantile((drawn.efforts[1:] - drawn.efforts[0] + curve.cost)[:, 3], [0.025, 0.975])
+    assert (low[3], high[3]) == pytest.approx((min(ends[0], curve.cost[3]), max(ends[1], curve.cost[3])))
+
+
 def test_one_cuff_alone_is_no_choice_and_too_many_unknown_people_leave_no_interval(assessment, people):  # noqa: F811
     unknown = {
         place: CurveReadouts(**{f.name: np.where([1, 1, 0, 0], getattr(r, f.name).T, np.nan).T for f in fields(r)})

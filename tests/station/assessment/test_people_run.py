@@ -74,6 +74,19 @@ def test_intervals_of_total_uncertainty_hold_those_of_the_fit(plain: dict[str, A
     assert list(numbers_in(plain)) == []
 
 
+def test_the_band_over_the_rest_length_holds_the_curve_and_the_interval_at_the_reference(plain: dict[str, Any]) -> None:
+    total, lengths = plain["total_uncertainty"], np.array(plain["rest_lengths_m"]["value"])
+    assert set(total["cost"]) == {"hand", "elbow"}
+    for cuff, bands in total["cost"].items():
+        assert bands["both"]["value"] == plain["cost"][cuff]["both"]["value"]
+        low, high = np.array([ends or (np.nan, np.nan) for ends in bands["both"]["ci95"]]).T
+        cost, is_known = np.array(bands["both"]["value"]), np.isfinite(low)
+        assert is_known.sum() >= 7 and (low <= cost)[is_known].all() and (cost <= high)[is_known].all()
+        reference = plain["reference_rest_length_m"]["value"]
+        ends = [np.interp(reference, lengths[is_known], edge[is_known]) for edge in (low, high)]
+        assert ends == pytest.approx(total["at_rigid_optimum"][cuff]["both"]["ci95"], abs=0.03)
+
+
 def test_every_group_has_indices_of_effort_rest_length_and_difference(plain: dict[str, Any]) -> None:
     found = {(entry["figure"], *entry["cuffs"]): entry["groups"] for entry in plain["total_uncertainty"]["indices"]}
     assert set(found) == {

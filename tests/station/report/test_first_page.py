@@ -8,9 +8,12 @@ import pytest
 
 from solver.suit.decision import DecisionRule
 from station.assessment.decision_json import undecided_by_fit
+from station.assessment.total_json import with_total_intervals
 from station.messages.codes import AssessmentCode
+from station.report.charts.marks import Band
 from station.report.first_page import BUNDLED_SUIT, findings_of, summary_of
-from station.report.number_texts import counted, saving_text
+from station.report.muscle_figures import cuffs_figure
+from station.report.number_texts import counted, entry_text, saving_text, with_commands
 
 
 def _assessment(**more: Any) -> dict[str, Any]:
@@ -74,3 +77,46 @@ def test_limits_are_told_by_their_codes_and_apart_from_the_findings() -> None:
 
 def test_one_is_singular() -> None:
     assert (counted(1, "cuff"), counted(3, "cuff")) == ("1 cuff", "3 cuffs")
+
+
+@pytest.mark.parametrize(
+    ("number", "digits", "text"),
+    [
+        (_number(0.7077431, 0.707691, 0.707822), 3, "0.708"),
+        (_number(0.7077431, 0.7041, 0.7122), 3, "0.708 (0.704\u00a0to\u00a00.712)"),
+        (_number(0.8534, 0.7142, 0.9913), 3, "0.85 (0.71\u00a0to\u00a00.99)"),
+        (_number(None), 3, "–"),
+    ],
+)
+def test_an_interval_of_the_fit_alone_gives_no_more_digits_than_its_table_bears(
+    number: dict[str, Any], digits: int, text: str
+) -> None:
+    assert entry_text(number, digits=digits) == text
+
+
+def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:
+    assert str(with_commands("a < b: run `station fit`")) == "a &lt; b: run <code>station fit</code>"
+
+
+def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
+    total = {
+        "people": _number(100),
+        "at_rigid_optimum": {"rigid": _number(0.88), "hand": {"both": _number(0.906, 0.7, 1.0)}},
+        "cost": {"hand": {"both": {"value": [1.2, 0.87, 0.95], "ci95": [None, [0.7, 1.0], [0.8, 1.1]]}}},
+    }
+    curve = {"value": [1.2, 0.87, 0.95], "ci95": None}
+    assessment = _assessment(
+        total_uncertainty=total,
+        cost={"rigid": curve, "hand": {"both": curve}},
+        rest_lengths_m={"value": [0.6, 0.65, 0.7]},
+        reference_rest_length_m=_number(0.7),
+    )
+    shown = with_total_intervals(assessment)
+    assert summary_of(shown, {}).effects[0].at_reference == "9 % less effort (0\u00a0to\u00a030)"
+    assert summary_of(assessment, {}).effects[0].at_reference == "9.4 % less effort (2.0\u00a0to\u00a017.0)"
+    assert shown["optimum"] == assessment["optimum"], "figures that the people do not have stay as they are"
+    ((panel,),) = cuffs_figure(shown).columns
+    (band,) = (mark for mark in panel.marks if isinstance(mark, Band))
+    assert band.high.tolist()[1:] == [1.0, 1.1] and panel.y_limits[0] is not None and panel.y_limits[0] < 0.7
+    ((panel,),) = cuffs_figure({**assessment, "total_uncertainty": None}).columns
+    assert not any(isinstance(mark, Band) for mark in panel.marks)
