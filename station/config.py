@@ -29,6 +29,7 @@ from recordings.manifest import (
 from station.body_config import AnalogSection, BodySection, EmgSection
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
+from station.live_config import LiveSection
 from station.marker_presets import preset_labels
 from station.messages.message import Message
 from station.messages.setup_codes import ConfigCode
@@ -229,6 +230,7 @@ class StationConfig(_Section):
     body: BodySection | None = None
     emg: EmgSection | None = None
     analog: dict[str, AnalogSection] = Field(default_factory=dict)
+    live: LiveSection = LiveSection()
     safety: SafetySection = SafetySection()
     session: SessionSection = SessionSection()
     simulation: dict[str, Any] = Field(default_factory=dict)  # validated by the simulators

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 
+from recordings.manifest import DataOrigin
 from recordings.samples import Stream
 from station.messages.codes import TrialCode
 from station.messages.message import Message, join_sentences
@@ -27,7 +29,8 @@ class Snapshot:
     """left_s: station seconds until the time-out of an armed trial; 0 in other states.
 
     messages are the state, and what will keep the trial from being accepted. edge_device_ns is the time of the sync
-    edge on the clock of /sync, None before it.
+    edge on the clock of /sync, None before it; recording is the file, None where the recorder has not named it;
+    origin is what its devices report.
     """
 
     state: TrialState
@@ -40,6 +43,8 @@ class Snapshot:
     streams: tuple[Stream, ...] = ()
     left_s: float = 0.0
     edge_device_ns: int | None = None
+    recording: Path | None = None
+    origin: DataOrigin = DataOrigin.UNKNOWN
 
     @property
     def sentence(self) -> str:

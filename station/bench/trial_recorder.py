@@ -104,6 +104,9 @@ class TrialRecorder:
         self._stops_requested = 0
         self._marks_requested: SimpleQueue[None] = SimpleQueue()
         self.abandoned: list[str] = []  # devices whose thread did not end
+        self._path: Path | None = None
+        self._origin = DataOrigin.UNKNOWN
+        self._shown = TrialState.IDLE
 
     def stop(self) -> None:
         """End the trial: cleanly at the first call, at once at the second."""
@@ -173,7 +176,7 @@ class TrialRecorder:
             raise TrialRefused(refusal)
         _ensure_space(folder, bytes_needed(streams, self._config, folder, duration_s))
         run = spec.next_free_run(folder)
-        path = folder / spec.file_name(run)
+        self._path = path = folder / spec.file_name(run)
         if sys.platform == "win32" and (refusal := check_path_length(path)):
             raise TrialRefused(refusal)
         start_utc_ns, set_back = start_time_after_all(folder, self._clock.wall_utc_ns())
@@ -187,6 +190,7 @@ class TrialRecorder:
             load_cell=self._config.calibration(),
         )
         manifest = replace(manifest, devices=devices)
+        self._origin = manifest.origin
         writer = RecordingWriter(path, manifest, streams)
         rules = TrialRules(
             self._config.daq.start,
@@ -255,13 +259,16 @@ class TrialRecorder:
             elif isinstance(message, ItemsReceived):
                 for item in message.items:
                     trial.handle(item)
+                    if trial.state is not self._shown:  # a view knows the state in which an item was recorded
+                        self._show(trial)
                     for view in self._views:
                         view.offer(item)
         return None
 
     def _show(self, trial: TrialStateMachine) -> None:
+        self._shown = trial.state
         for view in self._views:
-            view.show(trial.snapshot())
+            view.show(replace(trial.snapshot(), recording=self._path, origin=self._origin))
 
 
 def _ensure_folder(folder: Path) -> None:

@@ -89,12 +89,16 @@ class LiveRecent:
 
 @dataclass(frozen=True)
 class LiveBest:
-    """Best rest length of the motion so far: value, standard deviation over the cycles [m], effort over slack."""
+    """Best rest length of the motion so far: value, standard deviation over the cycles [m], effort over slack.
+
+    edge is −1 or 1 where the shortest or longest length tried is the best: the best one is there or beyond.
+    """
 
     rest_length_m: Figure
     sd_m: Figure
     effort: Figure
     cycles: int
+    edge: int = 0
 
 
 @dataclass(frozen=True)

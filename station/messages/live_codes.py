@@ -10,6 +10,9 @@ class LiveCode(StrEnum):
 
     GENERIC_BODY = "live.generic_body"
     NO_GLENOID = "live.no_glenoid"
+    NO_JOINT = "live.no_joint"
+    NO_CUFFS = "live.no_cuffs"
+    NO_FIT = "live.no_fit"
     UNKNOWN_MARKERS = "live.unknown_markers"
     WAITING = "live.waiting"
     STARTING = "live.starting"
@@ -21,5 +24,6 @@ class LiveCode(StrEnum):
     DECIMATED = "live.decimated"
     OVERLOADED = "live.overloaded"
     NO_FILE = "live.no_file"
+    NOT_STARTED = "live.not_started"
     ENDED = "live.ended"
     UNREACHABLE = "live.unreachable"

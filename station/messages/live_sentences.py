@@ -12,10 +12,14 @@ LIVE: Mapping[StrEnum, str] = {
         "generic body {model}, not scaled to the wearer ({reason}): effort and forces are those of an average person"
     ),
     LiveCode.NO_GLENOID: (
-        "{model} has no glenoid: the direction of the joint force is not constrained, and no joint force is shown"
+        "{model} has no glenoid markers: muscles are solved without the constraint that keeps the joint force in the "
+        "socket"
     ),
+    LiveCode.NO_JOINT: "{model} has no glenohumeral joint: no joint force is shown",
+    LiveCode.NO_CUFFS: "only rigid cuffs are solved ({reason})",
+    LiveCode.NO_FIT: "the markers do not fit the body: {reason}",
     LiveCode.UNKNOWN_MARKERS: (
-        "the cameras send the markers {labels}, of which the body {model} has {known}, expected at least 3; list "
+        "the cameras send the markers {labels}, of which the body {body} has {known:.0f}, expected at least 3; list "
         "the labels under [markers] in subject.toml"
     ),
     LiveCode.WAITING: "waiting for the first frame of the cameras",
@@ -39,6 +43,7 @@ LIVE: Mapping[StrEnum, str] = {
         "{dropped:.0f} frames were left out so far; the recording is not affected; fewer scenarios need less time"
     ),
     LiveCode.NO_FILE: "the live result is not written ({reason}); the recording is not affected",
+    LiveCode.NOT_STARTED: "the live process does not start ({reason}); the recording is not affected",
     LiveCode.ENDED: "the live process has ended (exit code {exit_code}); the recording is not affected",
     LiveCode.UNREACHABLE: "no live process answers; it runs while a trial is recorded with [live] enabled = true",
 }

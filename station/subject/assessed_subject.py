@@ -39,35 +39,20 @@ DRAWS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class AssessedSubject:
-    """The wearer, as estimated from all pose and motion trials of a session.
+class MeasuredSubject:
+    """The wearer's body, as estimated from pose and motion trials.
 
     declared    what subject.toml says
     trials      in time order, as are those of body
-    assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
-    uncertainty of the assessed trial's postures from the noise of the markers
-    drawn       the same motion, drawn from the uncertainty of body and markers
     """
 
     declared: Subject
     trials: tuple[WearerTrial, ...]
     body: PersonBody
-    assessed: WearerTrial
-    motion: WholeMotion
-    kinematics: Kinematics
-    uncertainty: PostureUncertainty
-    drawn: tuple[Kinematics, ...]
 
     @property
     def model(self) -> Model:
         return self.body.model
-
-    @property
-    def not_measured(self) -> tuple[str, ...]:
-        """Coordinates that no marker holds in the assessed trial; they keep the values of the default posture."""
-        known = np.isfinite(self.postures(self.assessed).coordinates[:, 0])
-        is_loose = np.atleast_1d((~self.uncertainty.is_held[known]).any(axis=0))
-        return tuple(name for name, loose in zip(self.model.coordinate_names, is_loose, strict=True) if loose)
 
     @property
     def origin(self) -> DataOrigin:
@@ -77,6 +62,29 @@ class AssessedSubject:
         return self.body.estimate.postures[self.trials.index(trial)]
 
 
+@dataclass(frozen=True, eq=False)
+class AssessedSubject(MeasuredSubject):
+    """The wearer and a motion of theirs.
+
+    assessed    the trial whose motion is assessed;  motion  of it;  kinematics  smoothed and differentiated
+    uncertainty of the assessed trial's postures from the noise of the markers
+    drawn       the same motion, drawn from the uncertainty of body and markers
+    """
+
+    assessed: WearerTrial
+    motion: WholeMotion
+    kinematics: Kinematics
+    uncertainty: PostureUncertainty
+    drawn: tuple[Kinematics, ...]
+
+    @property
+    def not_measured(self) -> tuple[str, ...]:
+        """Coordinates that no marker holds in the assessed trial; they keep the values of the default posture."""
+        known = np.isfinite(self.postures(self.assessed).coordinates[:, 0])
+        is_loose = np.atleast_1d((~self.uncertainty.is_held[known]).any(axis=0))
+        return tuple(name for name, loose in zip(self.model.coordinate_names, is_loose, strict=True) if loose)
+
+
 def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> AssessedSubject:
     """Raises SubjectError, UnusableTrial, KinematicsError, PersonError, ModelError or MotionError for a folder from
     which no person can be assessed.
@@ -84,15 +92,8 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
     declared = read_subject(folder)
     trials = read_wearer_trials(folder)
     assessed = _assessed(folder, trials)
-    generic, _, on_marker_set = with_marker_set(generic, declared.marker_set)
-    _ensure_known(declared, generic)
-    tables = {trial.file: _table(trial, declared) for trial in trials}
-    inputs = PersonInputs(
-        generic.name, (), declared.mass_kg, held_mass=declared.hand_load_kg, vertical=declared.vertical
-    )
-    on_poses = [finding for trial in trials for finding in find_on_pose(trial)]
-    body = person_of_trials(generic, tables, inputs, progress)
-    body = replace(body, findings=(*on_marker_set, *on_poses, *body.findings))
+    measured = measure_subject(declared, trials, generic, progress)
+    body = measured.body
     place = trials.index(assessed)
     estimate, observed = body.estimate, body.observed[place]
     postures = estimate.postures[place]
@@ -112,12 +113,29 @@ def build_subject(folder: Path, generic: Model, progress: Progress = silent) -> 
     )
 
 
-def read_wearer_trials(folder: Path) -> tuple[WearerTrial, ...]:
-    """All pose and motion trials of a session in time order; of a repeat the newest run."""
+def measure_subject(
+    declared: Subject, trials: tuple[WearerTrial, ...], generic: Model, progress: Progress = silent
+) -> MeasuredSubject:
+    """Estimate the body from these trials; raises as build_subject does."""
+    generic, _, on_marker_set = with_marker_set(generic, declared.marker_set)
+    _ensure_known(declared, generic)
+    tables = {trial.file: _table(trial, declared) for trial in trials}
+    inputs = PersonInputs(
+        generic.name, (), declared.mass_kg, held_mass=declared.hand_load_kg, vertical=declared.vertical
+    )
+    on_poses = [finding for trial in trials for finding in find_on_pose(trial)]
+    body = person_of_trials(generic, tables, inputs, progress)
+    return MeasuredSubject(declared, trials, replace(body, findings=(*on_marker_set, *on_poses, *body.findings)))
+
+
+def read_wearer_trials(folder: Path, before_utc_ns: int | None = None) -> tuple[WearerTrial, ...]:
+    """Pose and motion trials of a session that began before this time, in time order; of a repeat the newest run."""
     newest: dict[tuple[object, ...], WearerTrial] = {}
     for path in sorted(folder.glob("*.mcap")):
         manifest = open_recording(path).manifest
         if manifest.body is None or manifest.condition == "mvc":
+            continue
+        if before_utc_ns is not None and manifest.start_utc_ns >= before_utc_ns:
             continue
         trial = read_wearer_trial(path)
         key = manifest.test, manifest.condition, manifest.repeat
@@ -126,7 +144,7 @@ def read_wearer_trials(folder: Path) -> tuple[WearerTrial, ...]:
     return tuple(sorted(newest.values(), key=lambda trial: trial.manifest.start_utc_ns))
 
 
-def fit_suit(subject: AssessedSubject, suit: Suit) -> DigitisedSuit | None:
+def fit_suit(subject: MeasuredSubject, suit: Suit) -> DigitisedSuit | None:
     """The suit with its points where its markers were seen, and rest lengths in proportion; None without such markers.
 
     suit_markers of the configuration are those of waist, shoulder and arm, in this order.
@@ -152,7 +170,7 @@ def find_on_pose(trial: WearerTrial) -> list[Finding]:
     return pose_findings(labels, trial.markers[:, [trial.labels.index(label) for label in labels]])
 
 
-def _in_ground(subject: AssessedSubject, trial: WearerTrial, labels: Sequence[str]) -> Array:
+def _in_ground(subject: MeasuredSubject, trial: WearerTrial, labels: Sequence[str]) -> Array:
     """(frames, labels, 3) [m], NaN where a marker is hidden: turned as the markers on the body were."""
     names = _names(trial, subject.declared)
     markers = [marker for marker in subject.body.markers if marker.name in names]

@@ -1,0 +1,190 @@
+"""The body and suit to solve live: those of the wearer where the session has trials of theirs, else generic ones."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fitting.cuffs.wearable_cuff import WearableCuff
+from fitting.errors import FitError
+from recordings.errors import RecordingError
+from solver.cuff import CuffParameters
+from solver.errors import SolverError
+from solver.inverse_kinematics.laboratory_frame import Vertical
+from solver.inverse_kinematics.solve import TrackingTasks
+from solver.model import CoordinateLock, Model
+from solver.osim.writer import osim_document
+from solver.redundancy.glenoid import glenoid_cone
+from solver.stream.stream_scenario import SLACK, StreamScenario
+from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
+from station.assessment.assessment_inputs import read_cuffs_to_wear, worn_cuffs
+from station.errors import StationError
+from station.kinematics.ik import with_marker_set
+from station.live.published import NAN, LiveScenario
+from station.live_config import LiveSection
+from station.messages.live_codes import LiveCode
+from station.messages.message import Message
+from station.sources import BUNDLED, model_of
+from station.subject.assessed_subject import fit_suit, measure_subject, read_wearer_trials
+from station.subject.subject_file import SUBJECT_FILE, Cord, Subject, read_subject
+
+CUFFS_FILE = "cuffs.json"
+UNUSABLE = (StationError, FitError, SolverError, RecordingError, OSError)
+"""A session that gives no body must not keep the wearer from seeing something: the generic body is solved instead."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveBody:
+    """A model and a suit. name_of maps recorded labels to the model's markers; reason: why the body is generic."""
+
+    model: Model
+    tasks: TrackingTasks
+    suit: Suit
+    vertical: Vertical
+    name_of: Mapping[str, str]
+    cord: Cord | None
+    is_scaled: bool
+    findings: tuple[Message[LiveCode], ...] = ()
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def has_glenoid(self) -> bool:
+        """Whether the joint force is kept in the socket."""
+        try:
+            glenoid_cone(self.model)
+        except SolverError:
+            return False
+        return True
+
+    @property
+    def osim_text(self) -> str:
+        """The model as an OpenSim file; "" for the bundled one."""
+        return Xml.tostring(osim_document(self.model), encoding="unicode") if self.is_scaled else ""
+
+    def tasks_for(self, labels: tuple[str, ...]) -> tuple[TrackingTasks, list[int]]:
+        """The tasks of the markers that these labels have, and the column of each; both may be empty."""
+        columns = {self.name_of.get(label, label): column for column, label in enumerate(labels)}
+        kept = [k for k, marker in enumerate(self.tasks.markers) if marker.name in columns]
+        markers = tuple(self.tasks.markers[k] for k in kept)
+        return replace(self.tasks, markers=markers, weights=self.tasks.weights[kept]), [
+            columns[marker.name] for marker in markers
+        ]
+
+
+def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBody:
+    """The body for a trial of this session that begins at before_utc_ns: later trials must not change it.
+
+    Raises SolverError for a model or suit of the configuration that cannot be read.
+    """
+    generic = _unlocked(model_of(settings.model or BUNDLED))
+    suit = read_suit(settings.suit or BUNDLED_SUIT)
+    if settings.model:
+        declared = _declared(folder)
+        return _generic(generic, suit, declared, is_scaled=True)
+    try:
+        declared = read_subject(folder)
+        trials = read_wearer_trials(folder, before_utc_ns)
+        if not trials:
+            return _generic(generic, suit, declared, "the session has no earlier pose or motion trial")
+        measured = measure_subject(declared, trials, generic)
+        digitised = fit_suit(measured, suit)
+        return LiveBody(
+            model=measured.model,
+            tasks=measured.body.estimate.tasks,
+            suit=suit if digitised is None else digitised.suit,
+            vertical=declared.vertical,
+            name_of=declared.markers,
+            cord=declared.cord,
+            is_scaled=True,
+        )
+    except UNUSABLE as error:
+        reason = str(error) if (folder / SUBJECT_FILE).exists() else f"the session has no {SUBJECT_FILE}"
+        return _generic(generic, suit, _declared(folder), reason)
+
+
+def live_scenarios(
+    folder: Path | None, settings: LiveSection, body: LiveBody
+) -> tuple[dict[str, StreamScenario], tuple[LiveScenario, ...]]:
+    """What is solved side by side: slack, worn and rigid, further rest lengths of what is worn, another cuff.
+
+    folder None leaves out the cuffs of the session. Without fitted cuffs there is no "worn". Raises InputError or
+    FitError for cuffs that cannot be worn.
+    """
+    cuffs, waist, arm = _cuffs(folder, settings, body.cord)
+    declared = settings.rest_length_m or (body.cord.rest_length_m if body.cord else None)
+    rest = declared or body.suit.reference_rest_length
+    scenarios = {"slack": StreamScenario(SLACK)}
+    if arm is not None:
+        scenarios["worn"] = StreamScenario(rest, "both", waist, arm)
+    scenarios["rigid"] = StreamScenario(rest)
+    worn = scenarios.get("worn", scenarios["rigid"])
+    for length in settings.rest_lengths_m:
+        scenarios[f"{length:.3f} m"] = replace(worn, rest_length=float(length))
+    if settings.other_cuff:
+        other = _arm_cuff(cuffs, settings.other_cuff)
+        scenarios[settings.other_cuff] = StreamScenario(rest, "both", waist, other)
+    return scenarios, tuple(_described(name, scenario) for name, scenario in scenarios.items())
+
+
+def _described(name: str, scenario: StreamScenario) -> LiveScenario:
+    if not np.isfinite(scenario.rest_length):
+        return LiveScenario(name, "slack", NAN)
+    return LiveScenario(name, scenario.condition, scenario.rest_length, scenario.arm.name if scenario.arm else "")
+
+
+def _cuffs(
+    folder: Path | None, settings: LiveSection, cord: Cord | None
+) -> tuple[dict[str, WearableCuff], CuffParameters | None, CuffParameters | None]:
+    """All fitted cuffs, the waist cuff, and the arm cuff that is worn; nothing without a file."""
+    path = settings.cuffs or (folder / CUFFS_FILE if folder else None)
+    if path is None or (settings.cuffs is None and not path.exists()):
+        return {}, None, None
+    cuffs = read_cuffs_to_wear(path)
+    waist = next((cuff for cuff in cuffs.values() if cuff.site == "waist"), None)
+    arms = [name for name, cuff in cuffs.items() if cuff.site == "arm"]
+    name = settings.arm_cuff or (cord.cuff if cord and cord.cuff else None) or next(iter(arms), None)
+    worn = worn_cuffs({waist.name: waist}, ())[0] if waist else None
+    return cuffs, worn, _arm_cuff(cuffs, name) if name else None
+
+
+def _arm_cuff(cuffs: dict[str, WearableCuff], name: str) -> CuffParameters:
+    """Raises InputError for a cuff that was not fitted."""
+    found = worn_cuffs({key: cuff for key, cuff in cuffs.items() if cuff.site == "arm"}, (name,))
+    return next(cuff for cuff in found if cuff.name == name)
+
+
+def _generic(
+    generic: Model, suit: Suit, declared: Subject | None, reason: str = "", *, is_scaled: bool = False
+) -> LiveBody:
+    model, names, _ = with_marker_set(generic, declared.marker_set if declared else "")
+    markers = tuple(marker for marker in model.markers if marker.name in names)
+    finding = Message(LiveCode.GENERIC_BODY, {"model": model.name, "reason": reason})
+    return LiveBody(
+        model=model,
+        tasks=TrackingTasks(markers, np.ones(len(markers))),
+        suit=suit,
+        vertical=declared.vertical if declared else "z",
+        name_of=declared.markers if declared else {},
+        cord=declared.cord if declared else None,
+        is_scaled=is_scaled,
+        findings=() if is_scaled else (finding,),
+    )
+
+
+def _declared(folder: Path) -> Subject | None:
+    try:
+        return read_subject(folder)
+    except StationError:
+        return None
+
+
+def _unlocked(model: Model) -> Model:
+    """Locks of a published model hold coordinates that markers are to determine."""
+    return replace(model, constraints=tuple(c for c in model.constraints if not isinstance(c, CoordinateLock)))

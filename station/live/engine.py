@@ -1,0 +1,189 @@
+"""The messages of a trial → published values: pipeline, pace, findings and sinks, in live operation and in replay."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from recordings.samples import Samples, Stream
+from recordings.topics import EMG, MARKERS
+from solver.errors import SolverError
+from station.live.findings import LiveFindings, notice_messages, plain_findings
+from station.live.pace import Pace
+from station.live.pipeline import LivePipeline
+from station.live.plan import PreparedTrial
+from station.live.published import (
+    NAN,
+    LiveDelivery,
+    LiveFinding,
+    LiveSetup,
+    LiveUpdate,
+    LiveValues,
+)
+from station.messages.live_codes import LiveCode
+from station.messages.message import Message
+
+IDLE_S = 0.5
+"""Seconds without values after which an update without values tells the views why."""
+RATE_WINDOW = 50
+"""Frames over which the rate of solved frames is counted."""
+
+
+class LiveSink(Protocol):
+    """Takes every value: a file, an outlet. May raise OSError, after which it is given no more."""
+
+    def begin(self, setup: LiveSetup) -> None: ...
+
+    def write(self, values: LiveValues, delivery: LiveDelivery) -> None: ...
+
+    def note(self, kind: str, text: str) -> None: ...
+
+
+Publish = Callable[[LiveUpdate], None]
+
+
+class LiveEngine:
+    """One trial. now_s is the monotonic clock of the computer; a replay gives one that stands still."""
+
+    def __init__(
+        self,
+        prepared: PreparedTrial,
+        *,
+        on_setup: Callable[[LiveSetup], Publish | None] = lambda _: None,
+        sinks: Sequence[LiveSink] = (),
+        now_s: Callable[[], float] = time.monotonic,
+        unix_s: Callable[[], float] = time.time,
+    ) -> None:
+        self._prepared, self._on_setup, self._sinks = prepared, on_setup, list(sinks)
+        self._now_s, self._unix_s = now_s, unix_s
+        self.pipeline = LivePipeline(prepared.plan)
+        self.pace = Pace()
+        self.origin = "unknown"  # measured or simulated, as the devices report
+        self.setup: LiveSetup | None = None
+        self._publish: Publish | None = None
+        self._findings = LiveFindings(0, prepared.findings)
+        self._problems: list[Message[LiveCode]] = []
+        self._emg_labels: tuple[str, ...] = ()
+        self._scenarios = prepared.scenarios
+        self.solved = 0
+        self.discarded = 0  # frames, while the body was prepared
+        self.dropped_before = 0  # frames, on their way here
+        self._latency_s = 0.0
+        self._published_s = float("-inf")
+        self._has_notices = False
+        self._recent_s: list[float] = []
+
+    @property
+    def dropped(self) -> int:
+        return self.pace.dropped + self.discarded + self.dropped_before
+
+    def restart(self) -> None:
+        """The recording begins: what is published from now on is of the frames after the sync edge."""
+        self.pipeline.restart()
+        self._findings = LiveFindings(self._markers, self._lasting)
+
+    def describe(self, stream: Stream) -> None:
+        self.pipeline.describe(stream)
+        if stream.name == EMG:
+            self._emg_labels = stream.labels
+        if stream.name == MARKERS and self.setup is None:
+            self.setup = self._prepared.setup(stream.labels, stream.rate_hz, self.origin, self._emg_labels)
+            self._findings = LiveFindings(self._markers, self._lasting)
+            self._publish = self._on_setup(self.setup)
+            setup = self.setup
+            self._to_sinks(lambda sink: sink.begin(setup))
+
+    def take(self, samples: Samples, arrival_s: float, *, is_newest: bool = True) -> None:
+        """A block of samples that arrived at arrival_s; is_newest: no other frames wait."""
+        if samples.stream != MARKERS:
+            self.pipeline.add_signal(samples)
+            return
+        frames = list(self.pipeline.frames_of(samples))
+        for place, frame in enumerate(frames):
+            now_s = self._now_s()
+            latency_s = now_s - arrival_s
+            if self.pace.drops(now_s, latency_s, is_newest=is_newest and place == len(frames) - 1):
+                continue
+            solves = self.pace.solves_muscles(now_s, latency_s)
+            self._give_out(self.pipeline.push(*frame, solve_muscles=solves), frame[1], arrival_s)
+        if self._now_s() - self._published_s > IDLE_S:
+            self._offer(None, self._delivery(NAN))
+
+    def set_rest_length(self, scenario: str, rest_length_m: float) -> None:
+        """Unknown scenarios and lengths that are none are ignored: they come from a view."""
+        try:
+            self.pipeline.set_rest_length(scenario, rest_length_m)
+        except (KeyError, ValueError, SolverError):
+            return
+        self._scenarios = tuple(
+            replace(one, rest_length_m=rest_length_m) if one.name == scenario else one for one in self._scenarios
+        )
+        self._to_sinks(lambda sink: sink.note("rest_length", f"{scenario}: {rest_length_m:.4f} m"))
+
+    def finish(self) -> None:
+        """Give out the frames whose lag has not elapsed."""
+        self._give_out(self.pipeline.finish(), None, self._now_s())
+
+    @property
+    def _markers(self) -> int:
+        return len(self.setup.markers) if self.setup else 0
+
+    @property
+    def _lasting(self) -> list[Message[LiveCode]]:
+        solver = self.pipeline.solver
+        notices = notice_messages(self._prepared.plan.body.name, solver.notices) if solver else []
+        return [*self._prepared.findings, *notices]
+
+    def _give_out(self, ready: Sequence[LiveValues], newest_ns: int | None, arrival_s: float) -> None:
+        if ready and not self._has_notices:
+            self._has_notices, self._findings = True, LiveFindings(self._markers, self._lasting)
+        for values in ready:
+            self._findings.add(values)
+            self.solved += 1
+            self._recent_s = [*self._recent_s[-RATE_WINDOW:], values.time_s]
+            lag_s = 0.0 if newest_ns is None else self.pipeline.seconds(newest_ns) - values.time_s
+            self._latency_s = self._now_s() - arrival_s
+            delivery = self._delivery(lag_s + self._latency_s)
+            self._to_sinks(lambda sink, one=values, how=delivery: sink.write(one, how))  # type: ignore[misc]
+            self._offer(values, delivery)
+
+    def _delivery(self, age_s: float) -> LiveDelivery:
+        span_s = self._recent_s[-1] - self._recent_s[0] if len(self._recent_s) > 1 else NAN
+        return LiveDelivery(
+            published_s=self._unix_s(),
+            age_s=age_s,
+            latency_s=self._latency_s,
+            solved_frames=self.solved,
+            dropped_frames=self.dropped,
+            every=self.pipeline.every * self.pace.every,
+            solved_hz=(len(self._recent_s) - 1) / span_s / self.pace.every if span_s else NAN,
+        )
+
+    def _offer(self, values: LiveValues | None, delivery: LiveDelivery) -> None:
+        self._published_s = self._now_s()
+        if self._publish is not None:
+            self._publish(LiveUpdate(values, delivery, self._shown(delivery), self._scenarios))
+
+    def _shown(self, delivery: LiveDelivery) -> tuple[LiveFinding, ...]:
+        messages = [*self._problems]
+        if self.pipeline.refusal is not None:
+            messages.append(self.pipeline.refusal)
+        rate_hz = self.setup.frame_rate_hz if self.setup else NAN
+        if self.pipeline.every > 1:
+            figures = {"rate_hz": rate_hz, "every": float(self.pipeline.every)}
+            messages.append(Message(LiveCode.DECIMATED, {**figures, "solved_hz": rate_hz / self.pipeline.every}))
+        if self.pace.every > 1 or self.pace.has_dropped_lately(self._now_s()):
+            figures = {"every": float(delivery.every), "solved_hz": delivery.solved_hz, "dropped": float(self.dropped)}
+            messages.append(Message(LiveCode.OVERLOADED, figures))
+        return (*self._findings.shown(), *plain_findings(messages))
+
+    def _to_sinks(self, act: Callable[[LiveSink], None]) -> None:
+        """A sink that fails is left out from then on; values go on."""
+        for sink in tuple(self._sinks):
+            try:
+                act(sink)
+            except OSError as error:
+                self._sinks.remove(sink)
+                self._problems.append(Message(LiveCode.NO_FILE, {"reason": str(error.strerror or error)}))

@@ -1,0 +1,134 @@
+"""The live process of a trial; `python -m station.live.process`, started by the recorder's LiveTap.
+
+The first line on standard input is the request (LiveRequest); then come the messages of feed_wire.py. Views connect to
+the address in the session's folder. The process ends with its input; nothing that happens here reaches the recorder.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections import deque
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from recordings.samples import Samples, Stream
+from recordings.topics import MARKERS
+from station.config import parse_config
+from station.live.address import announce, withdraw
+from station.live.engine import LiveEngine, Publish
+from station.live.feed_wire import FedMessage, read_messages
+from station.live.plan import PreparedTrial, prepare_trial
+from station.live.published import LiveSetup
+from station.live.request import REQUEST
+from station.live.server import LiveServer
+from station.live.warm_up import warm_up
+
+NICENESS = 5
+"""The recorder has priority."""
+
+
+def main() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the trial; this process ends with its input
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    request = REQUEST.validate_json(sys.stdin.buffer.readline())
+    inbox = Inbox()
+    threading.Thread(target=inbox.fill, args=(sys.stdin.buffer,), name="feed", daemon=True).start()
+    config, folder = parse_config(request.config, "the recorder"), Path(request.folder)
+    prepared = prepare_trial(config, folder, request.spec, request.before_utc_ns)
+    warm_up(prepared.plan)
+    with ExitStack() as stack:
+        engine = make_engine(stack, prepared, folder, inbox)
+        engine.discarded = inbox.open()
+        run(engine, inbox)
+
+
+@dataclass
+class Inbox:
+    """Messages that have arrived. Until open(), samples are discarded and frames among them counted."""
+
+    _messages: deque[FedMessage] = field(default_factory=deque)
+    _has_more: threading.Condition = field(default_factory=threading.Condition)
+    _is_open: bool = False
+    _is_over: bool = False
+    _discarded: int = 0
+    waiting: int = 0
+    """Blocks of frames among the messages."""
+
+    def fill(self, stream: Any) -> None:
+        with suppress(OSError, ValueError):
+            for message in read_messages(stream):
+                self.put(message)
+        with self._has_more:
+            self._is_over = True
+            self._has_more.notify()
+
+    def put(self, message: FedMessage) -> None:
+        is_samples = isinstance(message.content, Samples)
+        is_frames = is_samples and message.content.stream == MARKERS  # type: ignore[union-attr]
+        with self._has_more:
+            if is_samples and not self._is_open:
+                self._discarded += len(message.content.values) if is_frames else 0  # type: ignore[union-attr]
+                return
+            self.waiting += is_frames
+            self._messages.append(message)
+            self._has_more.notify()
+
+    def open(self) -> int:
+        """Keep samples from now on; returns the number of frames that were discarded."""
+        with self._has_more:
+            self._is_open = True
+            return self._discarded
+
+    def get(self) -> FedMessage | None:
+        """The next message, once there is one; None at the end."""
+        with self._has_more:
+            self._has_more.wait_for(lambda: self._messages or self._is_over)
+            if not self._messages:
+                return None
+            message = self._messages.popleft()
+            self.waiting -= isinstance(message.content, Samples) and message.content.stream == MARKERS
+            return message
+
+
+def make_engine(stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: Inbox) -> LiveEngine:
+    """An engine whose values go to views that connect; the address is announced once the markers are known."""
+
+    def serve(setup: LiveSetup) -> Publish:
+        def take_command(command: dict[str, Any]) -> None:
+            inbox.put(FedMessage({"rest_length": command}, 0.0))
+
+        server = stack.enter_context(LiveServer(setup, take_command))
+        announce(folder, server.address)
+        stack.callback(withdraw, folder, server.address)
+        return server.publish
+
+    return LiveEngine(prepared, on_setup=serve)
+
+
+def run(engine: LiveEngine, inbox: Inbox) -> None:
+    """Handle messages until the end of the trial."""
+    while (message := inbox.get()) is not None:
+        match message.content:
+            case Stream() as stream:
+                engine.describe(stream)
+            case Samples() as samples:
+                engine.take(samples, message.arrival_s, is_newest=inbox.waiting == 0)
+            case {"rest_length": {"scenario": str(name), "rest_length_m": float(length)}}:
+                engine.set_rest_length(name, length)
+            case {"origin": str(origin)}:
+                engine.origin = origin
+            case {"begins": True}:
+                engine.restart()
+            case {"dropped": int(count)}:
+                engine.dropped_before = count
+    engine.finish()
+
+
+if __name__ == "__main__":
+    main()

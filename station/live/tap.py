@@ -1,0 +1,148 @@
+"""The recorder's end: a view that starts the live process and passes it the items. It never holds up a trial."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from recordings.samples import Item, Samples, Stream
+from recordings.topics import EMG, FORCE, MARKERS
+from station.bench.background_view import JOIN_TIMEOUT_S, BackgroundView
+from station.bench.snapshot import Snapshot, TrialState
+from station.bench.states.recording import CAPTURE_ENDS
+from station.clock import Clock
+from station.config import StationConfig
+from station.live.feed_wire import encode_message, encode_request
+from station.live.request import REQUEST, LiveRequest
+from station.messages.live_codes import LiveCode
+from station.messages.message import Message
+from station.protocol import BODY_TESTS, TrialSpec
+
+BACKLOG = 500
+"""Blocks that may wait for the live process before the oldest is dropped: a few seconds."""
+WAKE_S = 0.1
+TAPPED = (MARKERS, FORCE, EMG)
+COMMAND = (sys.executable, "-m", "station.live.process")
+
+
+def live_views(config: StationConfig, folder: Path, spec: TrialSpec, clock: Clock) -> list[LiveTap]:
+    """The tap of a trial with markers on the wearer, if [live] is enabled; else none."""
+    if not config.live.enabled or spec.test not in BODY_TESTS:
+        return []
+    request = LiveRequest(config.model_dump(mode="json"), str(folder.resolve()), spec, clock.wall_utc_ns())
+    return [LiveTap(request)]
+
+
+class LiveTap(BackgroundView):
+    """offer() and show() return at once: what the live process does not read is dropped and counted."""
+
+    def __init__(self, request: LiveRequest, command: Sequence[str] = COMMAND) -> None:
+        super().__init__("live tap", WAKE_S, BACKLOG)
+        self._request, self._command = request, command
+        self._waiting: deque[tuple[Item | Stream | dict[str, Any], float]] = deque()
+        self._lock = threading.Lock()
+        self._has_more = threading.Event()
+        self._child: subprocess.Popen[bytes] | None = None
+        self._streams: tuple[Stream, ...] = ()
+        self._has_begun = self._takes_no_frames = False
+        self._told = 0  # of the dropped frames
+        self.exit_code: int | None = None
+
+    def offer(self, item: Item) -> None:
+        if (
+            isinstance(item, Samples)
+            and item.stream in TAPPED
+            and not (self._takes_no_frames and item.stream == MARKERS)
+        ):
+            self._put(item)
+
+    def show(self, snapshot: Snapshot) -> None:
+        if snapshot.streams != self._streams:
+            self._streams = snapshot.streams
+            self._put({"origin": snapshot.origin.value})
+            for stream in snapshot.streams:
+                if stream.name in TAPPED:
+                    self._put(stream)
+        if snapshot.state is TrialState.RECORDING and not self._has_begun:
+            self._has_begun = True
+            self._put({"begins": True, "recording": None if snapshot.recording is None else str(snapshot.recording)})
+        elif snapshot.state is TrialState.CLOSING and snapshot.messages[0].kind in CAPTURE_ENDS:
+            self._takes_no_frames = True  # what comes now is of a preview, and is not recorded
+
+    def __enter__(self) -> LiveTap:
+        try:
+            self._child = subprocess.Popen(self._command, stdin=subprocess.PIPE)  # noqa: S603
+        except OSError as error:
+            print(Message(LiveCode.NOT_STARTED, {"reason": str(error)}), file=sys.stderr, flush=True)
+        super().__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._put({"ends": True})
+        super().__exit__(kind, error, trace)
+        if self._child is not None and self._thread.is_alive():
+            self._child.kill()  # it has not read for JOIN_TIMEOUT_S, and would be waited for at the exit
+            self._thread.join(JOIN_TIMEOUT_S)
+
+    def _put(self, content: Item | Stream | dict[str, Any]) -> None:
+        with self._lock:
+            if len(self._waiting) >= BACKLOG:
+                self._drop_oldest()
+            self._waiting.append((content, time.monotonic()))
+        self._has_more.set()
+
+    def _drop_oldest(self) -> None:
+        """The oldest block; descriptions and requests are kept."""
+        for place, (content, _) in enumerate(self._waiting):
+            if isinstance(content, Samples):
+                del self._waiting[place]
+                self.dropped += len(content.values) if content.stream == MARKERS else 0
+                return
+
+    def _handle(self, item: Item) -> None:
+        """Nothing: items do not wait in the backlog of the base."""
+
+    def _run(self) -> None:
+        child = self._child
+        if child is None or child.stdin is None:
+            return
+        try:
+            child.stdin.write(REQUEST.dump_json(self._request) + b"\n")
+            while not self._stop.is_set():
+                self._has_more.wait(WAKE_S)
+                self._has_more.clear()
+                self._send(child)
+            self._send(child)
+        except (OSError, ValueError):
+            self.exit_code = child.wait()
+            print(Message(LiveCode.ENDED, {"exit_code": str(self.exit_code)}), file=sys.stderr, flush=True)
+        finally:
+            with suppress(OSError):
+                child.stdin.close()
+
+    def _send(self, child: subprocess.Popen[bytes]) -> None:
+        assert child.stdin is not None  # noqa: S101  (it was requested in __enter__)
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    break
+                content, arrival_s = self._waiting.popleft()
+            if isinstance(content, dict):
+                child.stdin.write(encode_request(content))
+            else:
+                host_ns = 0 if isinstance(content, Stream) else content.host_time_ns
+                child.stdin.write(encode_message(content, host_ns, arrival_s))
+        if self.dropped != self._told:
+            self._told = self.dropped
+            child.stdin.write(encode_request({"dropped": self._told}))
+        child.stdin.flush()
