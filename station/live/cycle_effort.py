@@ -69,9 +69,8 @@ class CycleEffort:
         if pooled.edge:
             end = -1 if pooled.edge > 0 else 0
             return LiveBest(float(lengths[end]), NAN, float(costs.mean(axis=0)[end]), len(costs), pooled.edge)
-        minima = np.array([find_minimum(lengths, cost).rest_length for cost in costs])
-        inside = minima[np.isfinite(minima)]
-        spread = float(inside.std(ddof=1)) if len(inside) > 1 else NAN
+        minima = [_lowest(lengths, cost) for cost in costs]
+        spread = float(np.std(minima, ddof=1)) if len(minima) > 1 else NAN
         return LiveBest(pooled.rest_length, spread, pooled.cost, len(costs))
 
     def _end_cycle(self, before: tuple[float, ...], last: tuple[float, ...]) -> bool:
@@ -88,3 +87,9 @@ class CycleEffort:
         mean = solved.mean(axis=0)
         self.cycles.append(mean / mean[self._names.index(SLACK)])
         return True
+
+
+def _lowest(lengths: Array, cost: Array) -> float:
+    """Best rest length of one cycle [m]; at the edge the one that was tried there."""
+    found = find_minimum(lengths, cost)
+    return float(lengths[np.argmin(cost)]) if found.edge else found.rest_length

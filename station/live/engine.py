@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ from recordings.topics import EMG, MARKERS
 from solver.errors import SolverError
 from station.live.findings import LiveFindings, notice_messages, plain_findings
 from station.live.pace import Pace
-from station.live.pipeline import LivePipeline
+from station.live.pipeline import NOT_SOLVED, LivePipeline
 from station.live.plan import PreparedTrial
 from station.live.published import (
     NAN,
@@ -147,7 +148,8 @@ class LiveEngine:
             self._latency_s = self._now_s() - arrival_s
             delivery = self._delivery(lag_s + self._latency_s)
             self._to_sinks(lambda sink, one=values, how=delivery: sink.write(one, how))  # type: ignore[misc]
-            self._offer(values, delivery)
+            if self.pace.every == 1 or not _lacks_muscles(values):
+                self._offer(values, delivery)
 
     def _delivery(self, age_s: float) -> LiveDelivery:
         span_s = self._recent_s[-1] - self._recent_s[0] if len(self._recent_s) > 1 else NAN
@@ -187,3 +189,8 @@ class LiveEngine:
             except OSError as error:
                 self._sinks.remove(sink)
                 self._problems.append(Message(LiveCode.NO_FILE, {"reason": str(error.strerror or error)}))
+
+
+def _lacks_muscles(values: LiveValues) -> bool:
+    """Whether the muscles of this frame were left out; a view keeps those of an earlier one."""
+    return math.isfinite(values.coordinates[0]) and any(one.outcome == NOT_SOLVED for one in values.scenarios)

@@ -33,7 +33,7 @@ from station.live.published import (
     LiveValues,
 )
 from station.messages.live_codes import LiveCode
-from station.messages.message import Message
+from station.messages.message import Figures, Message
 
 Array = NDArray[np.float64]
 
@@ -172,28 +172,25 @@ class LivePipeline:
         """Make the solver from the first frame whose markers fit the body."""
         tasks, columns = self.plan.body.tasks_for(self._labels)
         if len(columns) < LEAST_MARKERS:
-            figures = {"labels": ", ".join(self._labels), "body": self.plan.body.name, "known": float(len(columns))}
+            labels, body = ", ".join(self._labels), self.plan.body.name
+            figures: Figures = {"labels": labels, "body": body, "known": float(len(columns))}
             self.refusal = Message(LiveCode.UNKNOWN_MARKERS, figures)
             return False
         seen = MM * places[columns][None]
         if np.isfinite(seen).all(axis=2).mean() < LEAST_SEEN or device_ns < self._retry_ns:
             self.refusal = self.refusal or Message(LiveCode.WAITING)
             return False
-        body = self.plan.body
-        rotation = (
-            np.eye(3)
-            if body.vertical == "y"
-            else rotation_laboratory_to_ground(body.model, tasks.markers, seen, body.vertical)
-        )
+        model, vertical = self.plan.body.model, self.plan.body.vertical
+        rotation = np.eye(3) if vertical == "y" else rotation_laboratory_to_ground(model, tasks.markers, seen, vertical)
         names = [marker.name for marker in tasks.markers]
         try:
-            ensure_markers_fit(body.model, "the first frame", names, tasks, seen @ rotation.T)
+            ensure_markers_fit(model, "the first frame", names, tasks, seen @ rotation.T)
         except StationError as error:
             self.refusal = Message(LiveCode.NO_FIT, {"reason": str(error)})
             self._retry_ns = device_ns + int(1e9 * RETRY_S)
             return False
         self.refusal, self._columns, self._rotation, self._first_ns = None, columns, rotation, device_ns
-        self._solver = StreamSolver(body.model, tasks, self.plan.scenarios, suit=body.suit, lag_s=self.plan.lag_s)
+        self._solver = StreamSolver(model, tasks, self.plan.scenarios, suit=self.plan.body.suit, lag_s=self.plan.lag_s)
         for name, length in self._rest_lengths.items():
             if length != self.plan.scenarios[name].rest_length:
                 self._solver.set_rest_length(name, length)

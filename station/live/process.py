@@ -69,13 +69,13 @@ class Inbox:
             self._has_more.notify()
 
     def put(self, message: FedMessage) -> None:
-        is_samples = isinstance(message.content, Samples)
-        is_frames = is_samples and message.content.stream == MARKERS  # type: ignore[union-attr]
+        samples = message.content if isinstance(message.content, Samples) else None
+        frames = len(samples.device_time_ns) if samples is not None and samples.stream == MARKERS else 0
         with self._has_more:
-            if is_samples and not self._is_open:
-                self._discarded += len(message.content.values) if is_frames else 0  # type: ignore[union-attr]
+            if samples is not None and not self._is_open:
+                self._discarded += frames
                 return
-            self.waiting += is_frames
+            self.waiting += frames > 0
             self._messages.append(message)
             self._has_more.notify()
 

@@ -149,8 +149,8 @@ class LiveDelivery:
     """
 
     published_s: float
-    age_s: float
-    latency_s: float
+    age_s: Figure
+    latency_s: Figure
     solved_frames: int
     dropped_frames: int
     every: int

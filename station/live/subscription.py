@@ -89,9 +89,14 @@ class LiveSubscription:
         self._socket.sendall(json.dumps(command).encode() + b"\n")
 
     def _receive(self) -> None:
-        with suppress(OSError, ValueError, ValidationError):
+        try:
             for line in self._lines:
+                if not line.endswith(b"\n"):  # the live process was killed while writing
+                    break
                 if len(self._updates) == self._updates.maxlen:
                     self._dropped += 1
                 self._updates.append(UPDATE.validate_json(line))
-        self.is_over = True
+        except OSError:  # closed
+            return
+        finally:
+            self.is_over = True

@@ -13,6 +13,7 @@ class LiveCode(StrEnum):
     NO_JOINT = "live.no_joint"
     NO_CUFFS = "live.no_cuffs"
     NO_FIT = "live.no_fit"
+    NO_BODY = "live.no_body"
     UNKNOWN_MARKERS = "live.unknown_markers"
     WAITING = "live.waiting"
     STARTING = "live.starting"

@@ -18,6 +18,9 @@ LIVE: Mapping[StrEnum, str] = {
     LiveCode.NO_JOINT: "{model} has no glenohumeral joint: no joint force is shown",
     LiveCode.NO_CUFFS: "only rigid cuffs are solved ({reason})",
     LiveCode.NO_FIT: "the markers do not fit the body: {reason}",
+    LiveCode.NO_BODY: (
+        "{path} is a {test} test, expected a pose or a motion, with markers on the wearer; choose such a recording"
+    ),
     LiveCode.UNKNOWN_MARKERS: (
         "the cameras send the markers {labels}, of which the body {body} has {known:.0f}, expected at least 3; list "
         "the labels under [markers] in subject.toml"

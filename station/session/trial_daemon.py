@@ -29,6 +29,7 @@ from station.clock import Clock, RealClock
 from station.config import StationConfig, parse_config
 from station.errors import StationError
 from station.journal import Recorded, write_recorded
+from station.live.tap import live_views
 from station.protocol import TrialSpec
 from station.session.telemetry import Telemetry
 
@@ -64,7 +65,8 @@ def _record(
         emg = config.emg.amplifier() if config.emg is not None else None
         view = Telemetry(sys.stdout, markers, config.calibration(), folder, bench_clock, emg)
         telemetry = stack.enter_context(view)
-        recorder = TrialRecorder(config, clock, [telemetry], check_folder=check_folder)
+        taps = [stack.enter_context(tap) for tap in live_views(config, folder, spec, clock)]
+        recorder = TrialRecorder(config, clock, [telemetry, *taps], check_folder=check_folder)
         threading.Thread(target=_execute_commands, args=(recorder,), name="commands", daemon=True).start()
         result = recorder.record(folder, spec)
     recorded = _recorded(spec, result)

@@ -174,6 +174,7 @@ def _record_trial(
     from station.bench.simulation import clock_port, is_served_by_simulator
     from station.bench.trial_recorder import TrialRecorder, View
     from station.clock import RealClock
+    from station.live.tap import live_views
 
     with ExitStack() as stack:
         clock: Clock = RealClock()
@@ -185,6 +186,7 @@ def _record_trial(
 
             rope = config.cuffs[spec.cuff].rope_markers if spec.cuff in config.cuffs else ()
             views += open_rerun(stack, rrd, rope, has_viewer=rerun)
+        views += [stack.enter_context(tap) for tap in live_views(config, session, spec, clock)]
         recorder = TrialRecorder(config, clock, views, check_folder=check_folder)
         _stop_on_signals(recorder)
         result = recorder.record(session, spec, duration)

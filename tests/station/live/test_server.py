@@ -75,6 +75,8 @@ def wait_for(claim: Callable[[], bool], view: LiveSubscription) -> None:
 
 def test_an_update_is_the_same_after_the_wire() -> None:
     sent = replace(update(7), scenarios=SETUP.scenarios)
+    empty = LiveUpdate(None, LiveDelivery(1.0, NAN, NAN, 0, 0, 1, NAN))
+    assert update_line(UPDATE.validate_json(update_line(empty))) == update_line(empty)
     back = UPDATE.validate_json(update_line(sent))
     assert update_line(back) == update_line(sent)
     assert back.values is not None and math.isnan(back.values.scenarios[0].effort)
