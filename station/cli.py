@@ -23,7 +23,7 @@ from solver.errors import SolverError
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.extras import with_extras
-from station.verbs import bench, cuffs, files, kinematics, muscles, study, whole
+from station.verbs import bench, cuffs, files, kinematics, live, muscles, study, whole
 from station.verbs.options import print_message
 
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
@@ -31,7 +31,7 @@ ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, Plain
 
 STAGES = {
     "Try it": (whole.demo,),
-    "At the bench": (bench.simulate, bench.check, bench.record, whole.serve),
+    "At the bench": (bench.simulate, bench.check, bench.record, live.live, whole.serve),
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
     "Body and motion": (kinematics.scale, kinematics.ik),

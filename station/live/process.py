@@ -19,13 +19,12 @@ from typing import Any
 from recordings.samples import Samples, Stream
 from recordings.topics import MARKERS
 from station.config import parse_config
-from station.live.address import announce, withdraw
 from station.live.engine import LiveEngine, Publish
 from station.live.feed_wire import FedMessage, read_messages
 from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
 from station.live.request import REQUEST
-from station.live.server import LiveServer
+from station.live.server import serve_views
 from station.live.warm_up import warm_up
 
 NICENESS = 5
@@ -103,10 +102,7 @@ def make_engine(stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: 
         def take_command(command: dict[str, Any]) -> None:
             inbox.put(FedMessage({"rest_length": command}, 0.0))
 
-        server = stack.enter_context(LiveServer(setup, take_command))
-        announce(folder, server.address)
-        stack.callback(withdraw, folder, server.address)
-        return server.publish
+        return serve_views(stack, setup, folder, take_command)
 
     return LiveEngine(prepared, on_setup=serve)
 

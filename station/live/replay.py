@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from queue import SimpleQueue
 
 from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
@@ -14,6 +16,7 @@ from station.errors import StationError
 from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.plan import PreparedTrial, can_be_solved, prepare_trial
 from station.live.published import LiveSetup
+from station.live.server import serve_views
 from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
@@ -72,6 +75,31 @@ def replay_live(
             engine.take(item, 0.0)
     engine.finish()
     return engine
+
+
+def replay_and_publish(
+    recording: Recording,
+    prepared: PreparedTrial,
+    folder: Path,
+    *,
+    sinks: Sequence[LiveSink] = (),
+    speed: float | None = None,
+) -> LiveEngine:
+    """The same for views that connect to the address in this folder, as in live operation."""
+    commands: SimpleQueue[dict[str, object]] = SimpleQueue()
+
+    def apply_commands(engine: LiveEngine) -> None:
+        while not commands.empty():
+            match commands.get():
+                case {"scenario": str(name), "rest_length_m": float(length)}:
+                    engine.set_rest_length(name, length)
+
+    with ExitStack() as stack:
+
+        def serve(setup: LiveSetup) -> Publish:
+            return serve_views(stack, setup, folder, commands.put)
+
+        return replay_live(recording, prepared, on_setup=serve, sinks=sinks, speed=speed, commands=apply_commands)
 
 
 def spec_of(manifest: Manifest) -> TrialSpec:

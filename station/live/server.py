@@ -10,11 +10,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Self
 
-from station.live.address import LiveAddress
+from station.live.address import LiveAddress, announce, withdraw
 from station.live.published import SETUP, LiveSetup, LiveUpdate, update_line
 
 VIEW_BACKLOG = 50
@@ -26,6 +27,14 @@ SEND_BUFFER = 65_536
 """Bytes: updates of a view that does not read wait in its backlog, where they are counted, and not in the system."""
 
 Command = Callable[[dict[str, Any]], None]
+
+
+def serve_views(stack: ExitStack, setup: LiveSetup, folder: Path, on_command: Command) -> Callable[[LiveUpdate], None]:
+    """Serve until the stack is closed, at an address that is announced in the folder; returns publish()."""
+    server = stack.enter_context(LiveServer(setup, on_command))
+    announce(folder, server.address)
+    stack.callback(withdraw, folder, server.address)
+    return server.publish
 
 
 class LiveServer:

@@ -81,7 +81,7 @@ class LiveTap(BackgroundView):
         try:
             self._child = subprocess.Popen(self._command, stdin=subprocess.PIPE)  # noqa: S603
         except OSError as error:
-            print(Message(LiveCode.NOT_STARTED, {"reason": str(error)}), file=sys.stderr, flush=True)
+            print(Message(LiveCode.NOT_STARTED, {"reason": error.strerror or str(error)}), file=sys.stderr, flush=True)
         super().__enter__()
         return self
 

@@ -1,0 +1,71 @@
+"""Verb `live`: watch the live values of a running trial, or solve a recorded one as if it were live."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from station.exit_code import DONE, LOSSY
+from station.verbs.options import FormatOption, print_message
+
+if TYPE_CHECKING:
+    from station.live_config import LiveSection
+
+
+def live(
+    source: Annotated[Path, typer.Argument(help="Folder of a session whose trial is running, or a recording.")],
+    config: Annotated[
+        Path | None, typer.Option(help="Take [live] from this configuration, not from the recording's.")
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.1, help="Replay at this multiple of real time, for views; default: as fast as possible."),
+    ] = None,
+    format: FormatOption = "table",  # noqa: A002
+) -> None:
+    """Muscle effort, joint force and cord force while the wearer moves: of a running trial, or of a recording.
+
+    A trial is solved live while it is recorded with [live] enabled = true.
+    """
+    from rich.console import Console
+
+    from station.live.address import find_address
+    from station.live.subscription import LiveSubscription, LiveUnreachable
+    from station.live.terminal_view import watch
+    from station.messages.live_codes import LiveCode
+    from station.messages.message import Message
+
+    if not source.is_dir():
+        raise typer.Exit(_replay(source, config, speed, as_json=format == "json"))
+    address = find_address(source)
+    if address is None:
+        raise LiveUnreachable(Message(LiveCode.UNREACHABLE))
+    with LiveSubscription(address) as subscription:
+        watch(subscription, Console(stderr=True))
+
+
+def _replay(path: Path, config: Path | None, speed: float | None, *, as_json: bool) -> int:
+    from station.live.replay import prepare_replay, replay_and_publish
+    from station.live.summary import LiveSummary
+
+    recording, prepared = prepare_replay(path, _settings(config))
+    for finding in prepared.findings:
+        print_message(str(finding))
+    summary = LiveSummary()
+    replay_and_publish(recording, prepared, path.parent, sinks=[summary], speed=speed)
+    if as_json:
+        print(json.dumps(summary.to_plain(), indent=2))
+    else:
+        print("\n".join(summary.lines()))
+    sys.stdout.flush()
+    return DONE if summary.is_whole else LOSSY
+
+
+def _settings(config: Path | None) -> LiveSection | None:
+    from station.config import load_config
+
+    return None if config is None else load_config(config).live

@@ -1,0 +1,129 @@
+"""What goes wrong on a bad day has a code that the views show, and never ends the stream."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recordings.samples import Samples
+from recordings.topics import MARKERS
+from solver.stream.stream_frame import StreamOutcome, StreamSuitOutcome
+from station.live.engine import LiveEngine
+from station.live.pace import DROP_LATENCY_S
+from station.live.plan import PreparedTrial
+from station.messages.live_codes import LiveCode
+from tests.station.live.trials import Collected, generic_plan, outcomes, part_of, solve
+from tests.station.wearer import WearerSession
+
+FRAMES = 100
+Values = NDArray[np.float32]
+
+
+@pytest.fixture(scope="module")
+def plan(wearer: WearerSession, tmp_path_factory: pytest.TempPathFactory) -> PreparedTrial:
+    return generic_plan(wearer.config, tmp_path_factory.mktemp("generic"))
+
+
+def test_exchanged_labels_are_named(wearer: WearerSession, plan: PreparedTrial) -> None:
+    labels = next(stream.labels for stream in part_of(wearer, 1).streams if stream.name == MARKERS)
+    one, other = labels.index("EpL"), labels.index("ac")
+
+    def exchange(frame: int, values: Values) -> Values:
+        if 40 <= frame < 50:
+            values[[one, other]] = values[[other, one]]
+        return values
+
+    _, kept = solve(plan, part_of(wearer, FRAMES, exchange))
+    exchanged = {pair for values in kept.values for pair in map(frozenset, values.exchanged)}
+    assert exchanged == {frozenset({"EpL", "ac"})}
+    assert LiveCode.MARKERS_EXCHANGED in kept.codes
+    plain = solve(plan, part_of(wearer, FRAMES))[1]
+    assert LiveCode.MARKERS_EXCHANGED not in plain.codes
+
+
+def test_a_wearer_who_leaves_the_volume_is_reported_and_values_resume(
+    wearer: WearerSession, plan: PreparedTrial
+) -> None:
+    def leave(frame: int, values: Values) -> Values:
+        return np.full_like(values, np.nan) if 20 <= frame < 100 else values
+
+    _, kept = solve(plan, part_of(wearer, 160, leave))
+    assert len(kept.values) == 160
+    assert set(outcomes(kept.values[40:80])) == {StreamOutcome.NO_MARKERS}
+    assert all(np.isnan(scenario.effort) for values in kept.values[40:80] for scenario in values.scenarios)
+    left = [LiveCode.WEARER_LEFT in {found.code for found in update.findings} for update in kept.updates]
+    first, last = left.index(True), len(left) - 1 - left[::-1].index(True)
+    assert 68 <= first <= 74 and 98 <= last <= 101  # half a second after frame 20, until the markers are back
+    assert set(outcomes(kept.values[140:])) == {StreamOutcome.SOLVED}
+    assert all(np.isfinite(values.scenarios[0].effort) for values in kept.values[140:])
+
+
+def test_cameras_at_300_hz_are_decimated_to_100(wearer: WearerSession, plan: PreparedTrial) -> None:
+    part = replace(part_of(wearer, 90), rate_hz=300.0)
+    engine, kept = solve(plan, part)
+    assert engine.pipeline.every == 3
+    assert [values.frame for values in kept.values] == [
+        int(block.sample_numbers[0]) for block in part.blocks() if _is_frame(block) and block.sample_numbers[0] % 3 == 0
+    ]
+    assert LiveCode.DECIMATED in kept.codes
+    assert all(update.delivery.every == 3 for update in kept.updates)
+
+
+def test_a_computer_that_does_not_keep_up_leaves_out_frames_and_says_how_many(
+    wearer: WearerSession, plan: PreparedTrial
+) -> None:
+    """Solving muscles takes 60 ms and a posture 1 ms of a clock by hand; every frame is late for the next one."""
+    now = [0.0]
+    part, kept = part_of(wearer, 150), Collected()
+    engine = LiveEngine(plan, on_setup=lambda _: kept.updates.append, sinks=[kept], now_s=lambda: now[0])
+    for stream in part.streams:
+        engine.describe(stream)
+    blocks = [block for block in part.blocks() if _is_frame(block)]
+    for number, block in enumerate(blocks):
+        arrival = 0.01 * number
+        now[0] = max(now[0], arrival)
+        before = sum(one.outcome == "not_solved" for values in kept.values for one in values.scenarios)
+        count = len(kept.values)
+        engine.take(block, arrival, is_newest=now[0] < arrival + 0.01)
+        skipped = sum(one.outcome == "not_solved" for values in kept.values for one in values.scenarios) - before
+        now[0] += 0.001 + 0.06 * (len(kept.values) > count and skipped == 0)
+    engine.finish()
+    assert engine.solved + engine.dropped == len(blocks)
+    assert engine.pace.every > 1 and LiveCode.OVERLOADED in kept.codes
+    assert kept.updates[-1].delivery.latency_s < DROP_LATENCY_S  # it has caught up
+
+
+def test_a_model_without_glenoid_is_solved_without_its_constraint(wearer: WearerSession, plan: PreparedTrial) -> None:
+    body = plan.plan.body
+    model = replace(body.model, markers=tuple(m for m in body.model.markers if "glenoid" not in m.name.lower()))
+    assert len(model.markers) < len(body.model.markers)
+    without = replace(plan, plan=replace(plan.plan, body=replace(body, model=model)))
+    _, kept = solve(without, part_of(wearer, 40))
+    assert LiveCode.NO_GLENOID in kept.codes and kept.setup is not None and not kept.setup.has_glenoid
+    assert {one.outcome for values in kept.values for one in values.scenarios} == {StreamSuitOutcome.SOLVED}
+    assert LiveCode.NO_GLENOID not in solve(plan, part_of(wearer, 40))[1].codes
+
+
+def test_markers_of_another_set_are_refused_with_their_names(wearer: WearerSession, plan: PreparedTrial) -> None:
+    part = part_of(wearer, 5)
+    kept = Collected()
+    engine = LiveEngine(plan, on_setup=lambda _: kept.updates.append, now_s=lambda: 0.0)
+    for stream in part.streams:
+        is_markers = stream.name == MARKERS
+        labels = tuple(f"M{k}" for k in range(len(stream.labels))) if is_markers else stream.labels
+        engine.describe(replace(stream, labels=labels))
+    engine.take(next(block for block in part.blocks() if _is_frame(block)), 0.0)
+    assert LiveCode.UNKNOWN_MARKERS in kept.codes and engine.solved == 0
+
+
+def test_the_generic_body_is_named_where_the_session_has_none(plan: PreparedTrial, wearer: WearerSession) -> None:
+    _, kept = solve(plan, part_of(wearer, 20))
+    assert LiveCode.GENERIC_BODY in kept.codes and kept.setup is not None
+    assert not kept.setup.subject.is_scaled and kept.setup.subject.name == "thoracoscapular"
+
+
+def _is_frame(block: Samples) -> bool:
+    return block.stream == MARKERS
