@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
@@ -94,41 +95,44 @@ SCHEMAS = {
 """The fields of every message, written as in a .proto file."""
 
 
-def register_topics(writer: Writer) -> dict[str, int]:
+def register_topics(
+    writer: Writer, schemas: Mapping[str, str] = SCHEMAS, schema_of_topic: Mapping[str, str] = SCHEMA_OF_TOPIC
+) -> dict[str, int]:
     """Declares every topic with its embedded schema, in file order, so that channel ids are the same in every file.
 
     Returns the channel id of each topic.
     """
     schema_ids = {
-        name: writer.register_schema(name=name, encoding="protobuf", data=_embedded(name)) for name in SCHEMAS
+        name: writer.register_schema(name=name, encoding="protobuf", data=_embedded(name, fields))
+        for name, fields in schemas.items()
     }
     return {
         topic: writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema_ids[schema])
-        for topic, schema in SCHEMA_OF_TOPIC.items()
+        for topic, schema in schema_of_topic.items()
     }
 
 
-def wire_classes() -> dict[str, Any]:
+def wire_classes(schemas: Mapping[str, str] = SCHEMAS) -> dict[str, Any]:
     """A protobuf class for every schema, with packed numbers of fixed width read and written as bytes.
 
     On the wire a packed field of fixed-width numbers *is* a byte string of little-endian numbers, so a numpy array
     goes in and out untouched: every NaN keeps its bits, and no sample passes through a Python float.
     """
     pool = DescriptorPool()
-    for name in SCHEMAS:
-        pool.AddSerializedFile(_describe(name, "bytes").SerializeToString())
-    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in SCHEMAS}
+    for name, fields in schemas.items():
+        pool.AddSerializedFile(_describe(name, fields, "bytes").SerializeToString())
+    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in schemas}
 
 
-def _embedded(name: str) -> bytes:
-    return FileDescriptorSet(file=[_describe(name, "repeated")]).SerializeToString()
+def _embedded(name: str, declared: str) -> bytes:
+    return FileDescriptorSet(file=[_describe(name, declared, "repeated")]).SerializeToString()
 
 
-def _describe(name: str, packed_numbers: Literal["repeated", "bytes"]) -> FileDescriptorProto:
+def _describe(name: str, declared: str, packed_numbers: Literal["repeated", "bytes"]) -> FileDescriptorProto:
     package, message = name.split(".")
     file = FileDescriptorProto(name=f"{package}/{message}.proto", package=package, syntax="proto3")
     fields = file.message_type.add(name=message).field
-    for repeated, kind, field, number in re.findall(r"(repeated )?(\w+) (\w+) = (\d+);", SCHEMAS[name]):
+    for repeated, kind, field, number in re.findall(r"(repeated )?(\w+) (\w+) = (\d+);", declared):
         as_bytes = packed_numbers == "bytes" and bool(repeated) and kind in _FIXED_WIDTH
         fields.add(
             name=field,

@@ -22,12 +22,14 @@ from recordings.exchange.parquet import write_parquet
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.signal_csv import write_columns
 from recordings.exchange.trc import write_trc
+from recordings.live_result import is_live_result
 from recordings.reader import open_recording
 from recordings.samples import Event
 from station.checksums import changed_files, standing_of
 from station.files.export_bids import write_bids
 from station.files.export_loads import write_loads
 from station.files.export_raw import write_raw
+from station.files.live_info import export_live_result
 from station.files.synchronised import ExportRefused, NoCommonClock, SynchronisedRecording, read_synchronised
 from station.messages.file_codes import ChainCode, ExportCode
 from station.messages.message import Message, join_sentences
@@ -68,6 +70,9 @@ def export_recordings(
     for done, path in enumerate(paths):
         progress("exporting recordings", done, len(paths))
         try:
+            if is_live_result(path):
+                written += export_live_result(path, to, output)
+                continue
             trial = read_synchronised(path)
             if to == "bids":
                 for_bids.append(trial)

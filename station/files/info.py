@@ -17,17 +17,21 @@ from fitting.errors import UnusableTrial
 from fitting.trial.decimation import Decimator
 from fitting.trial.sync_certificate import SyncCertificate, certify
 from recordings.contents import Contents, summarise
+from recordings.live_result import is_live_result
 from recordings.manifest import DataOrigin, LoadCell, Manifest
 from recordings.reader import survey_file
 from recordings.recovery import recover
 from station.checksums import CHECKSUMS_FILE, changed_files, standing_of, write_checksums
 from station.exit_code import DONE, LOSSY
+from station.files.live_info import live_result_of, recover_live, show_live_result
 from station.progress import busy, progress_bars
 from station.protocol import describe_trial
 
 
 def show_contents(path: Path, *, as_json: bool) -> int:
     """Print the content of the file to stdout. Returns 0, or 3 if a part of it is missing."""
+    if is_live_result(path):
+        return show_live_result(path, as_json=as_json)
     with busy(f"reading {path.name}"):
         contents, certificate, sentence = _read(path)
     standing = standing_of(path)
@@ -39,6 +43,7 @@ def show_contents(path: Path, *, as_json: bool) -> int:
             "checked": standing,
             "sync": plain_sync(certificate),
             "sync_sentence": sentence,
+            "live_result": live_result_of(path),
         }
         print(json.dumps(plain, indent=2, ensure_ascii=False))
     else:
@@ -46,6 +51,8 @@ def show_contents(path: Path, *, as_json: bool) -> int:
         for line in (f"sync: {sentence}", *(certificate.findings if certificate else ())):
             print(line)
         print(f"{path.name}: {standing}, by {CHECKSUMS_FILE}")
+        if live := live_result_of(path):
+            print(f"live result: {live['path']}: {live['sentence']}")
     is_whole = contents.complete and not contents.gaps and not standing.is_break
     return DONE if is_whole else LOSSY
 
@@ -55,6 +62,8 @@ def recover_recording(path: Path, output: Path | None, *, as_json: bool) -> int:
 
     A complete file is not changed, and its own path is printed.
     """
+    if is_live_result(path):
+        return recover_live(path, output, as_json=as_json)
     survey = survey_file(path)
     if not survey.damage and not survey.missing:
         print(f"{path} is complete, there is nothing to recover", file=sys.stderr)

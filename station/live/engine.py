@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Protocol
 
 from recordings.samples import Samples, Stream
@@ -36,6 +37,8 @@ class LiveSink(Protocol):
     """Takes every value: a file, an outlet. May raise OSError, after which it is given no more."""
 
     def begin(self, setup: LiveSetup) -> None: ...
+
+    def begin_recording(self, recording: Path) -> None: ...
 
     def write(self, values: LiveValues, delivery: LiveDelivery) -> None: ...
 
@@ -80,10 +83,12 @@ class LiveEngine:
     def dropped(self) -> int:
         return self.pace.dropped + self.discarded + self.dropped_before
 
-    def restart(self) -> None:
-        """The recording begins: what is published from now on is of the frames after the sync edge."""
+    def begin_recording(self, recording: Path | None) -> None:
+        """The sync edge: values are those of the frames after it, as a replay of the recording has no others."""
         self.pipeline.restart()
         self._findings = LiveFindings(self._markers, self._lasting)
+        if recording is not None:
+            self._to_sinks(lambda sink: sink.begin_recording(recording))
 
     def describe(self, stream: Stream) -> None:
         self.pipeline.describe(stream)

@@ -227,6 +227,7 @@ class LivePipeline:
             emg_rms_uv=() if emg is None else _plain(emg * self._emg_scale),
             recent=self._recent,
             best=self._best,
+            host_time_s=pushed.host_s,
         )
 
     def _compared_lengths(self) -> dict[str, float]:

@@ -11,6 +11,7 @@ from station.config import StationConfig
 from station.live.body import UNUSABLE, LiveBody, live_body, live_scenarios
 from station.live.pipeline import LivePlan
 from station.live.published import LiveScenario, LiveSetup, LiveSubject
+from station.live_config import LiveSection
 from station.messages.live_codes import LiveCode
 from station.messages.message import Message
 from station.protocol import BODY_TESTS, TrialSpec
@@ -22,6 +23,7 @@ class PreparedTrial:
 
     trial: str
     plan: LivePlan
+    settings: LiveSection
     scenarios: tuple[LiveScenario, ...]
     findings: tuple[Message[LiveCode], ...]
 
@@ -67,7 +69,7 @@ def prepare_trial(config: StationConfig, folder: Path, spec: TrialSpec, before_u
         cell=config.calibration() if markers is not None and markers.is_cord_measured else None,
         emg=config.emg.amplifier() if config.emg is not None else None,
     )
-    return PreparedTrial(spec.title, plan, described, tuple(findings))
+    return PreparedTrial(spec.title, plan, settings, described, tuple(findings))
 
 
 def _scenarios(

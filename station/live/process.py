@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections import deque
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,13 +20,16 @@ from typing import Any
 from recordings.samples import Samples, Stream
 from recordings.topics import MARKERS
 from station.config import parse_config
-from station.live.engine import LiveEngine, Publish
+from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.feed_wire import FedMessage, read_messages
 from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
 from station.live.request import REQUEST
+from station.live.result_file import ResultFile
 from station.live.server import serve_views
 from station.live.warm_up import warm_up
+from station.messages.live_codes import LiveCode
+from station.messages.message import Message
 
 NICENESS = 5
 """The recorder has priority."""
@@ -42,9 +46,14 @@ def main() -> None:
     prepared = prepare_trial(config, folder, request.spec, request.before_utc_ns)
     warm_up(prepared.plan)
     with ExitStack() as stack:
-        engine = make_engine(stack, prepared, folder, inbox)
+        file = ResultFile(config.live)
+        engine = make_engine(stack, prepared, folder, inbox, [file] if config.live.writes_file else [])
         engine.discarded = inbox.open()
-        run(engine, inbox)
+        has_ended = run(engine, inbox)
+        path = file.path
+        file.close("the trial has ended" if has_ended else "the recorder has ended", has_ended=has_ended)
+    if path is not None and path.exists():
+        print(Message(LiveCode.WRITTEN, {"path": str(path)}), file=sys.stderr, flush=True)
 
 
 @dataclass
@@ -95,7 +104,9 @@ class Inbox:
             return message
 
 
-def make_engine(stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: Inbox) -> LiveEngine:
+def make_engine(
+    stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: Inbox, sinks: Sequence[LiveSink]
+) -> LiveEngine:
     """An engine whose values go to views that connect; the address is announced once the markers are known."""
 
     def serve(setup: LiveSetup) -> Publish:
@@ -104,11 +115,12 @@ def make_engine(stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: 
 
         return serve_views(stack, setup, folder, take_command)
 
-    return LiveEngine(prepared, on_setup=serve)
+    return LiveEngine(prepared, on_setup=serve, sinks=sinks)
 
 
-def run(engine: LiveEngine, inbox: Inbox) -> None:
-    """Handle messages until the end of the trial."""
+def run(engine: LiveEngine, inbox: Inbox) -> bool:
+    """Handle messages until the end; returns whether the recorder has ended the trial, and not just the pipe."""
+    has_ended = False
     while (message := inbox.get()) is not None:
         match message.content:
             case Stream() as stream:
@@ -119,11 +131,14 @@ def run(engine: LiveEngine, inbox: Inbox) -> None:
                 engine.set_rest_length(name, length)
             case {"origin": str(origin)}:
                 engine.origin = origin
-            case {"begins": True}:
-                engine.restart()
+            case {"begins": True, "recording": str(path)}:
+                engine.begin_recording(Path(path))
+            case {"ends": True}:
+                has_ended = True
             case {"dropped": int(count)}:
                 engine.dropped_before = count
     engine.finish()
+    return has_ended
 
 
 if __name__ == "__main__":

@@ -107,7 +107,8 @@ class LiveValues:
 
     frame is the camera's frame number; outcome is a StreamOutcome, and the fields after scenarios are those of
     StreamFrame. Coordinates [rad or m], speeds and accelerations are in the order of the set-up. emg_rms_uv is at the
-    electrodes, in the order of the set-up's channels.
+    electrodes, in the order of the set-up's channels. host_time_s is when the frame was taken, in Unix time by its
+    arrival.
     """
 
     time_s: float
@@ -125,6 +126,7 @@ class LiveValues:
     emg_rms_uv: tuple[Figure, ...] = ()
     recent: LiveRecent | None = None
     best: LiveBest | None = None
+    host_time_s: Figure = NAN
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def replay_live(
         if isinstance(item, Stream):
             engine.describe(item)
         elif isinstance(item, Event) and item.kind == "sync_edge" and item.source == "station":
-            engine.restart()
+            engine.begin_recording(recording.path)
         elif isinstance(item, Samples):
             first_ns = item.host_time_ns if first_ns is None else first_ns
             if speed is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ class LiveSummary:
 
     def begin(self, setup: LiveSetup) -> None:
         self._setup = setup
+
+    def begin_recording(self, recording: Path) -> None: ...
 
     def write(self, values: LiveValues, delivery: LiveDelivery) -> None:  # noqa: ARG002
         self._outcomes[str(values.outcome)] += 1

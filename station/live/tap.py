@@ -73,7 +73,7 @@ class LiveTap(BackgroundView):
                     self._put(stream)
         if snapshot.state is TrialState.RECORDING and not self._has_begun:
             self._has_begun = True
-            self._put({"begins": True, "recording": None if snapshot.recording is None else str(snapshot.recording)})
+            self._put({"begins": True, "recording": str(snapshot.recording or "")})
         elif snapshot.state is TrialState.CLOSING and snapshot.messages[0].kind in CAPTURE_ENDS:
             self._takes_no_frames = True  # what comes now is of a preview, and is not recorded
 

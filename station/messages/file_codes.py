@@ -60,6 +60,7 @@ class ExportCode(StrEnum):
     ROWS_LEFT_OUT = "export.rows_left_out"
     ROWS_FILLED = "export.rows_filled"
     MODEL_NOTE = "export.model_note"
+    LIVE_FORMAT = "export.live_format"
 
     NO_SAMPLES = "replay.no_samples"
     NO_SYNC_EDGE = "replay.no_sync_edge"

@@ -24,6 +24,7 @@ class LiveCode(StrEnum):
     UNSOLVED = "live.unsolved"
     DECIMATED = "live.decimated"
     OVERLOADED = "live.overloaded"
+    WRITTEN = "live.written"
     NO_FILE = "live.no_file"
     NOT_STARTED = "live.not_started"
     ENDED = "live.ended"

@@ -45,6 +45,7 @@ LIVE: Mapping[StrEnum, str] = {
         "this computer does not keep up: one frame in {every:.0f} is solved ({solved_hz:.0f} per second), "
         "{dropped:.0f} frames were left out so far; the recording is not affected; fewer scenarios need less time"
     ),
+    LiveCode.WRITTEN: "live result: {path}",
     LiveCode.NO_FILE: "the live result is not written ({reason}); the recording is not affected",
     LiveCode.NOT_STARTED: "the live process does not start ({reason}); the recording is not affected",
     LiveCode.ENDED: "the live process has ended (exit code {exit_code}); the recording is not affected",

@@ -221,8 +221,10 @@ def _export_recordings(
     from rich.console import Console
 
     from station.files.export_trial import export_recordings
+    from station.files.live_info import FORMATS as LIVE_FORMATS
     from station.files.synchronised import ExportRefused, WrongExport
     from station.fit import originals_in
+    from station.live.result_file import live_results_in
     from station.messages.file_codes import ExportCode
     from station.messages.message import Message
     from station.progress import busy, progress_bars
@@ -231,6 +233,8 @@ def _export_recordings(
     if source is None or (file is not None and session is not None) or to is None:
         raise WrongExport(Message(ExportCode.INCOMPLETE_COMMAND))
     paths = [source] if file is not None else originals_in(source)
+    if file is None and to in LIVE_FORMATS:
+        paths = [*paths, *live_results_in(source)]
     if not paths:
         raise ExportRefused(Message(ExportCode.NO_RECORDING, {"folder": str(source)}))
     folder = output or (source.parent if file is not None else source)

@@ -13,6 +13,7 @@ from station.exit_code import DONE, LOSSY
 from station.verbs.options import FormatOption, print_message
 
 if TYPE_CHECKING:
+    from station.live.engine import LiveSink
     from station.live_config import LiveSection
 
 
@@ -25,6 +26,7 @@ def live(
         float | None,
         typer.Option(min=0.1, help="Replay at this multiple of real time, for views; default: as fast as possible."),
     ] = None,
+    output: Annotated[Path | None, typer.Option(help="Write the live result of the recording to this folder.")] = None,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Muscle effort, joint force and cord force while the wearer moves: of a running trial, or of a recording.
@@ -40,7 +42,7 @@ def live(
     from station.messages.message import Message
 
     if not source.is_dir():
-        raise typer.Exit(_replay(source, config, speed, as_json=format == "json"))
+        raise typer.Exit(_replay(source, config, speed, output, as_json=format == "json"))
     address = find_address(source)
     if address is None:
         raise LiveUnreachable(Message(LiveCode.UNREACHABLE))
@@ -48,15 +50,23 @@ def live(
         watch(subscription, Console(stderr=True))
 
 
-def _replay(path: Path, config: Path | None, speed: float | None, *, as_json: bool) -> int:
+def _replay(path: Path, config: Path | None, speed: float | None, output: Path | None, *, as_json: bool) -> int:
     from station.live.replay import prepare_replay, replay_and_publish
+    from station.live.result_file import ResultFile
     from station.live.summary import LiveSummary
+    from station.messages.live_codes import LiveCode
+    from station.messages.message import Message
 
     recording, prepared = prepare_replay(path, _settings(config))
     for finding in prepared.findings:
         print_message(str(finding))
     summary = LiveSummary()
-    replay_and_publish(recording, prepared, path.parent, sinks=[summary], speed=speed)
+    file = ResultFile(prepared.settings, output)
+    sinks: list[LiveSink] = [summary] if output is None else [summary, file]
+    replay_and_publish(recording, prepared, path.parent, sinks=sinks, speed=speed)
+    if file.path is not None:
+        print_message(str(Message(LiveCode.WRITTEN, {"path": str(file.path)})))
+        file.close("replay", has_ended=True)
     if as_json:
         print(json.dumps(summary.to_plain(), indent=2))
     else:

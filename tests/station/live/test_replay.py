@@ -53,7 +53,7 @@ def test_live_and_replay_give_the_same_values_to_the_bit(
         pipe.write(encode_message(stream, 0, 0.0))
     for item in part.items():
         if isinstance(item, Event) and item.kind == "sync_edge":
-            pipe.write(encode_request({"begins": True}))
+            pipe.write(encode_request({"begins": True, "recording": str(part.path)}))
         elif isinstance(item, Samples):
             pipe.write(encode_message(item, item.host_time_ns, 0.0))
     pipe.seek(0)

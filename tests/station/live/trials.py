@@ -41,6 +41,10 @@ class PartOfTrial:
         )
 
     @property
+    def path(self) -> Path:
+        return self.recording.path
+
+    @property
     def manifest(self):  # type: ignore[no-untyped-def]
         return self.recording.manifest
 
@@ -85,6 +89,8 @@ class Collected:
 
     def begin(self, setup: LiveSetup) -> None:
         self.setup = setup
+
+    def begin_recording(self, recording: Path) -> None: ...
 
     def write(self, values: LiveValues, delivery: LiveDelivery) -> None:
         self.values.append(values)
