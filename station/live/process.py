@@ -40,7 +40,7 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     request = REQUEST.validate_json(sys.stdin.buffer.readline())
-    inbox = Inbox()
+    inbox = FedMessages()
     threading.Thread(target=inbox.fill, args=(sys.stdin.buffer,), name="feed", daemon=True).start()
     config, folder = parse_config(request.config, "the recorder"), Path(request.folder)
     prepared = prepare_trial(config, folder, request.spec, request.before_utc_ns)
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 @dataclass
-class Inbox:
+class FedMessages:
     """Messages that have arrived. Until open(), samples are discarded and frames among them counted."""
 
     _messages: deque[FedMessage] = field(default_factory=deque)
@@ -105,7 +105,7 @@ class Inbox:
 
 
 def make_engine(
-    stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: Inbox, sinks: Sequence[LiveSink]
+    stack: ExitStack, prepared: PreparedTrial, folder: Path, inbox: FedMessages, sinks: Sequence[LiveSink]
 ) -> LiveEngine:
     """An engine whose values go to views that connect; the address is announced once the markers are known."""
 
@@ -118,7 +118,7 @@ def make_engine(
     return LiveEngine(prepared, on_setup=serve, sinks=sinks)
 
 
-def run(engine: LiveEngine, inbox: Inbox) -> bool:
+def run(engine: LiveEngine, inbox: FedMessages) -> bool:
     """Handle messages until the end; returns whether the recorder has ended the trial, and not just the pipe."""
     has_ended = False
     while (message := inbox.get()) is not None:

@@ -14,7 +14,7 @@ from recordings.samples import Event, Samples, Stream
 from station.live.engine import LiveEngine
 from station.live.feed_wire import encode_message, encode_request, read_messages
 from station.live.plan import PreparedTrial
-from station.live.process import Inbox, run
+from station.live.process import FedMessages, run
 from station.live.published import NAN, UPDATE, LiveDelivery, LiveUpdate
 from station.live.replay import LiveRefused, prepare_replay, replay_live
 from station.messages.live_codes import LiveCode
@@ -57,7 +57,7 @@ def test_live_and_replay_give_the_same_values_to_the_bit(
         elif isinstance(item, Samples):
             pipe.write(encode_message(item, item.host_time_ns, 0.0))
     pipe.seek(0)
-    live, inbox = Collected(), Inbox()
+    live, inbox = Collected(), FedMessages()
     assert inbox.open() == 0
     inbox.fill(pipe)
     run(LiveEngine(plan, sinks=[live], now_s=lambda: 0.0), inbox)
@@ -115,7 +115,7 @@ def test_a_cut_pipe_ends_without_the_message_that_was_cut(wearer: WearerSession)
 
 
 def test_frames_that_come_while_the_body_is_prepared_are_counted(wearer: WearerSession) -> None:
-    inbox = Inbox()
+    inbox = FedMessages()
     blocks = part_of(wearer, 7).blocks()
     pipe = BytesIO(b"".join(encode_message(block, block.host_time_ns, 0.0) for block in blocks))
     inbox.fill(pipe)
