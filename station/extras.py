@@ -24,6 +24,7 @@ PACKAGES = {
     "sensitivity": ("SALib",),
     "formats": ("ezc3d", "foxglove_schemas_protobuf", "mcap_protobuf", "pyarrow"),
     "catalogue": ("duckdb",),
+    "pdf": ("playwright",),
 }
 """Extra → the modules that are imported from its packages."""
 EXTRAS_OF_VERB = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -36,6 +37,7 @@ from station.assessment.assessment_json import (
 )
 from station.assessment.case import read_case
 from station.assessment.decision_json import plain_decision, undecided_by_fit
+from station.assessment.drawn_postures import plain_postures
 from station.assessment.emg import MeasuredReduction
 from station.assessment.findings import findings
 from station.assessment.people_run import PeopleRun, assess_people
@@ -47,6 +49,8 @@ from station.subject.subject_json import plain_subject, subject_inputs
 from station.versions import solving_versions
 from station.whole_file import write_whole
 
+POINT = re.compile(r"\[\s+(-?[\d.]+),\s+(-?[\d.]+),\s+(-?[\d.]+)\s+\]")
+"""Three numbers of a list, which share a line of the file."""
 OTHER_FRAMES, OTHER_REST_LENGTHS = 40, 16
 """Frames and rest lengths that are solved of the other motion."""
 
@@ -57,7 +61,7 @@ class AssessedSuit:
 
     emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
     subject the wearer whose body and motion were assessed, None without one; total the results for drawn people, None
-    without a budget of uncertainty.
+    without a budget of uncertainty; postures: for the picture of the body.
     """
 
     cuffs: tuple[WearableCuff, ...]
@@ -66,6 +70,7 @@ class AssessedSuit:
     emg: tuple[MeasuredReduction, ...]
     inputs: dict[str, str]
     cuffs_standing: Standing
+    postures: list[dict[str, Any]]
     subject: dict[str, Any] | None = None
     total: TotalUncertainty | None = None
 
@@ -120,13 +125,14 @@ def assess_cuffs(
     fits = tuple(cuffs[cuff.name] for cuff in worn)
     standing = standing_of_cuffs(inputs.cuffs, fits)
     total = None if people is None else assess_people(people, case, moving, worn, assessment, progress)
+    drawn = plain_postures(model, kinematics, suit, assessment.time)
     hashes = inputs.hashes() | ({} if people is None else {"budget": people.name})
     if inputs.subject is None or case.subject is None:
-        return AssessedSuit(fits, assessment, beside, emg, hashes, standing, total=total)
+        return AssessedSuit(fits, assessment, beside, emg, hashes, standing, drawn, total=total)
     cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
     subject = plain_subject(case.subject, case.spread, cord)
     hashes |= subject_inputs(inputs.subject, case.subject)
-    return AssessedSuit(fits, assessment, beside, emg, hashes, standing, subject, total)
+    return AssessedSuit(fits, assessment, beside, emg, hashes, standing, drawn, subject, total)
 
 
 def _report_other(progress: Progress, stage: str, done: int, total: int) -> None:
@@ -187,13 +193,15 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     if assessed.total is not None:
         plain["total_uncertainty"] = plain_total(assessed.total)
     plain["emg"] = plain_emg(assessed.emg)
+    plain["postures"] = assessed.postures
     if assessed.subject is not None:
         plain["subject"] = assessed.subject
     plain["inputs"] = assessed.inputs
     plain["inputs_checked"] = {"cuffs": assessed.cuffs_standing}
     plain["versions"] = solving_versions()
     AssessmentDocument.model_validate(plain)
-    write_whole(folder / ASSESSMENT_FILE, json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
+    write_whole(folder / ASSESSMENT_FILE, POINT.sub(r"[\1, \2, \3]", text) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
     written = [folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE]
     if assessed.total is not None:

@@ -12,6 +12,7 @@ from documents.plain_data import PlainDataError, read_json, shortened
 from documents.regular_file import open_regular
 from documents.validation import describe_error
 from station.assessment.decision_json import DecisionEntry
+from station.assessment.drawn_postures import PostureEntry
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 from station.assessment.total_json import TotalUncertaintyEntry
 from station.errors import StationError
@@ -139,6 +140,9 @@ class AssessmentDocument(AssessedMotionEntry):
     cuffs: dict[str, dict[str, NumberEntry | str | list[str] | None]] = Field(default_factory=dict)
     beside: OtherMotionEntry | None = None
     subject: SubjectDocument | None = None
+    postures: Annotated[list[PostureEntry], Field(description="for the picture of the body")] = Field(
+        default_factory=list
+    )
 
 
 _BY_CONDITION: dict[str, TypeAdapter[Any]] = {

@@ -28,6 +28,7 @@ class FolderCode(StrEnum):
     NO_TRIAL_USABLE = "donning.not_usable"
     SEVERAL_DONNINGS = "donning.several"
     NOTHING_TO_REPORT = "report.nothing"
+    NO_BROWSER = "report.no_browser"
     DEMO_NOT_EMPTY = "demo.not_empty"
 
 

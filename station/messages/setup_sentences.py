@@ -38,6 +38,10 @@ SETUP: Mapping[StrEnum, str] = {
     FolderCode.NOTHING_TO_REPORT: (
         "{folder} contains no recording, no cuffs.json, no assessment.json and no emg.json to report"
     ),
+    FolderCode.NO_BROWSER: (
+        "no browser can print the report ({reason}); install Chromium, Chrome or Edge, or run `playwright install "
+        "chromium`"
+    ),
     FolderCode.DEMO_NOT_EMPTY: "{folder} contains recordings, which the demo does not overwrite; give another --output",
     SimulationCode.NOT_RUNNING: "the simulated bench is not running; start the session again",
     SimulationCode.ENDED: "the simulated bench ended with code {exit_code}; start the session again",

@@ -12,6 +12,7 @@ import pandas as pd
 
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
+from station.report.body_figure import body_figure
 from station.report.conditions import CONDITIONS
 from station.report.first_page import findings_of
 from station.report.muscle_figures import (
@@ -84,7 +85,9 @@ def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
     ]
     if (folder / ACTIVATIONS_FILE).is_file():
         at = f"at a rest length of {assessment['reference_rest_length_m']['value']:.2f} m"
-        figures += _activation_figures(read_activations(folder / ACTIVATIONS_FILE), arms, at, waist)
+        activations = read_activations(folder / ACTIVATIONS_FILE)
+        figures = [*_body_figures(assessment, activations, at), *figures]
+        figures += _activation_figures(activations, arms, at, waist)
     if assessment["emg"]:
         caption = "Reduction of the mean activation, relative to a slack cord, in the model and in the EMG"
         figures += [
@@ -96,6 +99,17 @@ def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
 
 def _arms(assessment: Plain) -> list[str]:
     return [cuff for cuff in assessment["cost"] if cuff != "rigid"]
+
+
+def _body_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
+    """With the arm cuff of the least effort; an assessment of an older station has no postures."""
+    efforts = {cuff: assessment["at_rigid_optimum"][cuff]["both"]["value"] for cuff in _arms(assessment)}
+    known = {cuff: effort for cuff, effort in efforts.items() if effort is not None}
+    if known and assessment.get("postures"):
+        cuff = min(known, key=known.__getitem__)
+        caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}"
+        plan = partial(body_figure, assessment["postures"], activations, cuff)
+        yield PlannedFigure(plan, caption, is_wide=True, is_printed=True)
 
 
 def _activation_figures(activations: pd.DataFrame, arms: Sequence[str], at: str, waist: str) -> Iterator[PlannedFigure]:

@@ -36,9 +36,11 @@ from station.report.assessment_section import assessment_section, effort_figures
 from station.report.cuff_section import Cuffs, ReportedCuff, TrueCuff, cuff_figures, overview_figure
 from station.report.emg_section import emg_figures, emg_section
 from station.report.first_page import summary_of
+from station.report.normative_section import normative_section
 from station.report.number_texts import entry_text, estimate_text, true_text, with_commands, worn_text
 from station.report.pictures import PlannedFigure, draw_all
 from station.report.session_facts import session_facts
+from station.study.normative_file import NORMATIVE_FILE
 from station.whole_file import write_whole
 
 T = TypeVar("T")
@@ -94,6 +96,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
             assessment=assessment,
             suit=assessment_section(assessment, pictures[EFFORT], pictures[MUSCLES]) if assessment else None,
             emg=emg_section(emg, pictures[EMG]) if emg else None,
+            normative=normative_section(folder, cuffs, origin),
             version=metadata.version("cuffstation"),
         )
     )
@@ -123,7 +126,7 @@ def _planned(
 
 def _inputs(folder: Path) -> dict[str, str]:
     """File → SHA-256 of all that the page is made of."""
-    results = (CUFFS_FILE, ASSESSMENT_FILE, ACTIVATIONS_FILE, EMG_FILE)
+    results = (CUFFS_FILE, ASSESSMENT_FILE, ACTIVATIONS_FILE, EMG_FILE, NORMATIVE_FILE)
     made_of = [*recordings_in(folder), *(folder / name for name in results)]
     return {path.name: sha256_of(path) for path in made_of if path.is_file()}
 

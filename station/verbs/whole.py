@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -120,6 +120,12 @@ def verify(
 
 def report(
     folder: Annotated[Path, typer.Argument(help="A folder with recordings, cuffs.json or assessment.json.")],
+    normative: Annotated[
+        Path | None, typer.Option(help="normative.json of `station study`; it is copied into the folder.")
+    ] = None,
+    format: Annotated[  # noqa: A002
+        Literal["html", "pdf"], typer.Option("--format", help="pdf: print the page as report.pdf, too (extra pdf).")
+    ] = "html",
 ) -> None:
     """Write report.html, a self-contained page, from the recordings and results of a folder. Prints its path."""
     from rich.console import Console
@@ -127,11 +133,17 @@ def report(
     from fitting.results.seal import Standing
     from station.files.chain import chain_of
     from station.progress import progress_bars
+    from station.report.normative_section import adopt_normative
     from station.report.page import write_report
+    from station.report.pdf import ensure_pdf, write_pdf
 
+    if format == "pdf":
+        ensure_pdf()
+    if normative is not None:
+        adopt_normative(normative, folder)
     with progress_bars(Console(stderr=True)) as progress:
         written = write_report(folder, progress=progress)
-    print(written)
+    print(write_pdf(written) if format == "pdf" else written)
     links = [
         link for link in chain_of(folder) if link.standing in (Standing.CHANGED, Standing.MISSING, Standing.BY_HAND)
     ]

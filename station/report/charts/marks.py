@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Colour = Literal["ink", "quiet", "c1", "c2", "c3", "c4", "c5", "c6"]
+Colour = Literal[
+    "ink", "quiet", "c1", "c2", "c3", "c4", "c5", "c6",
+    "less1", "less2", "less3", "same", "more1", "more2", "more3", "bone", "cord",
+]  # fmt: skip
 Dash = Literal["", "dashed", "dotted"]
 
 COLOURS: tuple[Colour, ...] = ("c1", "c2", "c3", "c4", "c5", "c6")
@@ -24,7 +27,7 @@ apart. Yellow is left out: it cannot be seen on white paper.
 
 @dataclass(frozen=True)
 class Line:
-    """A curve; NaN interrupts it."""
+    """A curve; NaN interrupts it. title: shown on hovering where there is no label, which is also in the legend."""
 
     x: Array
     y: Array
@@ -32,6 +35,7 @@ class Line:
     label: str = ""
     dash: Dash = ""
     width: float = 1.4
+    title: str = ""
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,7 @@ class Panel:
     x_names, y_names  instead of numbers: names of the places 0, 1, 2 … ; y_names run downwards
     x_limits, y_limits  instead of the extent of the marks; None leaves an end to them
     width, height     [px] with margins; text is 11 px
+    is_picture        without axes, both directions on the same scale
     """
 
     marks: tuple[Mark, ...]
@@ -127,6 +132,7 @@ class Panel:
     width: float = HALF
     height: float = 250.0
     has_x_numbers: bool = True
+    is_picture: bool = False
 
 
 @dataclass(frozen=True)

@@ -132,6 +132,8 @@ def _panel(panel: Panel, layout: Layout, legend: list[LegendEntry], description:
 
 
 def _layout(panel: Panel, legend_rows: int) -> Layout:
+    if panel.is_picture:
+        return _picture_layout(panel)
     x_limits, y_limits = limits(panel)
     top = 6.0 + (ROW + 2 if panel.title else 0) + legend_rows * ROW
     bottom = panel.height - 6.0 - (BELOW_TICKS if panel.has_x_numbers else 0) - (ROW + 1 if panel.x_label else 0)
@@ -144,6 +146,17 @@ def _layout(panel: Panel, legend_rows: int) -> Layout:
     return Layout(Area(Scale(*x_limits, left, right), Scale(*y_limits, y_start, y_end)), x_ticks, y_ticks)
 
 
+def _picture_layout(panel: Panel) -> Layout:
+    """The limits in the middle, on the largest scale at which both fit."""
+    (left, right), (low, high) = limits(panel)
+    top = 6.0 + (ROW + 2 if panel.title else 0)
+    width, height = panel.width - 12.0, panel.height - 6.0 - top
+    half = 0.5 * max((right - left) / width, (high - low) / height)
+    x, y = (left + right) / 2, (low + high) / 2
+    across = Scale(x - half * width, x + half * width, 6.0, 6.0 + width)
+    return Layout(Area(across, Scale(y - half * height, y + half * height, top + height, top)), [], [])
+
+
 def _ticks(names: tuple[str, ...], ends: tuple[float, float], most: int) -> Ticks:
     if names:
         return [(float(place), name) for place, name in enumerate(names)]
@@ -153,6 +166,10 @@ def _ticks(names: tuple[str, ...], ends: tuple[float, float], most: int) -> Tick
 
 def _axes(panel: Panel, layout: Layout) -> Iterator[str]:
     area, x_ticks, y_ticks = layout.area, layout.x_ticks, layout.y_ticks
+    if panel.title:
+        yield f'<text class="t" x="{area.left:.1f}" y="15">{escape(panel.title)}</text>'
+    if panel.is_picture:
+        return
     grid = [f"M{area.x.pixel(place):.1f} {area.bottom:.1f}V{area.top:.1f}" for place, _ in x_ticks]
     grid += [f"M{area.left:.1f} {area.y.pixel(place):.1f}H{area.right:.1f}" for place, _ in y_ticks]
     yield f'<path class="grid" d="{"".join(grid)}"/>'
@@ -168,12 +185,12 @@ def _axes(panel: Panel, layout: Layout) -> Iterator[str]:
     if panel.y_label:
         middle = (area.top + area.bottom) / 2
         yield f'<text class="m" transform="translate(12 {middle:.1f}) rotate(-90)">{escape(panel.y_label)}</text>'
-    if panel.title:
-        yield f'<text class="t" x="{area.left:.1f}" y="15">{escape(panel.title)}</text>'
 
 
 def _mark(mark: Mark, area: Area) -> str:
-    title = f"<title>{escape(mark.label)}</title>" if not isinstance(mark, Intervals) and mark.label else ""
+    text = "" if isinstance(mark, Intervals) else mark.label
+    text = text or (mark.title if isinstance(mark, Line) else "")
+    title = f"<title>{escape(text)}</title>" if text else ""
     match mark:
         case Line():
             d, style = curve(area.x.pixels(mark.x), area.y.pixels(mark.y)), f' style="stroke-width:{mark.width:g}"'

@@ -1,0 +1,110 @@
+"""Three postures of the assessed motion for the picture of the body: bones, muscle paths, cord and cuffs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from solver.model import Model
+from solver.motion import Kinematics
+from solver.multibody.postures import Postures, points_in_ground, postures
+from solver.path_lines import path_lines
+from solver.skeleton import bone_lines, skeleton
+from solver.suit.suit import Suit, SuitPoint
+from station.assessment.number_entry import KnownNumberEntry, StrictEntry
+
+Array = NDArray[np.float64]
+Plain = dict[str, Any]
+
+RING_POINTS = 24
+DECIMALS = 3
+"""Of a place [m]: a pixel of the picture is 2 to 3 mm."""
+
+
+class LineEntry(StrictEntry):
+    """Points of a line in ground, x y z in metres."""
+
+    value: list[list[float]]
+    ci95: None = None
+
+
+class BoneEntry(StrictEntry):
+    """A bone: "shaft", "plate" (closed outline) or "cage" (ring of the thorax)."""
+
+    kind: str
+    line_m: LineEntry
+
+
+class PostureEntry(StrictEntry):
+    """Body and suit at one time of the motion. Elevation of the arm is from the direction of gravity."""
+
+    time_s: KnownNumberEntry
+    elevation_deg: KnownNumberEntry
+    bones: list[BoneEntry]
+    muscles_m: dict[str, LineEntry]
+    cord_m: LineEntry
+    cuffs_m: dict[str, LineEntry] = Field(description="rings of the waist and the arm cuff about their bodies")
+
+
+def plain_postures(model: Model, kinematics: Kinematics, suit: Suit, times: Array) -> list[Plain]:
+    """Of the postures at times (n,) [s]: with the lowest arm, at the middle elevation, with the highest arm."""
+    positions = kinematics.positions[np.searchsorted(kinematics.time, times).clip(max=len(kinematics.time) - 1)]
+    elevation = arm_elevation(model, suit, postures(model, positions, np.zeros_like(positions)))
+    lowest, highest = int(np.argmin(elevation)), int(np.argmax(elevation))
+    middle = int(np.argmin(np.abs(elevation - (elevation[lowest] + elevation[highest]) / 2)))
+    frames = [lowest, middle, highest]
+    state = postures(model, positions[frames], np.zeros_like(positions[frames]))
+    bones, muscles = skeleton(model), path_lines(model, state)
+    lines = bone_lines(bones, state)
+    cord = np.stack([_in_ground(model, state, point) for point in (suit.waist, suit.shoulder, suit.arm)], axis=1)
+    rings = {part: _ring(model, state, getattr(suit, part)) for part in ("waist", "arm")}
+    return [
+        {
+            "time_s": _number(float(times[frame])),
+            "elevation_deg": _number(float(np.degrees(elevation[frame]))),
+            "bones": [
+                {"kind": bone.kind, "line_m": _line(line[shown])} for bone, line in zip(bones, lines, strict=True)
+            ],
+            "muscles_m": {name: _line(line) for name, line in zip(model.muscle_names, muscles[shown], strict=True)},
+            "cord_m": _line(cord[shown]),
+            "cuffs_m": {part: _line(ring[shown]) for part, ring in rings.items()},
+        }
+        for shown, frame in enumerate(frames)
+    ]
+
+
+def arm_elevation(model: Model, suit: Suit, state: Postures) -> Array:
+    """Angle (frames,) [rad] between gravity and the arm: from the joint of the arm cuff's body to the next joint, or
+    to the cuff where there is none.
+    """
+    body = model.body_index(suit.arm.body)
+    start = next(joint.frame_in_child.translation for joint in model.joints if joint.child == body)
+    ends = [joint.frame_in_parent.translation for joint in model.joints if joint.parent == body]
+    along = state.rotation_to_ground[:, body] @ ((ends[0] if ends else suit.arm.location) - start)
+    cosine = along @ model.gravity / (np.linalg.norm(along, axis=1) * np.linalg.norm(model.gravity))
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _in_ground(model: Model, state: Postures, point: SuitPoint) -> Array:
+    return points_in_ground(state, model.body_index(point.body), point.location)
+
+
+def _ring(model: Model, state: Postures, point: SuitPoint) -> Array:
+    """(frames, points, 3) circle through the cord's point about the y axis of its body, as the suit's masses."""
+    angle = np.linspace(0.0, 2.0 * np.pi, RING_POINTS + 1)
+    x, height, z = point.location
+    radius = np.hypot(x, z)
+    circle = np.column_stack([radius * np.cos(angle), np.full_like(angle, height), radius * np.sin(angle)])
+    body = model.body_index(point.body)
+    return np.stack([points_in_ground(state, body, place) for place in circle], axis=1)
+
+
+def _number(value: float) -> Plain:
+    return {"value": value, "ci95": None}
+
+
+def _line(points: Array) -> Plain:
+    return {"value": np.round(points, DECIMALS).tolist(), "ci95": None}
