@@ -29,14 +29,14 @@ POSTURES = ("lowest arm", "middle", "highest arm")
 
 
 @dataclass(frozen=True)
-class View:
+class ViewDirection:
     """azimuth: angle [deg] about the vertical, from forward to the right of the body, of the viewer."""
 
     name: str
     azimuth: float
 
 
-VIEWS = (View("from behind", 145.0), View("from the front", 35.0))
+VIEWS = (ViewDirection("from behind", 145.0), ViewDirection("from the front", 35.0))
 
 
 def body_figure(postures: Sequence[Plain], activations: pd.DataFrame, cuff: str) -> Chart:
@@ -89,7 +89,7 @@ def _legend() -> Iterator[Line]:
         yield Line(values([]), values([]), colour, label)
 
 
-def _marks(posture: Plain, changes: Mapping[str, float], view: View) -> Iterator[Line]:
+def _marks(posture: Plain, changes: Mapping[str, float], view: ViewDirection) -> Iterator[Line]:
     """Bones, then muscles from the farthest to the nearest, then cord and cuffs."""
     for bone in posture["bones"]:
         across, up, _ = _seen(bone["line_m"], view)
@@ -107,7 +107,7 @@ def _marks(posture: Plain, changes: Mapping[str, float], view: View) -> Iterator
     yield Line(across, up, "cord", width=CORD, title="cord")
 
 
-def _seen(line: Plain, view: View) -> tuple[Array, Array, Array]:
+def _seen(line: Plain, view: ViewDirection) -> tuple[Array, Array, Array]:
     """Across, up and towards the viewer [m], parallel projection; x is forward, y up, z to the right of the body."""
     x, y, z = values(line["value"]).T
     azimuth, elevation = np.radians([view.azimuth, ELEVATION])
@@ -117,7 +117,7 @@ def _seen(line: Plain, view: View) -> tuple[Array, Array, Array]:
     return across, up, np.cos(elevation) * before + np.sin(elevation) * y
 
 
-def _ends(posture: Plain, view: View) -> tuple[Array, Array]:
+def _ends(posture: Plain, view: ViewDirection) -> tuple[Array, Array]:
     """Least and greatest (across, up) of muscles and suit; the arm beyond them is cut off."""
     lines = (*posture["muscles_m"].values(), *posture["cuffs_m"].values(), posture["cord_m"])
     seen = np.concatenate([np.column_stack(_seen(line, view)[:2]) for line in lines])
