@@ -78,7 +78,7 @@ def recording_format() -> str:
 
 
 def changelog() -> str:
-    return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](../")
 
 
 def decisions() -> str:

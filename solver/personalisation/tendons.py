@@ -3,8 +3,8 @@
 A scaled generic muscle can be too short or too long for a motion that the person made by his own force: below half of
 its optimal length a fibre gives no active force, and far above it is pulled passively (Zajac 1989, Crit. Rev. Biomed.
 Eng. 17:359). Tendon slack length is the least known of the parameters (Garner and Pandy 2003, Ann. Biomed. Eng. 31:207,
-fit it so that fibres work in their range). Here it changes as little as brings the fibre into FIBRE_RANGE, and only in
-muscles that leave it.
+fit it so that fibres work in their range). Here it changes as little as brings the fibre into a range, FIBRE_RANGE
+by default, and only in muscles that leave it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ class TendonChange:
     before: tuple[float, float]
 
 
-def fit_tendons(model: Model, motions: Sequence[Array]) -> tuple[Model, tuple[TendonChange, ...]]:
+def fit_tendons(
+    model: Model, motions: Sequence[Array], fibres: tuple[float, float] = FIBRE_RANGE
+) -> tuple[Model, tuple[TendonChange, ...]]:
     """The model with such tendons. motions: postures (frames, coordinates) of the person's own lifts.
 
     A fibre that goes through more than the whole range is centred in it. A muscle whose path jumps is left as it is,
@@ -42,7 +44,7 @@ def fit_tendons(model: Model, motions: Sequence[Array]) -> tuple[Model, tuple[Te
     jumps = np.max([found.jump for found in ranges], axis=0) > LARGEST_JUMP
     muscles, changes = [], []
     for muscle, low, high, is_torn in zip(model.muscles, shortest, longest, jumps, strict=True):
-        wanted = 0.0 if is_torn else _slack_change(muscle, float(low), float(high))
+        wanted = 0.0 if is_torn else _slack_change(muscle, (float(low), float(high)), fibres)
         change = max(wanted, -muscle.tendon_slack_length)
         if change:
             muscles.append(replace(muscle, tendon_slack_length=muscle.tendon_slack_length + change))
@@ -52,9 +54,9 @@ def fit_tendons(model: Model, motions: Sequence[Array]) -> tuple[Model, tuple[Te
     return replace(model, muscles=tuple(muscles)), tuple(changes)
 
 
-def _slack_change(muscle: Muscle, low: float, high: float) -> float:
-    """That brings a fibre which goes from low to high into the range [m]; 0 where it is in it."""
-    lowest, highest = FIBRE_RANGE
+def _slack_change(muscle: Muscle, found: tuple[float, float], wanted: tuple[float, float]) -> float:
+    """That brings a fibre which goes from low to high into the wanted range [m]; 0 where it is in it."""
+    (low, high), (lowest, highest) = found, wanted
     if low >= lowest and high <= highest:
         return 0.0
     if high - low > highest - lowest:

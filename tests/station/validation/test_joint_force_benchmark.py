@@ -1,0 +1,111 @@
+"""Variants of the joint force: the published one as solved by the command, optimal penalties, held-out errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.joint_force import drawn_variants, held_out_errors
+from benchmarks.joint_force_variants import ContactVariant, Lift, tilted, with_masses, with_penalty
+from solver.bundled import bundled_model
+from solver.motion import differentiate
+from solver.personalisation.tendons import fit_tendons
+from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.glenoid import angle_to_axis, glenoid_cone
+from solver.redundancy.motion import (
+    RedundancyOptions,
+    build_redundancy,
+    evaluate_motion,
+    solve_motion,
+    solve_redundancy,
+)
+from solver.scaling_findings import muscle_ranges
+from station.validation.variants import PUBLISHED_VARIANTS
+from tests.conftest import SHARED
+
+MODEL = bundled_model()
+
+
+@pytest.mark.shared
+def test_the_published_variant_is_that_of_the_command() -> None:
+    lift = Lift(SHARED / "subject", "S8R_back")
+    assert [part.start for part in lift.repeats] == [0, 170, lift.repeats[1].stop]
+    model, options = PUBLISHED_VARIANTS[1].applied(lift.model)
+    motion = lift.posed_motion(is_plane_free=False, girdle=0.0, rotation=0.0)
+    solution = solve_motion(model, differentiate(motion), options)
+    expected = np.linalg.norm(solution.reaction[:, 3:], axis=1)
+    np.testing.assert_allclose(lift.predicted(ContactVariant()), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("weight", [0.1, 10.0])
+def test_a_penalised_force_meets_the_optimality_conditions_of_the_whole_objective(weight: float) -> None:
+    """Gradient of Σ w x² + weight Σ (d·F)² along the null space of A, computed without the further controls."""
+    kinematics = differentiate(simulate_arm_raise(MODEL), None, 0.5, 0.56)
+    options = RedundancyOptions(has_glenoid_cone=False, unweighted_coordinates=())
+    plain = build_redundancy(MODEL, evaluate_motion(MODEL, kinematics), options)
+    problem = replace(plain, interval=1e6)  # no activation dynamics: frames are independent
+    frames, controls = len(problem.time), len(problem.weights)
+    directions = np.tile(np.eye(3)[:2], (frames, 1, 1))
+    solution = solve_redundancy(with_penalty(problem, directions, weight))
+    muscles = len(MODEL.muscles)
+    for frame in range(frames):
+        x = solution.controls[0, frame, :controls]
+        rows = 1e-3 * directions[frame]
+        force = problem.reaction_at_rest[frame, 3:] + problem.reaction_matrix[frame, 3:] @ x
+        gradient = 2 * problem.weights * x + 2 * weight * problem.reaction_matrix[frame, 3:].T @ rows.T @ (rows @ force)
+        is_low = np.arange(controls) < muscles
+        is_low &= x < 1e-7
+        is_free = ~is_low & ~((np.arange(controls) < muscles) & (x > 1 - 1e-7))
+        A = problem.acceleration_matrix[frame]
+        multipliers = np.linalg.lstsq(A[:, is_free].T, gradient[is_free], rcond=1e-10)[0]
+        rest = gradient - A.T @ multipliers
+        np.testing.assert_allclose(rest[is_free], 0.0, atol=1e-5)
+        assert rest[is_low].min(initial=0.0) > -1e-5
+
+
+def test_masses_of_the_arm_are_those_of_the_body_mass_and_the_load_stays() -> None:
+    loaded = replace(MODEL, bodies=tuple(replace(b, mass=b.mass + 2.4 * (b.name == "hand")) for b in MODEL.bodies))
+    mass = {b.name: b.mass for b in with_masses(loaded, ContactVariant(arm_masses="own", held=0.2), 80.0).bodies}
+    arm = mass["humerus"] + mass["ulna"] + mass["radius"] + mass["hand"] - 2.6
+    assert arm == pytest.approx(80.0 * 0.049, rel=0.05)  # de Leva (1996), men: 2.71, 1.62 and 0.61 %
+    assert mass["scapula"] == next(b.mass for b in MODEL.bodies if b.name == "scapula")
+
+
+@pytest.mark.parametrize(("up", "forward"), [(10.0, 0.0), (0.0, -10.0), (-20.0, 0.0)])
+def test_a_tilted_cone_has_its_axis_at_that_angle(up: float, forward: float) -> None:
+    cone = glenoid_cone(MODEL)
+    turned = tilted(cone, up, forward)
+    angle = angle_to_axis(cone, np.eye(3)[None], turned.axis[None])[0]
+    assert np.degrees(angle) == pytest.approx(abs(up + forward), rel=1e-9)
+    assert turned.axis @ turned.edge == pytest.approx(0.0, abs=1e-12)
+
+
+def test_fitted_tendons_keep_the_fibres_in_a_given_range() -> None:
+    motion = simulate_arm_raise(MODEL).coordinates[::10]
+    fitted, changes = fit_tendons(MODEL, [motion], (0.7, 1.2))
+    found = muscle_ranges(fitted, motion)
+    assert changes
+    for change in changes:
+        place = MODEL.muscle_names.index(change.muscle)
+        width = found.longest[place] - found.shortest[place]
+        low, high = (0.7, 1.2) if width <= 0.5 else (0.95 - width / 2, 0.95 + width / 2)
+        if fitted.muscles[place].tendon_slack_length > 0:
+            assert found.shortest[place] > low - 0.02
+            assert found.longest[place] < high + 0.02
+
+
+def test_held_out_errors_are_those_of_a_search_by_hand() -> None:
+    errors = np.random.default_rng(3).uniform(5, 60, (40, 6))
+    group = np.array([0, 1, 2, 0, 1, 2])
+    found = held_out_errors(errors, group)
+    for place in range(6):
+        seen = [column for column in range(6) if group[column] != group[place]]
+        best = min(range(40), key=lambda row: sum(errors[row, column] for column in seen))
+        assert found[place] == errors[best, place]
+
+
+def test_a_seed_draws_the_same_variants() -> None:
+    assert drawn_variants(20, 4) == drawn_variants(20, 4) != drawn_variants(20, 5)
+    assert len(set(drawn_variants(100, 4))) > 90
