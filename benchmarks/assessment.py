@@ -69,6 +69,7 @@ def main() -> None:
     whole, seconds = study(model, kinematics, draws=0)
     print(f"{len(kinematics.time)} frames: {seconds:.1f} s without draws, {whole.unsolved} unsolved\n")
     print_cells(whole)
+    print_reductions(whole)
     drawn, with_draws = study(model, kinematics, chosen.draws)
     print(f"\n{chosen.draws} draws: {with_draws - seconds:.1f} s more; {drawn.uncertainty}")
     ours = 1e3 * seconds / whole.scenarios / len(kinematics.time)
@@ -104,6 +105,16 @@ def print_cells(found: Assessment) -> None:
             ours = "-" if value is None else f"{scale * value:.3f}"
             cells.append(f"{ours:>6} ({theirs:.3f})")
         print(f"{curve.condition:14} {curve.cuff or '':6} {'  '.join(cells)}")
+
+
+def print_reductions(found: Assessment) -> None:
+    """Reduction of mean activation by group of muscles at the reference rest length, as the study's Fig. 10 has it."""
+    shown = [("rigid", None), *(("both", cuff) for cuff in CUFFS if cuff != "waist")]
+    curves = {(curve.condition, curve.cuff): curve for curve in found.curves}
+    print("\nreduction of mean activation at 0.74 m [%]:  " + "  ".join(" ".join(filter(None, pair)) for pair in shown))
+    for group in read_suit().groups:
+        values = [curves[pair].reduction[group].value for pair in shown]
+        print(f"{group:20}" + "".join("     –" if value is None else f"{100 * value:6.0f}" for value in values))
 
 
 def peer_milliseconds(motion: Path) -> float | None:

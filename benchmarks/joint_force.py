@@ -115,6 +115,7 @@ def main() -> None:
     best = variants[int(errors.mean(axis=1).argmin())]
     for name in given.report:
         lift = Lift(given.data, name)
+        print(f"\n{_titles([lift])}")
         for title, variant in (("published circle", PUBLISHED), ("corrections", corrected), ("best", best)):
             print(_row(f"{name}, {title}", lift.errors(variant)))
 
