@@ -6,6 +6,7 @@ import csv
 import io
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from recordings.errors import RecordingCode
 from station.exit_code import DONE, FAILED
 from station.messages.validation_codes import ValidationCode
 from station.validation.lifts import ValidationFileError, find_lifts, read_lift, read_published_force
-from station.validation.validate import SolvedVariant, validate_folder, verdicts
+from station.validation.validate import SolvedVariant, solve_variant, validate_folder, verdicts
 from station.validation.validation_table import write_validation
+from station.validation.variants import PUBLISHED_VARIANTS
 from tests.conftest import SHARED
 from tests.recordings import refusals
 from tests.station.command import Ran, assert_refused
@@ -84,6 +86,30 @@ def test_the_defaults_agree_with_the_measured_force(solved: list[SolvedVariant])
         assert found[lift].rmse_percent <= limit
         assert found[lift].agreement.correlation >= 0.94
         assert found[lift].is_within_limits is None
+
+
+@pytest.mark.shared
+def test_verdicts_have_codes(solved: list[SolvedVariant]) -> None:
+    """What cannot be compared with a publication is not judged."""
+
+    def codes(**changes: object) -> list[ValidationCode]:
+        return [verdict.code for verdict in verdicts([replace(solved[0], **changes)])]  # type: ignore[arg-type]
+
+    assert codes() == [ValidationCode.WITHIN_LIMITS]
+    assert codes(median_difference=5.1) == [ValidationCode.BEYOND_LIMITS]
+    assert codes(published=None, median_difference=None) == [ValidationCode.NOTHING_PUBLISHED]
+    assert codes(unsolved=3) == [ValidationCode.UNSOLVED, ValidationCode.WITHIN_LIMITS]
+    worse = replace(solved[0].agreement, rmse=solved[0].agreement.rmse + 0.02 * solved[0].body_weight)
+    assert codes(agreement=worse) == [ValidationCode.BEYOND_LIMITS]
+
+
+@pytest.mark.shared
+def test_a_published_solution_of_another_time_is_refused() -> None:
+    lift = read_lift(SUBJECT, "S8R_back", ("none",))
+    published = lift.published["none"]
+    later = replace(lift, published={"none": replace(published, time=published.time + 0.01)})
+    with refused(ValidationFileError, ValidationCode.TIMES_DIFFER):
+        solve_variant(later, PUBLISHED_VARIANTS[0])
 
 
 @pytest.mark.shared
