@@ -1,4 +1,9 @@
-"""The frames of the last lag: postures frame by frame become smoothed positions, speeds and accelerations."""
+"""The frames of the last lag: postures frame by frame become smoothed positions, speeds and accelerations.
+
+The jerk of the markers is taken to be white, so that of a coordinate is too, with the intensity of the markers' jerk
+times the square of the coordinate's sensitivity to them. Its noise has the same sensitivity, so that the noise ratio of
+every coordinate is that of the markers: the intensity of their jerk over their noise, which is measured.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +22,19 @@ Array = NDArray[np.float64]
 
 START_SD = (0.3, 2.0, 10.0)
 """Of q, q̇, q̈ where a coordinate starts [rad or m, s]."""
-JERK_INTENSITY = 5.0
-"""rad²/s⁵ or m²/s⁵"""
+JERK_INTENSITY = 0.07
+"""m²/s⁵; of a marker, along each axis. At 100 Hz and 0.4 mm of noise the smoother halves 3 Hz, as the published filter
+does; the frequency goes with the sixth root."""
 LOST_SD = 0.3
 """rad or m; a coordinate that lost its hold is drawn weakly to its last posture, and neither drifts nor jumps."""
-LEAST_SD = 1e-4
+LEAST_SD = 1e-5
 """rad or m; of a posture, for coordinates that constraints or tasks determine exactly."""
+LEAST_SENSITIVITY = 1e-4
+"""(rad/m)² or 1"""
 TIME_TOLERANCE = 1e-3
 """s; by which a frame may be younger than the lag."""
+MEMORY = 1000
+"""Frames; over which the sensitivity of the coordinates is averaged."""
 INTERVALS = 9
 """Intervals between frames of which the median counts."""
 
@@ -79,7 +89,8 @@ class LagWindow:
         self._entries: deque[_Entry] = deque()
         start = np.tile(np.diag(np.square(START_SD)), (coordinates, 1, 1))
         self._state = FilterState(np.zeros((coordinates, 3)), start)
-        self._intensity = np.full(coordinates, JERK_INTENSITY)
+        self._sensitivity = np.zeros(coordinates)
+        self._sensitive_frames = 0
         self._held_at = np.full(coordinates, -np.inf)
         self._posture_at = self.last_time = -np.inf
         self._has_begun = False
@@ -94,8 +105,8 @@ class LagWindow:
         """Whether the last posture is so old that the next one begins a new motion."""
         return time - self._posture_at > LONGEST_GAP
 
-    def add(self, time: float, posture: FramePosture) -> NDArray[np.bool_]:
-        """Add the posture of a frame; returns (coordinates,) those that were determined before and are not now."""
+    def add(self, time: float, posture: FramePosture, noise: float) -> NDArray[np.bool_]:
+        """Add the posture of a frame, noise of the markers [m]; returns (coordinates,) those that were determined before and are not now."""
         step = time - self.last_time if np.isfinite(self.last_time) else 0.0
         if 0 < step < LONGEST_GAP:
             self._intervals.append(step)
@@ -109,6 +120,7 @@ class LagWindow:
             values = posture.coordinates
             variance = np.maximum(np.diagonal(posture.covariance), LEAST_SD**2)
             variances = np.where(posture.is_held, variance, LOST_SD**2)
+            self._learn(variance / noise**2)
         lost: NDArray[np.bool_] = ~posture.is_held & np.isfinite(self._held_at) & has_posture
         self._entries.append(_Entry(time, step, values, variances, restarts, posture.is_held, has_posture))
         self.last_time = time
@@ -134,12 +146,18 @@ class LagWindow:
             np.array([entry.step for entry in entries]),
             np.array([entry.restarts for entry in entries]),
         )
-        smooth_window(window, self._intensity, self._state, smoothed, spread)
+        intensity = JERK_INTENSITY * np.maximum(self._sensitivity, LEAST_SENSITIVITY)
+        smooth_window(window, intensity, self._state, smoothed, spread)
         self._entries.popleft()
         if not self._is_determined(entries):
             return None
         deviations = np.where(first.is_held, np.sqrt(np.maximum(spread.T, 0.0)), np.inf)
         return SmoothedState(smoothed.T.copy(), deviations)
+
+    def _learn(self, sensitivity: Array) -> None:
+        """Average the square of the sensitivity (coordinates,) to the noise of markers over the frames."""
+        self._sensitive_frames = min(self._sensitive_frames + 1, MEMORY)
+        self._sensitivity += (sensitivity - self._sensitivity) / self._sensitive_frames
 
     def _is_determined(self, entries: list[_Entry]) -> bool:
         if entries[0].has_posture:

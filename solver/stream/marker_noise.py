@@ -17,6 +17,8 @@ MEMORY = 10.0
 """s; after which an observation has 1/e of its weight."""
 ASSUMED, ASSUMED_FRAMES = 1e-3, 30
 """m; the noise that is assumed before markers are seen, and how many frames outweigh it."""
+LEAST = 5e-5
+"""m; no camera system is taken to be better."""
 LARGEST_RATIO = 25.0
 """Mean sizes of a difference; a larger one is a jump."""
 UNEVEN = 0.2
@@ -37,7 +39,7 @@ class RunningMarkerNoise:
     def standard_deviation(self) -> Array:
         """(markers,) along each axis [m]."""
         deviation: Array = np.sqrt(self._sum / self._count)
-        return deviation
+        return np.maximum(deviation, LEAST)
 
     def add(self, time: float, positions: Array) -> None:
         """Take a frame, positions (markers, 3) [m] with NaN where hidden; frames off an even grid do not count."""

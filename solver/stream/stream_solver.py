@@ -117,8 +117,9 @@ class StreamSolver:
         labelled = self._labels.take(time, observed)
         self._noise.add(time, labelled.positions)
         is_start = self._window.is_lost(time)
-        posture = self._tracker.solve(time, labelled.positions, self._noise.standard_deviation, is_start=is_start)
-        lost = self._window.add(time, posture)
+        noise = self._noise.standard_deviation
+        posture = self._tracker.solve(time, labelled.positions, noise, is_start=is_start)
+        lost = self._window.add(time, posture, float(np.sqrt(np.mean(noise**2))))
         if posture.outcome is PostureOutcome.SOLVED:
             self._labels.compare(posture.points)
         return _Pending(time, np.isnan(observed[:, 0]), labelled, posture, lost)
