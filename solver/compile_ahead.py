@@ -26,8 +26,9 @@ from solver.functions.bezier import evaluate_chain
 from solver.inverse_kinematics.information import fill_information
 from solver.inverse_kinematics.sensitivity import fill_sensitivities
 from solver.inverse_kinematics.sequence import solve_frames as solve_postures
+from solver.inverse_kinematics.solve import TrackingTasks
 from solver.inverse_kinematics.uncertainty import posture_uncertainty
-from solver.model import Model
+from solver.model import Marker, Model
 from solver.motion import differentiate
 from solver.multibody.bodies import move_bodies
 from solver.multibody.joint_loads import add_joint_loads
@@ -38,6 +39,8 @@ from solver.personalisation.estimate import estimate_body
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.frames import solve_frames
 from solver.redundancy.householder import triangularise
+from solver.stream.fixed_lag import smooth_window
+from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
@@ -58,6 +61,7 @@ KERNELS: tuple[Any, ...] = (
     solve_postures,
     fill_sensitivities,
     fill_information,
+    smooth_window,
     place_path_nodes,
 )
 """Kernels that an assessment and its drawings call, in order of use; a test finds a missing one."""
@@ -78,16 +82,30 @@ def compile_ahead() -> None:
     motion = LoadedMotion(model, differentiate(simulate_arm_raise(model)))
     assess(motion, suit, [cuff], every=FRAMES_APART, draws=DrawSettings(count=0))
     path_lines(model, postures(model, motion.kinematics.positions[:1], motion.kinematics.speeds[:1]))
-    _estimate_a_body(model, motion.kinematics.positions[:: FRAMES_APART // 3])
+    observed = _estimate_a_body(model, motion.kinematics.positions[:: FRAMES_APART // 3])
+    _stream(model, observed)
 
 
-def _estimate_a_body(model: Model, coordinates: NDArray[np.float64]) -> None:
-    """From the markers of a few postures, with its uncertainty."""
-    markers = tuple(marker for marker in model.markers if marker.name in SKIN_MARKERS)
+def _estimate_a_body(model: Model, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From the markers of a few postures (frames, markers, 3), which are returned, with its uncertainty."""
+    markers = _skin_markers(model)
     state = postures(model, coordinates, np.zeros_like(coordinates))
     observed = np.stack([points_in_ground(state, marker.body, marker.location) for marker in markers], axis=1)
     estimate = estimate_body(model, markers, [observed])
     posture_uncertainty(estimate.model, observed, estimate.tasks, estimate.postures[0], 1e-3)
+    return observed
+
+
+def _stream(model: Model, observed: NDArray[np.float64]) -> None:
+    """A few frames of markers (frames, markers, 3), frame by frame."""
+    markers = _skin_markers(model)
+    stream = StreamSolver(model, TrackingTasks(markers, np.ones(len(markers))), {"bare": None}, lag_s=0.0)
+    for frame, positions in enumerate(observed):
+        stream.push(float(frame), positions)
+
+
+def _skin_markers(model: Model) -> tuple[Marker, ...]:
+    return tuple(marker for marker in model.markers if marker.name in SKIN_MARKERS)
 
 
 def count_ready() -> int:

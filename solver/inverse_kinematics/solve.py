@@ -101,7 +101,7 @@ def solve_inverse_kinematics(
     nearly equal ones the nearest to the default. A coordinate that no visible marker moves keeps its value. Raises
     ModelError where shapes, names or weights do not fit.
     """
-    _ensure_fits(observed, tasks)
+    ensure_fits(observed, tasks)
     starts = spread_starts(model, assemble(model)) if start is None else np.array(start, dtype=np.float64)[None]
     problem = build_problem(model, tasks)
     return _solve(model, problem, observed, targets_of(model, tasks, len(observed)), starts, most_rounds)
@@ -167,6 +167,23 @@ def allocate_workspace(model: Model, problem: Problem) -> IkWorkspace:
     )
 
 
+def ensure_fits(observed: Array, tasks: TrackingTasks) -> None:
+    """Raises ModelError where observed (frames, markers, 3), markers and weights do not fit each other."""
+    count = len(tasks.markers)
+    if observed.ndim != 3 or observed.shape[1:] != (count, 3) or tasks.weights.shape != (count,):
+        raise ModelError(
+            f"expected observed markers of shape (frames, {count}, 3) and {count} weights, found {observed.shape} and "
+            f"{tasks.weights.shape}",
+            SolverCode.WRONG_SHAPE,
+        )
+    weights = np.concatenate([tasks.weights, list(tasks.coordinate_weights.values())])
+    if not np.isfinite(weights).all() or weights.min(initial=0.0) < 0.0:
+        raise ModelError(
+            "weights of markers and coordinates should be finite and not negative; correct the tasks",
+            SolverCode.NEGATIVE_WEIGHT,
+        )
+
+
 def locked_values(model: Model) -> Sequence[tuple[int, float]]:
     """Index and value [rad or m] of every locked coordinate."""
     return [(lock.coordinate, lock.value) for lock in model.constraints if isinstance(lock, CoordinateLock)]
@@ -204,19 +221,3 @@ def _solve(
     solve_frames(problem, seen, np.ascontiguousarray(values), most_rounds, starts, work, results)
     outcomes = tuple(OUTCOMES[code] for code in outcome[:, 0])
     return InverseKinematics(found, residuals, gap, cost, multipliers, outcomes, outcome[:, 1])
-
-
-def _ensure_fits(observed: Array, tasks: TrackingTasks) -> None:
-    count = len(tasks.markers)
-    if observed.ndim != 3 or observed.shape[1:] != (count, 3) or tasks.weights.shape != (count,):
-        raise ModelError(
-            f"expected observed markers of shape (frames, {count}, 3) and {count} weights, found {observed.shape} and "
-            f"{tasks.weights.shape}",
-            SolverCode.WRONG_SHAPE,
-        )
-    weights = np.concatenate([tasks.weights, list(tasks.coordinate_weights.values())])
-    if not np.isfinite(weights).all() or weights.min(initial=0.0) < 0.0:
-        raise ModelError(
-            "weights of markers and coordinates should be finite and not negative; correct the tasks",
-            SolverCode.NEGATIVE_WEIGHT,
-        )

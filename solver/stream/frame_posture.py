@@ -15,6 +15,7 @@ from solver.inverse_kinematics.solve import (
     allocate_workspace,
     assemble,
     build_problem,
+    ensure_fits,
     locked_values,
     spread_starts,
     targets_of,
@@ -47,7 +48,8 @@ class PostureTracker:
     """Inverse kinematics of a stream; tables and memory are allocated once."""
 
     def __init__(self, model: Model, tasks: TrackingTasks) -> None:
-        self._model, self._markers = model, tasks.markers
+        ensure_fits(np.zeros((1, len(tasks.markers), 3)), tasks)
+        self._markers = tasks.markers
         self._problem = build_problem(model, tasks)
         self._work = allocate_workspace(model, self._problem)
         self._values = targets_of(model, tasks, 1)

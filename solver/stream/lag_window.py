@@ -70,7 +70,9 @@ class SmoothedState:
 
 @dataclass(frozen=True, eq=False)
 class _Entry:
-    """A frame: values and variances (coordinates,), NaN without a posture; restarts, is_held (coordinates,)."""
+    """A frame: values and variances (coordinates,), NaN without a posture; restarts (coordinates,) which start anew;
+    is_held (coordinates,) in the latest posture.
+    """
 
     time: float
     step: float
@@ -91,6 +93,7 @@ class LagWindow:
         self._state = FilterState(np.zeros((coordinates, 3)), start)
         self._sensitivity = np.zeros(coordinates)
         self._sensitive_frames = 0
+        self._is_held = np.zeros(coordinates, dtype=np.bool_)
         self._held_at = np.full(coordinates, -np.inf)
         self._posture_at = self.last_time = -np.inf
         self._has_begun = False
@@ -106,7 +109,10 @@ class LagWindow:
         return time - self._posture_at > LONGEST_GAP
 
     def add(self, time: float, posture: FramePosture, noise: float) -> NDArray[np.bool_]:
-        """Add the posture of a frame, noise of the markers [m]; returns (coordinates,) those that were determined before and are not now."""
+        """Add the posture of a frame, with the noise of the markers [m].
+
+        Returns (coordinates,) those that were determined before and are not now.
+        """
         step = time - self.last_time if np.isfinite(self.last_time) else 0.0
         if 0 < step < LONGEST_GAP:
             self._intervals.append(step)
@@ -114,6 +120,7 @@ class LagWindow:
         restarts = np.zeros(self._count, dtype=np.bool_)
         values, variances = np.full((2, self._count), np.nan)
         if has_posture:
+            self._is_held = posture.is_held
             begins = self.is_lost(time)
             is_found_again = posture.is_held & (time - self._held_at > LONGEST_GAP)
             restarts = is_found_again | begins
@@ -122,7 +129,7 @@ class LagWindow:
             variances = np.where(posture.is_held, variance, LOST_SD**2)
             self._learn(variance / noise**2)
         lost: NDArray[np.bool_] = ~posture.is_held & np.isfinite(self._held_at) & has_posture
-        self._entries.append(_Entry(time, step, values, variances, restarts, posture.is_held, has_posture))
+        self._entries.append(_Entry(time, step, values, variances, restarts, self._is_held, has_posture))
         self.last_time = time
         if has_posture:
             self._posture_at = time

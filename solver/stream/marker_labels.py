@@ -52,14 +52,19 @@ class MarkerLabels:
         expected = self._tracks.expected(self._frame)
         for pair in exchanged_pairs(positions[self._tracks.label_of], expected):
             self._tracks.exchange(*pair)
-        places = positions[self._tracks.label_of]
+        label_of = self._tracks.label_of
+        places = positions[label_of]
         is_seen = np.asarray(np.isfinite(places).all(axis=1))
-        self._leave_out_jumps(time, places, expected)
+        pairs = tuple((i, int(label_of[i])) for i in range(self._count) if label_of[i] > i)
+        has_jumped = self._has_jumped(time, places, expected)
+        self._given = places
+        if 2 * has_jumped.sum() > is_seen.sum():  # not this body, or not its labels
+            return LabelledFrame(np.full_like(places, np.nan), pairs, is_seen)
+        self._is_left_out |= has_jumped
+        for marker in np.flatnonzero(has_jumped).tolist():
+            self._tracks.forget(marker)  # a jump is no speed
         self._tracks.add(self._frame, places)
         self._seen_at[is_seen] = time
-        self._given = places
-        label_of = self._tracks.label_of
-        pairs = tuple((i, int(label_of[i])) for i in range(self._count) if label_of[i] > i)
         kept = np.where(self._is_left_out[:, None] | ~is_seen[:, None], np.nan, places)
         return LabelledFrame(kept, pairs, self._is_left_out & is_seen)
 
@@ -82,9 +87,9 @@ class MarkerLabels:
                 self._tracks.forget(other)
             self._tracks.forget(marker)
 
-    def _leave_out_jumps(self, time: float, places: Array, expected: Array) -> None:
+    def _has_jumped(self, time: float, places: Array, expected: Array) -> NDArray[np.bool_]:
+        """(markers,) only of those that were seen so recently that motion is no explanation."""
         with np.errstate(invalid="ignore"):
-            jumped = np.linalg.norm(places - expected, axis=1) > JUMP
-        jumped &= time - self._seen_at < LONGEST_EXTRAPOLATION
-        if 2 * jumped.sum() <= np.isfinite(places).all(axis=1).sum():  # else the whole body or all labels changed
-            self._is_left_out |= jumped
+            is_far = np.linalg.norm(places - expected, axis=1) > JUMP
+        is_recent = (time - self._seen_at < LONGEST_EXTRAPOLATION) & self._tracks.is_extrapolated(self._frame)
+        return np.asarray(is_far & is_recent)

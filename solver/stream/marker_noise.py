@@ -15,7 +15,7 @@ ORDER, STEP = 6, 0.030
 """Order of the differences, and their step [s]."""
 MEMORY = 10.0
 """s; after which an observation has 1/e of its weight."""
-ASSUMED, ASSUMED_FRAMES = 1e-3, 30
+ASSUMED, ASSUMED_FRAMES = 5e-4, 5
 """m; the noise that is assumed before markers are seen, and how many frames outweigh it."""
 LEAST = 5e-5
 """m; no camera system is taken to be better."""

@@ -26,7 +26,7 @@ def signatures():
 
 main()
 before = signatures()
-assert count_ready() == len(KERNELS) == 12, before
+assert count_ready() == len(KERNELS) == 13, before
 
 import numpy as np
 from pathlib import Path

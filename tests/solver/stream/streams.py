@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -13,6 +14,7 @@ from solver.bundled import bundled_model
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
 from solver.stream.stream_frame import StreamFrame
 from solver.stream.stream_scenario import StreamScenario
 from solver.stream.stream_solver import StreamSolver
@@ -21,9 +23,11 @@ from tests.solver.inverse_kinematics.marked import seen_from, with_markers
 
 Array = NDArray[np.float64]
 
-MODEL = with_markers(bundled_model())
-TASKS = TrackingTasks(MODEL.markers, np.ones(len(MODEL.markers)))
-NAMES = tuple(marker.name for marker in MODEL.markers)
+SKIN = with_markers(bundled_model()).markers
+GLENOID = tuple(bundled_model().marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
+MODEL = replace(bundled_model(), markers=(*SKIN, *GLENOID))
+TASKS = TrackingTasks(SKIN, np.ones(len(SKIN)))
+NAMES = tuple(marker.name for marker in SKIN)
 SUIT = read_suit()
 ARM = CuffParameters("hand", "arm", stiffness=8520.0, damping=210.0, migration=0.012)
 WAIST = CuffParameters("waist", "waist", stiffness=2140.0, damping=124.0, migration=0.012)
@@ -42,7 +46,7 @@ def raised() -> Array:
 @cache
 def seen() -> Array:
     """(frames, markers, 3) with noise."""
-    clean = seen_from(MODEL, raised()[FIRST : FIRST + FRAMES])
+    clean = seen_from(MODEL, raised()[FIRST : FIRST + FRAMES], SKIN)
     return clean + NOISE * np.random.default_rng(3).standard_normal(clean.shape)
 
 
