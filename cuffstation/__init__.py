@@ -5,7 +5,7 @@
     cuffs = cs.fit_session("simulated/demo").cuffs           # stiffness, damping, migration with their uncertainty
     cs.plot(cs.assess(cuffs)).savefig("effort.png")   # muscle effort over the cord's rest length
 
-The ten functions below, the types of their results and the roots of their exceptions follow semantic versioning;
+The eleven functions below, the types of their results and the roots of their exceptions follow semantic versioning;
 everything else may change. Units are SI from a trial on; a recording keeps the unit of its device in Stream.unit.
 """
 
@@ -25,6 +25,8 @@ from solver.errors import SolverError
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.redundancy.motion import MotionSolution, RedundancyOptions
+from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
+from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import Assessment
 from station.errors import StationError
 from station.library import (
@@ -33,6 +35,7 @@ from station.library import (
     fit_session,
     load_model,
     load_motion,
+    open_stream,
     read_recording,
     solve_motion,
 )
@@ -55,6 +58,9 @@ __all__ = [
     "SessionFit",
     "SolverError",
     "StationError",
+    "StreamFrame",
+    "StreamSolver",
+    "StreamSuitFrame",
     "Track",
     "WearableCuff",
     "assess",
@@ -62,6 +68,7 @@ __all__ = [
     "fit_session",
     "load_model",
     "load_motion",
+    "open_stream",
     "plot",
     "read_cuffs",
     "read_recording",

@@ -6,19 +6,26 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.session import fit_session as fit_trials
 from fitting.trial.reader import read_trials
 from recordings.reader import Recording, open_recording
+from solver.cuff import CuffParameters, by_site
+from solver.errors import SolverCode
+from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.motion import MotionSolution, RedundancyOptions
 from solver.redundancy.motion import solve_motion as solve
+from solver.stream.stream_scenario import StreamScenario
+from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
 from solver.suit.assessment import assess as assess_suit
-from solver.suit.scenarios import LoadedMotion
-from solver.suit.suit import BUNDLED_SUIT, read_suit
+from solver.suit.scenarios import Condition, LoadedMotion
+from solver.suit.suit import BUNDLED_SUIT, SuitError, read_suit
 from solver.suit.uncertainty import DrawSettings
 from station.assessment.assessment_inputs import worn_cuffs
 from station.fit import SessionError, fit_session_folder
@@ -84,6 +91,37 @@ def solve_motion(model: Model, kinematics: Kinematics, options: RedundancyOption
     return solve(model, kinematics, options)
 
 
+def open_stream(
+    markers: Sequence[str] | Mapping[str, float],
+    model: Model | None = None,
+    rest_lengths: Mapping[str, float] | None = None,
+    cuffs: Mapping[str, CuffFit | WearableCuff] | None = None,
+    suit: File = BUNDLED_SUIT,
+    *,
+    lag_s: float = DEFAULT_LAG,
+    options: RedundancyOptions | None = None,
+) -> StreamSolver:
+    """Solve markers frame by frame: posture, muscles and joint force of the frame of lag_s ago (docs/live.md).
+
+    markers: names in the order of the positions that are pushed, or name → weight. rest_lengths: name of a scenario →
+    rest length of the cord [m]; "slack" is always solved. cuffs: an arm cuff and a waist cuff that all scenarios wear,
+    with migration and compliance; rigid ones where there is none. Raises NotIdentified, ModelError, SuitError.
+    """
+    model = model or load_model()
+    weights = dict(markers) if isinstance(markers, Mapping) else dict.fromkeys(markers, 1.0)
+    tasks = TrackingTasks(tuple(model.marker(name) for name in weights), np.array(list(weights.values())))
+    arms, waists = by_site(_worn(cuffs or {}))
+    if len(arms) > 1 or len(waists) > 1:
+        named = ", ".join(cuff.name for cuff in (*arms, *waists))
+        raise SuitError(f"a suit has one cuff at the arm and one at the waist, got {named}", SolverCode.WRONG_CUFF)
+    arm, waist = next(iter(arms), None), next(iter(waists), None)
+    condition: Condition = "both" if arm or waist else "rigid"
+    scenarios = {"slack": StreamScenario()} | {
+        name: StreamScenario(length, condition, waist, arm) for name, length in (rest_lengths or {}).items()
+    }
+    return StreamSolver(model, tasks, scenarios, suit=read_suit(Path(suit)), options=options, lag_s=lag_s)
+
+
 def assess(
     cuffs: Mapping[str, CuffFit | WearableCuff],
     model: Model | None = None,
@@ -103,7 +141,12 @@ def assess(
     model = model or load_model()
     kinematics = kinematics or load_motion(model)
     every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
-    fitted = {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
-    worn = worn_cuffs(fitted, ())
+    worn = _worn(cuffs)
     motion = LoadedMotion(model, kinematics, options=options or RedundancyOptions())
     return assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=DrawSettings(count=draws))
+
+
+def _worn(cuffs: Mapping[str, CuffFit | WearableCuff]) -> list[CuffParameters]:
+    """Raises NotIdentified where a fit leaves a parameter open."""
+    fitted = {name: cuff.wearable() if isinstance(cuff, CuffFit) else cuff for name, cuff in cuffs.items()}
+    return worn_cuffs(fitted, ())

@@ -19,6 +19,7 @@ FUNCTIONS = {
     "fit_session",
     "load_model",
     "load_motion",
+    "open_stream",
     "plot",
     "read_cuffs",
     "read_recording",
@@ -35,6 +36,9 @@ TYPES = {
     "Recording",
     "RedundancyOptions",
     "SessionFit",
+    "StreamFrame",
+    "StreamSolver",
+    "StreamSuitFrame",
     "Track",
     "WearableCuff",
 }
