@@ -22,7 +22,7 @@ observed = np.stack(places, axis=1) + 4e-4 * np.random.default_rng(0).standard_n
 # %%
 solver = cs.open_stream(MARKERS, model, rest_lengths={"worn": 0.80}, lag_s=0.15)
 frames = []
-for k, (time, positions) in enumerate(zip(motion.time, observed)):
+for k, (time, positions) in enumerate(zip(motion.time, observed, strict=True)):
     if k == 2 * len(motion.time) // 3:
         solver.set_rest_length("worn", 0.70)
     frames += solver.push(time, positions)  # the frame of 150 ms ago

@@ -55,7 +55,11 @@ class FrameMuscles:
         self._suited = _Body(suited, list(self._worn), options, self.notices)
 
     def set_rest_length(self, scenario: str, rest_length: float) -> None:
-        """Change the rest length of a scenario [m], from the next frame on. Raises SuitError for one without a suit."""
+        """Change the rest length of a scenario [m], from the next frame on. Raises SuitError for one without a suit.
+
+        Activations of that frame may be anything: nobody changes a cord in an instant, so that a limit of their rate
+        would only show a transient.
+        """
         if scenario not in self._worn or not rest_length > 0:
             raise SuitError(
                 f"a rest length above 0 m of a scenario with a suit ({', '.join(self._worn) or 'none'}) was expected, "
@@ -63,6 +67,7 @@ class FrameMuscles:
                 SolverCode.SUIT_KEY,
             )
         self._worn[scenario] = replace(self._worn[scenario], rest_length=rest_length)
+        self._suited.forget(scenario)
 
     def solve(self, time: float, state: Array, interval: float) -> dict[str, StreamSuitFrame]:
         """Muscles at time [s], state (3, coordinates) q, q̇, q̈; rates of cord and cuffs are differences over the
@@ -95,6 +100,10 @@ class _Body:
         self._glenoid = (
             None if StreamNotice.NO_GLENOID_CONE in notices else glenoid_cone(model, joint_name=options.joint)
         )
+
+    def forget(self, name: str) -> None:
+        """Start a scenario anew."""
+        self._frames.forget(self.names.index(name))
 
     def evaluate(self, kinematics: Kinematics, paths: PathState | None) -> Mechanics | None:
         """None where the model has no finite accelerations."""
