@@ -11,8 +11,7 @@
 - Results depend on the pushed frames, times, rest lengths and skips only, to the bit: never on a clock.
 - push(..., solve_muscles=False) leaves `suits` of the frames that this call gives out empty and takes about a tenth of
   the time; kinematics still use every frame. After skipped frames activations may change by as much as the time allows.
-- set_rest_length acts from the next frame that is given out, in which the activations of the scenario are not limited by
-  those of the frame before.
+- set_rest_length acts from the next frame that is given out; the activations of the frame before do not limit it.
 - A scenario that is None is the body without the suit; StreamScenario() is the suit with a slack cord.
 - Exceptions are for a wrong call only (shapes, names); a bad frame is an outcome.
 """
