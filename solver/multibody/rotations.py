@@ -64,8 +64,7 @@ def rotate(rotation: Array, vector: Array) -> Array:
 
 def each_frame(matrix: Array, values: Array) -> Array:
     """The product of each frame's matrix (frames, i, j) with its values (scenarios, frames, j)."""
-    product: Array = np.moveaxis(matrix @ np.moveaxis(values, 0, 2), 2, 0)
-    return product
+    return (matrix @ values.transpose(1, 2, 0)).transpose(2, 0, 1)
 
 
 def cross(a: Array, b: Array) -> Array:

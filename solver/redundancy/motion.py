@@ -337,7 +337,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
 
 def effort_weights(model: Model, options: RedundancyOptions) -> Array:
     """w (controls,), actuators after muscles. ModelError for a weight without a muscle or actuator, or below zero."""
-    driven = [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
+    driven = [model.coordinates[actuator.coordinate].name for actuator in model.actuators]
     reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
     names = [*model.muscle_names, *driven]
     unknown = sorted(set(options.weights) - set(names))

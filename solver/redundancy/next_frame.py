@@ -73,7 +73,7 @@ class FrameByFrame:
             codes=np.empty((scenarios, 1), np.int8),
         )
         solve_frames(reduced, start, allocate_frame(muscles, rows), solution)
-        self._keep(solution.a[:, 0], np.isin(solution.codes[:, 0], (SOLVED, BEYOND_RATE)))
+        self._keep(solution.a[:, 0], (solution.codes[:, 0] == SOLVED) | (solution.codes[:, 0] == BEYOND_RATE))
         outcomes: Outcomes = OUTCOME_OF_CODE[solution.codes]
         return reduction.controls(frame, solution.a, solution.v, sequence.target), outcomes
 

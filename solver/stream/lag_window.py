@@ -37,6 +37,8 @@ MEMORY = 1000
 """Frames; over which the sensitivity of the coordinates is averaged."""
 INTERVALS = 9
 """Intervals between frames of which the median counts."""
+USUAL_INTERVAL = 0.01
+"""s; of a stream of one frame."""
 
 
 class Window(NamedTuple):
@@ -102,7 +104,7 @@ class LagWindow:
     @property
     def interval(self) -> float:
         """Usual time between frames [s]."""
-        return float(np.median(self._intervals)) if self._intervals else 0.01
+        return sorted(self._intervals)[len(self._intervals) // 2] if self._intervals else USUAL_INTERVAL
 
     def is_lost(self, time: float) -> bool:
         """Whether the last posture is so old that the next one begins a new motion."""

@@ -79,7 +79,7 @@ class StreamSuitFrame:
     glenohumeral_force_n             (3,) on the scapula, in ground
     glenohumeral_force_in_glenoid_n  (3,) compression along the cone's axis, shear towards the edge marker, shear across
                                      it; NaN without a glenoid
-    effort             Σ w a² of the muscles;  reserve_effort Σ w x² of the actuators
+    effort             Σ w a² of the muscles, by the exponent of the options;  reserve_effort Σ w x² of the actuators
     """
 
     outcome: StreamSuitOutcome
