@@ -67,7 +67,7 @@ def test_after_it_an_assessment_compiles_nothing(ran: subprocess.CompletedProces
 
 def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str]) -> None:
     counts = [json.loads(line) for line in ran.stdout.splitlines()]
-    assert counts[-1] == {"ready": 12, "kernels": 12}
+    assert counts[-1] == {"ready": 13, "kernels": 13}
     assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
     assert ran.stderr == ""
 
