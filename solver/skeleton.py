@@ -16,6 +16,10 @@ Array = NDArray[np.float64]
 BoneKind = Literal["shaft", "plate", "cage"]
 
 RING_POINTS = 24
+RIB_HEIGHTS = (-0.85, -0.6, -0.3, 0.0, 0.3, 0.6, 0.85)
+"""Of the parallels, as a share of the half axis."""
+ONE_SIDED = 0.02
+"""Distance of an ellipsoid's centre from the sagittal plane [m] from which on it is that of one side of the thorax."""
 FLATNESS = 0.5
 """Of the attachments of a flat bone: least second spread over the first; those of a long bone lie along a line."""
 FEWEST_ATTACHMENTS = 6
@@ -26,7 +30,7 @@ class Bone:
     """A line (points, 3) [m] in its body.
 
     kind  "shaft": from a joint to the next one; "plate": closed outline of the muscle attachments of a flat bone;
-          "cage": a ring of the ellipsoid on which the scapula glides
+          "cage": a ring of the thorax, which is its largest ellipsoid
     """
 
     body: int
@@ -58,13 +62,24 @@ def _thorax(model: Model) -> WrapSurface | None:
 
 
 def _rings(surface: WrapSurface) -> Iterator[Bone]:
-    """Three principal ellipses and two parallels."""
-    angle = np.linspace(0.0, 2.0 * np.pi, RING_POINTS + 1)
-    zero, cosine, sine = np.zeros_like(angle), np.cos(angle), np.sin(angle)
-    rings = [np.stack(axes, axis=1) for axes in ((cosine, sine, zero), (zero, cosine, sine), (cosine, zero, sine))]
-    rings += [np.stack([0.8 * cosine, np.full_like(angle, height), 0.8 * sine], axis=1) for height in (-0.6, 0.6)]
-    for ring in rings:
-        points = (ring * surface.dimensions) @ surface.placement.rotation.T + surface.placement.translation
+    """Ribs: parallels about the long axis of the ellipsoid.
+
+    Of an ellipsoid that is one side of the thorax, the outer halves, joined with their mirror images in z.
+    """
+    rotation, centre = surface.placement.rotation, surface.placement.translation
+    long = int(np.argmax(surface.dimensions))
+    across = max((axis for axis in range(3) if axis != long), key=lambda axis: abs(rotation[2, axis]))
+    depth = 3 - long - across
+    is_one_sided = abs(centre[2]) > ONE_SIDED
+    outward = np.sign(centre[2] * rotation[2, across]) if is_one_sided else 1.0
+    angle = np.linspace(-0.5, 0.5 if is_one_sided else 1.5, RING_POINTS) * np.pi
+    for height in RIB_HEIGHTS:
+        ring = np.full((len(angle), 3), height)
+        ring[:, across] = outward * np.cos(angle) * np.sqrt(1.0 - height**2)
+        ring[:, depth] = np.sin(angle) * np.sqrt(1.0 - height**2)
+        points = (ring * surface.dimensions) @ rotation.T + centre
+        if is_one_sided:
+            points = np.concatenate([points, points[::-1] * np.array([1.0, 1.0, -1.0]), points[:1]])
         yield Bone(surface.body, "cage", points)
 
 

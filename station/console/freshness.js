@@ -3,7 +3,7 @@
 window.station = (() => {
   const POLL_INTERVAL_MS = 400, TIMEOUT_MS = 1000, LATE_MS = 1000, OLD_MS = 2000, KEPT_ROUND_TRIPS = 20;
   const roundTrips = [];
-  let offset = 0, consoleId = null, failures = 0, lostSince = null, shownAt = null;
+  let offset = 0, consoleId = null, failures = 0, lostSince = null, shownAt = null, shownWhat = "data";
 
   const now = () => Date.now() + offset;
 
@@ -58,8 +58,9 @@ window.station = (() => {
     const old = shownAt === null ? null : Math.max(0, now() - shownAt);
     age.classList.toggle("late", old !== null && old > LATE_MS);
     document.body.classList.toggle("old-data", old !== null && old > OLD_MS);
-    age.textContent = old === null ? "" : old > OLD_MS ? `DATA ARE ${(old / 1000).toFixed(1)} s OLD`
-      : `data ${(old / 1000).toFixed(1)} s old`;
+    const isLive = shownWhat !== "data", seconds = (old / 1000).toFixed(isLive && old < LATE_MS ? 2 : 1);
+    age.textContent = old === null ? "" : old > OLD_MS ? `${isLive ? "VALUES" : "DATA"} ARE ${seconds} s OLD`
+      : `${shownWhat} ${seconds} s old`;
   }
 
   function build() {
@@ -107,9 +108,13 @@ window.station = (() => {
     draw({ at, over_time, loop, markers }) {
       for (const [id, series] of [over_time, loop]) getElement(id)?.chart?.setOption({ series });
       window.drawMarkers?.(...markers);
-      shownAt = at * 1000;
-      render();
+      this.showAge(at * 1000, "data");
       return true;
+    },
+    // at: time of the data or values on the page [Unix ms]; what: they are, before their age.
+    showAge(at, what) {
+      [shownAt, shownWhat] = [at, what];
+      render();
     },
     clearAge() { shownAt = null; },
   };

@@ -12,6 +12,7 @@ from station.bench.simulation import SimulationError
 from station.console import next_view, running_view, setup_view, summary_view, verdict_view
 from station.console.actions import Action, Actions
 from station.console.audio_alerts import AudioAlerts
+from station.console.live_page import PATH as LIVE_PATH
 from station.console.recordings_view import add_recordings
 from station.journal import JournalError
 from station.session.controller import SessionController
@@ -23,7 +24,8 @@ REFRESH_S = 0.08
 """A little more often than ten times a second, because a busy machine is sometimes late."""
 HERE = Path(__file__).parent
 SCRIPTS = "".join(
-    f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>" for name in ("freshness.js", "markers.js")
+    f"<script>{(HERE / name).read_text(encoding='utf-8')}</script>"
+    for name in ("freshness.js", "view3d.js", "markers.js")
 )
 
 
@@ -59,6 +61,13 @@ class _Page:
                 ui.label().classes("age").mark("age")
                 self._sound = ui.switch("sound").props("dark color=orange").mark("sound")
                 self._sound.tooltip("a tone and the spoken instruction of every new step; an alarm sounds in any case")
+                live = (
+                    ui.button(icon="accessibility_new")
+                    .props('flat color=white aria-label="live muscles"')
+                    .classes("small")
+                )
+                live.on("click", js_handler=f"() => window.open('{LIVE_PATH}', 'live')")
+                live.tooltip("muscle effort while the wearer moves, on a page of its own")
                 ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes("small").on(
                     "click", js_handler="() => Quasar.Dark.toggle()"
                 )

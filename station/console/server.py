@@ -26,6 +26,9 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.config import StationConfig, parse_config
+from station.console.live_feed import LiveFeed
+from station.console.live_page import PATH as LIVE_PATH
+from station.console.live_page import show_live_page
 from station.console.page import show_page
 from station.errors import StationError
 from station.messages.codes import ServeCode
@@ -36,6 +39,7 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "station_token"
 HEARTBEAT_S = 1.0
 LISTENING_POLL_S = 0.01
+LIVE_POLL_S = 0.04
 CONSOLE_ID = secrets.token_hex(8)
 """A page reloads when its console was restarted."""
 
@@ -126,7 +130,7 @@ def serve(
 
     Raises ServeError, before any device is opened, if it cannot listen.
     """
-    _ensure_free(host, port)
+    ensure_free(host, port)
     token = None if host in LOOPBACK else secrets.token_urlsafe(16)
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}/" + (f"?token={token}" if token else "")
     signal.signal(signal.SIGTERM, _end)  # the web server shuts down, and then raises the signal again
@@ -139,11 +143,15 @@ def serve(
         controller = SessionController(config, speed or 1.0, bench, port_of_clock)
         stack.callback(controller.close)
         app.add_middleware(AccessMiddleware, token=token)
-        app.add_api_route("/beat", _beat)
+        app.add_api_route("/beat", answer_beat)
         app.add_api_route("/report", lambda: _report(controller.session.folder))
-        app.on_startup(partial(_print_address, address, is_opened=is_opened))
+        app.on_startup(partial(print_address, address, is_opened=is_opened))
         app.on_startup(controller.reviewer.warm_up)
         app.timer(HEARTBEAT_S, controller.reviewer.process_recordings)
+        feed = LiveFeed(lambda: controller.session.folder)
+        stack.callback(feed.close)
+        app.timer(LIVE_POLL_S, feed.poll)
+        ui.page(LIVE_PATH, title="live muscles")(lambda: show_live_page(feed))
         ui.run(
             lambda: show_page(controller),
             host=host,
@@ -157,7 +165,7 @@ def serve(
         )
 
 
-def _ensure_free(host: str, port: int) -> None:
+def ensure_free(host: str, port: int) -> None:
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         socket.create_server(address, family=family).close()
@@ -179,7 +187,7 @@ def _practice_config(config: StationConfig) -> StationConfig:
     return parse_config(data, "the simulated bench")
 
 
-async def _beat() -> dict[str, Any]:
+async def answer_beat() -> dict[str, Any]:
     """Heartbeat: the clock of the console, from which a page computes the age of its data, and its identity."""
     return {"now": time.time(), "console": CONSOLE_ID}
 
@@ -191,7 +199,7 @@ def _report(folder: Path | None) -> Response:
     return FileResponse(folder / "report.html", media_type="text/html")
 
 
-async def _print_address(address: str, *, is_opened: bool) -> None:
+async def print_address(address: str, *, is_opened: bool) -> None:
     """Print the address once the server listens: the startup handlers run before it does."""
     while not Server.instance.started:
         await asyncio.sleep(LISTENING_POLL_S)

@@ -1,0 +1,62 @@
+"""Lines of a body for the canvas of the live page: bones, muscles, cord, in millimetres."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.bundled import bundled_model
+from solver.model import Model
+from solver.multibody.postures import points_in_ground, postures
+from solver.osim.reader import read_osim
+from solver.path_lines import path_lines
+from solver.skeleton import bone_lines, skeleton
+from solver.suit.suit import Suit
+
+Array = NDArray[np.float64]
+MM = 1e3
+
+
+class BodyDrawing:
+    """suit is None without one. The first lines load the compiled kernels, which takes a second or more."""
+
+    def __init__(self, model: Model, suit: Suit | None) -> None:
+        self._model, self._suit = model, suit
+        self._bones = skeleton(model)
+
+    def lines(self, coordinates: Sequence[float]) -> dict[str, Any]:
+        """Bones with their kind, muscles in the order of the model, and the cord (no points without a suit).
+
+        coordinates (coordinates,) [rad or m] in the order of the model, finite. Points are x, y, z [mm] in ground.
+        """
+        q = np.array(coordinates, dtype=float)[None]
+        state = postures(self._model, q, np.zeros_like(q))
+        bones = zip(self._bones, bone_lines(self._bones, state), strict=True)
+        suit = self._suit
+        parts = () if suit is None else (suit.waist, suit.shoulder, suit.arm)
+        cord = [points_in_ground(state, self._model.body_index(part.body), part.location)[0] for part in parts]
+        return {
+            "bones": [[bone.kind, _in_mm(line[0])] for bone, line in bones],
+            "muscles": [_in_mm(line) for line in path_lines(self._model, state)[0]],
+            "cord": _in_mm(np.array(cord).reshape(-1, 3)),
+        }
+
+
+def read_model(osim: str) -> Model:
+    """The model in the text of an OpenSim file; the bundled one for an empty text. Raises ModelError."""
+    if not osim:
+        return bundled_model()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "body.osim"
+        file.write_text(osim, encoding="utf-8")
+        return read_osim(file, ignore_forces=True)
+
+
+def _in_mm(points: Array) -> list[list[int]]:
+    rounded: list[list[int]] = np.rint(MM * points).astype(int).tolist()
+    return rounded
