@@ -23,8 +23,8 @@ LOOK_INTERVAL_S = 1.0
 """Wall time between two looks for a live process."""
 COMMAND_TIMEOUT_S = 2.0
 """Wall time after which a rest length that was not applied is no longer shown."""
-WORN, SLACK = "both", "slack"
-"""Conditions: with the cuffs as fitted, and with a slack cord."""
+WORN, RIGID, SLACK = "both", "rigid", "slack"
+"""Conditions: with the cuffs as fitted, with rigid ones, and with a slack cord."""
 SHOWN_S = 20.0
 KEPT_POINTS = 600
 """Points of each curve: SHOWN_S at the rate of the live process, and some more."""
@@ -80,8 +80,11 @@ class LiveFeed:
 
     @property
     def worn(self) -> int | None:
-        """Index of the scenario whose rest length is set: the suit as worn. None if it is not solved."""
-        return next((index for index, one in enumerate(self.scenarios) if one.condition == WORN), None)
+        """Index of the suit as worn: with its fitted cuffs, without any with rigid ones. None without a suit."""
+        chosen = (
+            index for wanted in (WORN, RIGID) for index, one in enumerate(self.scenarios) if one.condition == wanted
+        )
+        return next(chosen, None)
 
     @property
     def slack(self) -> int | None:
@@ -96,11 +99,17 @@ class LiveFeed:
         return NAN if self.worn is None else self.scenarios[self.worn].rest_length_m
 
     def set_rest_length(self, rest_length_m: float) -> None:
-        """For all pages, from the next solved frame on."""
-        if self._subscription is None or self.worn is None:
+        """For all pages, from the next solved frame on: of what began at the rest length of the suit as worn.
+
+        So slack, worn and rigid stay comparable, and the further rest lengths that are solved beside them stay.
+        """
+        if self._subscription is None or self.worn is None or self.setup is None:
             return
         self._requested = rest_length_m, self._clock()
-        self._subscription.set_rest_length(self.scenarios[self.worn].name, rest_length_m)
+        common = self.setup.scenarios[self.worn].rest_length_m
+        for scenario in self.setup.scenarios:
+            if scenario.rest_length_m == common:
+                self._subscription.set_rest_length(scenario.name, rest_length_m)
 
     async def poll(self) -> None:
         """Take what has come; look for a live process if there is none. Call it many times a second."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from station.live.published import LiveRecent, LiveScenario, LiveSetup, LiveUpdate, LiveValues
+from station.live.published import LiveBest, LiveRecent, LiveScenario, LiveSetup, LiveUpdate
 
 MUSCLES_NAMED = 4
 NO_VALUES = (
@@ -21,7 +21,7 @@ def body_text(setup: LiveSetup) -> str:
 
 
 def scenario_text(scenario: LiveScenario) -> str:
-    """A scenario by its name, with its rest length where several wear the suit."""
+    """What is worn. Further rest lengths and cuffs go by their own names."""
     return {"slack": "slack cord", "rigid": "rigid cuffs", "worn": "as worn"}.get(scenario.name, scenario.name)
 
 
@@ -36,15 +36,15 @@ def recent_heading(recent: LiveRecent | None) -> str:
     return "last cycle" if recent.cycles == 1 else f"last {recent.cycles} cycles"
 
 
-def best_text(values: LiveValues | None) -> str:
+def best_text(best: LiveBest | None) -> str:
     """The best rest length so far, with its standard deviation."""
-    best = None if values is None else values.best
     if best is None:
         return "best rest length: known after the first cycle of the arm"
     change = 100 * (1 - best.effort)
     effort = f"{abs(change):.0f} % {'less' if change >= 0 else 'more'} effort than with a slack cord"
-    spread = f" ± {best.sd_m:.2f}" if math.isfinite(best.sd_m) else ""
-    return f"best for this motion so far: {best.rest_length_m:.2f} m{spread}, {effort}"
+    beyond = {-1: " or shorter", 1: " or longer"}.get(getattr(best, "edge", 0), "")
+    spread = f" ± {best.sd_m:.2f}" if math.isfinite(best.sd_m) and not beyond else ""
+    return f"best for this motion so far: {best.rest_length_m:.2f} m{spread}{beyond}, {effort}"
 
 
 def rest_length_text(rest_length_m: float) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -73,7 +73,7 @@ class LiveView:
             with ui.column().classes("live-body gap-1"):
                 self._canvas = ui.element("canvas").classes("body").props('aria-label="body, drag to turn"')
                 self._active = ui.label().classes("under").mark("most-active")
-                self._colour_by = _scenario_choice(feed.scenarios, self._choose)
+                self._colour_by = _scenario_choice(feed.scenarios, feed.worn or 0, self._choose)
             with ui.column().classes("live-numbers gap-2"):
                 self._effort = _EffortTable(feed.scenarios)
                 self._build_rest_length()
@@ -129,7 +129,7 @@ class LiveView:
         is_named = latest is not None and any(one.code == LiveCode.GENERIC_BODY for one in latest.findings)
         self._body_name.set_visibility(not is_named)
         self._delivery.text = delivery_text(setup, latest, is_over=feed.is_over)
-        self._best.text = best_text(feed.values)
+        self._best.text = best_text(feed.values.best if feed.values else None)
         self._rest_length.text = rest_length_text(feed.rest_length_m)
         if self._slider is not None and abs(self._slider.value - feed.rest_length_m) > 1e-6:
             self._slider.value = feed.rest_length_m
@@ -201,10 +201,9 @@ def _width(share: float) -> float:
     return max(0.0, min(1.0, share / FULL_BAR)) if math.isfinite(share) else 0.0
 
 
-def _scenario_choice(scenarios: Sequence[LiveScenario], choose: Any) -> ui.toggle:
+def _scenario_choice(scenarios: Sequence[LiveScenario], chosen: int, choose: Callable[[int], None]) -> ui.toggle:
     """Which scenario's activations colour the muscles; on this page only."""
     names = {index: scenario_text(scenario) for index, scenario in enumerate(scenarios)}
-    chosen = next((index for index, one in enumerate(scenarios) if one.condition == WORN), 0)
     toggle = ui.toggle(names, value=chosen, on_change=lambda event: choose(event.value))
     return toggle.classes("colour-by").props("no-caps").mark("colour-by")
 
@@ -221,7 +220,7 @@ def _charts(setup: LiveSetup, scenarios: Sequence[LiveScenario]) -> dict[str, ui
 
 def _line(name: str, colour: str, dash: str) -> dict[str, Any]:
     style = {"width": 2.5, "color": colour, "type": dash}
-    return line(colour, name=name, lineStyle=style)
+    return line(colour, name=name, lineStyle=style, symbol="none")
 
 
 def _chart(title: str, lines: list[dict[str, Any]]) -> dict[str, Any]:
@@ -229,7 +228,7 @@ def _chart(title: str, lines: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "animation": False,
         "title": {"text": title, "left": 6, "top": 0, "textStyle": {**text, "fontSize": 16, "fontWeight": "normal"}},
-        "legend": {"top": 22, "left": 6, "textStyle": text, "itemWidth": 34, "icon": "path://M0 4h34v2H0z"},
+        "legend": {"top": 22, "left": 6, "textStyle": text, "itemWidth": 34},
         "grid": {"left": 56, "right": 14, "top": 50, "bottom": 50},
         "xAxis": _time_axis(),
         "yAxis": axis(min=0, scale=False),

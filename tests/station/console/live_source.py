@@ -35,8 +35,10 @@ SCENARIOS = (
     LiveScenario("slack", "slack", NAN),
     LiveScenario("worn", "both", 0.70, "hand"),
     LiveScenario("rigid", "rigid", 0.70),
+    LiveScenario("0.680 m", "both", 0.68, "hand"),
 )
-EFFORTS = (1.0, 0.91, 0.88)
+SHARES = {"slack": 1.0, "worn": 0.91, "rigid": 0.88, "0.680 m": 0.93}
+"""Effort by scenario, over that of the slack one."""
 
 
 def live_setup(**changes: Any) -> LiveSetup:
@@ -104,16 +106,13 @@ class LiveSource:
         rise = 0.5 - 0.5 * math.cos(2 * math.pi * self.frame / 100)
         at = round(rise * 0.45 * len(self._motion))
         base = 0.02 + 0.8 * rise * np.random.default_rng(3).beta(0.6, 2.0, len(self.setup.muscles))
+        shares = {one.name: SHARES[one.name] for one in self.setup.scenarios}
+        no_force = (NAN, NAN, NAN)
         scenarios = tuple(
             LiveScenarioValues(
-                "solved",
-                0.1 + 2 * rise * share,
-                0.0,
-                tuple((share * base).tolist()),
-                90 * rise * (index > 0),
-                (0, 0, 0),
+                "solved", 2 * rise * share, 0.0, tuple((share * base).tolist()), 90 * rise * (name != "slack"), no_force
             )
-            for index, share in enumerate(EFFORTS)
+            for name, share in shares.items()
         )
         cycles = self.frame // 100
         return LiveValues(
@@ -126,7 +125,7 @@ class LiveSource:
             scenarios=scenarios,
             cord_force_measured_n=85 * rise,
             emg_rms_uv=(20 + 180 * rise, 15 + 40 * rise),
-            recent=LiveRecent(cycles, dict(zip(("slack", "worn", "rigid"), EFFORTS, strict=True))) if cycles else None,
+            recent=LiveRecent(cycles, shares) if cycles else None,
             best=LiveBest(0.71, 0.01, 0.91, cycles) if cycles else None,
         )
 

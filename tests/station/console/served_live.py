@@ -1,0 +1,41 @@
+"""The live page alone in a process of its own, as `serve_live` serves it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+SERVE = """
+import sys
+from pathlib import Path
+from station.console.live_server import serve_live
+serve_live(Path(sys.argv[1]), port=int(sys.argv[2]))
+"""
+
+
+@contextmanager
+def served_live_page(folder: Path) -> Iterator[str]:
+    """The address of the page with the values of this folder."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    child = subprocess.Popen(  # noqa: S603  (our own words)
+        [sys.executable, "-c", SERVE, str(folder), str(port)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+    )
+    assert child.stdout is not None
+    try:
+        address = child.stdout.readline().strip()
+        assert address == f"http://127.0.0.1:{port}/"
+        yield address
+    finally:
+        child.terminate()
+        child.wait(60)
+        child.stdout.close()

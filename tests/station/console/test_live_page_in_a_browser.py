@@ -1,0 +1,149 @@
+"""The live page as a visitor sees it: body, effort, rest length, age, and every outcome as a line."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from station.live.published import LiveFinding, LiveSubject
+from tests.station.console.browsing import CHROMIUM, open_page, patience_ms, seen, until
+from tests.station.console.live_source import LiveSource, live_setup
+from tests.station.console.readable import unreadable
+from tests.station.console.served_live import served_live_page
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+    pytest.mark.timeout(300),
+]
+
+OUTCOMES = ("generic_body", "no_glenoid", "wearer_left", "markers_exchanged", "not_held", "decimated", "overloaded")
+FINDINGS = tuple(LiveFinding(f"live.{code}", f"a sentence about {code.replace('_', ' ')}") for code in OUTCOMES)
+IS_DRAWN = """() => {
+    const canvas = document.querySelector("canvas.body");
+    return canvas && canvas.getContext("2d").getImageData(0, 0, 400, 400).data.some(Boolean);
+}"""
+DRAWN_AT = """level => {
+    document.querySelector("#made")?.remove();
+    document.body.insertAdjacentHTML("beforeend",
+        "<canvas id=made style='position:fixed;left:0;top:0;width:400px;height:300px;z-index:99'></canvas>");
+    const bones = [["shaft", [[0, 0, 0], [0, -300, 0]]], ["plate", [[0, 0, 0], [0, -50, 90], [0, 40, 90], [0, 0, 0]]]];
+    drawBody("made", {bones, muscles: [[[0, 50, 100], [0, -50, -50], [0, -200, 60]]], levels: [level], cord: []});
+    return document.querySelector("#made").toDataURL();
+}"""
+
+
+@contextmanager
+def publishing(source: LiveSource) -> Iterator[None]:
+    """Frames at the pace of a live process."""
+    over = threading.Event()
+
+    def publish() -> None:
+        while not over.wait(0.04):
+            source.publish()
+
+    thread = threading.Thread(target=publish, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_body_effort_age_and_findings_are_shown_and_readable(browser: Browser, tmp_path: Path, pictures: Path) -> None:
+    with served_live_page(tmp_path) as address:
+        page = open_page(browser, address, 1366, 900)
+        seen(page, "No live values")
+        with LiveSource(tmp_path, findings=FINDINGS) as source, publishing(source):
+            seen(page, re.compile(r"^lag 150 ms · values 0\.\d\d s old$"))
+            seen(page, "SIMULATED DATA")
+            for finding in FINDINGS:
+                seen(page, finding.sentence)
+            seen(page, re.compile(r"^best for this motion so far: 0\.71 m ± 0\.01, 9 % less effort"))
+            page.wait_for_function(IS_DRAWN)
+            expect(page.get_by_text("91 %").first).to_be_visible(timeout=patience_ms())
+            expect(page.get_by_text("88 %").first).to_be_visible(timeout=patience_ms())
+            assert unreadable(page) == []
+            page.screenshot(path=pictures / "live.png")
+            for width, height in ((1024, 768), (390, 844)):
+                page.set_viewport_size({"width": width, "height": height})
+                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+                expect(page.get_by_role("slider")).to_be_visible()
+            assert unreadable(page) == []
+
+
+def test_old_values_are_marked_and_a_scaled_body_is_named(browser: Browser, tmp_path: Path) -> None:
+    setup = live_setup(subject=LiveSubject("P07 scaled", is_scaled=True), origin="measured")
+    with served_live_page(tmp_path) as address, LiveSource(tmp_path, setup) as source:
+        page = open_page(browser, address)
+        until(page, lambda: source.views == 1)
+        source.publish(age_s=0.16)
+        source.publish_nothing()
+        seen(page, re.compile(r"^VALUES ARE \d+\.\d s OLD$"))
+        assert "grayscale" in page.evaluate("getComputedStyle(document.querySelector('.live-grid')).filter")
+        seen(page, "body: P07 scaled, scaled to the wearer")
+        expect(page.get_by_text("SIMULATED DATA")).to_be_hidden()
+        source.publish(age_s=0.16)
+        expect(page.locator("body")).not_to_have_class(re.compile("old-data"))
+
+
+def test_the_colour_of_a_muscle_is_its_activation_and_the_body_turns(browser: Browser, tmp_path: Path) -> None:
+    with served_live_page(tmp_path) as address:
+        page = open_page(browser, address)
+        idle, half, full, unknown = (page.evaluate(DRAWN_AT, level) for level in (0.0, 0.5, 1.0, None))
+        assert len({idle, half, full}) == 3 and unknown == idle
+        page.mouse.move(200, 150)
+        page.mouse.down()
+        page.mouse.move(290, 190, steps=4)
+        page.mouse.up()
+        turned = page.locator("#made").evaluate("canvas => canvas.toDataURL()")
+        assert turned != unknown
+        page.mouse.dblclick(200, 150)
+        assert page.locator("#made").evaluate("canvas => canvas.toDataURL()") == unknown
+
+
+def test_two_pages_share_the_rest_length(browser: Browser, tmp_path: Path) -> None:
+    with served_live_page(tmp_path) as address, LiveSource(tmp_path) as source, publishing(source):
+        one, other = open_page(browser, address), open_page(browser, address)
+        for page in (one, other):
+            seen(page, "rest length of the cord: 0.700 m")
+        for page, key, reached in (
+            (one, "ArrowRight", "0.705"),
+            (other, "ArrowRight", "0.710"),
+            (one, "ArrowLeft", "0.705"),
+        ):
+            page.locator(".q-slider [tabindex]").focus()
+            page.keyboard.press(key)
+            for shown in (one, other):
+                seen(shown, f"rest length of the cord: {reached} m")
+        worn = [length for name, length in source.rest_lengths if name == "worn"]
+        assert worn == pytest.approx([0.705, 0.71, 0.705])
+        assert source.views == 1, "one subscription for all pages"
+
+
+def test_a_frozen_page_gets_no_further_updates_and_holds_nothing_up(browser: Browser, tmp_path: Path) -> None:
+    with served_live_page(tmp_path) as address, LiveSource(tmp_path) as source, publishing(source):
+        frozen, other = open_page(browser, address), open_page(browser, address)
+        sent: list[str] = []
+        frozen.on(
+            "websocket",
+            lambda socket: socket.on("framereceived", lambda frame: "drawLive" in str(frame) and sent.append("")),
+        )
+        frozen.reload()
+        until(frozen, lambda: len(sent) > 5)
+        session = frozen.context.new_cdp_session(frozen)
+        session.send("Debugger.enable")
+        session.send("Debugger.pause")
+        before, frame = len(sent), source.frame
+        until(other, lambda: source.frame > frame + 100)
+        assert len(sent) - before <= 4, "two on their way, and what was sent while the page was being frozen"
+        seen(other, re.compile(r"^lag 150 ms · values 0\.\d\d s old$"))
+        session.send("Debugger.resume")
+        until(other, lambda: len(sent) > before + 8)
