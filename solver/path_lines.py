@@ -59,9 +59,12 @@ def _arc(surface: WrapSurface, start: Array, end: Array) -> Array:
     """ARC_POINTS between two points of the surface, in its frame: of the chord, projected onto the surface."""
     share = np.linspace(0.0, 1.0, ARC_POINTS + 2)[1:-1, None]
     chord = (1 - share) * start + share * end
-    if surface.kind == "torus":  # the tube is thin: the chord is near enough for a drawing
-        return chord
     size = np.array(surface.dimensions)
+    if surface.kind == "torus":
+        ring = chord * np.array([1.0, 1.0, 0.0])
+        ring *= size[1] / np.linalg.norm(ring, axis=1, keepdims=True)
+        outward = chord - ring
+        return np.asarray(ring + size[0] * outward / np.linalg.norm(outward, axis=1, keepdims=True))
     if surface.kind == "cylinder":
         size = np.array([size[0], size[0], np.inf])
     points: Array = chord / np.maximum(np.linalg.norm(chord / size, axis=1, keepdims=True), 1e-6)

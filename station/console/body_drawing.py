@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.bundled import bundled_model
 from solver.model import Model
 from solver.multibody.postures import points_in_ground, postures
-from solver.osim.reader import read_osim
 from solver.path_lines import path_lines
 from solver.skeleton import bone_lines, skeleton
 from solver.suit.suit import Suit
@@ -45,16 +41,6 @@ class BodyDrawing:
             "muscles": [_in_mm(line) for line in path_lines(self._model, state)[0]],
             "cord": _in_mm(np.array(cord).reshape(-1, 3)),
         }
-
-
-def read_model(osim: str) -> Model:
-    """The model in the text of an OpenSim file; the bundled one for an empty text. Raises ModelError."""
-    if not osim:
-        return bundled_model()
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "body.osim"
-        file.write_text(osim, encoding="utf-8")
-        return read_osim(file, ignore_forces=True)
 
 
 def _in_mm(points: Array) -> list[list[int]]:

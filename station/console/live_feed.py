@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solver.errors import SolverError
-from solver.suit.suit import Suit, read_suit
-from station.console.body_drawing import BodyDrawing, read_model
+from solver.suit.suit import Suit
+from station.console.body_drawing import BodyDrawing
 from station.live.address import LiveAddress, find_address
+from station.live.drawn_body import drawn_body
 from station.live.published import NAN, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.live.subscription import LiveSubscription, LiveUnreachable
 
@@ -160,11 +161,8 @@ class LiveFeed:
 def _prepare(setup: LiveSetup) -> tuple[BodyDrawing | None, Suit | None]:
     """The drawing of the body, with its kernels loaded; None for a model that this station cannot read."""
     try:
-        model, suit = read_model(setup.subject.model_osim), read_suit()
-        has_suit = all(
-            part.body in {body.name for body in model.bodies} for part in (suit.waist, suit.shoulder, suit.arm)
-        )
-        drawing = BodyDrawing(model, suit if has_suit else None)
+        model, suit = drawn_body(setup)
+        drawing = BodyDrawing(model, suit)
         drawing.lines(model.default_coordinates.tolist())
     except SolverError:
         return None, None

@@ -1,7 +1,11 @@
-"""The live page alone, on this computer: for a replay, or beside a recording that the terminal runs."""
+"""The live page alone, on this computer: `python -m station.console.live_server FOLDER PORT`.
+
+For a replay, or beside a recording that the terminal runs.
+"""
 
 from __future__ import annotations
 
+import sys
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -38,3 +42,7 @@ def serve_live(folder: Path, *, port: int = 8422, is_opened: bool = False) -> No
             reload=False,
             show_welcome_message=False,
         )
+
+
+if __name__ == "__main__":
+    serve_live(Path(sys.argv[1]), port=int(sys.argv[2]))

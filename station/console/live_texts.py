@@ -42,7 +42,7 @@ def best_text(best: LiveBest | None) -> str:
         return "best rest length: known after the first cycle of the arm"
     change = 100 * (1 - best.effort)
     effort = f"{abs(change):.0f} % {'less' if change >= 0 else 'more'} effort than with a slack cord"
-    beyond = {-1: " or shorter", 1: " or longer"}.get(getattr(best, "edge", 0), "")
+    beyond = {-1: " or shorter", 1: " or longer"}.get(best.edge, "")
     spread = f" ± {best.sd_m:.2f}" if math.isfinite(best.sd_m) and not beyond else ""
     return f"best for this motion so far: {best.rest_length_m:.2f} m{spread}{beyond}, {effort}"
 

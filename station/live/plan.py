@@ -7,6 +7,7 @@ from pathlib import Path
 
 from recordings.manifest import BodyMarkers
 from solver.stream.stream_scenario import StreamScenario
+from solver.suit.suit import suit_toml
 from station.config import StationConfig
 from station.live.body import UNUSABLE, LiveBody, live_body, live_scenarios
 from station.live.pipeline import LivePlan
@@ -44,6 +45,7 @@ class PreparedTrial:
             has_glenoid=body.has_glenoid,
             has_cord_cell=self.plan.cell is not None,
             origin=origin,
+            suit_toml=suit_toml(body.suit),
         )
 
 

@@ -47,6 +47,7 @@ class LiveSetup:
     """Names of everything that an update holds, in its order, and what is solved.
 
     lag_s is the lag of the smoother, frame_rate_hz that of the cameras; origin is "measured", "simulated" or "unknown"
+    suit_toml is the text of the suit's file, "" for the bundled one, so that a view can draw the cord.
     """
 
     trial: str
@@ -61,6 +62,7 @@ class LiveSetup:
     has_glenoid: bool = True
     has_cord_cell: bool = False
     origin: str = "unknown"
+    suit_toml: str = field(default="", repr=False)
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from subprocess import Popen
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from station.exit_code import DONE, LOSSY
-from station.verbs.options import FormatOption, print_message
+from station.verbs.options import FormatOption, Rerun, Rrd, print_message
 
 if TYPE_CHECKING:
     from station.live.engine import LiveSink
     from station.live_config import LiveSection
+    from station.viewer.live_scene import LiveScene
 
 
 def live(
@@ -27,12 +31,54 @@ def live(
         typer.Option(min=0.1, help="Replay at this multiple of real time, for views; default: as fast as possible."),
     ] = None,
     output: Annotated[Path | None, typer.Option(help="Write the live result of the recording to this folder.")] = None,
+    page: Annotated[
+        bool, typer.Option("--page", help="Serve the live page until Ctrl-C, at http://127.0.0.1.")
+    ] = False,
+    port: Annotated[int, typer.Option(help="Port of the live page.")] = 8422,
+    rrd: Rrd = None,
+    rerun: Rerun = False,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Muscle effort, joint force and cord force while the wearer moves: of a running trial, or of a recording.
 
     A trial is solved live while it is recorded with [live] enabled = true.
     """
+    with ExitStack() as stack:
+        if page and source.is_dir():
+            from station.console.live_server import serve_live
+
+            serve_live(source, port=port)
+            return
+        scenes = _scenes(stack, rrd, rerun=rerun)
+        if source.is_dir():
+            _watch(source, scenes)
+            return
+        served = _serve_page(stack, source.parent, port) if page else None
+        code = _replay(source, config, (speed or 1.0) if page else speed, output, scenes, as_json=format == "json")
+        if served is not None:
+            served.wait()
+        raise typer.Exit(code)
+
+
+def _serve_page(stack: ExitStack, folder: Path, port: int) -> Popen[bytes]:
+    """In a process of its own, which does not slow the replay."""
+    child = Popen([sys.executable, "-m", "station.console.live_server", str(folder), str(port)])  # noqa: S603  (ours)
+    stack.callback(child.wait)
+    stack.callback(child.terminate)
+    return child
+
+
+def _scenes(stack: ExitStack, rrd: Path | None, *, rerun: bool) -> list[LiveScene]:
+    if rrd is None and not rerun:
+        return []
+    from station.viewer.live_scene import LiveScene
+    from station.viewer.viewer import start_viewer
+
+    sinks: list[Path | str] = [] if rrd is None else [rrd]
+    return [stack.enter_context(LiveScene(sink)) for sink in [*sinks, *([start_viewer()] if rerun else [])]]
+
+
+def _watch(folder: Path, scenes: Sequence[LiveScene]) -> None:
     from rich.console import Console
 
     from station.live.address import find_address
@@ -41,16 +87,27 @@ def live(
     from station.messages.live_codes import LiveCode
     from station.messages.message import Message
 
-    if not source.is_dir():
-        raise typer.Exit(_replay(source, config, speed, output, as_json=format == "json"))
-    address = find_address(source)
+    address = find_address(folder)
     if address is None:
         raise LiveUnreachable(Message(LiveCode.UNREACHABLE))
     with LiveSubscription(address) as subscription:
-        watch(subscription, Console(stderr=True))
+        if scenes:
+            from station.viewer.live_scene import show_live
+
+            show_live(subscription, scenes)
+        else:
+            watch(subscription, Console(stderr=True))
 
 
-def _replay(path: Path, config: Path | None, speed: float | None, output: Path | None, *, as_json: bool) -> int:
+def _replay(
+    path: Path,
+    config: Path | None,
+    speed: float | None,
+    output: Path | None,
+    scenes: Sequence[LiveScene],
+    *,
+    as_json: bool,
+) -> int:
     from station.live.replay import prepare_replay, replay_and_publish
     from station.live.result_file import ResultFile
     from station.live.summary import LiveSummary
@@ -62,7 +119,7 @@ def _replay(path: Path, config: Path | None, speed: float | None, output: Path |
         print_message(str(finding))
     summary = LiveSummary()
     file = ResultFile(prepared.settings, output)
-    sinks: list[LiveSink] = [summary] if output is None else [summary, file]
+    sinks: list[LiveSink] = [summary, *scenes] if output is None else [summary, *scenes, file]
     replay_and_publish(recording, prepared, path.parent, sinks=sinks, speed=speed)
     if file.path is not None:
         print_message(str(Message(LiveCode.WRITTEN, {"path": str(file.path)})))

@@ -18,7 +18,13 @@ from solver.paths import evaluate_paths
 from solver.raise_arm import simulate_arm_raise
 
 Array = NDArray[np.float64]
-Kind = Literal["ellipsoid", "sphere", "cylinder"]
+Kind = Literal["ellipsoid", "sphere", "cylinder", "torus"]
+SIZES = {
+    "ellipsoid": (0.05, 0.08, 0.06),
+    "sphere": (0.05, 0.05, 0.05),
+    "cylinder": (0.05, 0.05, 0.3),
+    "torus": (0.02, 0.1, 0.0),
+}
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +61,16 @@ def test_a_line_begins_and_ends_at_the_attachments(model: Model, raised: Posture
                 assert end == pytest.approx(points_in_ground(raised, point.body, point.location)[frame], abs=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["ellipsoid", "sphere", "cylinder"])
+@pytest.mark.parametrize("kind", ["ellipsoid", "sphere", "cylinder", "torus"])
 def test_an_arc_lies_on_its_surface(
     model: Model, raised: Postures, kind: Literal["ellipsoid", "sphere", "cylinder"]
 ) -> None:
-    size = {"ellipsoid": (0.05, 0.08, 0.06), "sphere": (0.05, 0.05, 0.05), "cylinder": (0.05, 0.05, 0.3)}[kind]
+    size = SIZES[kind]
     pose = Placement(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.1, 0.0, 0.02]))
     surface = WrapSurface("made", model.body_index("humerus"), pose, kind, np.array(size), "all")
     ends = ((0.08, 0.01, 0.0), (-0.07, 0.02, 0.01))
+    if kind == "torus":
+        ends = ((0.115, 0.0, 0.2), (0.115, 0.0, -0.2))  # round the inside of the tube
     points = tuple(PathPoint(surface.body, pose.rotation @ np.array(end) + pose.translation) for end in ends)
     with_surface = replace(model, surfaces=(surface,), muscles=())
     line = path_lines(with_surface, raised, [Path(points, (PathWrap(0, "hybrid"),))])[0][0]
@@ -77,6 +85,9 @@ def levels(surface: WrapSurface, state: Postures, line: Array) -> Array:
     in_its_body = (line - state.origin_in_ground[0, surface.body]) @ state.rotation_to_ground[0, surface.body]
     own = (in_its_body - surface.placement.translation) @ surface.placement.rotation
     size = np.array(surface.dimensions)
+    if surface.kind == "torus":
+        from_tube = np.stack([np.linalg.norm(own[:, :2], axis=1) - size[1], own[:, 2]], axis=1)
+        return np.asarray(np.linalg.norm(from_tube, axis=1) / size[0])
     across = 2 if surface.kind == "cylinder" else 3
     level: Array = np.linalg.norm(own[:, :across] / size[:across], axis=1)
     return level

@@ -10,13 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-SERVE = """
-import sys
-from pathlib import Path
-from station.console.live_server import serve_live
-serve_live(Path(sys.argv[1]), port=int(sys.argv[2]))
-"""
-
 
 @contextmanager
 def served_live_page(folder: Path) -> Iterator[str]:
@@ -25,7 +18,7 @@ def served_live_page(folder: Path) -> Iterator[str]:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     child = subprocess.Popen(  # noqa: S603  (our own words)
-        [sys.executable, "-c", SERVE, str(folder), str(port)],
+        [sys.executable, "-m", "station.console.live_server", str(folder), str(port)],
         stdout=subprocess.PIPE,
         text=True,
         env={name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},

@@ -11,7 +11,8 @@ from solver.bundled import bundled_model
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.writer import osim_document
 from solver.suit.suit import read_suit
-from station.console.body_drawing import BodyDrawing, read_model
+from station.console.body_drawing import BodyDrawing
+from station.live.drawn_body import read_model
 
 
 def test_muscles_begin_at_their_origins_and_the_cord_at_the_waist() -> None:
