@@ -8,7 +8,7 @@ from nicegui import ui
 
 from recordings.manifest import DataOrigin
 from station.console.live_feed import LiveFeed
-from station.console.live_view import LiveView
+from station.console.live_view import LiveMuscles
 
 PATH = "/live"
 REFRESH_S = 0.08
@@ -36,7 +36,7 @@ def show_live_page(feed: LiveFeed) -> None:
             ui.button(icon="contrast").props('flat color=white aria-label="light or dark"').classes("small").on(
                 "click", js_handler="() => Quasar.Dark.toggle()"
             )
-    view = LiveView(feed)
+    view = LiveMuscles(feed)
 
     def tick() -> None:
         setup = feed.setup

@@ -45,7 +45,7 @@ LINES: dict[str, tuple[str, str]] = {
 EMG_LINES = ((FORCE, "solid"), (DISPLACEMENT, "dashed"), ("#00715a", "dotted"), ("#7a3e9d", "solid"))
 
 
-class LiveView:
+class LiveMuscles:
     """One page. tick() is to be called about ten times a second."""
 
     def __init__(self, feed: LiveFeed) -> None:
