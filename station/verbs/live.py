@@ -31,9 +31,7 @@ def live(
         typer.Option(min=0.1, help="Replay at this multiple of real time, for views; default: as fast as possible."),
     ] = None,
     output: Annotated[Path | None, typer.Option(help="Write the live result of the recording to this folder.")] = None,
-    page: Annotated[
-        bool, typer.Option("--page", help="Serve the live page until Ctrl-C, at http://127.0.0.1.")
-    ] = False,
+    page: Annotated[bool, typer.Option("--page", help="Serve the live page on this computer, until Ctrl-C.")] = False,
     port: Annotated[int, typer.Option(help="Port of the live page.")] = 8422,
     rrd: Rrd = None,
     rerun: Rerun = False,

@@ -61,6 +61,9 @@ class LiveScene:
         scaled = "scaled to the wearer" if setup.subject.is_scaled else "generic, not scaled to the wearer"
         self.note("body", f"{setup.trial}; body {setup.subject.name}, {scaled}; lag {1e3 * setup.lag_s:.0f} ms")
 
+    def begin_recording(self, recording: Path) -> None:
+        self.note("recording", recording.name)
+
     def write(self, values: LiveValues, delivery: LiveDelivery) -> None:
         if self._origin_s is None:
             age_s = delivery.age_s if math.isfinite(delivery.age_s) else 0.0
