@@ -19,6 +19,7 @@ from solver.constraint import CoordinateLock as CoordinateLock  # noqa: PLC0414 
 from solver.constraint import PointConstraint as PointConstraint  # noqa: PLC0414 (part of the interface)
 from solver.errors import ModelError as ModelError  # noqa: PLC0414 (part of the interface)
 from solver.errors import SolverCode
+from solver.forces.element import ForceElement
 from solver.frozen import freeze_arrays
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
@@ -291,7 +292,8 @@ class Marker:
 class Model:
     """The musculoskeletal model of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
-    left_out names the forces and controllers of its file that were ignored on request.
+    forces are passive loads on its bodies. left_out names the parts of its file that are switched off or were ignored
+    on request.
     """
 
     name: str
@@ -305,6 +307,7 @@ class Model:
     actuators: tuple[CoordinateActuator, ...]
     markers: tuple[Marker, ...]
     coordinate_forces: tuple[CoordinateForce, ...] = ()
+    forces: tuple[ForceElement, ...] = ()
     left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -61,8 +61,16 @@ class Scaling:
 
 
 def scale_model(model: Model, scaling: Scaling) -> Model:
-    """The scaled model. Raises ModelError for factors that are not above zero, or of a body it does not have."""
+    """The scaled model. Raises ModelError for factors that are not above zero, or of a body it does not have, and for
+    a model with force elements, which have no rule for scaling.
+    """
     factors = _factors(model, scaling)
+    if model.forces:
+        raise ModelError(
+            f"{model.name} has {', '.join(force.name for force in model.forces)}, which the solver cannot scale; "
+            "remove springs, ligaments and contact from the model",
+            SolverCode.UNSUPPORTED,
+        )
     scaled_model = replace(
         scale_skeleton(model, scaling),
         bodies=_masses_to([_body(b, s, scaling) for b, s in zip(model.bodies, factors, strict=True)], scaling.mass),

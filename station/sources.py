@@ -11,21 +11,33 @@ from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_TABLE, read_regular
 from solver.bundled import bundled_model
-from solver.model import Model
+from solver.errors import SolverCode
+from solver.model import Model, ModelError
 from solver.motion import Motion, read_motion
 from solver.multibody.external_loads import ExternalForce
 from solver.osim.loads import data_file, read_external_loads
 from solver.osim.reader import read_osim
 from solver.osim.suited_reader import read_suited
 from solver.raise_arm import simulate_arm_raise
-from solver.suit.suited_model import SuitedModel
+from solver.suit.suited_model import CORD, CUFF_NAMES, SuitedModel
 
 BUNDLED = "bundled"
 
 
 def model_of(name: str, *, ignore_forces: bool = False) -> Model:
-    """The model of an .osim file, or the "bundled" one; ignore_forces leaves out forces that the solver lacks."""
-    return bundled_model() if name == BUNDLED else read_osim(Path(name), ignore_forces=ignore_forces)
+    """The model of an .osim file, or the "bundled" one; ignore_forces leaves out forces that the solver lacks.
+
+    Raises ModelError for a model that already has the suit of `station export --osim`.
+    """
+    if name == BUNDLED:
+        return bundled_model()
+    model = read_osim(Path(name), ignore_forces=ignore_forces)
+    if CORD in {force.name for force in model.forces} and {*CUFF_NAMES} <= {body.name for body in model.bodies}:
+        raise ModelError(
+            f"{Path(name).name} already has the suit of `station export --osim`; give the model without the suit",
+            SolverCode.UNSUPPORTED,
+        )
+    return model
 
 
 def suited_model_of(name: str) -> SuitedModel | None:

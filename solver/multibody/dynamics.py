@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
+from solver.forces.element import total_loads
 from solver.model import CoordinateForce, Model, ModelError
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.postures import Postures, points_in_ground
@@ -75,6 +76,13 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
     mass_matrix, bias_force, per_acceleration, reaction_bias = _terms(model, state, joint.child, point)
+    if model.forces:
+        wrenches, on_coordinates = total_loads(model, state)
+        forces, direct = _joint_loads(
+            tables_of(model), state.screws, joint.child, point, wrenches[:, None], on_coordinates[:, None]
+        )
+        bias_force -= forces[:, 0]
+        reaction_bias += direct[:, 0]
     jacobian, bias = constraint_rows(model, state)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
@@ -121,18 +129,29 @@ def response_to_loads(
                         ground; see rotations.wrench_about_origin for forces at points
     generalised_forces  (frames, loads, coordinates), that act on coordinates and on no body [N, N m]
     """
+    body, point = equations.reaction_body, equations.reaction_point
+    forces, direct = _joint_loads(equations.tables, equations.screws, body, point, wrenches, generalised_forces)
+    acceleration = forces @ equations.mobility
+    reaction = direct - acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2)
+    return Response(acceleration, reaction)
+
+
+def _joint_loads(
+    tables: Tables, screws: Array, body: int, point: Array, wrenches: Array, generalised_forces: Array | float
+) -> tuple[Array, Array]:
+    """Forces on the coordinates (frames, loads, coordinates), and the sum of the wrenches on `body` and the bodies
+    beyond it about `point` (frames, 3): (frames, loads, 6); arguments as of response_to_loads.
+    """
     from solver.multibody.joint_loads import add_joint_loads
 
-    forces = np.empty((*wrenches.shape[:2], equations.screws.shape[1]))
+    forces = np.empty((*wrenches.shape[:2], screws.shape[1]))
     forces[...] = generalised_forces
     direct = np.empty((*wrenches.shape[:2], 6))
     wrenches = np.ascontiguousarray(wrenches).view()
     wrenches.flags.writeable = False  # always, because the compiler treats read-only arrays as another type
-    add_joint_loads(equations.tables.joints, equations.screws, equations.reaction_body, wrenches, forces, direct)
-    direct[..., :3] -= cross(equations.reaction_point[:, None], direct[..., 3:])
-    acceleration = forces @ equations.mobility
-    reaction = direct - acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2)
-    return Response(acceleration, reaction)
+    add_joint_loads(tables.joints, screws, body, wrenches, forces, direct)
+    direct[..., :3] -= cross(point[:, None], direct[..., 3:])
+    return forces, direct
 
 
 def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array:

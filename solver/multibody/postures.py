@@ -94,6 +94,13 @@ def points_in_ground(state: Postures, body: int, location: Array) -> Array:
     return state.origin_in_ground[:, body] + state.rotation_to_ground[:, body] @ location
 
 
+def velocity_at(state: Postures, body: int, place: Array) -> Array:
+    """(frames, 3) velocity of the material point of a body that is at `place` (frames, 3), all in ground."""
+    lever = place - state.origin_in_ground[:, body]
+    velocity: Array = state.origin_velocity[:, body] + cross(state.angular_velocity[:, body], lever)
+    return velocity
+
+
 def point_acceleration(alpha: Array, at_origin: Array, angular: Array, velocity: Array, point: Array) -> Array:
     """Acceleration (…, 3) in ground of a point moving with `velocity`, from its body's angular velocity and the rate of
     change (α, v̇₀) of its body's screw.

@@ -23,6 +23,14 @@ def rotation_body_fixed_xyz(angles: ArrayLike) -> Array:
     return rotation_about(x, a[..., 0]) @ rotation_about(y, a[..., 1]) @ rotation_about(z, a[..., 2])
 
 
+def body_fixed_xyz_angles(rotation: Array) -> Array:
+    """(…, 3) angles a of rotations Rx(a₁) Ry(a₂) Rz(a₃) (…, 3, 3), with a₂ between −π/2 and π/2."""
+    second = np.arctan2(rotation[..., 0, 2], np.hypot(rotation[..., 0, 0], rotation[..., 0, 1]))
+    first = np.arctan2(-rotation[..., 1, 2], rotation[..., 2, 2])
+    third = np.arctan2(-rotation[..., 0, 1], rotation[..., 0, 0])
+    return np.stack([first, second, third], axis=-1)
+
+
 def angular_rates_matrix(angles: ArrayLike) -> Array:
     """(…, 3, 3) matrix E of w = E(a) ȧ: the angular velocity, in the fixed frame, of body-fixed XYZ angles (…, 3)."""
     a = np.asarray(angles, dtype=float)

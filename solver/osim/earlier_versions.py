@@ -47,6 +47,8 @@ def _upgraded(element: Element) -> Element:
         return _unwrapped(element, "function")
     if element.find("max_isometric_force") is not None:
         element = _muscle(element)
+    if element.tag in _TWO_FRAMES:
+        element = _two_frames(element)
     for old, new in _BODY_REFERENCES.get(element.tag, {}).items():
         element = _with(element, old, _reference(new))
     for old, new in _COORDINATE_REFERENCES.get(element.tag, {}).items():
@@ -76,8 +78,10 @@ _BODY_REFERENCES = {
     "MovingPathPoint": _POINT,
     "Marker": _POINT,
     "PointConstraint": _PAIR,
-    "WeldConstraint": {"body_1": "socket_frame1", "body_2": "socket_frame2"},
+    "ContactSphere": {"body_name": "socket_frame"},
+    "ContactHalfSpace": {"body_name": "socket_frame"},
 }
+_TWO_FRAMES = ("BushingForce", "WeldConstraint")
 _COORDINATE_REFERENCES = {
     "ConditionalPathPoint": {"coordinate": "socket_coordinate", "coordinates": "socket_coordinate"},
     "MovingPathPoint": {f"{axis}_coordinate": f"socket_{axis}_coordinate" for axis in "xyz"},
@@ -157,6 +161,17 @@ def _joint(body: Element) -> Element:
         attributes={"name": name},
         children=[*ends, _element(joint, "frames", children=frames), coordinates, *kept],
     )
+
+
+def _two_frames(element: Element) -> Element:
+    """A component between two bodies as one between offset frames."""
+    bodies = [element.word(f"body_{number}", GROUND_NAME) for number in (1, 2)]
+    frames = [
+        _offset(element, f"{number}_{body}_offset", body, f"location_body_{number}", f"orientation_body_{number}")
+        for number, body in enumerate(bodies, start=1)
+    ]
+    sockets = [_element(element, f"socket_frame{number}", text=frame.name) for number, frame in enumerate(frames, 1)]
+    return replace(element, children=[*element.children, _element(element, "frames", children=frames), *sockets])
 
 
 def _offset(joint: Element, name: str, body: str, location: str, orientation: str) -> Element:

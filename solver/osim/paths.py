@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +27,7 @@ from solver.osim.functions import read_function
 Array = NDArray[np.float64]
 
 
-def read_path(element: Element, names: Names, surfaces: list[WrapSurface]) -> Path:
+def read_path(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Path:
     return Path(
         points=tuple(_point(point, names) for point in element.objects("PathPointSet")),
         wraps=tuple(_wrap(wrap, surfaces) for wrap in element.objects("PathWrapSet")),
@@ -86,7 +88,7 @@ def _point(element: Element, names: Names) -> AnyPathPoint:
     return MovingPathPoint(frame.body, frame.placement, coordinate, (x, y, z), names.coordinates[coordinate].range)
 
 
-def _wrap(element: Element, surfaces: list[WrapSurface]) -> PathWrap:
+def _wrap(element: Element, surfaces: Sequence[WrapSurface]) -> PathWrap:
     name = element.child("wrap_object").text
     names = [surface.name for surface in surfaces]
     if name not in names:

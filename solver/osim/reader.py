@@ -16,6 +16,7 @@ from solver.model import GROUND, Body, Marker, Model, WrapSurface
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
 from solver.osim.earlier_versions import as_version_4
+from solver.osim.force_elements import FORCE_ELEMENTS, ForceContext, read_force_element
 from solver.osim.forces import COORDINATE_FORCES, read_coordinate_force
 from solver.osim.frames import Names, OffsetFrame
 from solver.osim.joints import (
@@ -68,7 +69,7 @@ def _is_earlier(document: Element) -> bool:
     return number < OPENSIM_4
 
 
-_FORCES = (*MUSCLES, "CoordinateActuator", *COORDINATE_FORCES)
+_FORCES = (*MUSCLES, "CoordinateActuator", *COORDINATE_FORCES, *FORCE_ELEMENTS)
 
 
 def _model(element: Element) -> Model:
@@ -101,6 +102,8 @@ def _model(element: Element) -> Model:
     muscles = read(lambda force, names: read_muscle(force, names, surfaces), MUSCLES)
     actuators = read(read_actuator, ("CoordinateActuator",))
     coordinate_forces = read(read_coordinate_force, COORDINATE_FORCES)
+    context = ForceContext(names, surfaces, element.objects("ContactGeometrySet"))
+    elements = read(lambda force, _: read_force_element(force, context), FORCE_ELEMENTS)
     coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]
     locks = obstacles.among(lambda coordinate: read_lock(coordinate, names), coordinates)
     held = obstacles.among(lambda constraint: read_constraint(constraint, names), constraints)
@@ -117,6 +120,7 @@ def _model(element: Element) -> Model:
         constraints=(*(lock for lock in locks if lock is not None), *held),
         actuators=tuple(actuators),
         coordinate_forces=tuple(one for pair in coordinate_forces for one in pair),
+        forces=tuple(elements),
         markers=tuple(markers),
     )
 

@@ -48,10 +48,11 @@ AXES = ("rotation1", "rotation2", "rotation3", "translation1", "translation2", "
 
 def osim_document(model: Model) -> Xml.Element:
     """The root of the document. Raises ModelError for anything the writer does not support."""
-    if model.coordinate_forces:
-        names = ", ".join(force.name for force in model.coordinate_forces)
+    passive = [force.name for force in model.coordinate_forces] + [force.name for force in model.forces]
+    if passive:
+        names = ", ".join(passive)
         raise ModelError(
-            f"the writer of .osim does not support forces of coordinates, and {model.name} has {names}; remove them",
+            f"the writer of .osim does not support passive forces, and {model.name} has {names}; remove them",
             SolverCode.NOT_WRITABLE,
         )
     root = Xml.Element("OpenSimDocument", Version=VERSION)

@@ -10,6 +10,7 @@ import pytest
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
+from solver.forces.path_force import PathSpring
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
 from solver.marker_placement import place_markers
 from solver.model import PointConstraint
@@ -27,6 +28,12 @@ from tests.solver.refused import refused
 MODEL = bundled_model()
 BODIES = [body.name for body in MODEL.bodies[1:]]
 SIZE = 1.05
+
+
+def test_force_elements_are_not_scaled() -> None:
+    spring = PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0)
+    with refused(SolverCode.UNSUPPORTED, "band"):
+        scale_model(replace(MODEL, forces=(spring,)), Scaling({"thorax": [1.1] * 3}))
 
 
 def test_a_body_that_is_larger_in_all_directions_is_similar() -> None:

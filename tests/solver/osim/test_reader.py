@@ -210,9 +210,9 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ),
         (
             "</objects></ForceSet>",
-            '<BushingForce name="cuff"/></objects></ForceSet>',
+            '<ElasticFoundationForce name="cuff"/></objects></ForceSet>',
             SolverCode.UNSUPPORTED,
-            "BushingForce cuff",
+            "ElasticFoundationForce cuff",
         ),
         (
             "</objects></ForceSet>",

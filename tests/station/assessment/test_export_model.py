@@ -21,6 +21,7 @@ from solver.suit.suit import BUNDLED_SUIT, read_suit
 from station.assessment.assessment_inputs import InputError, read_cuffs_to_wear, worn_cuffs
 from station.assessment.export_model import SuitToExport, write_suited_model
 from station.messages.codes import InputCode
+from station.sources import model_of
 from tests.solver.refused import refused as refused_by_solver
 from tests.station.assessment.test_assess import write_cuffs
 from tests.station.command import assert_one_sentence
@@ -49,6 +50,12 @@ def test_a_yielding_cuff_is_on_a_bushing_and_its_migration_in_the_cord(tmp_path:
     stiffness = [number(root, f"BushingForce[@name='{part}_cuff_bushing']/translational_stiffness") for part in PARTS]
     assert stiffness == [2140.0, 2530.0]
     assert number(root, "PathSpring/resting_length") == pytest.approx(0.74 + 0.012 + 0.022)
+
+
+def test_a_model_with_the_suit_is_refused_where_another_would_be_added(tmp_path: Path) -> None:
+    written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
+    with refused_by_solver(SolverCode.UNSUPPORTED, "without the suit"):
+        model_of(str(tmp_path / "out" / "suited.osim"))
 
 
 PARTS = ("waist", "arm")

@@ -57,13 +57,13 @@ def test_every_obstacle_is_named_at_once(station: Station, model: Path, tmp_path
     _changed(
         model,
         ("<BodySet", "<ControllerSet><objects><PrescribedController name='c'/></objects></ControllerSet><BodySet"),
-        ("</CoordinateActuator>", "</CoordinateActuator><HuntCrossleyForce name='h'/>"),
+        ("</CoordinateActuator>", "</CoordinateActuator><ElasticFoundationForce name='h'/>"),
         ("<PointConstraint ", "<WeldConstraint name='w'/><PointConstraint "),
     )
     ran = station("rmr", "--model", model, "--output", tmp_path / "a.csv")
     assert ran.code == 1
     last = ran.err.splitlines()[-1]
-    for name in ("PrescribedController c", "HuntCrossleyForce h", "WeldConstraint w"):
+    for name in ("PrescribedController c", "ElasticFoundationForce h", "WeldConstraint w"):
         assert name in last
 
 
@@ -75,14 +75,14 @@ def test_forces_and_controllers_are_left_out_on_request_and_named(
     _changed(
         model,
         ("<BodySet", "<ControllerSet><objects><PrescribedController name='c'/></objects></ControllerSet><BodySet"),
-        ("</CoordinateActuator>", "</CoordinateActuator><HuntCrossleyForce name='h'/>"),
+        ("</CoordinateActuator>", "</CoordinateActuator><ElasticFoundationForce name='h'/>"),
     )
     ran = station(*short, tmp_path / "a.csv", "--model", model, "--ignore-forces")
     assert ran.code == 0
-    assert "PrescribedController c, HuntCrossleyForce h" in ran.err
+    assert "PrescribedController c, ElasticFoundationForce h" in ran.err
     whole, left_out = ((tmp_path / name).read_text(encoding="utf-8").splitlines() for name in ("whole.csv", "a.csv"))
     assert left_out[-1] == whole[-1]
-    assert [line for line in left_out if "left_out" in line and "HuntCrossleyForce h" in line]
+    assert [line for line in left_out if "left_out" in line and "ElasticFoundationForce h" in line]
 
 
 @pytest.mark.parametrize("version", ["10905", "30501", "", "x", "-1", "9" * 400])
