@@ -89,6 +89,10 @@ class Element:
         found = self.find(tag)
         return found.text if found is not None else default
 
+    def is_off(self, *switches: str) -> bool:
+        """Whether one of these boolean properties is false; they are true by default."""
+        return any(self.word(switch, "true").lower() == "false" for switch in switches)
+
     def require(self, tag: str, expected: str) -> None:
         """Refuse any value of an option but the one that the solver supports, which is also OpenSim's default."""
         found = self.find(tag)

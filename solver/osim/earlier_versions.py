@@ -39,8 +39,9 @@ def _upgraded(element: Element) -> Element:
     element = replace(element, children=[_upgraded(child) for child in element.children])
     element = replace(element, tag=_TAGS.get(element.tag, element.tag))
     if element.find("isDisabled") is not None:
-        is_constraint = element.tag.endswith("Constraint")
-        element = _with(element, "isDisabled", _switch("isEnforced" if is_constraint else "appliesForce"))
+        kinds = {"Constraint": "isEnforced", "Controller": "enabled"}
+        switch = next((switch for kind, switch in kinds.items() if element.tag.endswith(kind)), "appliesForce")
+        element = _with(element, "isDisabled", _switch(switch))
     if element.tag == "Body":
         return _body(element)
     if element.tag == "TransformAxis":

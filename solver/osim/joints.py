@@ -66,7 +66,6 @@ def read_lock(element: Element, names: Names) -> CoordinateLock | None:
 
 
 def ensure_known_constraint(element: Element) -> None:
-    element.require("isEnforced", "true")
     if element.tag not in ("PointConstraint", "CoordinateCouplerConstraint"):
         raise element.unsupported("constraint", "PointConstraint, CoordinateCouplerConstraint")
 

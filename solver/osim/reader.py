@@ -47,13 +47,16 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
     model = with_defaults(as_version_4(model) if _is_earlier(document) else model)
-    left_out = _unsupported_forces(model) if ignore_forces else []
+    left_out = _switched_off(model) + (_unsupported_forces(model) if ignore_forces else [])
     if left_out:
         model = _without(model, left_out)
     return replace(_model(model), left_out=tuple(f"{element.tag} {element.name}".strip() for element in left_out))
 
 
 OPENSIM_2, AFTER_OPENSIM_3, OPENSIM_4, LONGEST_VERSION = 20000, 30500, 40000, 9
+
+
+MASSLESS = 2e-14  # kg; OpenSim sets the inertia of such a body to zero
 
 
 def _is_earlier(document: Element) -> bool:
@@ -125,12 +128,16 @@ def _model(element: Element) -> Model:
     )
 
 
+def _switched_off(model: Element) -> list[Element]:
+    """Forces, constraints and controllers that do not act in OpenSim either."""
+    switches = {"ForceSet": "appliesForce", "ConstraintSet": "isEnforced", "ControllerSet": "enabled"}
+    return [part for tag, switch in switches.items() for part in model.objects(tag) if part.is_off(switch)]
+
+
 def _unsupported_forces(model: Element) -> list[Element]:
-    """Forces that the solver does not have or that are switched off, and all controllers."""
-    forces = model.objects("ForceSet")
-    return model.objects("ControllerSet") + [
-        force for force in forces if force.tag not in _FORCES or force.word("appliesForce", "true") != "true"
-    ]
+    """Forces that the solver does not have, and all controllers."""
+    forces = [force for force in model.objects("ForceSet") if force.tag not in _FORCES]
+    return [part for part in model.objects("ControllerSet") + forces if not part.is_off("enabled", "appliesForce")]
 
 
 def _without(element: Element, left_out: list[Element]) -> Element:
@@ -151,7 +158,6 @@ def _refuse(element: Element) -> None:
 def _ensure_known_force(element: Element) -> None:
     if element.tag not in _FORCES:
         raise element.unsupported("force", ", ".join(_FORCES))
-    element.require("appliesForce", "true")
 
 
 @dataclass(frozen=True)
@@ -182,4 +188,7 @@ def _root_first(element: Element, bodies: tuple[Body, ...], joints: list[_Placed
 def _body(element: Element) -> Body:
     xx, yy, zz, xy, xz, yz = element.numbers("inertia", 6, "0 0 0 0 0 0")
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Body(element.name, element.number("mass"), element.numbers("mass_center", 3, "0 0 0"), inertia)
+    mass = element.number("mass")
+    if abs(mass) <= MASSLESS:
+        inertia = np.zeros((3, 3))
+    return Body(element.name, mass, element.numbers("mass_center", 3, "0 0 0"), inertia)

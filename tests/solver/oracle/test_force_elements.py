@@ -97,6 +97,29 @@ def group(geometry: str, *figures: float) -> str:
     return f"<{tag}><geometry>{geometry}</geometry>{values}</{tag}>"
 
 
+def test_what_is_switched_off_does_not_act_and_is_named(tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    model.addForce(given(opensim.PathSpring("spring", 0.1, 800.0, 0.3)))
+    spring = opensim.PathSpring.safeDownCast(model.updForceSet().get("spring"))
+    lay(model, spring)
+    spring.set_appliesForce(False)
+    point = opensim.PointConstraint(frame_of(model, "ground"), vec3(0, 0, 0), frame_of(model, "lower"), vec3(0, 0, 0))
+    point.setName("held")
+    point.set_isEnforced(False)
+    model.addConstraint(given(point))
+    ours = read_back(model, tmp_path)
+    assert ours.left_out == ("PathSpring spring", "PointConstraint held")
+    assert difference_to(model, ours).is_nought()
+
+
+def test_a_body_without_mass_has_no_inertia(tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    frame_of(model, "upper").setMass(0.0)
+    ours = read_back(model, tmp_path)
+    assert not ours.bodies[1].inertia.any()
+    assert difference_to(model, ours).is_nought()
+
+
 def lay(model: Any, force: Any) -> None:
     path = path_of(force)
     path.appendNewPathPoint("start", frame_of(model, "ground"), vec3(0.3, 0.2, -0.1))

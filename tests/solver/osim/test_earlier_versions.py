@@ -32,10 +32,11 @@ def test_bodies_bring_their_joints_and_joints_follow_their_parents(tmp_path: Pat
     np.testing.assert_array_equal(np.diag(model.bodies[1].inertia), (0.0212346, 0.015, 0.018))
 
 
-def test_a_disabled_constraint_is_refused(tmp_path: Path) -> None:
+def test_a_disabled_constraint_is_left_out_and_named(tmp_path: Path) -> None:
     disabled = '<CoordinateCouplerConstraint name="couple"><isDisabled>true'
-    with refused(SolverCode.UNSUPPORTED, naming="isEnforced"):
-        read(tmp_path, ('<CoordinateCouplerConstraint name="couple"><isDisabled>false', disabled))
+    model = read(tmp_path, ('<CoordinateCouplerConstraint name="couple"><isDisabled>false', disabled))
+    assert len(model.constraints) == len(read(tmp_path).constraints) - 1
+    assert model.left_out == ("CoordinateCouplerConstraint couple",)
 
 
 def test_a_body_without_a_joint_and_a_loop_are_refused(tmp_path: Path) -> None:
