@@ -5,7 +5,8 @@ With u̇ the accelerations, f the generalised forces and λ the constraints' mul
     M u̇ + c + Gᵀ λ = f,   G u̇ + b = 0   ⇒   u̇ = P (f − c) − K b,   λ = Kᵀ (f − c) + S⁻¹ b
     S = G M⁻¹ Gᵀ,   K = M⁻¹ Gᵀ S⁻¹,   P = M⁻¹ − K G M⁻¹
 
-so one factorisation per frame serves all loads. Loads are wrenches on bodies about the ground origin (moment, force).
+so one factorisation per frame serves all loads. If constraints are redundant, S⁻¹ is the pseudo-inverse and λ the least
+multipliers that hold them, as in Simbody. Loads are wrenches on bodies about the ground origin (moment, force).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_RANK_TOLERANCE = 2e-14  # per row, of the greatest singular value: Simbody's SignificantReal
 _SINGULAR = 1e14  # greatest element of a matrix times that of its inverse; the arm reaches 1e6, odd postures 1e10
 
 
@@ -70,8 +72,8 @@ class EquationsOfMotion:
 def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "GlenoHumeral") -> EquationsOfMotion:
     """The equations at a batch of postures, factored; they are independent of muscles and other loads.
 
-    ModelError where the mass matrix or the constraints are singular in all postures, or the model has no such joint; a
-    single posture in which they are is NaN.
+    ModelError where the mass matrix is singular in all postures, or the model has no such joint. A single posture in
+    which it is, or in which constraints become redundant, is NaN.
     """
     joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
@@ -87,7 +89,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
     inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
-    stiffness = _inverse(jacobian @ inverse_times, f"the constraints of {model.name}, of which one may be redundant,")
+    stiffness = _pseudo_inverse(jacobian @ inverse_times)
     gain = inverse_times @ stiffness
     mobility = inverse - gain @ np.swapaxes(inverse_times, 1, 2)
     acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
@@ -194,6 +196,27 @@ def _inverse(matrix: Array, term: str) -> Array:
         sentence = f"{term} cannot be inverted: it is singular in all of {len(matrix)} postures"
         raise ModelError(sentence, SolverCode.SINGULAR)
     inverse[is_singular] = np.nan
+    return inverse
+
+
+def _pseudo_inverse(matrix: Array) -> Array:
+    """Inverses of symmetric matrices (frames, n, n), pseudo-inverses if they are singular in all frames.
+
+    NaN in a frame whose rank is below that of others: accelerations would jump there.
+    """
+    inverse = _inverse_by_frame(matrix)
+    with np.errstate(invalid="ignore"):  # infinite inverses times zero
+        magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
+    is_known = np.isfinite(matrix).all(axis=(1, 2))
+    if not is_known.any() or (magnified[is_known] <= _SINGULAR).all():
+        return inverse
+    values, vectors = np.linalg.eigh(matrix[is_known])
+    is_kept = np.abs(values) > matrix.shape[1] * _RANK_TOLERANCE * np.abs(values).max(axis=1, keepdims=True)
+    shares = np.where(is_kept, 1.0 / np.where(is_kept, values, 1.0), 0.0)
+    found = (vectors * shares[:, None]) @ np.swapaxes(vectors, 1, 2)
+    rank = is_kept.sum(axis=1)
+    found[rank < rank.max()] = np.nan
+    inverse[is_known] = found
     return inverse
 
 
