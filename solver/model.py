@@ -19,7 +19,6 @@ from solver.constraint import CoordinateLock as CoordinateLock  # noqa: PLC0414 
 from solver.constraint import PointConstraint as PointConstraint  # noqa: PLC0414 (part of the interface)
 from solver.errors import ModelError as ModelError  # noqa: PLC0414 (part of the interface)
 from solver.errors import SolverCode
-from solver.forces.element import ForceElement
 from solver.frozen import freeze_arrays
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
@@ -275,6 +274,13 @@ class CoordinateForce:
     resistance: Function
 
 
+class PassiveForce(Protocol):
+    """A spring, ligament or contact between bodies: solver/forces, by multibody/force_element.py."""
+
+    @property
+    def name(self) -> str: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Marker:
     """A named point of a body, location (3,) [m] in it; a fixed marker is not moved by marker placement."""
@@ -307,7 +313,7 @@ class Model:
     actuators: tuple[CoordinateActuator, ...]
     markers: tuple[Marker, ...]
     coordinate_forces: tuple[CoordinateForce, ...] = ()
-    forces: tuple[ForceElement, ...] = ()
+    forces: tuple[PassiveForce, ...] = ()
     left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -9,19 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.forces.element import Loads, no_loads
-from solver.model import Placement
-from solver.multibody.postures import velocity_at
+from solver.model import Model, Placement
+from solver.multibody.force_element import Loads, no_loads
+from solver.multibody.postures import Postures, velocity_at
 from solver.multibody.rotations import wrench_about_origin
-
-if TYPE_CHECKING:
-    from solver.model import Model
-    from solver.multibody.postures import Postures
 
 Array = NDArray[np.float64]
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.forces.element import Loads
 from solver.functions.coordinate import Function
-from solver.model import Path
-
-if TYPE_CHECKING:
-    from solver.model import Model
-    from solver.multibody.postures import Postures
+from solver.model import Model, Path
+from solver.multibody.force_element import Loads
+from solver.multibody.postures import Postures
+from solver.paths import evaluate_paths
 
 Array = NDArray[np.float64]
 
@@ -59,8 +56,6 @@ class Ligament:
 
 
 def _loads_along(path: Path, model: Model, state: Postures, tension_of: Callable[[Array, Array], Array]) -> Loads:
-    from solver.paths import evaluate_paths  # which imports the model
-
     paths = evaluate_paths(model, state, [path])
     tension = tension_of(paths.lengths[:, 0], paths.speeds[:, 0])
     return (

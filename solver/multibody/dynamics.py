@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.forces.element import total_loads
 from solver.model import CoordinateForce, Model, ModelError
 from solver.multibody.constraints import constraint_rows
+from solver.multibody.force_element import total_loads
 from solver.multibody.postures import Postures, points_in_ground
 from solver.multibody.rotations import cross, rotate
 from solver.multibody.tables import Indices, Tables, tables_of

@@ -67,7 +67,7 @@ class Element:
         found = self.find(tag)
         return found.members("objects") if found is not None else []
 
-    def numbers(self, tag: str, count: int, default: str | None = None) -> Array:
+    def numbers(self, tag: str, count: int, default: str | None = None, *, may_be_infinite: bool = False) -> Array:
         found = self.find(tag)
         if found is None and default is None:
             raise self.refusal(f"has no <{tag}>")
@@ -75,15 +75,28 @@ class Element:
         values = place.values(text)
         if len(values) != count:
             raise place.refusal(f"should hold {count} numbers, not {len(values)}")
+        if not (may_be_infinite or np.isfinite(values).all()):
+            raise place.refusal(f"should hold finite numbers, not '{text}'")
         return values
 
     def series(self, tag: str) -> Array:
         """All numbers of the element."""
         found = self.child(tag)
-        return found.values()
+        values = found.values()
+        if not np.isfinite(values).all():
+            raise found.refusal("should hold finite numbers")
+        return values
 
-    def number(self, tag: str, default: str | None = None) -> float:
-        return float(self.numbers(tag, 1, default)[0])
+    def number(self, tag: str, default: str | None = None, *, may_be_infinite: bool = False) -> float:
+        return float(self.numbers(tag, 1, default, may_be_infinite=may_be_infinite)[0])
+
+    def positive(self, tag: str, default: str | None = None, *, above: float = 0.0) -> float:
+        """A number above zero, or above another limit."""
+        value = self.number(tag, default)
+        if not value > above:
+            sentence = f"should have <{tag}> above {above:g} and has {value:g}; correct it"
+            raise self.refusal(sentence, SolverCode.NOT_POSITIVE)
+        return value
 
     def word(self, tag: str, default: str) -> str:
         found = self.find(tag)
@@ -104,9 +117,12 @@ class Element:
         """Numbers in a text, by default the element's own."""
         text = self.text if text is None else text
         try:
-            return np.array([float(word) for word in text.split()])
+            values = np.array([float(word) for word in text.split()])
         except ValueError:
             raise self.refusal(f"should hold numbers, not '{text}'") from None
+        if np.isnan(values).any():
+            raise self.refusal(f"should hold numbers, not '{text}'")
+        return values
 
 
 def as_utf8(raw: bytes) -> bytes:

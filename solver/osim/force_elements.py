@@ -10,10 +10,10 @@ import numpy as np
 from solver.errors import SolverCode
 from solver.forces.bushing import Bushing
 from solver.forces.contact import ContactMaterial, ContactSurface, HuntCrossleyContact
-from solver.forces.element import ForceElement
 from solver.forces.path_force import Ligament, PathSpring
 from solver.functions.coordinate import simm_spline
 from solver.model import Placement, WrapSurface
+from solver.multibody.force_element import ForceElement
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import Element
 from solver.osim.frames import Names
@@ -65,7 +65,7 @@ def _ligament(element: Element, context: ForceContext) -> Ligament:
     return Ligament(
         name=element.name,
         path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
-        resting_length=element.number("resting_length"),
+        resting_length=element.positive("resting_length"),
         force=element.number("pcsa_force", "0"),
         curve=curve or simm_spline(_LIGAMENT_STRETCH, _LIGAMENT_FORCE),
     )
@@ -78,12 +78,12 @@ def _hunt_crossley(element: Element, context: ForceContext) -> HuntCrossleyConta
         for group in groups
         for name in group.word("geometry", "").split()
     ]
-    return HuntCrossleyContact(element.name, tuple(surfaces), element.number("transition_velocity", "0.01"))
+    return HuntCrossleyContact(element.name, tuple(surfaces), element.positive("transition_velocity", "0.01"))
 
 
 def _material(group: Element) -> ContactMaterial:
-    names = ("stiffness", "dissipation", "static_friction", "dynamic_friction", "viscous_friction")
-    return ContactMaterial(*(group.number(name, "0") for name in names))
+    names = ("dissipation", "static_friction", "dynamic_friction", "viscous_friction")
+    return ContactMaterial(group.positive("stiffness", "0"), *(group.number(name, "0") for name in names))
 
 
 def _geometry(group: Element, name: str, context: ForceContext) -> Element:
@@ -101,7 +101,7 @@ def _surface(geometry: Element, material: ContactMaterial, context: ForceContext
     outer = frame.placement
     rotation = rotation_body_fixed_xyz(geometry.numbers("orientation", 3, "0 0 0"))
     place = outer.translation + outer.rotation @ geometry.numbers("location", 3, "0 0 0")
-    radius = geometry.number("radius", "0") if geometry.tag == "ContactSphere" else None
+    radius = geometry.positive("radius", "0") if geometry.tag == "ContactSphere" else None
     return ContactSurface(frame.body, Placement(outer.rotation @ rotation, place), radius, material)
 
 

@@ -102,7 +102,7 @@ def ik_setup_of(path: Path, tool: Element) -> IkSetup:
     tasks = [task for task in _task_objects(path, tool) if task.word("apply", "true") == "true"]
     if not tasks:
         raise tool.refusal("has no task that is applied; add an IKTaskSet")
-    first, last = tool.numbers("time_range", 2, "-inf inf")
+    first, last = tool.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
     return IkSetup(
         (float(first), float(last)),
         {task.name: task.number("weight", "0") for task in tasks if task.tag == "IKMarkerTask"},

@@ -142,8 +142,11 @@ def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
         raise element.refusal(f"has the coordinates {', '.join(own)}, but its axes use {', '.join(order)}")
     first = len(coordinates)
     coordinates += [_coordinate(own[name], _kind(name, axes)) for name in order]
+    sizes = np.linalg.norm(directions, axis=1, keepdims=True)
+    if not sizes.all():
+        raise element.refusal("has an axis 0 0 0; give its direction", SolverCode.NOT_POSITIVE)
     return AxisMotion(
-        axes=directions / np.linalg.norm(directions, axis=1, keepdims=True),
+        axes=directions / sizes,
         coordinate=np.array([first + order.index(name) if name else NO_COORDINATE for name in drivers]),
         functions=functions,
     )
@@ -174,6 +177,6 @@ def _kind(name: str, axes: list[Element]) -> Kind:
 
 def _coordinate(element: Element, kind: Kind) -> Coordinate:
     element.require("prescribed", "false")
-    low, high = element.numbers("range", 2, "-10 10")
+    low, high = element.numbers("range", 2, "-10 10", may_be_infinite=True)
     is_clamped = element.word("clamped", "false") == "true"
     return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)), is_clamped)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.errors import SolverCode
 from solver.functions.fibre import Curves, DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
 from solver.model import CoordinateActuator, Muscle, WrapSurface
 from solver.osim.document import Element
@@ -26,14 +27,13 @@ def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> 
     rise, fall = _time_constants(element)
     has_flat_fibers = element.tag in ("DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated")
     steepest = np.pi / 2 if has_flat_fibers else element.number("maximum_pennation_angle", repr(float(np.arccos(0.1))))
-    fastest = element.number("max_contraction_velocity", "10")
-    if element.tag == "Schutte1993Muscle_Deprecated":
-        fastest = 1.0 / _time_scale(element)
+    is_schutte = element.tag == "Schutte1993Muscle_Deprecated"
+    fastest = 1.0 / _time_scale(element) if is_schutte else element.positive("max_contraction_velocity", "10")
     return Muscle(
         name=element.name,
         path=read_path(element.child("GeometryPath"), names, surfaces),
         max_isometric_force=element.number("max_isometric_force", "1000"),
-        optimal_fiber_length=element.number("optimal_fiber_length", "0.1"),
+        optimal_fiber_length=element.positive("optimal_fiber_length", "0.1"),
         tendon_slack_length=element.number("tendon_slack_length", "0.2"),
         pennation_at_optimal=element.number("pennation_angle_at_optimal", "0"),
         maximum_pennation=steepest,
@@ -45,7 +45,8 @@ def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> 
 
 
 def read_actuator(element: Element, names: Names) -> CoordinateActuator:
-    least, greatest = element.number("min_control", "-inf"), element.number("max_control", "inf")
+    least = element.number("min_control", "-inf", may_be_infinite=True)
+    greatest = element.number("max_control", "inf", may_be_infinite=True)
     if not least <= greatest:
         raise element.refusal(f"has a min_control of {least:g} above its max_control of {greatest:g}; exchange them")
     return CoordinateActuator(
@@ -98,16 +99,16 @@ _THELEN = {
 def _time_constants(element: Element) -> tuple[float, float]:
     """Of activation and deactivation [s]. The rates of Schutte's muscle are those at full and at no excitation."""
     if element.tag == "Schutte1993Muscle_Deprecated":
-        rise, fall = element.number("activation1", "7.667"), element.number("activation2", "1.459854")
+        rise, fall = element.number("activation1", "7.667"), element.positive("activation2", "1.459854")
         return _time_scale(element) / (rise + fall), _time_scale(element) / fall
     defaults = {"Millard2012EquilibriumMuscle": ("0.010", "0.040"), "DeGrooteFregly2016Muscle": ("0.015", "0.060")}
     usual_rise, usual_fall = defaults.get(element.tag, ("0.015", "0.050"))
-    rise = element.number("activation_time_constant", usual_rise)
-    return rise, element.number("deactivation_time_constant", usual_fall)
+    rise = element.positive("activation_time_constant", usual_rise)
+    return rise, element.positive("deactivation_time_constant", usual_fall)
 
 
 def _time_scale(element: Element) -> float:
-    return element.number("time_scale", "0.1")
+    return element.positive("time_scale", "0.1")
 
 
 def _millard_curves(element: Element) -> Curves:
@@ -118,6 +119,9 @@ def _millard_curves(element: Element) -> Curves:
             given |= {name: curve.number(option) for option, name in options.items() if curve.word(option, "")}
     if "passive_slope" not in given:  # OpenSim's own rule for a curve whose slopes are not given
         strain = given.get("passive_end", MillardCurves.passive_end) - given.get("passive_start", 0.0)
+        if not strain > 0.0:
+            sentence = f"has a passive curve over a strain of {strain:g}, expected one above 0; correct it"
+            raise element.refusal(sentence, SolverCode.NOT_POSITIVE)
         given["passive_slope"] = 2.0 / strain
     return _as_integrated(MillardCurves(**given), element)
 
@@ -139,13 +143,18 @@ def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
 
 
 def _thelen_curves(element: Element) -> Curves:
-    return ThelenCurves(**{name: element.number(option) for option, name in _THELEN.items() if element.find(option)})
+    given = {
+        name: element.positive(option, above=1.0 if name == "strongest" else 0.0)
+        for option, name in _THELEN.items()
+        if element.find(option)
+    }
+    return ThelenCurves(**given)
 
 
 def _de_groote_fregly_curves(element: Element) -> Curves:
     return DeGrooteFreglyCurves(
-        width=element.number("active_force_width_scale", "1"),
-        passive_strain=element.number("passive_fiber_strain_at_one_norm_force", "0.6"),
+        width=element.positive("active_force_width_scale", "1"),
+        passive_strain=element.positive("passive_fiber_strain_at_one_norm_force", "0.6"),
         has_passive_force=element.word("ignore_passive_fiber_force", "false") != "true",
     )
 

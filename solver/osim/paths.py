@@ -60,10 +60,12 @@ def _shape(element: Element) -> tuple[SurfaceKind, Array]:
     if element.tag == "WrapEllipsoid":
         return "ellipsoid", element.numbers("dimensions", 3, "0.05 0.05 0.05")
     if element.tag == "WrapSphere":
-        return "sphere", np.full(3, element.number("radius", "0.05"))
+        return "sphere", np.full(3, element.positive("radius", "0.05"))
     if element.tag == "WrapTorus":
-        return "torus", np.array([element.number("inner_radius", "0.01"), element.number("outer_radius", "0.05"), 0.0])
-    radius = element.number("radius", "1")
+        return "torus", np.array(
+            [element.positive("inner_radius", "0.01"), element.positive("outer_radius", "0.05"), 0.0]
+        )
+    radius = element.positive("radius", "1")
     return "cylinder", np.array([radius, radius, element.number("length", "1")])
 
 
@@ -73,7 +75,7 @@ def _point(element: Element, names: Names) -> AnyPathPoint:
     if element.tag == "ConditionalPathPoint":
         body, location = names.station(element, "socket_parent_frame", "location")
         coordinate = names.coordinate(element, element.child("socket_coordinate").text)
-        lowest, highest = element.numbers("range", 2, "0 0")
+        lowest, highest = element.numbers("range", 2, "0 0", may_be_infinite=True)
         return ConditionalPathPoint(body, location, coordinate, (float(lowest), float(highest)))
     if element.tag != "MovingPathPoint":
         raise element.unsupported("path point", "PathPoint, MovingPathPoint, ConditionalPathPoint")

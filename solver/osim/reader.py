@@ -189,6 +189,8 @@ def _body(element: Element) -> Body:
     xx, yy, zz, xy, xz, yz = element.numbers("inertia", 6, "0 0 0 0 0 0")
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     mass = element.number("mass")
+    if mass < 0.0:
+        raise element.refusal(f"has a mass of {mass:g} kg, expected none below 0; correct it", SolverCode.NOT_POSITIVE)
     if abs(mass) <= MASSLESS:
         inertia = np.zeros((3, 3))
     return Body(element.name, mass, element.numbers("mass_center", 3, "0 0 0"), inertia)

@@ -118,7 +118,7 @@ def read_scale_setup(path: Path) -> ScaleSetup:
     if set(order) - {"measurements", "manualScale"}:
         raise scaler.refusal(f"has scaling_order {' '.join(order)}, expected measurements and manualScale")
     mass = tool.number("mass", "-1")
-    first, last = scaler.numbers("time_range", 2, "-inf inf")
+    first, last = scaler.numbers("time_range", 2, "-inf inf", may_be_infinite=True)
     placer, maker = tool.find("MarkerPlacer"), tool.find("GenericModelMaker")
     is_placed = placer is not None and _is_applied(placer)
     return ScaleSetup(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from solver.model import Model
-    from solver.multibody.postures import Postures
+from solver.model import Model
+from solver.multibody.postures import Postures
 
 Array = NDArray[np.float64]
 
@@ -19,7 +18,7 @@ Loads = tuple[Array, Array]
 
 
 class ForceElement(Protocol):
-    """A force element of a model."""
+    """A force element of a model: what Model.forces holds."""
 
     @property
     def name(self) -> str: ...
@@ -37,7 +36,7 @@ def no_loads(model: Model, state: Postures) -> Loads:
 def total_loads(model: Model, state: Postures) -> Loads:
     """The loads of all force elements of the model."""
     wrenches, forces = no_loads(model, state)
-    for element in model.forces:
+    for element in cast("tuple[ForceElement, ...]", model.forces):
         on_bodies, on_coordinates = element.loads(model, state)
         wrenches += on_bodies
         forces += on_coordinates
