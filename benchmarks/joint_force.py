@@ -39,7 +39,7 @@ OF_PUBLICATION: Mapping[str, ContactVariant] = {
 SENSITIVITY: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "rim": [{"rim": rim} for rim in (None, (0.3, 0.3), (0.345, 0.345), (0.7, 0.7), (1.0, 1.0), ELLIPSE)],
     "cone axis": [{"tilt": tilt} for tilt in ((-10.0, 0.0), (10.0, 0.0), (0.0, -10.0), (0.0, 10.0))],
-    "weights": [{"weighting": "strength"}, {"reserve": 1.0}, {"reserve": 100.0}],
+    "weights": [{"weighting": "strength"}, {"exponent": 3}, {"reserve": 1.0}, {"reserve": 100.0}],
     "masses": [{"arm_masses": "own"}, {"held": -0.2}, {"held": 0.2}],
     "passive curves": [{"passive": 0.0}, {"passive": 0.5}],
     "tendons": [{"fibres": fibres} for fibres in ((0.5, 1.45), (0.6, 1.45), (0.6, 1.3), (0.7, 1.3))],

@@ -58,6 +58,7 @@ class ContactVariant:
     rim            (along, across) tangents of the glenoid's rim; None for no cone
     tilt           (up, forward) of the cone's axis [deg]
     weighting      of muscles: equal, or by strength (maximum isometric force over its mean)
+    exponent       of the activations in the effort
     reserve        weight of the actuators of girdle and shoulder
     arm_masses     published, or own: those of the patient's body mass (de Leva 1996)
     held           mass in the hand beside that of the model [kg]
@@ -73,6 +74,7 @@ class ContactVariant:
     rim: tuple[float, float] | None = (0.5, 0.5)
     tilt: tuple[float, float] = (0.0, 0.0)
     weighting: Literal["equal", "strength"] = "equal"
+    exponent: Literal[2, 3] = 2
     reserve: float = 10.0
     arm_masses: Literal["published", "own"] = "published"
     held: float = 0.0
@@ -115,7 +117,7 @@ class Lift:
     def predicted(self, variant: ContactVariant) -> Array:
         """Size of the force (frames,) [N], NaN where a frame has no solution."""
         model, mechanics = self._mechanics(variant)
-        options = replace(published_options(model), has_glenoid_cone=False)
+        options = replace(published_options(model), has_glenoid_cone=False, exponent=variant.exponent)
         weights = {name: variant.reserve for name in options.weights if name in GIRDLE_AND_SHOULDER}
         if variant.weighting == "strength":
             strengths = np.array([muscle.max_isometric_force for muscle in model.muscles])

@@ -1,6 +1,7 @@
 """One body for all lifts of a patient with an instrumented shoulder prosthesis, against the force measured in it.
 
     python -m benchmarks.subject_body [--data ../shared/data/subject] [--lifts side back] [--keep-tendons]
+                                      [--fibres 0.6 1.3]
 
 The patient is S8R of Hasan et al. (2025), 830 N, with 2.4 kg in the hand. The body is that of `station scale` from all
 lifts named; nothing is locked. Muscles are solved as published: weights 1, but 10 on actuators of scapulothoracic and
@@ -31,6 +32,7 @@ from solver.model import CoordinateLock, Model
 from solver.motion import Motion, differentiate
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
+from solver.personalisation.tendons import fit_tendons
 from solver.redundancy.force_agreement import ForceAgreement, force_agreement
 from solver.redundancy.motion import solve_motion
 from solver.scaling_findings import muscle_ranges
@@ -53,6 +55,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=SHARED / "subject", help="generic.osim, S8R_<lift>.trc and forces")
     parser.add_argument("--lifts", nargs="+", default=["side", "back"])
     parser.add_argument("--keep-tendons", action="store_true")
+    parser.add_argument("--fibres", nargs=2, type=float, help="range that tendons keep, in place of 0.5 to 1.45")
     parser.add_argument("--wrist-as-is", action="store_true")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -60,7 +63,12 @@ def main() -> None:
 
         def measured(lifts: Sequence[str]) -> PersonBody:
             files = tuple(given.data / f"S8R_{lift}.trc" for lift in lifts)
-            return measure_person(PersonInputs(generic, files, BODY_MASS, HELD_MASS, given.keep_tendons))
+            is_kept = given.keep_tendons or given.fibres is not None
+            person = measure_person(PersonInputs(generic, files, BODY_MASS, HELD_MASS, is_kept))
+            if given.fibres is None:
+                return person
+            motions = [trial.postures.coordinates for trial in person.trials]
+            return replace(person, model=fit_tendons(person.model, motions, tuple(given.fibres))[0])
 
         began = process_time()
         person = measured(given.lifts)

@@ -7,7 +7,8 @@ glenoid.
     0.000<tab>00135.85<tab>…
 
 Numbers have decimal commas in the header and decimal points in the rows, or commas in both. Marker is 1 in the samples
-that belong to the motion that was captured with it; the record relative to the glenoid has only these.
+that belong to the motion that was captured with it; the record relative to the glenoid has only these. There 2 marks
+jumps in the kinematic data, and 3 that they are missing: then the force relative to the glenoid is unknown.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 ROUNDING_N = 0.05
 """Largest difference between |F| and the resultant in the file; its numbers have two decimals."""
 FEWEST_SAMPLES = 2
+NO_KINEMATICS = 3
+"""Marker of samples that are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +57,7 @@ def read_joint_force(path: Path) -> JointForceRecord:
     rows = [line for line in lines[first + 2 :] if line.strip()]
     _ensure_announced(lines[:first], len(rows), path)
     table = read_numbers(rows, "\t", columns, path, first + 3)
+    table = table[table[:, -1] != NO_KINEMATICS]
     _ensure_plausible(table, path)
     captured = np.flatnonzero(table[:, -1] > 0)
     if len(captured) < FEWEST_SAMPLES:

@@ -60,11 +60,15 @@ def test_a_record_is_read_from_its_first_to_its_last_marked_sample(
     assert read.body_weight == 830.5
 
 
-def test_a_sample_with_faulty_kinematics_inside_the_motion_is_kept(tmp_path: Path) -> None:
-    """Markers 2 and 3 are about the motion; the force was measured."""
+def test_a_sample_without_kinematics_is_left_out_and_one_with_a_jump_is_kept(tmp_path: Path) -> None:
+    """Relative to the glenoid, the force is unknown where the posture is."""
     time, force, marker = drawn(0)
     marker[15:18] = [2, 0, 3]
-    assert len(read_joint_force(written(tmp_path, text_of(time, force, marker))).time_s) == np.count_nonzero(marker) + 1
+    text = text_of(time, force, marker).replace(f"{force[17, 0]:09.2f}", "NaN")
+    read = read_joint_force(written(tmp_path, text))
+    kept = np.flatnonzero(marker)
+    expected = np.delete(np.arange(kept[0], kept[-1] + 1), 17 - kept[0])
+    np.testing.assert_array_equal(read.force, force[expected])
 
 
 def test_a_record_relative_to_the_glenoid_has_no_body_weight(tmp_path: Path) -> None:
