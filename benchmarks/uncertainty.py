@@ -13,7 +13,6 @@ import argparse
 import resource
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +25,7 @@ from solver.suit.assessment import assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.suit import read_suit
 from solver.suit.uncertainty import DrawSettings
+from solver.uncertainty.cubes import CubesComparison
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.total import IndexedFigure, TotalUncertainty
 from station.assessment.budget_file import read_budget
@@ -54,26 +54,35 @@ def main() -> None:
     case = AssessedCase(model, kinematics, suit)
     run = PeopleRun(read_budget(people=chosen.people), chosen.folder, index_blocks=chosen.indices)
     began = time.perf_counter(), time.process_time()
-    total = assess_people(run, case, motion, cuffs, assessment, partial(report, time.process_time()))
+    total = assess_people(run, case, motion, cuffs, assessment, Clock().report)
     wall, processor = time.perf_counter() - began[0], time.process_time() - began[1]
     print_tables(total)
     for basis, entry in plain_decision(total, assessment.reference_rest_length).items():
         if isinstance(entry, dict) and "text" in entry:
             print(f"\n{basis}: {entry['text']}")
-            for pair in entry["pairs"]:
+            for pair in entry.get("pairs", ()):
                 print(f"  {pair}")
     print_indices(total)
+    if total.cubes:
+        print_cubes(total.cubes)
     if chosen.picture and total.indices:
         draw_indices(total, chosen.picture)
     unit = 1e6 if sys.platform == "darwin" else 1e3
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-    solved = chosen.people + chosen.indices * (len(group_names_of(total)) + 2)
-    print(f"\n{solved} people: {wall:.0f} s, {processor:.0f} s of processor, {memory:.0f} MB")
+    print(f"\ntogether: {wall:.0f} s, {processor:.0f} s of processor, {memory:.0f} MB")
 
 
-def report(began: float, stage: str, done: int, total: int) -> None:
-    if done == total:
-        print(f"{stage}: {total} in {time.process_time() - began:.0f} s of processor since the start", file=sys.stderr)
+class Clock:
+    """Prints the processor time of every stage, one after the other."""
+
+    def __init__(self) -> None:
+        self.began = time.perf_counter(), time.process_time()
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        if done == total:
+            wall, processor = time.perf_counter() - self.began[0], time.process_time() - self.began[1]
+            self.began = time.perf_counter(), time.process_time()
+            print(f"{stage}: {total} in {wall:.0f} s, {processor:.0f} s of processor", flush=True)
 
 
 def published_cuffs() -> list[CuffParameters]:
@@ -121,6 +130,28 @@ def print_indices(total: TotalUncertainty) -> None:
                 )
             ]
             print(f"| {figure} {' − '.join(cuffs)} | {np.sqrt(found.variance):.4f} | {' | '.join(cells)} |")
+
+
+def print_cubes(cubes: CubesComparison) -> None:
+    """Figures with both exponents for the same people, and what the exponent changes."""
+    print(f"\n{cubes.people} people with cubes, {cubes.solved} solved\n")
+    print("| condition | arm cuff | cost at 0.74 m | best rest length [m] | cost there |\n|---|---|---|---|---|")
+    for (condition, cuff), figures in cubes.figures.items():
+        cells = [
+            plus_minus(figures[name].value or np.nan, figures[name].ci95, 1.0, 3)
+            for name in ("at_reference", "rest_length", "lowest_cost")
+        ]
+        print(f"| {condition} | {cuff or ''} | {' | '.join(cells)} |")
+    print("\n| figure | change from squares to cubes | first order | total |\n|---|---|---|---|")
+    for (figure, names), found in cubes.changes.items():
+        if found is not None:
+            change = plus_minus(found.change.value or np.nan, found.change.ci95, 1.0, 4)
+            print(f"| {figure} {' − '.join(names)} | {change} | {found.first:.2f} | {found.total:.2f} |")
+    for exponent, decisions in (("cubes", cubes.decisions), ("squares", cubes.of_squares)):
+        for basis, decision in decisions.items():
+            print(f"{exponent}, {basis}: {decision.outcome} {decision.leading} {decision.probability}")
+            for pair in decision.pairs:
+                print(f"  {pair}")
 
 
 def draw_indices(total: TotalUncertainty, path: Path) -> None:

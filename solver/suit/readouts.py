@@ -52,6 +52,10 @@ class CurveReadouts:
     reduction: Array
     efforts: Array
 
+    def part(self, versions: slice) -> CurveReadouts:
+        """These versions alone."""
+        return CurveReadouts(**{field.name: getattr(self, field.name)[versions] for field in fields(self)})
+
 
 FIGURES = tuple(field.name for field in fields(CurveReadouts) if field.name not in {"bounds", "reduction", "efforts"})
 """Fields with one number for each version."""

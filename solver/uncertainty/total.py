@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from solver.suit.quantity import Quantity
 from solver.suit.readouts import FIGURES, CurveReadouts
 from solver.suit.uncertainty import Place
 from solver.uncertainty.indices import SobolIndices
+
+if TYPE_CHECKING:
+    from solver.uncertainty.cubes import CubesComparison
 
 Array = NDArray[np.float64]
 Basis = Literal["at_reference", "at_best"]
@@ -46,6 +49,7 @@ class TotalUncertainty:
     readouts    of each curve: of the fitted cuffs on the assessed person, then of the people
     bands       of the normalised cost with every arm cuff that yields and has migrated
     indices     of each figure, None where it is unknown or does not vary; empty where none were asked for
+    cubes       the people who were solved again with an effort of cubes, None for none
     """
 
     people: int
@@ -58,6 +62,7 @@ class TotalUncertainty:
     readouts: Mapping[Place, CurveReadouts]
     bands: Mapping[Place, CostBand]
     indices: Mapping[IndexedFigure, SobolIndices | None] = field(default_factory=dict)
+    cubes: CubesComparison | None = None
 
 
 def total_uncertainty(
@@ -78,12 +83,14 @@ def total_uncertainty(
         solved=int(solved.sum()),
         every=every,
         figures={
-            place: {name: _quantity(curves[place].figures[name].value, getattr(reading, name)) for name in FIGURES}
+            place: {
+                name: quantity_of_people(curves[place].figures[name].value, getattr(reading, name)) for name in FIGURES
+            }
             for place, reading in readouts.items()
         },
         reduction={
             place: {
-                muscle: _quantity(figure.value, reading.reduction[:, index])
+                muscle: quantity_of_people(figure.value, reading.reduction[:, index])
                 for index, (muscle, figure) in enumerate(curves[place].reduction.items())
             }
             for place, reading in readouts.items()
@@ -114,20 +121,22 @@ def explained_figures(readouts: Mapping[Place, CurveReadouts]) -> dict[IndexedFi
     return found
 
 
-def _shifted(value: float | None, versions: Array) -> Array:
-    """(people,) around the value of the assessment; NaN without one."""
-    shifted: Array = versions[1:] + ((np.nan if value is None else value) - versions[0])
-    return shifted
-
-
-def _quantity(value: float | None, versions: Array) -> Quantity:
-    """The value with the interval of the people; without an interval where too many of them have no value."""
+def quantity_of_people(value: float | None, versions: Array) -> Quantity:
+    """The value with the interval of versions (people,), the assessed person first; without an interval where too many
+    have no value.
+    """
     drawn = _shifted(value, versions)
     is_known = np.isfinite(drawn)
     if value is None or not is_known.any() or is_known.mean() < 1 - MOST_UNKNOWN:
         return Quantity(value)
     low, high = np.quantile(drawn[is_known], [0.025, 0.975])
     return Quantity(value, (float(min(low, value)), float(max(high, value))))
+
+
+def _shifted(value: float | None, versions: Array) -> Array:
+    """(people,) around the value of the assessment; NaN without one."""
+    shifted: Array = versions[1:] + ((np.nan if value is None else value) - versions[0])
+    return shifted
 
 
 def _band(cost: Array, versions: Array) -> CostBand:

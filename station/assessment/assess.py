@@ -171,7 +171,8 @@ def decision_sentences(assessed: AssessedSuit) -> list[str]:
     plain = _plain_decision(assessed)
     entries = [plain[basis] for basis in BASES]
     settle = [entry["settle"] for entry in entries if entry.get("settle")]
-    return list(dict.fromkeys(entry["text"] for entry in (*entries, *settle)))
+    cubes = [plain["cubes"]] if plain.get("cubes") else []
+    return list(dict.fromkeys(entry["text"] for entry in (*entries, *settle, *cubes)))
 
 
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:

@@ -46,6 +46,7 @@ class SampleSection(Section):
     method: Literal["latin_hypercube", "sobol"]
     seed: Annotated[Whole, Field(ge=0)]
     frames: Annotated[Whole, Field(ge=2)]
+    people_with_cubes: Annotated[Whole, Field(ge=0, le=MOST_PEOPLE)]
 
 
 class DecisionSection(Section):

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from solver.suit.decision import CuffDecision, DecisionOutcome, DecisionRule, PairProbability
+from solver.uncertainty.cubes import CubesComparison
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.total import Basis, IndexedFigure, TotalUncertainty
 from station.assessment.assessment_json import known
@@ -52,6 +53,17 @@ class BasisEntry(StrictEntry):
     settle: SettleEntry | None = None
 
 
+class CubesDecisionEntry(StrictEntry):
+    """The decisions of people who were solved with an effort of cubes, and whether squares lead to the same ones."""
+
+    code: Annotated[DecisionCode, Field(strict=False)]
+    people: KnownNumberEntry
+    at_reference: BasisEntry
+    at_best: BasisEntry
+    figures: dict[str, float | str]
+    text: str
+
+
 class DecisionEntry(StrictEntry):
     """Which cuff to choose. contains: "fit" if only the uncertainty of the fit is known, "total" with a budget.
 
@@ -64,12 +76,16 @@ class DecisionEntry(StrictEntry):
     certainty: KnownNumberEntry
     at_reference: BasisEntry
     at_best: BasisEntry
+    cubes: CubesDecisionEntry | None = None
 
 
 def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dict[str, Any]:
     """The decision from the efforts of drawn people; reference_rest_length [m]."""
     rule, drawn = total.rule, total.people
-    places = {"at_reference": f"At {reference_rest_length:.2f} m", "at_best": "Each at its own best rest length"}
+    places: dict[Basis, str] = {
+        "at_reference": f"At {reference_rest_length:.2f} m",
+        "at_best": "Each at its own best rest length",
+    }
     return {
         "contains": "total",
         **_plain_rule(rule, drawn),
@@ -80,6 +96,7 @@ def plain_decision(total: TotalUncertainty, reference_rest_length: float) -> dic
             }
             for basis, decision in total.decisions.items()
         },
+        "cubes": None if total.cubes is None else _plain_cubes(total.cubes, rule, places),
     }
 
 
@@ -127,6 +144,32 @@ def _plain_rule(rule: DecisionRule, people: int) -> dict[str, Any]:
         "people": known(people),
         "relevant_difference": known(rule.relevant_difference),
         "certainty": known(rule.certainty),
+    }
+
+
+def _plain_cubes(cubes: CubesComparison, rule: DecisionRule, places: Mapping[Basis, str]) -> dict[str, Any]:
+    differing = [basis for basis in cubes.decisions if not cubes.agrees(basis)]
+    figures: Figures = {"people": cubes.people}
+    if differing:
+        figures = {
+            **figures,
+            **{
+                exponent: " ".join(
+                    str(decision_message(decisions[basis], rule, cubes.people, places[basis])) for basis in differing
+                )
+                for exponent, decisions in (("cubes", cubes.decisions), ("squares", cubes.of_squares))
+            },
+        }
+    message = Message(DecisionCode.CUBES_DIFFER if differing else DecisionCode.CUBES_AGREE, figures)
+    return {
+        "code": message.code.value,
+        "people": known(cubes.people),
+        **{
+            basis: _plain_basis(decision, rule, cubes.people, places[basis])
+            for basis, decision in cubes.decisions.items()
+        },
+        "figures": dict(message.figures),
+        "text": str(message),
     }
 
 

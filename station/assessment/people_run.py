@@ -20,6 +20,7 @@ from solver.suit.readouts import CurveReadouts, stacked
 from solver.suit.scenarios import LoadedMotion, SuitScenario
 from solver.suit.suit import suit_toml
 from solver.suit.uncertainty import Place
+from solver.uncertainty.cubes import compare_exponents
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import group_sample, sobol_indices
 from solver.uncertainty.people import PeopleCase, person_spans, solve_people
@@ -112,15 +113,25 @@ def assess_people(
     scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
     readouts = run_people(case, scores, run, progress)
     total = total_uncertainty(assessment, readouts, case.every, run.budget.rule)
-    if not run.index_blocks:
-        return total
-    scores = group_sample(case.factors, run.index_blocks, sample.seed)
-    figures = explained_figures(run_people(case, scores, run, partial(_report_indices, progress)))
-    return replace(total, indices=sobol_indices(case.factors, figures, sample.seed))
+    if sample.people_with_cubes:
+        again = slice(0, 1 + sample.people_with_cubes)
+        cubes = run_people(_with_cubes(case), scores[again], run, partial(_report, progress, "cubes"))
+        squares = {place: reading.part(again) for place, reading in readouts.items()}
+        total = replace(total, cubes=compare_exponents(squares, cubes, run.budget.rule))
+    if run.index_blocks:
+        scores = group_sample(case.factors, run.index_blocks, sample.seed)
+        figures = explained_figures(run_people(case, scores, run, partial(_report, progress, "Sobol indices")))
+        total = replace(total, indices=sobol_indices(case.factors, figures, sample.seed))
+    return total
 
 
-def _report_indices(progress: Progress, stage: str, done: int, total: int) -> None:
-    progress(f"{stage}, Sobol indices", done, total)
+def _report(progress: Progress, part: str, stage: str, done: int, total: int) -> None:
+    progress(f"{stage}, {part}", done, total)
+
+
+def _with_cubes(case: PeopleCase) -> PeopleCase:
+    """The same people with an effort of cubes."""
+    return replace(case, motion=replace(case.motion, options=replace(case.motion.options, exponent=3)))
 
 
 def run_people(case: PeopleCase, scores: Array, run: PeopleRun, progress: Progress = silent) -> Readouts:

@@ -11,6 +11,7 @@ from pydantic import Field
 from solver.suit.quantity import Quantity
 from solver.suit.readouts import FIGURES
 from solver.suit.uncertainty import Place
+from solver.uncertainty.cubes import CubesComparison
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.total import CostBand, TotalUncertainty
 from station.assessment.assessment_json import CURVE_KEYS, known
@@ -30,6 +31,7 @@ UNITS = {
 """Field of CurveReadouts → column of people.csv."""
 
 Plain = dict[str, Any]
+Figures = Mapping[str, Quantity]
 
 
 class GroupIndexEntry(StrictEntry):
@@ -56,6 +58,28 @@ class CostBandEntry(StrictEntry):
     ci95: list[Annotated[list[float], Field(min_length=2, max_length=2)] | None]
 
 
+class ExponentEntry(StrictEntry):
+    """Change of a figure by an effort of cubes for the same people, and the share of the variance that the exponent
+    explains if both are equally likely.
+    """
+
+    figure: str
+    cuffs: list[str]
+    change: KnownNumberEntry
+    first: NumberEntry
+    total: NumberEntry
+
+
+class CubesEntry(StrictEntry):
+    """People who were solved again with an effort of cubes; efforts are relative to that effort with a slack cord."""
+
+    people: KnownNumberEntry
+    solved: KnownNumberEntry
+    at_rigid_optimum: dict[str, Any]
+    optimum: dict[str, Any]
+    changes: list[ExponentEntry] = Field(default_factory=list)
+
+
 class TotalUncertaintyEntry(StrictEntry):
     """Figures with intervals of total uncertainty, under the keys of the figures with intervals of the fit only.
 
@@ -74,35 +98,30 @@ class TotalUncertaintyEntry(StrictEntry):
     muscle_reduction: dict[str, Any] = Field(default_factory=dict)
     cost: dict[str, dict[str, CostBandEntry]] = Field(default_factory=dict)
     indices: list[IndicesEntry] = Field(default_factory=list)
+    cubes: CubesEntry | None = None
 
 
 def plain_total(total: TotalUncertainty) -> Plain:
     """Numbers by arm cuff and condition, as in the rest of the file."""
 
-    def by_place(entry: Callable[[Place], Any]) -> Plain:
-        nested: Plain = {}
-        for condition, cuff in total.figures:
-            parent = nested if cuff is None else nested.setdefault(cuff, {})
-            parent[condition] = entry((condition, cuff))
-        return nested
-
     def numbers(name: str) -> Plain:
-        return by_place(lambda place: _number(total.figures[place][name]))
+        return _by_place(total.figures, lambda figures: _number(figures[name]))
 
     return {
         "people": known(total.people),
         "solved": known(total.solved),
         "every_frame": known(total.every),
         "at_rigid_optimum": numbers("at_reference"),
-        "optimum": by_place(lambda place: _optimum(total.figures[place])),
+        "optimum": _by_place(total.figures, _optimum),
         **{key: numbers(name) for name, key in CURVE_KEYS.items()},
-        "muscle_reduction": by_place(
-            lambda place: {muscle: _number(figure) for muscle, figure in total.reduction[place].items()}
+        "muscle_reduction": _by_place(
+            total.reduction, lambda reduction: {muscle: _number(figure) for muscle, figure in reduction.items()}
         ),
         "cost": {cuff: {condition: _band(band)} for (condition, cuff), band in total.bands.items() if cuff},
         "indices": [
             _indices(figure, cuffs, found) for (figure, cuffs), found in total.indices.items() if found is not None
         ],
+        "cubes": None if total.cubes is None else _cubes(total.cubes),
     }
 
 
@@ -120,6 +139,39 @@ def people_table(total: TotalUncertainty) -> str:
         for person, row in enumerate(zip(*(getattr(reading, name) for name in FIGURES), strict=True)):
             lines.append(",".join([str(person), condition, cuff or "", *(f"{value:.8g}" for value in row)]))
     return "\n".join(lines) + "\n"
+
+
+def _by_place(figures: Mapping[Place, Figures], entry: Callable[[Figures], Any]) -> Plain:
+    """Entries by arm cuff and condition; those of rigid cuffs by the condition alone."""
+    nested: Plain = {}
+    for (condition, cuff), found in figures.items():
+        parent = nested if cuff is None else nested.setdefault(cuff, {})
+        parent[condition] = entry(found)
+    return nested
+
+
+def _cubes(cubes: CubesComparison) -> Plain:
+    return {
+        "people": known(cubes.people),
+        "solved": known(cubes.solved),
+        "at_rigid_optimum": _by_place(cubes.figures, lambda figures: _number(figures["at_reference"])),
+        "optimum": _by_place(cubes.figures, _optimum),
+        "changes": [
+            {
+                "figure": figure,
+                "cuffs": list(cuffs),
+                "change": _number(found.change),
+                "first": _share(found.first),
+                "total": _share(found.total),
+            }
+            for (figure, cuffs), found in cubes.changes.items()
+            if found is not None
+        ],
+    }
+
+
+def _share(value: float) -> Plain:
+    return {"value": value if np.isfinite(value) else None, "ci95": None}
 
 
 def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Plain:
@@ -147,7 +199,7 @@ def _band(band: CostBand) -> Plain:
     }
 
 
-def _optimum(figures: Mapping[str, Quantity]) -> Plain:
+def _optimum(figures: Figures) -> Plain:
     return {
         "rest_length_m": _number(figures["rest_length"]),
         "normalised_cost": _number(figures["lowest_cost"]),

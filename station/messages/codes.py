@@ -293,6 +293,8 @@ class DecisionCode(StrEnum):
     ONLY_CUFF = "decision.only_cuff"
     UNKNOWN = "decision.unknown"
     FIT_ONLY = "decision.fit_only"
+    CUBES_AGREE = "decision.cubes_agree"
+    CUBES_DIFFER = "decision.cubes_differ"
     SETTLE_FIT = "settle.fit"
     SETTLE_DONNING = "settle.donning"
     SETTLE_BODY = "settle.body"

@@ -37,4 +37,11 @@ DECISIONS: Mapping[StrEnum, str] = {
         "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Run `station assess "
         "--people 1000`, which adds it."
     ),
+    DecisionCode.CUBES_AGREE: (
+        "With the sum of cubed activations as the effort, {people:.0f} of these people lead to the same statements."
+    ),
+    DecisionCode.CUBES_DIFFER: (
+        "The statements depend on the exponent of the effort. With the sum of cubed activations, {people:.0f} of these "
+        "people: {cubes} With squares, the same people: {squares}"
+    ),
 }

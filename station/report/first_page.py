@@ -91,7 +91,8 @@ def _decision(assessment: Plain) -> tuple[str, ...]:
     decision = assessment.get("decision")
     if decision is None:
         return tuple(text for code, text in _coded(assessment) if code.startswith("choice."))
-    return tuple(dict.fromkeys((decision["at_reference"]["text"], decision["at_best"]["text"])))
+    entries = [decision["at_reference"], decision["at_best"], decision.get("cubes")]
+    return tuple(dict.fromkeys(entry["text"] for entry in entries if entry))
 
 
 def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:

@@ -45,6 +45,7 @@ def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
         ("[muscles]\nstrength = -0.1\n", "muscles.strength"),
         ("[motion]\nposture_deg = 90.0\n", "motion.posture_deg"),
         ("[sample]\npeople = 1\n", "sample.people"),
+        ("[sample]\npeople_with_cubes = -1\n", "sample.people_with_cubes"),
         ('[sample]\nmethod = "grid"\n', "sample.method"),
         ("donning = 3\n", "donning"),
         ("[donning\n", ""),

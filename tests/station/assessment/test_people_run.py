@@ -32,7 +32,7 @@ from tests.solver.uncertainty.test_people import CASE
 from tests.station.assessment.test_assess import numbers_in, write_cuffs
 from tests.station.refusal import refused
 
-BUDGET = "[sample]\npeople = 29\nframes = 8\n[donning]\nmigration = 0.3\n"
+BUDGET = "[sample]\npeople = 29\nframes = 8\npeople_with_cubes = 3\n[donning]\nmigration = 0.3\n"
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +105,17 @@ def test_the_findings_compare_the_cuffs_with_the_total_uncertainty(plain: dict[s
     (comparison,) = [entry["figures"] for entry in plain["finding_codes"] if entry["code"].startswith("comparison.")]
     assert float(comparison["low_percent"]) == pytest.approx(100 * low, abs=0.1)
     assert float(comparison["high_percent"]) == pytest.approx(100 * high, abs=0.1)
+
+
+def test_some_people_are_solved_again_with_cubes(plain: dict[str, Any]) -> None:
+    cubes, decided = plain["total_uncertainty"]["cubes"], plain["decision"]["cubes"]
+    assert (cubes["people"]["value"], cubes["solved"]["value"]) == (3, 3)
+    assert decided["code"] in {DecisionCode.CUBES_AGREE, DecisionCode.CUBES_DIFFER}
+    assert decided["at_reference"]["pairs"][0]["cuffs"] == ["hand", "elbow"]
+    assert cubes["at_rigid_optimum"].keys() == plain["at_rigid_optimum"].keys()
+    changes = {(entry["figure"], *entry["cuffs"]): entry["change"]["value"] for entry in cubes["changes"]}
+    assert changes["effort_at_reference", "hand"] < 0 < changes["effort_at_reference", "hand"] + 0.2
+    assert -0.05 < changes["best_rest_length", "hand"] < 0
 
 
 def test_the_decision_is_that_of_the_table_of_people(plain: dict[str, Any], folder: Path) -> None:
