@@ -25,6 +25,9 @@ from fitting.results.seal import SEAL, check_cuff
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import is_file_name
 
+CUFFS_FILE = "cuffs.json"
+"""Its name in a session folder."""
+
 
 class CuffsFileError(CodedError):
     """A cuffs.json that cannot be used."""

@@ -40,11 +40,13 @@ def random_factors(
     """
     muscles, coordinates = len(model.muscles), len(model.coordinates)
     body, muscle, motion = sources.body, sources.muscles, sources.motion
-    has_donning = any((sources.donning.stiffness, sources.donning.damping, sources.donning.migration))
+    has_donning = any(sources.donning.spreads)
+    has_estimate = has_donning and bool(np.isfinite(sources.donning.freedom).any())
     has_own = drawn_motions > 0
     given: list[tuple[str, Group, int, float]] = [
         *((f"fit.{cuff.name}", "fit", 3, sources.fit.factor * float(cuff.covariance.any())) for cuff in cuffs),
         *((f"donning.{cuff.name}", "donning", 3, float(has_donning)) for cuff in cuffs),
+        ("donning_spread", "donning", 3, float(has_estimate)),
         ("size", "body", 1, body.size),
         ("segment_mass", "body", 3, body.segment_mass),
         ("attachment_point", "body", 9, body.attachment_point),

@@ -7,6 +7,7 @@ leaves the source out. The defaults and where they come from are in station/asse
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import inf
 from typing import Literal, get_args
 
 Group = Literal["fit", "donning", "body", "muscles", "motion"]
@@ -22,11 +23,19 @@ class FitSpread:
 
 @dataclass(frozen=True)
 class DonningSpread:
-    """From one donning of a cuff to the next, waist cuff included: relative, of its three parameters."""
+    """From one donning of a cuff to the next, waist cuff included: relative, of its three parameters.
+
+    freedom  degrees of freedom of the three, where they are estimated; infinite for a declared spread
+    """
 
     stiffness: float = 0.15
     damping: float = 0.30
     migration: float = 0.20
+    freedom: tuple[float, float, float] = (inf, inf, inf)
+
+    @property
+    def spreads(self) -> tuple[float, float, float]:
+        return self.stiffness, self.damping, self.migration
 
 
 @dataclass(frozen=True)

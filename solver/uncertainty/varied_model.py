@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv, ndtr
 
 from solver.cuff import CuffParameters
 from solver.model import Body, Model, Muscle, PathPoint
@@ -14,7 +15,7 @@ from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER
 from solver.redundancy.motion import RedundancyOptions
 from solver.scaling import Scaling, scale_model
 from solver.suit.suit import PARTS, Suit
-from solver.uncertainty.factors import Scores
+from solver.uncertainty.factors import OUTERMOST, Scores
 from solver.uncertainty.sources import BodySpread, DonningSpread, FitSpread, MuscleSpread
 
 Array = NDArray[np.float64]
@@ -82,11 +83,21 @@ def varied_cuff(cuff: CuffParameters, fit: FitSpread, donning: DonningSpread, sc
     if (name := f"fit.{cuff.name}") in scores:
         values = values + fit.factor * covariance_root(cuff.covariance) @ scores[name]
     if (name := f"donning.{cuff.name}") in scores:
-        values = values * np.exp(np.array([donning.stiffness, donning.damping, donning.migration]) * scores[name])
+        values = values * np.exp(np.array(donning.spreads) * _spread_factors(donning, scores) * scores[name])
     stiffness, damping, migration = values.tolist()
     return replace(
         cuff, stiffness=max(stiffness, LEAST_STIFFNESS * cuff.stiffness), damping=damping, migration=migration
     )
+
+
+def _spread_factors(donning: DonningSpread, scores: Scores) -> Array:
+    """√(ν / χ²) with ν degrees of freedom: draws about an estimated spread then have Student's t distribution."""
+    freedom, factors = np.array(donning.freedom), np.ones(3)
+    if (known := np.isfinite(freedom)).any():
+        half = freedom[known] / 2
+        chances = ndtr(scores["donning_spread"][known]).clip(OUTERMOST, 1 - OUTERMOST)
+        factors[known] = np.sqrt(half / gammaincinv(half, chances))
+    return factors
 
 
 def covariance_root(covariance: Array) -> Array:

@@ -37,6 +37,7 @@ from station.assessment.assessment_json import (
 )
 from station.assessment.case import read_case
 from station.assessment.decision_json import plain_decision, undecided_by_fit
+from station.assessment.donning import DonningSources, donning_sources
 from station.assessment.drawn_postures import plain_postures
 from station.assessment.emg import MeasuredReduction
 from station.assessment.findings import findings
@@ -60,8 +61,9 @@ class AssessedSuit:
     """Assessment of the cuffs, and a shorter one of another motion (its name first) or None.
 
     emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
-    subject the wearer whose body and motion were assessed, None without one; total the results for drawn people, None
-    without a budget of uncertainty; postures: for the picture of the body.
+    subject the wearer whose body and motion were assessed, None without one; total the results for drawn people and
+    donning the spread between donnings that they have, None without a budget of uncertainty; postures: for the picture
+    of the body.
     """
 
     cuffs: tuple[WearableCuff, ...]
@@ -73,6 +75,7 @@ class AssessedSuit:
     postures: list[dict[str, Any]]
     subject: dict[str, Any] | None = None
     total: TotalUncertainty | None = None
+    donning: DonningSources | None = None
 
     @property
     def is_changed(self) -> bool:
@@ -100,6 +103,11 @@ def assess_cuffs(
     most_frames and most_rest_lengths limit the frames and rest lengths, evenly spaced; None: all of them. draws is the
     number of draws of the cuffs from the covariance of their fit.
     """
+    donning = None
+    if people is not None:  # first: a session that cannot be used is reported at once
+        budget = people.budget.donning
+        declared = people.budget.sources.donning
+        donning = donning_sources(declared, inputs.cuffs, people.donnings, estimates=budget.estimate)
     case = read_case(inputs, most_rest_lengths, progress)
     model, kinematics, suit = case.model, case.kinematics, case.suit
     emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
@@ -124,15 +132,17 @@ def assess_cuffs(
     )
     fits = tuple(cuffs[cuff.name] for cuff in worn)
     standing = standing_of_cuffs(inputs.cuffs, fits)
-    total = None if people is None else assess_people(people, case, moving, worn, assessment, progress)
+    total = None
+    if people is not None and donning is not None:
+        total = assess_people(people, case, moving, worn, assessment, progress, donning.spread)
     drawn = plain_postures(model, kinematics, suit, assessment.time)
     hashes = inputs.hashes() | ({} if people is None else {"budget": people.name})
-    if inputs.subject is None or case.subject is None:
-        return AssessedSuit(fits, assessment, beside, emg, hashes, standing, drawn, total=total)
-    cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
-    subject = plain_subject(case.subject, case.spread, cord)
-    hashes |= subject_inputs(inputs.subject, case.subject)
-    return AssessedSuit(fits, assessment, beside, emg, hashes, standing, drawn, subject, total)
+    subject = None
+    if inputs.subject is not None and case.subject is not None:
+        cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
+        subject = plain_subject(case.subject, case.spread, cord)
+        hashes |= subject_inputs(inputs.subject, case.subject)
+    return AssessedSuit(fits, assessment, beside, emg, hashes, standing, drawn, subject, total, donning)
 
 
 def _report_other(progress: Progress, stage: str, done: int, total: int) -> None:
@@ -162,6 +172,7 @@ def sentences_on(assessed: AssessedSuit, cuffs: Path) -> list[str]:
         *decision_sentences(assessed),
         *cuff_remarks(cuffs, assessed.cuffs),
         *map(str, findings(assessed.assessment, assessed.total)),
+        *([str(assessed.donning.message)] if assessed.donning else []),
         *(f"{finding['text']} [{finding['code']}]" for finding in on_subject),
     ]
 
@@ -191,8 +202,8 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     plain["findings"] = list(map(str, found))
     plain["finding_codes"] = [asdict(finding) for finding in found]
     plain["decision"] = _plain_decision(assessed)
-    if assessed.total is not None:
-        plain["total_uncertainty"] = plain_total(assessed.total)
+    if assessed.total is not None and assessed.donning is not None:
+        plain["total_uncertainty"] = plain_total(assessed.total, assessed.donning)
     plain["emg"] = plain_emg(assessed.emg)
     plain["postures"] = assessed.postures
     if assessed.subject is not None:

@@ -63,8 +63,9 @@ class FitSection(Section):
 
 
 class DonningSection(Section):
-    """Relative spreads between donnings."""
+    """Relative spreads between donnings; estimate: use those of repeated donnings instead, where there are enough."""
 
+    estimate: bool
     stiffness: Spread
     damping: Spread
     migration: Spread
@@ -121,7 +122,7 @@ class UncertaintyBudget(Section):
         body, muscles, motion = self.body, self.muscles.model_dump(), self.motion
         return UncertaintySources(
             fit=FitSpread(self.fit.factor),
-            donning=DonningSpread(**self.donning.model_dump()),
+            donning=DonningSpread(self.donning.stiffness, self.donning.damping, self.donning.migration),
             body=BodySpread(body.size, body.segment_mass, body.attachment_point_m, body.cord_stiffness),
             muscles=MuscleSpread(path_point=muscles.pop("path_point_m"), **muscles),
             motion=MotionSpread(

@@ -24,6 +24,7 @@ from solver.uncertainty.cubes import compare_exponents
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.indices import group_sample, sobol_indices
 from solver.uncertainty.people import PeopleCase, person_spans, solve_people
+from solver.uncertainty.sources import DonningSpread
 from solver.uncertainty.total import TotalUncertainty, explained_figures, total_uncertainty
 from station.assessment.budget_file import BUNDLED_BUDGET, UncertaintyBudget, read_budget
 from station.assessment.case import AssessedCase
@@ -85,6 +86,7 @@ class PeopleRun:
     """How people are drawn and where finished tasks are kept; None keeps nothing.
 
     source: the file of the budget;  index_blocks: blocks of the sample for Sobol indices, 0 for none
+    donnings: session folders with repeated donnings, besides those of the assessed cuffs
     """
 
     budget: UncertaintyBudget
@@ -92,6 +94,7 @@ class PeopleRun:
     solve: Solve = solve_here
     source: Path = BUNDLED_BUDGET
     index_blocks: int = 0
+    donnings: tuple[Path, ...] = ()
 
     @property
     def name(self) -> str:
@@ -106,9 +109,12 @@ def assess_people(
     cuffs: Sequence[CuffParameters],
     assessment: Assessment,
     progress: Progress = silent,
+    donning: DonningSpread | None = None,
 ) -> TotalUncertainty:
-    """Draw people about the assessment of the motion with these cuffs."""
+    """Draw people about the assessment of the motion with these cuffs; donning replaces the spread of the budget."""
     case, sample = people_case(run.budget, assessed, motion, cuffs, assessment), run.budget.sample
+    if donning is not None:
+        case = replace(case, sources=replace(case.sources, donning=donning))
     unit = unit_sample(case.factors, sample.people, sample.method, sample.seed)
     scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
     readouts = run_people(case, scores, run, progress)
@@ -245,7 +251,7 @@ def _write_part(folder: Path | None, key: str, readouts: Readouts) -> None:
 
 @dataclass(frozen=True)
 class PeopleOptions:
-    """Options of the command line; index_blocks, scheduler and workers apply to drawn people only.
+    """Options of the command line; index_blocks, donnings, scheduler and workers apply to drawn people only.
 
     People are drawn if any of the first three is given; workers: processes of this computer.
     """
@@ -255,6 +261,7 @@ class PeopleOptions:
     index_blocks: int | None = None
     scheduler: str | None = None
     workers: int | None = None
+    donnings: tuple[Path, ...] = ()
 
 
 @contextmanager
@@ -264,13 +271,15 @@ def people_run(output: Path, options: PeopleOptions) -> Iterator[PeopleRun | Non
     Raises UnusedOption for a cluster without people.
     """
     if options.budget is None and options.people is None and options.index_blocks is None:
-        if options.scheduler is not None or options.workers is not None:
+        if options.scheduler is not None or options.workers is not None or options.donnings:
             raise UnusedOption(Message(InputCode.NO_PEOPLE))
         yield None
         return
     source = options.budget or BUNDLED_BUDGET
     folder, blocks = output / PARTS_FOLDER, options.index_blocks or 0
-    run = PeopleRun(read_budget(source, options.people), folder, source=source, index_blocks=blocks)
+    run = PeopleRun(
+        read_budget(source, options.people), folder, source=source, index_blocks=blocks, donnings=options.donnings
+    )
     scheduler, workers = options.scheduler, options.workers
     if scheduler is None and workers is None:
         yield run

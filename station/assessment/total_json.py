@@ -15,6 +15,7 @@ from solver.uncertainty.cubes import CubesComparison
 from solver.uncertainty.indices import SobolIndices
 from solver.uncertainty.total import CostBand, TotalUncertainty
 from station.assessment.assessment_json import CURVE_KEYS, known
+from station.assessment.donning import DonningEntry, DonningSources
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
 
 PEOPLE_FILE = "people.csv"
@@ -99,9 +100,10 @@ class TotalUncertaintyEntry(StrictEntry):
     cost: dict[str, dict[str, CostBandEntry]] = Field(default_factory=dict)
     indices: list[IndicesEntry] = Field(default_factory=list)
     cubes: CubesEntry | None = None
+    donning: dict[str, DonningEntry] = Field(default_factory=dict)
 
 
-def plain_total(total: TotalUncertainty) -> Plain:
+def plain_total(total: TotalUncertainty, donning: DonningSources) -> Plain:
     """Numbers by arm cuff and condition, as in the rest of the file."""
 
     def numbers(name: str) -> Plain:
@@ -122,6 +124,7 @@ def plain_total(total: TotalUncertainty) -> Plain:
             _indices(figure, cuffs, found) for (figure, cuffs), found in total.indices.items() if found is not None
         ],
         "cubes": None if total.cubes is None else _cubes(total.cubes),
+        "donning": donning.plain(),
     }
 
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import duckdb
 import pandas as pd
 
+from fitting.cuffs.cuffs_file import CUFFS_FILE
 from station.catalogue.errors import CatalogueError
 from station.catalogue.participants import PARTICIPANTS_FILE, Participants, read_participants
 from station.catalogue.session_rows import Row, SessionRows, SessionState, read_rows, stamp_of
 from station.catalogue.tables import FORMAT, TABLES, creation
-from station.files.chain import CUFFS_FILE
 from station.journal import JOURNAL_FILE
 from station.messages.message import Message
 from station.messages.study_codes import CatalogueCode

@@ -10,11 +10,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from fitting.cuffs.cuffs_file import CuffsFileError, read_cuffs_document
+from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
 from station.checksums import sha256_of
-from station.files.chain import CUFFS_FILE
 from station.journal import JOURNAL_FILE, Journal, JournalError, read_journal
 
 Row = dict[str, Any]

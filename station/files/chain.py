@@ -11,7 +11,7 @@ from typing import Any
 
 from documents.plain_data import PlainDataError, parse_json, read_json
 from documents.regular_file import read_regular
-from fitting.cuffs.cuffs_file import CuffsFileError, read_cuffs
+from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
 from fitting.results.seal import SEAL, Standing, digest
 from recordings.errors import RecordingError
 from recordings.reader import survey_file
@@ -23,7 +23,7 @@ from station.fit import recordings_in
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 
-REPORT_FILE, CUFFS_FILE = "report.html", "cuffs.json"
+REPORT_FILE = "report.html"
 LARGEST_REPORT = 1 << 28
 """Bytes; the figures are in it."""
 INPUTS = re.compile(r'<script type="application/json" id="inputs">(.*?)</script>', re.DOTALL)

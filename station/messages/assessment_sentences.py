@@ -95,7 +95,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     InputCode.CONDITION_WITHOUT_CUFFS: "the condition {condition} needs cuffs; give a cuffs.json by --cuffs",
     InputCode.TABLE_FORMAT: "the output is {name}, expected a name that ends in {suffixes}",
     InputCode.BUDGET: "{path} is no budget of uncertainty ({reason}); correct it",
-    InputCode.NO_PEOPLE: "--scheduler and --workers are for drawn people, and none are drawn; add --people 1000",
+    InputCode.NO_PEOPLE: (
+        "--scheduler, --workers and --donnings are for drawn people, and none are drawn; add --people 1000"
+    ),
+    InputCode.DONNING_SPREAD: "Spread between donnings: {stiffness}, {damping}, {migration}.",
     InputCode.PEOPLE_FAILED: "drawn people could not be assessed on the cluster: {reason}; start it again to continue",
     InputCode.EMG_UNREADABLE: "{path} cannot be read as a CSV table of EMG ({reason}); check the path",
     InputCode.EMG_COLUMNS: "{path} has the columns {found}, expected {expected}",

@@ -316,6 +316,7 @@ class InputCode(StrEnum):
     BUDGET = "input.budget"
     PEOPLE_FAILED = "input.people_failed"
     NO_PEOPLE = "input.no_people"
+    DONNING_SPREAD = "input.donning_spread"
     EMG_UNREADABLE = "emg.unreadable"
     EMG_COLUMNS = "emg.columns"
     EMG_MUSCLE = "emg.unknown_muscle"

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
-from fitting.cuffs.cuffs_file import read_cuffs
+from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, WearableCuff
 from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
@@ -26,7 +26,7 @@ from station.assessment.total_json import with_total_intervals
 from station.checksums import sha256_of, write_checksums
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
-from station.files.chain import CUFFS_FILE, REPORT_FILE, chain_of
+from station.files.chain import REPORT_FILE, chain_of
 from station.fit import fit_session_folder, pulls_in, recordings_in
 from station.interval import of_cuff
 from station.messages.message import Message

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fitting.cuffs.cuffs_file import CuffsFileError, read_cuffs_document
+from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
 from fitting.results.rendering import verdict_text
@@ -15,7 +15,6 @@ from fitting.study.measurements import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import sha256_of
 from station.errors import StationError
-from station.files.chain import CUFFS_FILE
 from station.journal import JOURNAL_FILE, JournalError, read_journal
 from station.messages.message import Message
 from station.messages.study_codes import StudyCode
@@ -80,7 +79,7 @@ def read_sessions(folders: Sequence[Path], progress: Progress = silent) -> Study
     progress("reading sessions", len(paths), len(paths))
     if not read:
         raise _no_session(folders)
-    _refuse_mixed(read)
+    refuse_mixed(read)
     return StudySessions(tuple(read), tuple(left_out), DataOrigin.joined(session.cuffs.origin for session in read))
 
 
@@ -118,6 +117,14 @@ def measurements_of(
     return found, left_out
 
 
+def refuse_mixed(sessions: Sequence[StudySession]) -> None:
+    """Raise StudyError where measured and simulated sessions are mixed."""
+    by_origin: Mapping[DataOrigin, Path] = {session.cuffs.origin: session.folder for session in sessions}
+    if {DataOrigin.MEASURED, DataOrigin.SIMULATED} <= by_origin.keys():
+        figures = {kind: str(by_origin[DataOrigin(kind)]) for kind in ("measured", "simulated")}
+        raise StudyError(Message(StudyCode.MIXED_ORIGIN, figures))
+
+
 def _no_session(folders: Sequence[Path]) -> StudyError:
     return StudyError(Message(StudyCode.NO_SESSION, {"folders": ", ".join(map(str, folders))}))
 
@@ -128,13 +135,6 @@ def _is_session(folder: Path) -> bool:
 
 def _below(folder: Path) -> set[Path]:
     return {path.parent for name in (JOURNAL_FILE, CUFFS_FILE) for path in folder.rglob(name)}
-
-
-def _refuse_mixed(sessions: Sequence[StudySession]) -> None:
-    by_origin: Mapping[DataOrigin, Path] = {session.cuffs.origin: session.folder for session in sessions}
-    if {DataOrigin.MEASURED, DataOrigin.SIMULATED} <= by_origin.keys():
-        figures = {kind: str(by_origin[DataOrigin(kind)]) for kind in ("measured", "simulated")}
-        raise StudyError(Message(StudyCode.MIXED_ORIGIN, figures))
 
 
 def _values(fitted: CuffEntry, quantity: str) -> Iterator[tuple[int, FigureEntry]]:

@@ -226,6 +226,10 @@ def assess(
     people: People = None,
     budget: Budget = None,
     indices: Indices = None,
+    donnings: Annotated[
+        list[Path] | None,
+        typer.Option(help="Session folder with more donnings of cuffs, for their spread; may be repeated."),
+    ] = None,
     scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler for the people, tcp://…")] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of processes for the people. Default: this one, with all cores.")
@@ -255,7 +259,7 @@ def assess(
     with (
         progress_bars(Console(stderr=True)) as progress,
         compilation_shown(progress),
-        people_run(output, PeopleOptions(budget, people, indices, scheduler, workers)) as run,
+        people_run(output, PeopleOptions(budget, people, indices, scheduler, workers, tuple(donnings or ()))) as run,
     ):
         assessed = assess_file(inputs, output, draws, run, progress)
     write_report(output)
