@@ -12,9 +12,9 @@ reported per frame as the equality residual.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from solver.multibody.rotations import each_frame
 from solver.muscle import MuscleForces, MuscleOutcome, join_outcomes, muscle_forces
 from solver.paths import PathMode, PathState, evaluate_paths
 from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_cone
+from solver.redundancy.options import Exponent, Solver, effort_weights
+from solver.redundancy.options import RedundancyOptions as RedundancyOptions  # noqa: PLC0414 (as FrameOutcome)
 from solver.redundancy.reachability import idle_controls, is_met
 from solver.redundancy.response_maps import ResponseMaps, response_maps
 from solver.redundancy.sequence import SOLVERS, FrameSequence, RunSolver, solve_runs
@@ -38,46 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
-Solver = Literal["interior_point", "clarabel"]
-Exponent = Literal[2, 3]
-
-UNWEIGHTED_COORDINATES = (
-    *(f"ground_thorax_{axis}" for axis in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")),
-    "elbow_flexion",
-    "pro_sup",
-)
 CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
-
-
-@dataclass(frozen=True)
-class RedundancyOptions:
-    """Weights and constraints of the problem; the defaults are the published ones.
-
-    has_glenoid_cone        keep the reaction inside the glenoid
-    free_coordinates        accelerations that need not be tracked (published for shrugs: plane_elv, axial_rot)
-    muscle_weight           w of each muscle
-    reserve_weight          w of the reserve actuators
-    unweighted_coordinates  whose actuators have no weight: those that carry the thorax and the forearm
-    weights                 w by the name of a muscle, or of a coordinate for its actuator, in place of the above
-    glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
-    joint                   whose reaction is computed
-    exponent                p of the activations, 2 or 3 (Crowninshield & Brand 1981, J. Biomech. 14:793); reserves keep
-                            squares
-    path_mode               wrapping as in OpenSim or over geodesics (docs/paths.md)
-    solver                  interior_point, compiled for this problem, or clarabel, its reference
-    """
-
-    has_glenoid_cone: bool = True
-    free_coordinates: tuple[str, ...] = ()
-    muscle_weight: float = 1.0
-    reserve_weight: float = 10.0
-    unweighted_coordinates: tuple[str, ...] = UNWEIGHTED_COORDINATES
-    weights: Mapping[str, float] = field(default_factory=dict)
-    glenoid_aspect: float = 1.0
-    joint: str = JOINT
-    path_mode: PathMode = "opensim"
-    exponent: Exponent = 2
-    solver: Solver = "interior_point"
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,28 +296,6 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         .T,
         exponent=options.exponent,
     )
-
-
-def effort_weights(model: Model, options: RedundancyOptions) -> Array:
-    """w (controls,), actuators after muscles. ModelError for a weight without a muscle or actuator, or below zero."""
-    driven = [model.coordinates[actuator.coordinate].name for actuator in model.actuators]
-    reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
-    names = [*model.muscle_names, *driven]
-    unknown = sorted(set(options.weights) - set(names))
-    if unknown:
-        raise ModelError(
-            f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
-            f"{model.name}, and is not; use a name of the model",
-            SolverCode.UNKNOWN_NAME,
-        )
-    usual = [options.muscle_weight] * len(model.muscles) + reserves
-    weights = np.array([options.weights.get(name, weight) for name, weight in zip(names, usual, strict=True)])
-    if weights.min(initial=0.0) < 0.0:
-        raise ModelError(
-            f"weights should not be negative and the least is {weights.min():g}; an effort is a sum of powers",
-            SolverCode.NEGATIVE_WEIGHT,
-        )
-    return weights
 
 
 def solve_redundancy(

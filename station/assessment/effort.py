@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from documents.plain_data import PlainDataError, read_toml
 from documents.validation import describe_error
 from solver.model import Model
-from solver.redundancy.motion import UNWEIGHTED_COORDINATES, RedundancyOptions
+from solver.redundancy.options import UNWEIGHTED_COORDINATES, RedundancyOptions
 from solver.redundancy.reserves import Reserve, with_reserves
 from station.config import ConfigError
 

@@ -16,7 +16,8 @@ from matplotlib.patches import Ellipse
 
 from solver.model import ModelError
 from solver.redundancy.glenoid import glenoid_cone
-from solver.redundancy.motion import FrameOutcome, effort_weights
+from solver.redundancy.motion import FrameOutcome
+from solver.redundancy.options import effort_weights
 from station.assessment.rmr import SolvedMotion
 from station.assessment.rmr_table import reserve_unit
 from station.report.canvas import LINE, MARK, SHADES, STYLE, as_png
