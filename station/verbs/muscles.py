@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
 CuffsFile = Annotated[Path, typer.Option(help="cuffs.json of `station fit`, or written by hand.")]
 BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled arm raise.")]
+EffortExponent = Annotated[
+    int, typer.Option(min=2, max=3, help="Effort: sum of squares (2) or of cubes (3) of the activations.")
+]
 BundledOrOsim = Annotated[str, typer.Option(help='An .osim file, or "bundled".')]
 People = Annotated[
     int | None, typer.Option(min=2, help="People drawn for the total uncertainty and the decision, as 1000.")
@@ -40,9 +44,7 @@ def rmr(
     ] = False,
     external_loads: ExternalLoads = None,
     effort: Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")] = None,
-    exponent: Annotated[
-        int, typer.Option(min=2, max=3, help="Effort: sum of squares (2) or of cubes (3) of the activations.")
-    ] = 2,
+    exponent: EffortExponent = 2,
     glenoid: Annotated[
         bool, typer.Option("--glenoid/--no-glenoid", help="Keep the joint reaction inside the glenoid.")
     ] = True,
@@ -72,14 +74,8 @@ def rmr(
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
-    options = RedundancyOptions(
-        glenoid or no_no_glenoid,
-        free,
-        glenoid_aspect=glenoid_aspect,
-        joint=joint,
-        path_mode=paths,
-        exponent=3 if exponent == 3 else 2,
-    )
+    options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint)
+    options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2)
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces=ignore_forces)
     cut = MotionCut(cutoff_hz or None, start, end, every)
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):

@@ -64,7 +64,7 @@ def test_every_outcome_has_its_code_and_its_sentence(
 ) -> None:
     decision = decide(efforts, RULE)
     decisions: Any = {"at_reference": decision, "at_best": decision}
-    plain = plain_decision(TotalUncertainty(1001, 1001, 1, {}, {}, decisions, RULE, {}, INDICES), 0.74)
+    plain = plain_decision(TotalUncertainty(1001, 1001, 1, {}, {}, decisions, RULE, {}, {}, INDICES), 0.74)
     entry = DecisionEntry.model_validate(plain)
     assert entry.at_reference.code is code
     assert entry.at_reference.text.startswith(sentence)
