@@ -1,6 +1,6 @@
 """The stream solver beside the offline result: accuracy over the lag, and processor time of a frame.
 
-    python -m benchmarks.live [--trial FLX01 ABD02 FLX21] [--frames N] [--speed]
+    python -m benchmarks.live [--trial FLX01 ABD02 FLX21] [--speed]
     python -m benchmarks.live --model BODY.osim --markers TRIAL.trc --setup IK.xml
 
 Offline is inverse kinematics of the whole trial, the published filter (3 Hz, forwards and backwards), and all frames in
@@ -68,7 +68,6 @@ class Trial:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trial", nargs="+", default=["FLX01", "ABD02", "FLX21"], help="public trials")
-    parser.add_argument("--frames", type=int, default=100_000, help="at most, of each trial")
     parser.add_argument("--speed", action="store_true", help="processor time alone")
     for name in ("model", "markers", "setup"):
         parser.add_argument(f"--{name}", type=Path, help="files of another trial, all three")
@@ -76,30 +75,63 @@ def main() -> int:
     if options.markers:
         trials = [_read(options.markers.stem, options.model, options.markers, options.setup)]
     else:
-        trials = [_public(name) for name in options.trial] if DATA.is_dir() else [_bundled()]
-    trials = [Trial(t.name, t.model, t.tasks, t.time[: options.frames], t.observed[: options.frames]) for t in trials]
+        trials = [public_trial(name) for name in options.trial] if DATA.is_dir() else [_bundled()]
     are_met = [_print_accuracy(trial) for trial in trials if not options.speed]
     _print_speed(trials[0])
     return 0 if all(are_met) else 1
 
 
+@dataclass(frozen=True)
+class Difference:
+    """Live less offline over all solved frames: mean and largest |Δa|, median and 95th percentile of |ΔF| [N]."""
+
+    mean_activation: float
+    largest_activation: float
+    median_force: float
+    high_force: float
+    unsolved: int
+
+
+def difference(trial: Trial, offline: MotionSolution, lag: float) -> Difference:
+    frames = _stream(trial, StreamSolver(trial.model, trial.tasks, {"bare": None}, lag_s=lag))
+    muscles = [frame.suits.get("bare") for frame in frames]
+    solved = {k: suit for k, suit in enumerate(muscles) if suit is not None and suit.is_solved}
+    at = list(solved)
+    away = np.abs(np.array([suit.activations for suit in solved.values()]) - offline.activations[at])
+    force = np.array([suit.glenohumeral_force_n for suit in solved.values()]) - offline.reaction[at, 3:]
+    median, high = np.nanpercentile(np.linalg.norm(force, axis=1), [50, 95])
+    return Difference(
+        float(np.nanmean(away)), float(np.nanmax(away)), float(median), float(high), len(frames) - len(solved)
+    )
+
+
+def solve_offline(trial: Trial) -> MotionSolution:
+    found = solve_inverse_kinematics(trial.model, trial.observed, trial.tasks).coordinates
+    return solve_motion(trial.model, differentiate(Motion(trial.model.coordinate_names, trial.time, found)))
+
+
+def public_trial(name: str) -> Trial:
+    weight = "noWeight" if name[-2] == "0" else "2kgWeight"
+    model, markers = DATA / "models" / f"TSM_subject_{weight}.osim", DATA / "markers" / f"{name}.trc"
+    setup = DATA / "markers" / "ik_setup.xml"
+    if markers.exists():
+        return _read(name, model, markers, setup)
+    body = read_osim(model)
+    motion = read_motion(DATA / "motions" / f"{name}.mot", body)
+    return _placed(f"{name} (markers placed)", body, read_ik_setup(setup).tasks(body, SKIN, motion.time), motion)
+
+
 def _print_accuracy(trial: Trial) -> bool:
-    offline, is_met = _offline(trial), True
+    offline, is_met = solve_offline(trial), True
     print(f"\n{trial.name}: {len(trial.time)} frames\n")
     print("| lag [ms] | mean abs Δa | max | ΔF median, 95 % [N] | not solved |\n|---:|---:|---:|---:|---:|")
     for lag in LAGS:
-        frames = _stream(trial, StreamSolver(trial.model, trial.tasks, {"bare": None}, lag_s=lag))
-        suits = [frame.suits.get("bare") for frame in frames]
-        solved = [k for k, suit in enumerate(suits) if suit is not None and suit.is_solved]
-        found = [suit for suit in suits if suit is not None and suit.is_solved]
-        away = np.abs(np.array([suit.activations for suit in found]) - offline.activations[solved])
-        force = np.array([suit.glenohumeral_force_n for suit in found]) - offline.reaction[solved, 3:]
-        median, high = np.nanpercentile(np.linalg.norm(force, axis=1), [50, 95])
-        mean = float(np.nanmean(away))
-        row = (f"{1e3 * lag:.0f}", f"{mean:.4f}", f"{np.nanmax(away):.3f}", f"{median:.1f}, {high:.1f}")
-        print(f"| {' | '.join(row)} | {len(suits) - len(solved)} |", flush=True)
+        found = difference(trial, offline, lag)
+        activation = f"{found.mean_activation:.4f} | {found.largest_activation:.3f}"
+        force = f"{found.median_force:.1f}, {found.high_force:.1f}"
+        print(f"| {1e3 * lag:.0f} | {activation} | {force} | {found.unsolved} |", flush=True)
         most, highest = LIMITS.get(lag, (np.inf, np.inf))
-        is_met = is_met and mean <= most and bool(high <= highest)
+        is_met = is_met and found.mean_activation <= most and found.high_force <= highest
     return is_met
 
 
@@ -137,23 +169,6 @@ def _stream(trial: Trial, solver: StreamSolver, seconds: list[float] | None = No
         if seconds is not None:
             seconds.append(process_time() - began)
     return [*frames, *solver.finish()]
-
-
-def _offline(trial: Trial) -> MotionSolution:
-    postures_of_frames = solve_inverse_kinematics(trial.model, trial.observed, trial.tasks).coordinates
-    motion = Motion(trial.model.coordinate_names, trial.time, postures_of_frames)
-    return solve_motion(trial.model, differentiate(motion))
-
-
-def _public(name: str) -> Trial:
-    weight = "noWeight" if name[-2] == "0" else "2kgWeight"
-    model, markers = DATA / "models" / f"TSM_subject_{weight}.osim", DATA / "markers" / f"{name}.trc"
-    if markers.exists():
-        return _read(name, model, markers, DATA / "markers" / "ik_setup.xml")
-    body = read_osim(model)
-    setup = read_ik_setup(DATA / "markers" / "ik_setup.xml")
-    motion = read_motion(DATA / "motions" / f"{name}.mot", body)
-    return _placed(f"{name} (markers placed)", body, setup.tasks(body, SKIN, motion.time), motion)
 
 
 def _read(name: str, model: Path, markers: Path, setup: Path) -> Trial:
