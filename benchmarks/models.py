@@ -35,6 +35,7 @@ from solver.paths import evaluate_paths
 Array = NDArray[np.float64]
 SEED = 18
 TIMED_STATES = 200
+NEITHER = ", nor by OpenSim"
 
 
 @dataclass(frozen=True)
@@ -71,10 +72,15 @@ def main() -> None:
     rows = []
     for path in distinct_files(arguments.folders):
         row = examine(path, arguments.states, arguments.repeats, ignore_forces=arguments.ignore_forces)
+        row = replace(row, name=f"{path.parent.name}/{path.stem}")
         rows.append(row)
         print(row.markdown(), flush=True)
+    opened = [row for row in rows if not row.problem.endswith(NEITHER)]
     accepted = [row for row in rows if not row.problem]
-    print(f"\n{len(accepted)} of {len(rows)} models accepted, {_largest(accepted)}")
+    print(
+        f"\n{len(accepted)} of {len(rows)} models accepted, {len(rows) - len(opened)} that OpenSim does not open either"
+    )
+    print(_largest(accepted))
 
 
 def distinct_files(folders: Sequence[Path]) -> list[Path]:
@@ -89,7 +95,7 @@ def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Ro
     try:
         model = read_osim(path, ignore_forces=ignore_forces)
     except SolverError as error:
-        return Row(path.stem, problem=f"no: {error.code.rpartition('.')[2]}")
+        return Row(path.stem, problem=_problem(error, path))
     row = Row(path.stem, len(model.muscles), len(model.left_out))
     if not model.coordinates:
         return row
@@ -98,7 +104,7 @@ def examine(path: Path, states: int, repeats: int, *, ignore_forces: bool) -> Ro
         row = replace(row, microseconds=1e6 * seconds_per_state(model, repeats))
         ours = our_values(model, q, u, acceleration)
     except SolverError as error:
-        return replace(row, problem=f"no: {error.code.rpartition('.')[2]}")
+        return replace(row, problem=_problem(error, path))
     try:
         theirs, seconds = opensim_values(path, model, q, u, acceleration)
     except ImportError:
@@ -200,6 +206,21 @@ def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: A
             }
         )
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, seconds / len(q)
+
+
+def _problem(error: SolverError, path: Path) -> str:
+    """The code of the refusal, and whether OpenSim opens the file."""
+    problem = f"no: {error.code.rpartition('.')[2]}"
+    try:
+        import opensim
+
+        opensim.Logger.setLevelString("off")
+        opensim.Model(str(path)).initSystem()
+    except ImportError:
+        return problem
+    except RuntimeError:
+        return problem + NEITHER
+    return problem
 
 
 def _speed_order(state: Any, coordinates: Sequence[Any]) -> list[int]:

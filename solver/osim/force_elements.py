@@ -11,6 +11,7 @@ from solver.errors import SolverCode
 from solver.forces.bushing import Bushing
 from solver.forces.contact import ContactMaterial, ContactSurface, HuntCrossleyContact
 from solver.forces.path_force import Ligament, PathSpring
+from solver.forces.smooth_contact import SmoothContact
 from solver.functions.coordinate import simm_spline
 from solver.model import Placement, WrapSurface
 from solver.multibody.force_element import ForceElement
@@ -81,9 +82,32 @@ def _hunt_crossley(element: Element, context: ForceContext) -> HuntCrossleyConta
     return HuntCrossleyContact(element.name, tuple(surfaces), element.positive("transition_velocity", "0.01"))
 
 
-def _material(group: Element) -> ContactMaterial:
+def _smooth_contact(element: Element, context: ForceContext) -> SmoothContact:
+    ends = [
+        _surface(_geometry(element, element.child(socket).text, context), _material(element, "1"), context)
+        for socket in ("socket_sphere", "socket_half_space")
+    ]
+    sphere, plane = ends
+    if sphere.radius is None or plane.radius is not None:
+        raise element.refusal("should have a sphere and a half-space for its sockets; correct their names")
+    return SmoothContact(
+        name=element.name,
+        sphere_body=sphere.body,
+        center=sphere.placement.translation,
+        radius=sphere.radius,
+        plane_body=plane.body,
+        plane=plane.placement,
+        material=sphere.material,
+        transition_velocity=element.positive("transition_velocity", "0.01"),
+        offset=element.positive("constant_contact_force", "1e-5"),
+        hertz_smoothing=element.number("hertz_smoothing", "300"),
+        speed_smoothing=element.number("hunt_crossley_smoothing", "50"),
+    )
+
+
+def _material(group: Element, usual_stiffness: str = "0") -> ContactMaterial:
     names = ("dissipation", "static_friction", "dynamic_friction", "viscous_friction")
-    return ContactMaterial(group.positive("stiffness", "0"), *(group.number(name, "0") for name in names))
+    return ContactMaterial(group.positive("stiffness", usual_stiffness), *(group.number(name, "0") for name in names))
 
 
 def _geometry(group: Element, name: str, context: ForceContext) -> Element:
@@ -110,5 +134,6 @@ _READERS: dict[str, Callable[[Element, ForceContext], ForceElement]] = {
     "PathSpring": _path_spring,
     "Ligament": _ligament,
     "HuntCrossleyForce": _hunt_crossley,
+    "SmoothSphereHalfSpaceForce": _smooth_contact,
 }
 FORCE_ELEMENTS = tuple(_READERS)

@@ -89,6 +89,23 @@ def test_contact_of_spheres_and_a_half_space(kinds: str, tmp_path: Path) -> None
     assert counted(opensim.Model(str(file)), tmp_path).is_nought()
 
 
+@pytest.mark.parametrize("dissipation", [0.0, 1.2])
+def test_smooth_contact_of_a_sphere_and_a_half_space(dissipation: float, tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    floor = opensim.ContactHalfSpace(vec3(0.1, -0.3, 0), vec3(0.1, 0.2, -1.4), model.getGround(), "floor")
+    heel = opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel")
+    for shape in (floor, heel):
+        model.addContactGeometry(given(shape))
+    force = opensim.SmoothSphereHalfSpaceForce("smooth", heel, floor)
+    figures = {"stiffness": 1e6, "dissipation": dissipation, "static_friction": 0.9, "dynamic_friction": 0.6}
+    figures |= {"viscous_friction": 0.2, "transition_velocity": 0.2, "constant_contact_force": 2e-5}
+    figures |= {"hertz_smoothing": 200.0, "hunt_crossley_smoothing": 40.0}
+    for name, figure in figures.items():
+        getattr(force, f"set_{name}")(figure)
+    model.addForce(given(force))
+    assert counted(model, tmp_path).is_nought()
+
+
 def group(geometry: str, *figures: float) -> str:
     """The Python interface of OpenSim has one group of contact parameters only."""
     names = ("stiffness", "dissipation", "static_friction", "dynamic_friction", "viscous_friction")
