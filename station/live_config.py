@@ -26,7 +26,7 @@ class LiveSection(BaseModel):
     rest_length_m: Positive | None = None  # without it that of subject.toml, or the suit's reference
     rest_lengths_m: tuple[Positive, ...] = Field(default=(), max_length=4)  # solved beside it, for the best one
     writes_file: bool = True  # live/TRIAL.live.mcap in the session's folder
-    outlet: str = ""  # a Lab Streaming Layer outlet: "loopback", or the name of a network interface such as "eth0"
+    outlet: str = ""  # a Lab Streaming Layer outlet: "loopback", a network interface such as "eth0", or "any"
     outlet_name: Annotated[str, Field(min_length=1)] = "cuffstation live"
 
     def without_cuffs(self) -> LiveSection:

@@ -12,6 +12,7 @@ from typing import Protocol
 from recordings.samples import Samples, Stream
 from recordings.topics import EMG, MARKERS
 from solver.errors import SolverError
+from station.errors import StationError
 from station.live.findings import LiveFindings, notice_messages, plain_findings
 from station.live.pace import Pace
 from station.live.pipeline import NOT_SOLVED, LivePipeline
@@ -34,7 +35,7 @@ RATE_WINDOW = 50
 
 
 class LiveSink(Protocol):
-    """Takes every value: a file, an outlet. May raise OSError, after which it is given no more."""
+    """Takes every value: a file, an outlet. May raise OSError or StationError, after which it is given no more."""
 
     def begin(self, setup: LiveSetup) -> None: ...
 
@@ -194,6 +195,9 @@ class LiveEngine:
             except OSError as error:
                 self._sinks.remove(sink)
                 self._problems.append(Message(LiveCode.NO_FILE, {"reason": str(error.strerror or error)}))
+            except StationError as error:
+                self._sinks.remove(sink)
+                self._problems.append(Message(LiveCode.NO_OUTLET, {"reason": str(error)}))
 
 
 def _lacks_muscles(values: LiveValues) -> bool:

@@ -22,6 +22,7 @@ from recordings.topics import MARKERS
 from station.config import parse_config
 from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.feed_wire import FedMessage, read_messages
+from station.live.outlet import LslOutlet
 from station.live.plan import PreparedTrial, prepare_trial
 from station.live.published import LiveSetup
 from station.live.request import REQUEST
@@ -47,7 +48,10 @@ def main() -> None:
     warm_up(prepared.plan)
     with ExitStack() as stack:
         file = ResultFile(config.live)
-        engine = make_engine(stack, prepared, folder, inbox, [file] if config.live.writes_file else [])
+        sinks: list[LiveSink] = [file] if config.live.writes_file else []
+        if config.live.outlet:
+            sinks.append(LslOutlet(config.live.outlet_name, config.live.outlet))
+        engine = make_engine(stack, prepared, folder, inbox, sinks)
         engine.discarded = inbox.open()
         has_ended = run(engine, inbox)
         path = file.path

@@ -46,6 +46,14 @@ LIVE: Mapping[StrEnum, str] = {
         "{dropped:.0f} frames were left out so far; the recording is not affected; fewer scenarios need less time"
     ),
     LiveCode.WRITTEN: "live result: {path}",
+    LiveCode.NO_OUTLET: "no live outlet: {reason}",
+    LiveCode.NO_INTERFACE: (
+        'live.outlet is "{interface}", expected "loopback", "any" or an interface of this computer: {known}'
+    ),
+    LiveCode.OUTLET_NOT_CONFINED: (
+        'this computer cannot confine an LSL outlet to "{interface}"; set live.outlet = "any" to serve every '
+        "interface, and let the firewall decide who may connect"
+    ),
     LiveCode.NO_FILE: "the live result is not written ({reason}); the recording is not affected",
     LiveCode.NOT_STARTED: "the live process does not start ({reason}); the recording is not affected",
     LiveCode.ENDED: "the live process has ended (exit code {exit_code}); the recording is not affected",

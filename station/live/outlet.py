@@ -1,0 +1,139 @@
+"""Live values as a stream of the Lab Streaming Layer (LSL), on one network interface only.
+
+liblsl announces nothing. It answers queries, on ports that it opens on all interfaces, and has no setting for one.
+So it listens for queries of this computer only, and the operating system binds its sockets to the device of the
+interface (SO_BINDTODEVICE, Linux; decision 0042). Where that is not possible, the outlet is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from station.errors import StationError
+from station.extras import MissingExtra
+from station.live.columns import live_columns, live_row
+from station.live.published import LiveDelivery, LiveSetup, LiveValues
+from station.messages.live_codes import LiveCode
+from station.messages.message import Message
+
+LOOPBACK, ANY = "loopback", "any"
+DEVICE_OF_LOOPBACK = "lo"
+CONTENT_TYPE = "Biomechanics"
+UNITS = {"N": "newtons", "uV": "microvolts", "": "normalized"}
+CONFIG = """[ports]
+IPv6 = disable
+[multicast]
+ResolveScope = {scope}
+ListenAddress = {address}
+[log]
+level = -2
+"""
+
+
+class OutletRefused(StationError):
+    """The outlet cannot be opened on the interface that was asked for."""
+
+
+class LslOutlet:
+    """A sink. interface: "loopback", the name of a network interface such as "eth0", or "any"."""
+
+    def __init__(self, name: str, interface: str) -> None:
+        self._name, self._interface = name, interface
+        self._setup: LiveSetup | None = None
+        self._pylsl: Any = None
+        self._outlet: Any = None
+        self._offset_s = 0.0
+
+    def begin(self, setup: LiveSetup) -> None:
+        """Open the outlet. Raises OutletRefused or MissingExtra."""
+        if self._interface != ANY and sys.platform != "linux":
+            raise OutletRefused(Message(LiveCode.OUTLET_NOT_CONFINED, {"interface": self._interface}))
+        device = DEVICE_OF_LOOPBACK if self._interface == LOOPBACK else self._interface
+        if self._interface != ANY and device not in (name for _, name in socket.if_nameindex()):
+            known = ", ".join(name for _, name in socket.if_nameindex())
+            raise OutletRefused(Message(LiveCode.NO_INTERFACE, {"interface": self._interface, "known": known}))
+        try:
+            import pylsl
+        except (ModuleNotFoundError, RuntimeError) as error:
+            raise MissingExtra("the live outlet", "pylsl", "lsl") from error
+        before = _sockets()
+        _configure(pylsl, self._interface)
+        outlet = pylsl.StreamOutlet(_info(pylsl, self._name, setup))
+        try:
+            if self._interface != ANY:
+                for number in _sockets() - before:
+                    _bind_to_device(number, device)
+        except OSError as error:
+            figures = {"interface": self._interface}
+            raise OutletRefused(Message(LiveCode.OUTLET_NOT_CONFINED, figures)) from error
+        self._pylsl, self._setup, self._outlet = pylsl, setup, outlet
+        self._offset_s = pylsl.local_clock() - time.time()
+
+    def begin_recording(self, recording: Path) -> None: ...
+
+    def write(self, values: LiveValues, delivery: LiveDelivery) -> None:  # noqa: ARG002
+        """Stamped with the time at which the frame was taken, by the clock of LSL."""
+        if self._outlet is not None and self._setup is not None:
+            self._outlet.push_sample(live_row(self._setup, values), values.host_time_s + self._offset_s)
+
+    def note(self, kind: str, text: str) -> None: ...
+
+    def close(self) -> None:
+        self._outlet = None
+
+
+def _info(pylsl: Any, name: str, setup: LiveSetup) -> Any:
+    """The description, with labels, units and types of the channels as XDF has them.
+
+    The rate is irregular: frames may be left out, and their stamps say so.
+    """
+    columns = live_columns(setup)
+    info = pylsl.StreamInfo(
+        name, CONTENT_TYPE, len(columns), pylsl.IRREGULAR_RATE, pylsl.cf_double64, f"cuffstation {setup.trial}"
+    )
+    info.set_channel_labels([column.name for column in columns])
+    info.set_channel_units([UNITS.get(column.unit, column.unit) for column in columns])
+    info.set_channel_types([column.kind for column in columns])
+    acquisition = info.desc().append_child("acquisition")
+    acquisition.append_child_value("manufacturer", "cuffstation")
+    acquisition.append_child_value("model", setup.subject.name)
+    processing = info.desc().append_child("processing")
+    processing.append_child_value("result", "live")
+    processing.append_child_value("lag_s", f"{setup.lag_s:g}")
+    processing.append_child_value("body", "scaled" if setup.subject.is_scaled else "generic")
+    processing.append_child_value("origin", setup.origin)
+    return info
+
+
+def _configure(pylsl: Any, interface: str) -> None:
+    """To be called before the first outlet of the process: liblsl reads its settings once."""
+    scope, address = ("machine", "127.0.0.1") if interface == LOOPBACK else ("link", "")
+    set_content = pylsl.lib.lib.lsl_set_config_content
+    set_content.argtypes, set_content.restype = [ctypes.c_char_p], None
+    set_content(CONFIG.format(scope=scope, address=address).encode())
+
+
+def _sockets() -> set[int]:
+    """Descriptors of this process's sockets (Linux); empty elsewhere."""
+    found = set()
+    folder = Path("/proc/self/fd")
+    for entry in folder.iterdir() if folder.is_dir() else ():
+        with contextlib.suppress(OSError):
+            if os.readlink(entry).startswith("socket:"):  # noqa: PTH115  (its target is no path)
+                found.add(int(entry.name))
+    return found
+
+
+def _bind_to_device(number: int, device: str) -> None:
+    """Let only packets of this network device reach a socket of liblsl. Raises OSError."""
+    if sys.platform == "linux":
+        with socket.socket(fileno=os.dup(number)) as one:
+            if one.family == socket.AF_INET:
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device.encode() + b"\0")

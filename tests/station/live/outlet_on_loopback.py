@@ -1,0 +1,81 @@
+"""The live outlet seen by an inlet of pylsl (test_outlet.py runs this file in a network of its own)."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import pylsl
+import pytest
+
+from station.live.columns import live_columns, live_row
+from station.live.outlet import LslOutlet, OutletRefused
+from station.live.published import NAN, LiveDelivery, LiveScenarioValues, LiveValues
+from station.messages.live_codes import LiveCode
+from tests.station.live.test_server import SETUP
+from tests.timeout import scaled_timeout
+
+NAME = "cuffstation live"
+DELIVERY = LiveDelivery(0.0, 0.15, 0.0, 1, 0, 1, 100.0)
+
+
+def sockets() -> set[int]:
+    """Descriptors of this process that are sockets."""
+    found = set()
+    for number in range(256):
+        with suppress(OSError):
+            found |= {number} if stat.S_ISSOCK(os.fstat(number).st_mode) else set()
+    return found
+
+
+def values(frame: int) -> LiveValues:
+    solved = LiveScenarioValues("solved", 0.5, 0.0, (0.25,), 12.5 + frame, (1.0, 2.0, NAN))
+    return LiveValues(
+        frame / 100, frame, "solved", (0.1,), (0.0,), (0.0,), (solved, solved), host_time_s=time.time() - 0.15
+    )
+
+
+def test_an_inlet_reads_values_labels_and_units_and_the_sockets_are_on_the_loopback_alone() -> None:
+    setup = replace(SETUP, emg_channels=("deltoid",))
+    before = sockets()
+    outlet = LslOutlet(NAME, "loopback")
+    outlet.begin(setup)
+    devices = set()
+    for number in sockets() - before:
+        with socket.socket(fileno=os.dup(number)) as one:
+            devices.add(one.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(b"\0"))
+    assert devices == {b"lo"}
+
+    found = pylsl.resolve_byprop("name", NAME, 1, scaled_timeout(10))
+    inlet = pylsl.StreamInlet(found[0])
+    inlet.open_stream(scaled_timeout(10))
+    info = inlet.info(scaled_timeout(10))
+    columns = live_columns(setup)
+    assert info.channel_count() == len(columns) == len(live_row(setup, values(0)))
+    assert info.get_channel_labels() == [column.name for column in columns]
+    units = dict(zip(info.get_channel_labels(), info.get_channel_units(), strict=True))
+    assert units["worn/cord_force"] == "newtons" and units["measured/emg_rms/deltoid"] == "microvolts"
+    assert units["slack/activation/deltoid"] == "normalized"
+    assert info.desc().child("processing").child_value("result") == "live"
+    assert info.nominal_srate() == pylsl.IRREGULAR_RATE
+
+    stamps = []
+    for frame in range(3):
+        outlet.write(values(frame), DELIVERY)
+        sample, stamp = inlet.pull_sample(scaled_timeout(10))
+        row = dict(zip(info.get_channel_labels(), sample, strict=True))
+        assert row["worn/cord_force"] == 12.5 + frame and row["slack/activation/deltoid"] == 0.25
+        stamps.append(pylsl.local_clock() - stamp)
+    assert all(0.1 < age < scaled_timeout(10) for age in stamps)  # when the frame was taken, not when it was sent
+    inlet.close_stream()
+    outlet.close()
+
+
+def test_an_unknown_interface_is_refused() -> None:
+    with pytest.raises(OutletRefused) as refused:
+        LslOutlet(NAME, "no-such-interface").begin(SETUP)
+    assert refused.value.code == LiveCode.NO_INTERFACE
