@@ -9,7 +9,7 @@ from drivers.capture_note import CaptureNote
 from drivers.device import HostClock, Received
 from drivers.errors import DeviceCode, DeviceLost
 from drivers.qualisys_connection import QtmConnection
-from drivers.qualisys_settings import QtmSettings
+from drivers.qualisys_settings import BLOCK_S, QtmSettings
 from recordings.samples import DeviceIdentity, Item, Stream
 
 
@@ -22,7 +22,7 @@ class Qualisys:
     refused. The event "numbering_restarted" reports that QTM restarted its frame numbers (a capture after a preview).
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  (settings of a device, by name)
         self,
         *,
         host: str,
@@ -33,11 +33,22 @@ class Qualisys:
         wanted_labels: Sequence[str] = (),
         capture_note: CaptureNote | None = None,
         timeout_scale: float = 1.0,
+        block_s: float = BLOCK_S,
     ) -> None:
+        """block_s: wall time over which frames are gathered into a block; shorter for less latency, and more blocks."""
         wanted = tuple(dict.fromkeys(wanted_labels))
         note = capture_note or CaptureNote(None, host_clock)
         self._settings = QtmSettings(
-            f"QTM {host}:{port}", host, port, host_clock, control == "start", password, wanted, note, timeout_scale
+            f"QTM {host}:{port}",
+            host,
+            port,
+            host_clock,
+            control == "start",
+            password,
+            wanted,
+            note,
+            timeout_scale,
+            block_s,
         )
         self._connection: QtmConnection | None = None
 

@@ -34,7 +34,6 @@ COMMAND_TIMEOUT_S = 2.0
 CAMERAS_TIMEOUT_S = 8.0  # a new measurement has to connect to the cameras
 LEAVE_TIMEOUT_S = 1.5
 QUIET_S = 0.5  # wall; after this silence QTM is polled
-BLOCK_S = 0.05  # wall; frames that come within it are one block
 LONGEST_QUEUE = 60_000  # unread frames: ten minutes at 100 Hz
 CAPTURE_NAME = "cuffstation"  # QTM saves a capture that we started under this name, and adds a number
 
@@ -291,7 +290,7 @@ class QtmConnection:
     def _on_packet(self, packet: Any) -> None:
         frame = decode_frame(packet.data)
         if not self._blocks.has_frames:
-            self._loop.call_later(BLOCK_S, self._deliver)
+            self._loop.call_later(self._settings.block_s, self._deliver)
         self._blocks.add(frame, self._settings.host_clock())
 
     def _deliver(self) -> None:

@@ -10,6 +10,7 @@ from drivers.capture_note import CaptureNote
 from drivers.catalogue import make_device
 from drivers.device import Device
 from drivers.nidaq import AnalogInput
+from drivers.qualisys_settings import BLOCK_S
 from recordings.manifest import BodyMarkers, TrialSubject
 from station.body_config import EmgSection
 from station.clock import Clock
@@ -17,6 +18,8 @@ from station.config import StationConfig
 
 CAPTURE_NOTE = ".capture"
 """File in the session's folder while QTM captures for it."""
+LIVE_BLOCK_S = 0.002
+"""Wall seconds over which frames are gathered where they are solved live: a frame must not wait for others."""
 
 
 def devices_for(config: StationConfig, subject: TrialSubject | None, clock: Clock, folder: Path) -> list[Device]:
@@ -70,6 +73,7 @@ def _daq(config: StationConfig, clock: Clock, wearer_inputs: Sequence[AnalogInpu
 
 def _mocap(config: StationConfig, subject: TrialSubject | None, clock: Clock, folder: Path) -> Device:
     mocap = config.mocap
+    is_live = config.live.enabled and isinstance(subject, BodyMarkers)
     return make_device(
         "qualisys",
         host=mocap.host,
@@ -78,6 +82,7 @@ def _mocap(config: StationConfig, subject: TrialSubject | None, clock: Clock, fo
         password=mocap.password,
         wanted_labels=subject.labels if subject else (),
         capture_note=CaptureNote(folder / CAPTURE_NOTE, clock.utc_ns),
+        block_s=LIVE_BLOCK_S if is_live else BLOCK_S,
         timeout_scale=clock.timeout_scale,
         **_times(clock),
     )
