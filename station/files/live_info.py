@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from recordings.errors import RecordingError
-from recordings.exchange.parquet import write_parquet
 from recordings.exchange.signal_csv import write_columns
 from recordings.live_result import LiveResult, read_live_result, recover_live_result
 from recordings.recovery import recovered_path
@@ -85,6 +84,8 @@ def export_live_result(path: Path, to: str, output: Path) -> list[Path]:
     }
     target = output / f"{path.name.removesuffix('.mcap')}.{to}"
     if to == "parquet":
+        from recordings.exchange.parquet import write_parquet
+
         notes = {"station": json.dumps(_plain(path, result))}
         with drafted(target) as draft:
             write_parquet(draft, columns, {"time_s": "s", "frame": "", **result.manifest.columns}, notes)
