@@ -149,7 +149,7 @@ def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
         assert str(escape(sentence)) in page
     assert "our own calibration" in page
     assert "bundled raise of the arm with 2 kg in the hand" in page
-    assert page.count("<figcaption>") == 3 + 2 * 3, "three of all cuffs; of each arm cuff effort, activations, EMG"
+    assert page.count("<figcaption>") == 4 + 2 * 3, "four of all cuffs; of each arm cuff effort, activations, EMG"
 
 
 def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
