@@ -26,7 +26,7 @@ from solver.model import Model
 Array = NDArray[np.float64]
 
 LEAST_TIME_BETWEEN_SEARCHES = 0.25
-"""s; a search for the posture from many starts takes as long as ten frames."""
+"""s; a search that failed is not repeated in every frame, because it takes as long as ten frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,13 @@ class PostureTracker:
 
     def solve(self, time: float, observed: Array, noise: Array, *, is_start: bool) -> FramePosture:
         """observed (markers, 3) [m], NaN where hidden; noise (markers,) [m]; is_start searches from many postures."""
-        found, multipliers, outcome = self._solve(observed, self._spread if is_start else self._last[None].copy())
         may_search = time - self._searched_at >= LEAST_TIME_BETWEEN_SEARCHES
-        if outcome is not PostureOutcome.SOLVED and outcome is not PostureOutcome.NO_MARKERS and may_search:
+        starts = self._spread if is_start and may_search else self._last[None].copy()
+        found, multipliers, outcome = self._solve(observed, starts)
+        if outcome not in (PostureOutcome.SOLVED, PostureOutcome.NO_MARKERS) and may_search:
             self._searched_at = time
-            found, multipliers, outcome = self._solve(observed, np.concatenate([self._last[None], self._spread]))
+            if not is_start:
+                found, multipliers, outcome = self._solve(observed, np.concatenate([self._last[None], self._spread]))
         count = len(found)
         if outcome is not PostureOutcome.SOLVED:
             nothing = np.full((count, count), np.nan)

@@ -44,10 +44,15 @@ def raised() -> Array:
 
 
 @cache
+def clean() -> Array:
+    """(frames, markers, 3) without noise."""
+    return seen_from(MODEL, raised()[FIRST : FIRST + FRAMES], SKIN)
+
+
+@cache
 def seen() -> Array:
     """(frames, markers, 3) with noise."""
-    clean = seen_from(MODEL, raised()[FIRST : FIRST + FRAMES], SKIN)
-    return clean + NOISE * np.random.default_rng(3).standard_normal(clean.shape)
+    return clean() + NOISE * np.random.default_rng(3).standard_normal(clean().shape)
 
 
 def solver(scenarios: Mapping[str, StreamScenario | None] | None = None, **options: Any) -> StreamSolver:
