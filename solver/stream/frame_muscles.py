@@ -21,6 +21,7 @@ from solver.redundancy.motion import (
     evaluate_motion,
 )
 from solver.redundancy.next_frame import FrameByFrame
+from solver.redundancy.options import effort_weights
 from solver.stream.frame_suit import FrameForces, suit_forces_of_frame
 from solver.stream.stream_frame import StreamNotice, StreamSuitFrame, StreamSuitOutcome
 from solver.stream.stream_scenario import StreamScenario
@@ -43,6 +44,8 @@ class FrameMuscles:
         suit: Suit | None,
         options: RedundancyOptions,
     ) -> None:
+        if scenarios:
+            _ensure_solvable(model, options)
         options, self.notices = _possible_options(model, options)
         self._worn = {name: worn for name, worn in scenarios.items() if worn is not None}
         if suit is None and self._worn:
@@ -181,15 +184,25 @@ class _Body:
         )
 
 
+def _ensure_solvable(model: Model, options: RedundancyOptions) -> None:
+    """Raises ModelError for what would otherwise fail in the first frame: no muscles, or names that are not there."""
+    if not model.muscles:
+        raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
+    for name in options.free_coordinates:
+        model.coordinate_index(name)
+    effort_weights(model, options)
+
+
 def _possible_options(model: Model, options: RedundancyOptions) -> tuple[RedundancyOptions, frozenset[StreamNotice]]:
     """Without what the model lacks: the reaction of another joint, and no cone."""
-    notices = set()
+    notices: set[StreamNotice] = set()
     if options.joint not in [joint.name for joint in model.joints]:
         notices.add(StreamNotice.NO_GLENOHUMERAL_JOINT)
         options = replace(options, joint=model.joints[-1].name)
     try:
-        glenoid_cone(model, options.glenoid_aspect, options.joint)
+        glenoid_cone(model, joint_name=options.joint)
     except ModelError:
         notices.add(StreamNotice.NO_GLENOID_CONE)
-        options = replace(options, has_glenoid_cone=False)
+        return replace(options, has_glenoid_cone=False), frozenset(notices)
+    glenoid_cone(model, options.glenoid_aspect, options.joint)  # refuses an aspect that is not positive
     return options, frozenset(notices)

@@ -94,7 +94,7 @@ class LagWindow:
         start = np.tile(np.diag(np.square(START_SD)), (coordinates, 1, 1))
         self._state = FilterState(np.zeros((coordinates, 3)), start)
         self._sensitivity = np.zeros(coordinates)
-        self._sensitive_frames = 0
+        self._sensitive_frames = np.zeros(coordinates, dtype=np.int64)
         self._is_held = np.zeros(coordinates, dtype=np.bool_)
         self._held_at = np.full(coordinates, -np.inf)
         self._posture_at = self.last_time = -np.inf
@@ -129,7 +129,7 @@ class LagWindow:
             values = posture.coordinates
             variance = np.maximum(np.diagonal(posture.covariance), LEAST_SD**2)
             variances = np.where(posture.is_held, variance, LOST_SD**2)
-            self._learn(variance / noise**2)
+            self._learn(variance / noise**2, posture.is_held)
         lost: NDArray[np.bool_] = ~posture.is_held & np.isfinite(self._held_at) & has_posture
         self._entries.append(_Entry(time, step, values, variances, restarts, self._is_held, has_posture))
         self.last_time = time
@@ -163,10 +163,11 @@ class LagWindow:
         deviations = np.where(first.is_held, np.sqrt(np.maximum(spread.T, 0.0)), np.inf)
         return SmoothedState(smoothed.T.copy(), deviations)
 
-    def _learn(self, sensitivity: Array) -> None:
-        """Average the square of the sensitivity (coordinates,) to the noise of markers over the frames."""
-        self._sensitive_frames = min(self._sensitive_frames + 1, MEMORY)
-        self._sensitivity += (sensitivity - self._sensitivity) / self._sensitive_frames
+    def _learn(self, sensitivity: Array, is_held: NDArray[np.bool_]) -> None:
+        """Average the square of the sensitivity (coordinates,) to the noise of markers over frames that determine it."""
+        self._sensitive_frames = np.minimum(self._sensitive_frames + is_held, MEMORY)
+        share = is_held / np.maximum(self._sensitive_frames, 1)
+        self._sensitivity += share * (sensitivity - self._sensitivity)
 
     def _is_determined(self, entries: list[_Entry]) -> bool:
         if entries[0].has_posture:

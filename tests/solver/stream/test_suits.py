@@ -141,3 +141,8 @@ def test_wrong_calls_are_refused() -> None:
         solver(lag_s=1.0)
     with pytest.raises(SolverError):
         StreamSolver(MODEL, TrackingTasks(TASKS.markers, TASKS.weights[:-1]), {})
+    for wrong in ({"glenoid_aspect": 0.0}, {"free_coordinates": ("nose",)}, {"weights": {"nose": 1.0}}):
+        with pytest.raises(SolverError):
+            solver(options=RedundancyOptions(**wrong))
+    with pytest.raises(SolverError):
+        StreamSolver(replace(MODEL, muscles=()), TASKS, {"bare": None})
