@@ -164,7 +164,7 @@ class LagWindow:
         return SmoothedState(smoothed.T.copy(), deviations)
 
     def _learn(self, sensitivity: Array, is_held: NDArray[np.bool_]) -> None:
-        """Average the square of the sensitivity (coordinates,) to the noise of markers over frames that determine it."""
+        """Average the square of the sensitivity (coordinates,) to marker noise over the frames that determine it."""
         self._sensitive_frames = np.minimum(self._sensitive_frames + is_held, MEMORY)
         share = is_held / np.maximum(self._sensitive_frames, 1)
         self._sensitivity += share * (sensitivity - self._sensitivity)
