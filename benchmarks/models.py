@@ -161,17 +161,7 @@ def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: A
     """The same of OpenSim, and its processor time per state [s]. ImportError without OpenSim."""
     import opensim
 
-    opensim.Logger.setLevelString("off")
-    osim = opensim.Model(str(path))
-    forces = osim.getForceSet()
-    left_out = {name.split(" ", 1)[-1] for name in model.left_out}
-    for index in range(forces.getSize()):
-        if forces.get(index).getName() in left_out:
-            forces.get(index).set_appliesForce(False)
-    osim.finalizeFromProperties()
-    controllers = osim.getControllerSet()
-    for index in range(controllers.getSize()):
-        controllers.get(index).setEnabled(False)
+    osim = _without_left_out(path, model)
     state = osim.initSystem()
     coordinates = [osim.getCoordinateSet().get(name) for name in model.coordinate_names]
     muscles = [osim.getMuscles().get(name) for name in model.muscle_names]
@@ -206,6 +196,23 @@ def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: A
             }
         )
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, seconds / len(q)
+
+
+def _without_left_out(path: Path, model: Model) -> Any:
+    """OpenSim's model without the forces that ours lacks, and without controllers."""
+    import opensim
+
+    opensim.Logger.setLevelString("off")
+    osim = opensim.Model(str(path))
+    forces, controllers = osim.getForceSet(), osim.getControllerSet()
+    left_out = {name.split(" ", 1)[-1] for name in model.left_out}
+    for index in range(forces.getSize()):
+        if forces.get(index).getName() in left_out:
+            forces.get(index).set_appliesForce(False)
+    osim.finalizeFromProperties()
+    for index in range(controllers.getSize()):
+        controllers.get(index).setEnabled(False)
+    return osim
 
 
 def _problem(error: SolverError, path: Path) -> str:

@@ -39,7 +39,7 @@ class EquationsOfMotion:
     """The terms of the module's equations, and the reaction R = R_b − R_a u̇ + wrench on the bodies beyond it.
 
     mass_matrix           M (frames, coordinates, coordinates)
-    bias_force            c (frames, coordinates), of velocities, gravity and passive forces on coordinates
+    bias_force            c (frames, coordinates), of velocities, gravity and passive forces
     constraint_jacobian   G (frames, rows, coordinates), see solver/multibody/constraints.py
     constraint_bias       b (frames, rows)
     mobility              P (frames, coordinates, coordinates)
@@ -78,13 +78,6 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
     mass_matrix, bias_force, per_acceleration, reaction_bias = _terms(model, state, joint.child, point)
-    if model.forces:
-        wrenches, on_coordinates = total_loads(model, state)
-        forces, direct = _joint_loads(
-            tables_of(model), state.screws, joint.child, point, wrenches[:, None], on_coordinates[:, None]
-        )
-        bias_force -= forces[:, 0]
-        reaction_bias += direct[:, 0]
     jacobian, bias = constraint_rows(model, state)
 
     inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
@@ -179,6 +172,11 @@ def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsT
         terms.bias_force[:, passive.coordinate] -= _passive_force(passive, state)
     gravity, carried = np.array(model.gravity), _carried(model, child)
     mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, terms)
+    if model.forces:
+        wrenches, on_coordinates = (loads[:, None] for loads in total_loads(model, state))
+        forces, direct = _joint_loads(tables_of(model), state.screws, child, point, wrenches, on_coordinates)
+        terms.bias_force[...] -= forces[:, 0]
+        terms.reaction_bias[...] += direct[:, 0]
     return terms
 
 

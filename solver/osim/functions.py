@@ -34,9 +34,15 @@ def read_function(holder: Element) -> Function:
 
 
 def read_named_function(holder: Element, name: str) -> Function | None:
-    """The function that is the element's property of that name, if it has one; its tag is the class."""
+    """The function that is the element's property of that name, if it has one.
+
+    Its tag is the class and its name that of the property, or, in earlier files, it is within a tag of that name.
+    """
     element = next((child for child in holder.children if child.name == name and child.tag[0].isupper()), None)
-    return read_function_element(element) if element is not None else None
+    if element is not None:
+        return read_function_element(element)
+    wrapped = holder.find(name)
+    return read_function(wrapped) if wrapped is not None else None
 
 
 def read_function_element(element: Element) -> Function:

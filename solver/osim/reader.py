@@ -47,7 +47,7 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
     model = with_defaults(as_version_4(model) if _is_earlier(document) else model)
-    left_out = _switched_off(model) + (_unsupported_forces(model) if ignore_forces else [])
+    left_out = _inert(model) + _switched_off(model) + (_unsupported_forces(model) if ignore_forces else [])
     if left_out:
         model = _without(model, left_out)
     return replace(_model(model), left_out=tuple(f"{element.tag} {element.name}".strip() for element in left_out))
@@ -56,6 +56,7 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
 OPENSIM_2, AFTER_OPENSIM_3, OPENSIM_4, LONGEST_VERSION = 20000, 30500, 40000, 9
 
 
+_INERT = ("Station", "Marker", "IMU")
 MASSLESS = 2e-14  # kg; OpenSim sets the inertia of such a body to zero
 
 
@@ -126,6 +127,12 @@ def _model(element: Element) -> Model:
         forces=tuple(elements),
         markers=tuple(markers),
     )
+
+
+def _inert(model: Element) -> list[Element]:
+    """Points and sensors among the components of the model and its bodies; OpenSim's tools do not use them either."""
+    owners = [model, *(ground for ground in [model.find("Ground")] if ground), *model.objects("BodySet")]
+    return [part for owner in owners for part in owner.members("components") if part.tag in _INERT]
 
 
 def _switched_off(model: Element) -> list[Element]:

@@ -106,9 +106,7 @@ def _search(start: Vector, end: Vector, ring: float) -> Vector:
             predicted = linear + 2.0 * damped
             ratio = actual / predicted if predicted != 0.0 else 0.0
             if ratio <= POOR:
-                shrink = 0.5 if actual >= 0.0 else 0.5 * (linear + damped) / (linear + damped - 0.5 * actual)
-                if 0.1 * abs(trial) >= abs(value) or shrink < 0.1:
-                    shrink = 0.1
+                shrink = _shrinkage(actual, linear + damped, trial / value)
                 bound, parameter = shrink * min(bound, 10.0 * size), parameter / shrink
             elif parameter == 0.0 or ratio >= GOOD:
                 bound, parameter = 2.0 * size, 0.5 * parameter
@@ -119,6 +117,13 @@ def _search(start: Vector, end: Vector, ring: float) -> Vector:
             if has_converged or bound <= TOLERANCE * extent or evaluations >= MOST_EVALUATIONS:
                 return along(start, u, direction)
     return along(start, u, direction)
+
+
+@compiled
+def _shrinkage(actual: float, slope: float, growth: float) -> float:
+    """Factor of the step bound after a poor step; growth is the new value over the old one."""
+    shrink = 0.5 if actual >= 0.0 else 0.5 * slope / (slope - 0.5 * actual)
+    return 0.1 if 0.1 * abs(growth) >= 1.0 or shrink < 0.1 else shrink
 
 
 @compiled

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver.osim.reader import read_osim
 from tests.solver.oracle.test_paths import path_of, tilted
 from tests.solver.oracle.two_bodies import (
     Difference,
@@ -62,6 +63,25 @@ def test_a_ligament_pulls_by_its_curve(has_own_curve: bool, tmp_path: Path) -> N
     model.addForce(given(ligament))
     lay(model, ligament)
     assert counted(model, tmp_path).is_nought()
+
+
+def test_the_curve_of_a_ligament_may_be_within_its_property_as_in_earlier_files(tmp_path: Path) -> None:
+    model, file = model_with(opensim.UniversalJoint), tmp_path / "ligament.osim"
+    ligament = opensim.Ligament()
+    ligament.setName("ligament")
+    ligament.setRestingLength(0.5)
+    ligament.setMaxIsometricForce(120.0)
+    ligament.setForceLengthCurve(opensim.SimmSpline())
+    model.addForce(given(ligament))
+    lay(model, ligament)
+    model.finalizeConnections()
+    model.printToXML(str(file))
+    curve = "<force_length_curve><SimmSpline><x>1 1.1 1.2 1.5</x><y>0 0.3 0.5 4</y></SimmSpline></force_length_curve>"
+    own = re.compile(r'<SimmSpline name="force_length_curve">.*?</SimmSpline>', re.DOTALL)
+    text, count = own.subn(curve, file.read_text())
+    assert count == 1
+    file.write_text(text)
+    assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()
 
 
 @pytest.mark.parametrize("kinds", ["floor and two spheres", "two spheres", "one material"])

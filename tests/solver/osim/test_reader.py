@@ -322,6 +322,13 @@ def test_what_the_solver_lacks_is_refused_by_name_and_line(
     assert str(caught.value).startswith("door.osim, line ")
 
 
+def test_points_and_sensors_of_a_body_are_left_out_and_named(file: Path) -> None:
+    components = "<components><Station name='handle'/><IMU name='sensor'/></components>"
+    model = _read(file, DOOR.replace('<Body name="leaf">', f'<Body name="leaf">{components}'))
+    assert model.left_out == ("Station handle", "IMU sensor")
+    assert len(model.bodies) == 2
+
+
 def test_a_body_without_a_joint_is_refused(file: Path) -> None:
     loose = '<Body name="mat"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia></Body>'
     with refused(SolverCode.NO_JOINT, naming="mat"):
