@@ -65,7 +65,7 @@ class FitSection(Section):
 class DonningSection(Section):
     """Relative spreads between donnings; estimate: use those of repeated donnings instead, where there are enough."""
 
-    estimate: bool
+    estimate: Annotated[bool, Field(strict=True)]
     stiffness: Spread
     damping: Spread
     migration: Spread

@@ -32,7 +32,9 @@ class PairEntry(StrictEntry):
 
 
 class SettleEntry(StrictEntry):
-    """What would settle an open decision: the group of sources with the largest expected reduction of variance."""
+    """What would settle an open decision: the group of sources with the largest expected reduction of variance, or that
+    it is not known.
+    """
 
     code: Annotated[DecisionCode, Field(strict=False)]
     figures: dict[str, float | str]
@@ -200,20 +202,23 @@ def _plain_pair(pair: PairProbability) -> dict[str, Any]:
 def _plain_settle(
     decision: CuffDecision, basis: Basis, indices: Mapping[IndexedFigure, SobolIndices | None]
 ) -> dict[str, Any] | None:
-    """None for a decision that is not open, or where no group has a share that differs from zero."""
+    """The group with the largest expected reduction of the variance of the open difference, its first-order index; a
+    code of its own where no share is known to differ from zero. None for a decision that is not open.
+    """
     if decision.outcome is not DecisionOutcome.UNDECIDED:
         return None
-    pair = {decision.leading[0], str(_rival(decision)["rival"])}
+    first, second = decision.leading[0], str(_rival(decision)["rival"])
+    code = DecisionCode.SETTLE_UNKNOWN
+    figures: Figures = {"first": first, "second": second}
     for (figure, cuffs), found in indices.items():
-        if figure == f"difference_{basis}" and set(cuffs) == pair and found is not None:
+        if figure == f"difference_{basis}" and set(cuffs) == {first, second} and found is not None:
             largest = int(np.argmax(found.first))
             group, share = found.groups[largest], float(found.first[largest])
-            if share <= found.first_half_width[largest]:
-                return None
-            figures: Figures = {"group": group, "percent": percent(share), "first": cuffs[0], "second": cuffs[1]}
-            message = Message(DecisionCode(f"settle.{group}"), figures)
-            return {"code": message.code.value, "figures": dict(message.figures), "text": str(message)}
-    return None
+            if share > found.first_half_width[largest]:
+                code = DecisionCode(f"settle.{group}")
+                figures = {"group": group, "percent": percent(share), "first": cuffs[0], "second": cuffs[1]}
+    message = Message(code, figures)
+    return {"code": code.value, "figures": dict(figures), "text": str(message)}
 
 
 def _rival(decision: CuffDecision) -> Figures:

@@ -300,6 +300,7 @@ class DecisionCode(StrEnum):
     SETTLE_BODY = "settle.body"
     SETTLE_MUSCLES = "settle.muscles"
     SETTLE_MOTION = "settle.motion"
+    SETTLE_UNKNOWN = "settle.unknown"
 
 
 class InputCode(StrEnum):

@@ -33,6 +33,10 @@ DECISIONS: Mapping[StrEnum, str] = {
     DecisionCode.SETTLE_BODY: _SETTLE + "measure the wearer's body and the points of the cord (--subject).",
     DecisionCode.SETTLE_MUSCLES: _SETTLE + "measure the wearer's strength, or compare with EMG.",
     DecisionCode.SETTLE_MOTION: _SETTLE + "record more cycles of the wearer's own motion (--subject).",
+    DecisionCode.SETTLE_UNKNOWN: (
+        "Which measurement would settle {first} − {second} is not known: no group of sources has a share of its "
+        "variance that differs from zero. Run `station assess` with --indices 128 or more."
+    ),
     DecisionCode.FIT_ONLY: (
         "No decision: the intervals do not contain the variation of donnings, bodies and muscles. Run `station assess "
         "--people 1000`, which adds it."

@@ -42,6 +42,7 @@ def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
     ("text", "reason"),
     [
         ("[donning]\nstifness = 0.3\n", "donning.stifness"),
+        ('[donning]\nestimate = "yes"\n', "donning.estimate"),
         ("[muscles]\nstrength = -0.1\n", "muscles.strength"),
         ("[motion]\nposture_deg = 90.0\n", "motion.posture_deg"),
         ("[sample]\npeople = 1\n", "sample.people"),

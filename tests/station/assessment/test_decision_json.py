@@ -77,6 +77,15 @@ def test_every_outcome_has_its_code_and_its_sentence(
     assert entry.at_best.text.startswith("Each at its own best rest length, ")
 
 
+def test_an_open_decision_without_indices_asks_for_them() -> None:
+    decision = decide({"hand": LOW + 0.02 + SPREAD, "tube": LOW}, RULE)
+    decisions: Any = {"at_reference": decision, "at_best": decision}
+    total = TotalUncertainty(1001, 1001, 1, {}, {}, decisions, RULE, {}, {})
+    settle = DecisionEntry.model_validate(plain_decision(total, 0.74)).at_reference.settle
+    assert settle is not None and settle.code is DecisionCode.SETTLE_UNKNOWN
+    assert settle.figures == {"first": "tube", "second": "hand"}
+
+
 def test_without_a_budget_there_is_no_decision() -> None:
     entry = DecisionEntry.model_validate(undecided_by_fit())
     assert (entry.contains, entry.people.value, entry.at_best.code) == ("fit", 0, DecisionCode.FIT_ONLY)
