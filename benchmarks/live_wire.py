@@ -108,6 +108,7 @@ def run(folder: Path, lag_s: float, seconds: float) -> tuple[Arrivals, list[Row]
         taps = live_views(addressed, folder, SPEC, RealClock())
         with taps[0]:
             result = TrialRecorder(addressed, RealClock(), [arrivals, *taps]).record(folder, SPEC, seconds)
+        taps[0].wait(60)
     rows = [Row(*row) for row in json.loads(watcher.communicate(timeout=60)[0])]
     return arrivals, rows, result.lost_samples
 

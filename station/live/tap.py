@@ -94,6 +94,14 @@ class LiveTap(BackgroundView):
             self._child.kill()  # it has not read for JOIN_TIMEOUT_S, and would be waited for at the exit
             self._thread.join(JOIN_TIMEOUT_S)
 
+    def wait(self, timeout_s: float) -> bool:
+        """Whether the live process ends within so many wall seconds; it closes its file after the trial has ended."""
+        try:
+            self.exit_code = None if self._child is None else self._child.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
     def _put(self, content: Item | Stream | dict[str, Any]) -> None:
         with self._lock:
             if len(self._waiting) >= BACKLOG:
