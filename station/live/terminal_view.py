@@ -85,9 +85,8 @@ def best_sentence(values: LiveValues) -> str:
     bound = {-1: "at most ", 0: "", 1: "at least "}[best.edge]
     spread = f" ± {best.sd_m:.2f}" if math.isfinite(best.sd_m) else ""
     less = 100 * (1 - best.effort)
-    return (
-        f"best for this motion so far: {bound}{best.rest_length_m:.2f}{spread} m, {less:.0f} % less effort than slack"
-    )
+    change = f"{abs(less):.0f} % {'less' if less >= 0 else 'more'} effort than slack"
+    return f"best for this motion so far: {bound}{best.rest_length_m:.2f}{spread} m, {change}"
 
 
 def _figure(value: float, form: str) -> str:
