@@ -14,6 +14,7 @@ from station.emg.emg_json import EmgDocument
 from station.journal_lines import JournalLine
 from station.kinematics.body_document import BodyDocument
 from station.kinematics.postures_file import IkDocument
+from station.report.report_file import ReportDocument
 from station.study.normative_file import NormativeDocument
 from station.study.plan_output import StudyPlanDocument
 from station.study.study_document import StudyDocument
@@ -28,6 +29,7 @@ SCHEMAS: dict[str, TypeAdapter[object]] = {
     "study.schema.json": TypeAdapter(StudyDocument),
     "plan.schema.json": TypeAdapter(StudyPlanDocument),
     "normative.schema.json": TypeAdapter(NormativeDocument),
+    "report.schema.json": TypeAdapter(ReportDocument),
 }
 """Published file → the type that writes and reads the document, or one line of it."""
 

@@ -50,6 +50,7 @@ class TotalUncertainty:
     bands       of the normalised cost with every arm cuff that yields and has migrated
     indices     of each figure, None where it is unknown or does not vary; empty where none were asked for
     cubes       the people who were solved again with an effort of cubes, None for none
+    seed        of the sample of people, None if it is not known
     """
 
     people: int
@@ -63,6 +64,7 @@ class TotalUncertainty:
     bands: Mapping[Place, CostBand]
     indices: Mapping[IndexedFigure, SobolIndices | None] = field(default_factory=dict)
     cubes: CubesComparison | None = None
+    seed: int | None = None
 
 
 def total_uncertainty(

@@ -13,6 +13,7 @@ from fitting.results.seal import Standing
 from fitting.uncertainty import Estimate
 from solver.suit.assessment import Assessment, EffortCurve
 from solver.suit.quantity import Quantity
+from solver.suit.uncertainty import SEED
 from station.assessment.emg import MeasuredReduction
 from station.assessment.outcomes import FRAME_SENTENCES
 
@@ -140,6 +141,7 @@ def _uncertainty(assessment: Assessment) -> Plain | None:
         return None
     return {
         "draws": known(uncertainty.draws),
+        "seed": known(SEED),
         "every_frame": known(uncertainty.every),
         "subsampling_difference": {
             "at_rigid_optimum": known(uncertainty.largest_difference["at_reference"]),

@@ -118,7 +118,7 @@ def assess_people(
     unit = unit_sample(case.factors, sample.people, sample.method, sample.seed)
     scores = np.vstack([np.zeros(unit.shape[1]), normal_scores(unit)])
     readouts = run_people(case, scores, run, progress)
-    total = total_uncertainty(assessment, readouts, case.every, run.budget.rule)
+    total = replace(total_uncertainty(assessment, readouts, case.every, run.budget.rule), seed=sample.seed)
     if sample.people_with_cubes:
         again = slice(0, 1 + sample.people_with_cubes)
         cubes = run_people(_with_cubes(case), scores[again], run, partial(_report, progress, "cubes"))

@@ -88,6 +88,7 @@ class TotalUncertaintyEntry(StrictEntry):
     """
 
     people: KnownNumberEntry
+    seed: KnownNumberEntry | None = None
     solved: KnownNumberEntry
     every_frame: KnownNumberEntry
     at_rigid_optimum: dict[str, Any]
@@ -111,6 +112,7 @@ def plain_total(total: TotalUncertainty, donning: DonningSources) -> Plain:
 
     return {
         "people": known(total.people),
+        "seed": None if total.seed is None else known(total.seed),
         "solved": known(total.solved),
         "every_frame": known(total.every),
         "at_rigid_optimum": numbers("at_reference"),

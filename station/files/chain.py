@@ -23,7 +23,7 @@ from station.fit import recordings_in
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 
-REPORT_FILE = "report.html"
+REPORT_FILE, NUMBERS_FILE = "report.html", "report.json"
 LARGEST_REPORT = 1 << 28
 """Bytes; the figures are in it."""
 INPUTS = re.compile(r'<script type="application/json" id="inputs">(.*?)</script>', re.DOTALL)
@@ -35,14 +35,19 @@ class ChainError(StationError):
 
 @dataclass(frozen=True)
 class Link:
-    """One step of the chain: the file that was read or written, and its comparison with the recorded hash."""
+    """One step of the chain: the file that was read or written, and its comparison with the recorded hash.
+
+    code: of the number of the report that does not follow from its source
+    """
 
     what: str
     standing: Standing
     detail: str = ""
+    code: str = ""
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.standing}" + (f" ({self.detail})" if self.detail else "")
+        detail = f"{self.detail} [{self.code}]" if self.code else self.detail
+        return f"{self.what}: {self.standing}" + (f" ({detail})" if detail else "")
 
 
 def verify_folder(folder: Path) -> list[Link]:
@@ -208,7 +213,7 @@ def _checksum_links(files: _Files, *, is_report_included: bool) -> Iterator[Link
     """Links of the recordings, and of other files that the station wrote."""
     above = {REPORT_FILE, ASSESSMENT_FILE, CUFFS_FILE}
     names = {*files.recorded, *(path.name for path in files.folder.glob("*.mcap"))} - above
-    for name in sorted(names):
+    for name in sorted(names if is_report_included else names - {NUMBERS_FILE}):
         yield files.link_to_checksums(name)
     absent = [name for name in sorted(above & set(files.recorded)) if not (files.folder / name).is_file()]
     for name in absent:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 from fitting.results.seal import Standing
 from station.checksums import CHECKSUMS_FILE, write_checksums
 from station.errors import StationError
-from station.files.chain import Link, verify_folder
+from station.files.chain import Link
 from station.messages.file_codes import ChainCode
 from station.messages.message import Message
 
@@ -24,12 +25,13 @@ class SignatureError(StationError):
     """The folder cannot be signed, or its signature cannot be verified."""
 
 
-def sign(folder: Path, key: Path) -> Path:
+def sign(folder: Path, key: Path, links: Sequence[Link]) -> Path:
     """Record every file of the folder in SHA256SUMS, and sign that file. Returns the path of the signature.
 
     key: a private key, or a public one whose private key is in an agent. A passphrase is read from the terminal.
+    links: the verification of the folder
     """
-    breaks = [link for link in verify_folder(folder) if link.standing.is_break]
+    breaks = [link for link in links if link.standing.is_break]
     if broken := [str(link) for link in breaks if not link.what.endswith(".jsonl")]:  # a journal grows after its hash
         raise SignatureError(Message(ChainCode.BROKEN, {"folder": str(folder), "link": broken[0]}))
     files = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]

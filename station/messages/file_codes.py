@@ -66,6 +66,23 @@ class ExportCode(StrEnum):
     NO_SYNC_EDGE = "replay.no_sync_edge"
 
 
+class NumberCode(StrEnum):
+    """Reason why a number of the report does not follow from its source."""
+
+    FILE = "number.file"
+    UNKNOWN = "number.unknown"
+    NOT_ON_PAGE = "number.not_on_page"
+    NOT_LISTED = "number.not_listed"
+    PAGE = "number.page"
+    RENDERING = "number.rendering"
+    NO_SOURCE = "number.no_source"
+    SOURCE = "number.source"
+    FIGURE = "number.figure"
+    PROVENANCE = "number.provenance"
+    INPUT = "number.input"
+    RECOMPUTED = "number.recomputed"
+
+
 class ChainCode(StrEnum):
     """Reason why a folder is not verified or signed, and remarks on its files."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from station.messages.file_codes import ChainCode, ExportCode, ImportCode
+from station.messages.file_codes import ChainCode, ExportCode, ImportCode, NumberCode
 
 _SPANS = (
     "force from {force_from_s:.2f} to {force_to_s:.2f} s, markers from {markers_from_s:.2f} to {markers_to_s:.2f} s"
@@ -121,6 +121,18 @@ _EXPORT: Mapping[StrEnum, str] = {
 }
 
 _CHAIN: Mapping[StrEnum, str] = {
+    NumberCode.FILE: "{file} cannot be used ({reason}); write it again with `station report`",
+    NumberCode.UNKNOWN: "{file} has no number {id}; the page shows the id of a number when the pointer rests on it",
+    NumberCode.NOT_ON_PAGE: "{id} is not on the page",
+    NumberCode.NOT_LISTED: "{id} is on the page and not in the file",
+    NumberCode.PAGE: "{id} is {found} on the page, expected {expected}",
+    NumberCode.RENDERING: "{id} has the text {found}, expected {expected} of its value",
+    NumberCode.NO_SOURCE: "{id} has no source: {pointer} is not in {source}",
+    NumberCode.SOURCE: "{id} is {found}, expected {expected} from {source} {pointer}",
+    NumberCode.FIGURE: "{id} is another drawing or caption than the one that was written",
+    NumberCode.PROVENANCE: "{id} names other recordings, draws or figures than those of {source} {pointer}",
+    NumberCode.INPUT: "{numbers} numbers rest on it, the first: {id}",
+    NumberCode.RECOMPUTED: "{id} is {found}, and a new fit of the recordings gives {expected}",
     ChainCode.CHANGED: "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}",
     ChainCode.NOT_A_FOLDER: "{folder} is not a folder; give a session folder",
     ChainCode.NOTHING_TO_VERIFY: "{folder} contains no recording, no {cuffs} and no {report} to verify",

@@ -9,14 +9,16 @@ from functools import partial
 from pydantic import BaseModel
 
 from fitting.cuffs.cuff_fit import CuffFit
-from fitting.cuffs.wearable_cuff import WearableCuff, bushing_force
+from fitting.cuffs.cuffs_file import CUFFS_FILE
+from fitting.cuffs.wearable_cuff import QUANTITIES, WearableCuff, bushing_force
 from fitting.diagnosis.fitted_pull import FittedPull
-from fitting.spatial.tensor import Tensor
 from station.report.charts.marks import THIRD, Chart, Intervals, Mark, Panel, Points, chart, values
 from station.report.figures import MM, dynamic_figure, static_figure, trial_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
+from station.report.located import LocatedObject, Source, located
 from station.report.number_texts import estimate_text
 from station.report.pictures import Picture, PlannedFigure
+from station.report.sourced_number import Form, Rendering, SourcedNumber
 
 Cuffs = Mapping[str, CuffFit | WearableCuff]
 
@@ -53,24 +55,48 @@ _QUANTITIES = (
 
 @dataclass(frozen=True)
 class ReportedCuff:
-    """One cuff on the page."""
+    """One cuff on the page: its fit, its entry in cuffs.json, and the true cuff's in simulated_truth.json."""
 
     fit: CuffFit | WearableCuff
-    truth: TrueCuff | None
-    pictures: tuple[Picture, ...]
+    entry: LocatedObject
+    truth: LocatedObject | None
+    pictures: Sequence[Picture]
+
+    def figure(self, quantity: str) -> LocatedObject | None:
+        """Stiffness, damping or migration with its interval and its place, identified or not."""
+        return figure_of(self.fit, quantity)
 
     @property
-    def tensors(self) -> list[tuple[str, str, Tensor]]:
+    def notes(self) -> Sequence[str]:
+        return self.entry.get("notes") or ()
+
+    @property
+    def tensors(self) -> list[tuple[str, str, LocatedObject]]:
         """Those that were identified, with their names and units."""
-        found = self.fit.tensors if isinstance(self.fit, CuffFit) else None
-        both = (("Stiffness", "N/m", found and found.stiffness), ("Damping", "N s/m", found and found.damping))
-        return [(what, unit, tensor) for what, unit, tensor in both if tensor]
+        both = (("Stiffness", "N/m", "stiffness_tensor_n_per_m"), ("Damping", "N s/m", "damping_tensor_n_s_per_m"))
+        entries = [(what, unit, self.entry.get(key)) for what, unit, key in both]
+        is_fit = isinstance(self.fit, CuffFit)
+        return [(what, unit, tensor) for what, unit, tensor in entries if is_fit and tensor and tensor["value"]]
 
     @property
-    def bushing(self) -> str:
-        """OpenSim's element, empty where a figure is missing."""
+    def bushing(self) -> SourcedNumber | None:
+        """OpenSim's element, which the fit writes to a file, too; None where a figure is missing."""
         cuff = self.fit.wearable() if isinstance(self.fit, CuffFit) else self.fit
-        return "" if cuff.missing else bushing_force(cuff)
+        if cuff.missing:
+            return None
+        return SourcedNumber(bushing_force(cuff), self.entry.source, Rendering(Form.BUSHING))
+
+
+def figure_of(fit: CuffFit | WearableCuff, quantity: str) -> LocatedObject | None:
+    """Stiffness, damping or migration with its interval and its place in cuffs.json, identified or not."""
+    estimate, source = getattr(fit, quantity), Source(CUFFS_FILE, "/cuffs").child(fit.name)
+    if estimate is None:
+        return None
+    if quantity in fit.missing:
+        source = source.child("not_identified")
+    number = {"value": estimate.value, "ci95": list(estimate.ci95)}
+    found: LocatedObject = located(number, source.child(QUANTITIES[quantity]))
+    return found
 
 
 def overview_figure(cuffs: Cuffs, truth: Mapping[str, TrueCuff]) -> Chart:

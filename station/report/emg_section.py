@@ -1,4 +1,4 @@
-"""The report's section on EMG, from emg.json: tables as text, and figures of the shapes and of the change."""
+"""The report's section on EMG, from emg.json: tables, and figures of the shapes and of the change."""
 
 from __future__ import annotations
 
@@ -6,42 +6,53 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from station.emg.emg_json import EmgDocument
-from station.emg.emg_tables import (
-    ChangeRow,
-    PooledRow,
-    ShapeRow,
-    change_rows,
-    findings_text,
-    method_text,
-    pooled_rows,
-    shape_rows,
-)
+from station.emg.emg_json import EMG_FILE, EmgDocument
+from station.emg.emg_tables import ShapeRow, findings_text, method_text, shape_rows
 from station.report.emg_figures import change_figure, shapes_figure
+from station.report.located import LocatedObject, Source, located
+from station.report.number_texts import Shown
 from station.report.pictures import Picture, PlannedFigure
+from station.report.sourced_number import Form, sourced
 
 
 @dataclass(frozen=True)
 class ReportedEmg:
+    """Rows as text with the entry of emg.json, or the entries alone."""
+
     document: EmgDocument
-    method: str
+    method: tuple[Shown, ...]
     findings: list[str]
-    shapes: list[ShapeRow]
-    pooled: list[PooledRow]
-    changes: list[ChangeRow]
+    shapes: list[tuple[ShapeRow, LocatedObject]]
+    pooled: Sequence[LocatedObject]
+    changes: Sequence[LocatedObject]
     pictures: Sequence[Picture]
 
 
 def emg_section(document: EmgDocument, pictures: Sequence[Picture]) -> ReportedEmg:
+    plain: LocatedObject = located(document.model_dump(mode="json"), Source(EMG_FILE))
+    shapes = [channel["shape"] for trial in plain["trials"] for channel in trial["channels"] if channel["shape"]]
     return ReportedEmg(
         document,
-        f"Envelopes: {method_text(document.setup.envelope)}",
+        _method(document, plain["setup"]["envelope"]),
         list(findings_text(document)),
-        list(shape_rows(document)),
-        list(pooled_rows(document)),
-        list(change_rows(document)),
+        list(zip(shape_rows(document), shapes, strict=True)),
+        plain["pooled"],
+        plain["changes"],
         pictures,
     )
+
+
+def _method(document: EmgDocument, envelope: LocatedObject) -> tuple[Shown, ...]:
+    """As method_text, whose numbers are those of the set-up; a published method has none of its own."""
+    text = method_text(document.setup.envelope)
+    keys = {"seth_2019": (), "rms": ("window_s",)}.get(envelope["method"], ("low_pass_hz",))
+    numbers = [sourced(number, Form.GENERAL) for number in envelope["band_hz"] if keys]
+    numbers += [sourced(envelope[key], Form.GENERAL) for key in keys]
+    parts: list[Shown] = []
+    for number in numbers:
+        before, _, text = text.partition(str(number))
+        parts += [before, number]
+    return (*parts, text)
 
 
 def emg_figures(document: EmgDocument) -> list[PlannedFigure]:

@@ -9,7 +9,8 @@ from typing import Any
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from station.messages.codes import AssessmentCode
 from station.report.cuff_section import Cuffs
-from station.report.number_texts import saving_text
+from station.report.located import LocatedFloat
+from station.report.number_texts import Shown, saving
 
 Plain = Mapping[str, Any]
 
@@ -37,15 +38,15 @@ BUNDLED_SUIT = (
 
 @dataclass(frozen=True)
 class CuffEffect:
-    """Effort with one arm cuff, migration and compliance, against the slack cord, in words.
+    """Effort with one arm cuff, migration and compliance, against the slack cord.
 
     at_reference  at the suit's reference rest length;  at_best  at the cuff's own best rest length [m]
     """
 
     cuff: str
-    at_reference: str
-    at_best: str
-    best_rest_length_m: float | None
+    at_reference: Shown
+    at_best: Shown
+    best_rest_length_m: LocatedFloat | None
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class FirstPage:
     """decision: sentences, one if they agree; limits: sentences; rigid: theoretical limit at the reference length."""
 
     effects: tuple[CuffEffect, ...]
-    rigid: str
+    rigid: Shown
     decision: tuple[str, ...]
     limits: tuple[str, ...]
 
@@ -65,7 +66,7 @@ def summary_of(assessment: Plain | None, cuffs: Cuffs) -> FirstPage:
     arms = [cuff for cuff in assessment["cost"] if cuff != "rigid"]
     return FirstPage(
         tuple(_effect(assessment, cuff) for cuff in arms if "both" in assessment["cost"][cuff]),
-        saving_text(assessment["at_rigid_optimum"]["rigid"]),
+        saving(assessment["at_rigid_optimum"]["rigid"]),
         _decision(assessment),
         (*_limits_of_cuffs(cuffs), *_limits_of_assessment(assessment)),
     )
@@ -80,8 +81,8 @@ def _effect(assessment: Plain, cuff: str) -> CuffEffect:
     best = assessment["optimum"][cuff]["both"]
     return CuffEffect(
         cuff,
-        saving_text(assessment["at_rigid_optimum"][cuff]["both"]),
-        saving_text(best["normalised_cost"]),
+        saving(assessment["at_rigid_optimum"][cuff]["both"]),
+        saving(best["normalised_cost"]),
         best["rest_length_m"]["value"],
     )
 

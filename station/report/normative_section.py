@@ -8,12 +8,13 @@ from pathlib import Path
 
 from recordings.manifest import DataOrigin
 from station.checksums import write_checksums
-from station.interval import bracketed
-from station.report.cuff_section import Cuffs
-from station.report.number_texts import estimate_text
+from station.report.cuff_section import Cuffs, figure_of
+from station.report.located import LocatedInteger, LocatedObject, Source, located
+from station.report.number_texts import Shown, estimated
+from station.report.sourced_number import Form, SourcedNumber, sourced
 from station.study.normative_file import NORMATIVE_FILE, NormativeEntry, NormativePlace, read_normative
 from station.study.study_document import QuantityName
-from station.study.units import SHOWN, shown_range
+from station.study.units import SHOWN
 from station.whole_file import write_whole
 
 PLACES = {
@@ -29,12 +30,11 @@ class NormativeRow:
 
     cuff: str
     quantity: str
-    own: str
-    mean: str
-    interval: str
+    own: Shown
+    mean: Shown
+    interval: SourcedNumber
     place: str
-    volunteers: int
-    repeats: int
+    volunteers: LocatedInteger
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ def normative_section(folder: Path, cuffs: Cuffs, origin: DataOrigin) -> Normati
     if not path.is_file():
         return None
     document = read_normative(path)
-    rows = tuple(row for name in cuffs for row in _rows(name, cuffs, document.cuffs.get(name) or {}))
+    places: LocatedObject = located(document.model_dump(mode="json")["cuffs"], Source(NORMATIVE_FILE, "/cuffs"))
+    rows = tuple(row for name in cuffs for row in _rows(name, cuffs, document.cuffs.get(name) or {}, places))
     return NormativeSection(rows, document.origin, document.origin == origin)
 
 
@@ -68,17 +69,18 @@ def adopt_normative(table: Path, folder: Path) -> None:
     write_checksums(copy)
 
 
-def _rows(name: str, cuffs: Cuffs, entries: Mapping[QuantityName, NormativeEntry]) -> Iterator[NormativeRow]:
+def _rows(
+    name: str, cuffs: Cuffs, entries: Mapping[QuantityName, NormativeEntry], places: LocatedObject
+) -> Iterator[NormativeRow]:
     for quantity, entry in entries.items():
         own = getattr(cuffs[name], quantity)
-        scale, unit = SHOWN[quantity]
+        (scale, unit), place = SHOWN[quantity], places[name][quantity]
         yield NormativeRow(
             name,
             f"{quantity} [{unit}]",
-            estimate_text(own, scale),
-            bracketed(entry.mean, entry.mean_ci95, scale),
-            shown_range(entry.prediction95, quantity),
+            estimated(figure_of(cuffs[name], quantity), scale),
+            sourced(place["mean"], Form.INTERVAL, scale, ci95=place["mean_ci95"]),
+            sourced(place["prediction95"], Form.RANGE, scale),
             PLACES[entry.place(own.value)] if own else "",
-            entry.volunteers,
-            entry.repeats,
+            place["volunteers"],
         )

@@ -1,4 +1,4 @@
-"""Numbers and sentences of the report as text: filters of its templates."""
+"""Numbers of the report with their source and their text, and its sentences: filters of its templates."""
 
 from __future__ import annotations
 
@@ -8,69 +8,78 @@ from html import escape
 from typing import Any
 
 from jinja2.filters import do_mark_safe
+from markupsafe import Markup
 
+from fitting.cuffs.cuff_fit import CuffFit
+from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.results.seal import Standing
 from fitting.uncertainty import Estimate
-from station.interval import bracketed, digits_of, rounded
+from station.interval import bracketed, digits_of, of_cuff
+from station.report.located import Derivation, LocatedFloat, LocatedList
+from station.report.sourced_number import Form, SourcedNumber, sourced
 
-_MIRRORED = {"low": "high", "high": "low"}
-"""A bound of an effort is the other bound of what is saved."""
+Shown = SourcedNumber | str
+UNKNOWN, NOT_IDENTIFIED = "–", "not identified"
 
 
 def estimate_text(estimate: Estimate | None, scale: float = 1.0) -> str:
-    """Value and 95 % interval of a fit."""
-    return "not identified" if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
+    """Value and 95 % interval of a fit, for the titles of charts."""
+    return NOT_IDENTIFIED if estimate is None else bracketed(estimate.value, estimate.ci95, scale)
 
 
-def true_text(true: float, estimate: Estimate | None, scale: float = 1.0) -> str:
+def estimated(entry: Mapping[str, Any] | None, scale: float = 1.0) -> Shown:
+    """Value and 95 % interval of an entry of cuffs.json."""
+    return NOT_IDENTIFIED if _is_unknown(entry) else sourced(entry, Form.INTERVAL, scale)
+
+
+def of_this_cuff(number: Shown, fit: CuffFit | WearableCuff, quantity: str) -> Shown:
+    """The number with a remark if it is given by hand, or not identified."""
+    if isinstance(number, str):
+        return of_cuff(fit, quantity, number)
+    return number.surrounded(of_cuff(fit, quantity, number.rendering.around))
+
+
+def true_number(true: LocatedFloat, estimate: Estimate | None, scale: float = 1.0) -> SourcedNumber:
     """What is known exactly, with as many digits as the estimate above it."""
-    return rounded(scale * true, digits_of(estimate.ci95 if estimate else None, scale))
+    return sourced(true, Form.FIXED, scale, digits_of(estimate.ci95 if estimate else None, scale))
 
 
-def entry_text(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
+def entry_number(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
     """An entry {"value", "ci95"} of assessment.json; a dash where it is unknown.
 
     It has at most `digits` decimals: the interval of the fit alone would give it more than the total uncertainty bears.
     """
-    if not number or number["value"] is None:
-        return "–"
-    censored = number.get("censored")
-    return bracketed(number["value"], number.get("ci95"), scale, digits, censored, is_limited=True)
+    return UNKNOWN if _is_unknown(entry) else sourced(entry, Form.LIMITED_INTERVAL, scale, digits)
 
 
-def worn_text(number: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> str:
+def worn_number(entry: Mapping[str, Any] | None, scale: float = 1.0, digits: int = 3) -> Shown:
     """A parameter of a worn cuff, with its source where that is not the fit."""
-    if not number or number["value"] is None:
-        return "–"
-    by_hand = number.get("source") == Standing.BY_HAND
-    return f"{bracketed(number['value'], number.get('ci95'), scale, digits)}{' (given by hand)' if by_hand else ''}"
+    if entry is None or _is_unknown(entry):
+        return UNKNOWN
+    number = sourced(entry, Form.INTERVAL, scale, digits)
+    return number.surrounded("{} (given by hand)") if entry.get("source") == Standing.BY_HAND else number
 
 
-def saving_text(effort: Mapping[str, Any]) -> str:
+def saving(effort: Mapping[str, Any]) -> Shown:
     """`9.4 % less effort (2.1 to 15.2)` from an effort relative to that with a slack cord; `more` above 1."""
-    if effort["value"] is None:
-        return "effort not known"
-    is_less = effort["value"] <= 1.0
-    sign = -1.0 if is_less else 1.0
-    ends = [sign * (end - 1.0) for end in effort.get("ci95") or ()]
-    censored = effort.get("censored")
-    text = bracketed(
-        sign * (effort["value"] - 1.0),
-        sorted(ends) or None,
-        100.0,
-        1,
-        _MIRRORED.get(str(censored), censored) if is_less else censored,
-        is_limited=True,
-    )
-    number, _, brackets = text.partition(" (")
-    return f"{number} % {'less' if is_less else 'more'} effort" + (f" ({brackets}" if brackets else "")
+    return "effort not known" if _is_unknown(effort) else sourced(effort, Form.SAVING)
 
 
-def counted(count: int, noun: str) -> str:
-    """`1 cuff`, `2 cuffs`."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+def fixed(number: Any, scale: float = 1.0, digits: int = 0) -> SourcedNumber:
+    """A located number, or a vector, with `digits` decimals."""
+    return sourced(number, Form.FIXED, scale, digits)
 
 
-def with_commands(sentence: object) -> str:
+def length(found: LocatedList) -> SourcedNumber:
+    """The number of entries of a located list."""
+    return sourced(found, Form.GENERAL, derivation=Derivation.LENGTH)
+
+
+def with_commands(sentence: object) -> Markup:
     """A sentence as HTML, its `commands` as code."""
-    return do_mark_safe(re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(str(sentence))))
+    text = str(sentence) if isinstance(sentence, Markup) else escape(str(sentence))
+    return do_mark_safe(re.sub(r"`([^`]+)`", r"<code>\1</code>", text))
+
+
+def _is_unknown(entry: Mapping[str, Any] | None) -> bool:
+    return not entry or entry["value"] is None

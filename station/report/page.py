@@ -1,10 +1,14 @@
-"""One self-contained page of all that a folder holds: recordings, fitted cuffs, assessment, and the hashes of them."""
+"""One self-contained page of all that a folder holds: recordings, fitted cuffs, assessment, and the hashes of them.
+
+report.json beside it lists every number of the page with its source.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -17,6 +21,7 @@ from documents.plain_data import PlainDataError, read_json
 from documents.validation import describe_error
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, read_cuffs
+from fitting.cuffs.cuffs_json import cuffs_json
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, WearableCuff
 from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
@@ -26,9 +31,8 @@ from station.assessment.total_json import with_total_intervals
 from station.checksums import sha256_of, write_checksums
 from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
-from station.files.chain import REPORT_FILE, chain_of
+from station.files.chain import NUMBERS_FILE, REPORT_FILE, chain_of
 from station.fit import fit_session_folder, pulls_in, recordings_in
-from station.interval import of_cuff
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.progress import Progress, silent
@@ -36,9 +40,22 @@ from station.report.assessment_section import assessment_section, effort_figures
 from station.report.cuff_section import Cuffs, ReportedCuff, TrueCuff, cuff_figures, overview_figure
 from station.report.emg_section import emg_figures, emg_section
 from station.report.first_page import summary_of
+from station.report.located import LocatedObject, Source, located
 from station.report.normative_section import normative_section
-from station.report.number_texts import entry_text, estimate_text, true_text, with_commands, worn_text
-from station.report.pictures import PlannedFigure, draw_all
+from station.report.number_register import NumberRegister
+from station.report.number_texts import (
+    entry_number,
+    estimated,
+    fixed,
+    length,
+    of_this_cuff,
+    true_number,
+    with_commands,
+    worn_number,
+)
+from station.report.pictures import Picture, PlannedFigure, draw_all
+from station.report.provenance import Provenance
+from station.report.report_file import FORMAT, PageEntry, ReportDocument, numbers_text
 from station.report.session_facts import session_facts
 from station.study.normative_file import NORMATIVE_FILE
 from station.whole_file import write_whole
@@ -59,69 +76,144 @@ class ReportError(StationError):
     """There is nothing to report; one sentence."""
 
 
+@dataclass(frozen=True)
+class Results:
+    """What a page is made of: the fit of the recordings or cuffs.json, and the other results in the folder.
+
+    document: content of cuffs.json, or what a fit would write there, empty without either
+    assessment: located, with the intervals of total uncertainty where people were drawn
+    """
+
+    folder: Path
+    fitted: SessionFit | None
+    cuffs: Cuffs
+    document: LocatedObject
+    truth: dict[str, TrueCuff]
+    assessment: Mapping[str, Any] | None
+    emg: EmgDocument | None
+
+    @property
+    def origin(self) -> DataOrigin:
+        """Of all that the page shows."""
+        found = [fit.origin for fit in self.cuffs.values()]
+        if self.assessment and self.assessment.get("origin") in list(DataOrigin):
+            found.append(DataOrigin(self.assessment["origin"]))
+        if self.emg:
+            found.append(self.emg.origin)
+        return DataOrigin.joined(found)
+
+
 def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progress = silent) -> Path:
-    """Writes report.html into the folder and returns its path.
+    """Writes report.html and report.json into the folder and returns the path of the page.
 
     fitted spares fitting the folder's recordings again. Raises ReportError for a folder that holds nothing of ours.
     """
     if fitted is None and folder.is_dir() and pulls_in(folder):
         fitted = fit_session_folder(folder, None, progress)
-    cuffs: Cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
-    path = folder / ASSESSMENT_FILE
-    assessment = with_total_intervals(read_assessment(path)) if path.is_file() else None
-    emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
-    if not cuffs and not assessment and not emg:
-        raise ReportError(Message(FolderCode.NOTHING_TO_REPORT, {"folder": str(folder)}))
-    truth = _beside(folder / TRUTH_FILE, _TRUTH) or {}
-    chain = chain_of(folder, is_report_included=False)
-    pictures = draw_all(_planned(folder, cuffs, truth, assessment, emg), progress)
-    origin = _origin(cuffs, assessment, emg)
-    page = (
-        _environment()
-        .get_template("page.html")
-        .render(
-            folder=folder.resolve().name,
-            facts=session_facts(folder, recordings_in(folder), fitted, origin),
-            summary=summary_of(assessment, cuffs),
-            cuffs=[ReportedCuff(fit, truth.get(name), pictures[f"cuff {name}"]) for name, fit in cuffs.items()],
-            overview=pictures[OVERVIEW],
-            has_truth=bool(truth),
-            origin=origin,
-            chain=chain,
-            doubts=[str(link) for link in chain if link.standing in DOUBTFUL] + _contradictions(cuffs, assessment),
-            inputs=json.dumps(_inputs(folder), indent=1).replace("<", "\\u003c"),
-            missing=_beside(folder / MISSING_FILE, _MISSING) or (),
-            trials=[trial for fit in fitted.cuffs.values() for trial in fit.trials] if fitted else [],
-            rejected=fitted.rejected if fitted else (),
-            assessment=assessment,
-            suit=assessment_section(assessment, pictures[EFFORT], pictures[MUSCLES]) if assessment else None,
-            emg=emg_section(emg, pictures[EMG]) if emg else None,
-            normative=normative_section(folder, cuffs, origin),
-            version=metadata.version("cuffstation"),
-        )
-    )
-    path = folder / REPORT_FILE
+    results = _read_results(folder, fitted)
+    drawn = draw_all(_planned(results), progress)
+    documents = {CUFFS_FILE: results.document, ASSESSMENT_FILE: results.assessment}
+    register = NumberRegister(Provenance(results.document, results.assessment), documents)
+    pictures = {
+        section: register.add_figures(section, found, _series(section, results)) for section, found in drawn.items()
+    }
+    inputs = _inputs(folder)
+    page = _environment(register).get_template("page.html").render(_context(results, pictures), inputs=_script(inputs))
+    path, beside = folder / REPORT_FILE, folder / NUMBERS_FILE
     write_whole(path, page)
-    write_checksums(path)
+    listed = ReportDocument(
+        format=FORMAT,
+        page=PageEntry(file=path.name, sha256=sha256_of(path)),
+        origin=results.origin,
+        version=metadata.version("cuffstation"),
+        inputs=inputs,
+        numbers=register.numbers,
+        figures=register.figures,
+    )
+    write_whole(beside, numbers_text(listed))
+    write_checksums(path, beside)
     return path
 
 
-def _planned(
-    folder: Path,
-    cuffs: Cuffs,
-    truth: Mapping[str, TrueCuff],
-    assessment: Mapping[str, Any] | None,
-    emg: EmgDocument | None,
-) -> dict[str, Sequence[PlannedFigure]]:
+def _read_results(folder: Path, fitted: SessionFit | None) -> Results:
+    cuffs: Cuffs = fitted.cuffs if fitted else _cuffs_of(folder)
+    path = folder / ASSESSMENT_FILE
+    assessment = located(read_assessment(path), Source(ASSESSMENT_FILE)) if path.is_file() else None
+    emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
+    if not cuffs and not assessment and not emg:
+        raise ReportError(Message(FolderCode.NOTHING_TO_REPORT, {"folder": str(folder)}))
+    document = json.loads(cuffs_json(fitted)) if fitted else read_json(folder / CUFFS_FILE) if cuffs else {}
+    return Results(
+        folder,
+        fitted,
+        cuffs,
+        located(document, Source(CUFFS_FILE)),
+        _beside(folder / TRUTH_FILE, _TRUTH) or {},
+        with_total_intervals(assessment) if assessment else None,
+        emg,
+    )
+
+
+def _context(results: Results, pictures: Mapping[str, Sequence[Picture]]) -> dict[str, Any]:
+    """What the templates show."""
+    folder, document, assessment, emg = results.folder, results.document, results.assessment, results.emg
+    origin, chain = results.origin, chain_of(folder, is_report_included=False)
+    known = located({name: cuff.model_dump() for name, cuff in results.truth.items()}, Source(TRUTH_FILE))
+    entries = document.get("cuffs", {})
+    return {
+        "folder": folder.resolve().name,
+        "facts": session_facts(folder, recordings_in(folder), document.get("calibration"), origin),
+        "summary": summary_of(assessment, results.cuffs),
+        "cuffs": [
+            ReportedCuff(fit, entries[name], known.get(name), pictures[f"cuff {name}"])
+            for name, fit in results.cuffs.items()
+        ],
+        "overview": pictures[OVERVIEW],
+        "has_truth": bool(known),
+        "origin": origin,
+        "chain": chain,
+        "doubts": [str(link) for link in chain if link.standing in DOUBTFUL]
+        + _contradictions(results.cuffs, assessment),
+        "missing": located(_beside(folder / MISSING_FILE, _MISSING) or [], Source(MISSING_FILE)),
+        "trials": [trial for cuff in entries.values() for trial in cuff.get("trials", ())] if results.fitted else [],
+        "rejected": document.get("rejected", ()) if results.fitted else (),
+        "assessment": assessment,
+        "suit": assessment_section(assessment, pictures[EFFORT], pictures[MUSCLES]) if assessment else None,
+        "emg": emg_section(emg, pictures[EMG]) if emg else None,
+        "normative": normative_section(folder, results.cuffs, origin),
+        "version": metadata.version("cuffstation"),
+    }
+
+
+def _planned(results: Results) -> dict[str, Sequence[PlannedFigure]]:
     """Figures by section."""
-    overview = PlannedFigure(partial(overview_figure, cuffs, truth), OVERVIEW_CAPTION, is_wide=True, is_printed=True)
+    cuffs, assessment, emg = results.cuffs, results.assessment, results.emg
+    drawing = partial(overview_figure, cuffs, results.truth)
+    overview = PlannedFigure(drawing, OVERVIEW_CAPTION, is_wide=True, is_printed=True)
     return {
         OVERVIEW: [overview] if cuffs else (),
         EFFORT: effort_figures(assessment) if assessment else (),
-        MUSCLES: suit_figures(assessment, folder) if assessment else (),
+        MUSCLES: suit_figures(assessment, results.folder) if assessment else (),
         EMG: emg_figures(emg) if emg else (),
         **{f"cuff {name}": cuff_figures(fit) if isinstance(fit, CuffFit) else () for name, fit in cuffs.items()},
     }
+
+
+def _series(section: str, results: Results) -> list[Source]:
+    """Places of the series that the figures of a section show; those of a cuff show its samples, too."""
+    cuffs, assessed = Source(CUFFS_FILE, "/cuffs"), Source(ASSESSMENT_FILE)
+    if section == OVERVIEW:
+        return [cuffs.child(name).child(key) for name in results.cuffs for key in QUANTITIES.values()]
+    if section == EFFORT:
+        return [assessed.child(key) for key in ("rest_lengths_m", "cost")]
+    if section == MUSCLES:
+        keys = ("rest_lengths_m", "cost", "muscle_reduction", "postures", "emg")
+        return [*(assessed.child(key) for key in keys), Source(ACTIVATIONS_FILE)]
+    if section == EMG:
+        return [Source(EMG_FILE, "/trials"), Source(EMG_FILE, "/changes")]
+    name = section.removeprefix("cuff ")
+    found = results.cuffs[name]
+    return [cuffs.child(name), *(Source(file) for file in found.sources)]
 
 
 def _inputs(folder: Path) -> dict[str, str]:
@@ -129,6 +221,11 @@ def _inputs(folder: Path) -> dict[str, str]:
     results = (CUFFS_FILE, ASSESSMENT_FILE, ACTIVATIONS_FILE, EMG_FILE, NORMATIVE_FILE)
     made_of = [*recordings_in(folder), *(folder / name for name in results)]
     return {path.name: sha256_of(path) for path in made_of if path.is_file()}
+
+
+def _script(inputs: Mapping[str, str]) -> str:
+    """JSON within a script element."""
+    return json.dumps(inputs, indent=1).replace("<", "\\u003c")
 
 
 def _contradictions(cuffs: Cuffs, assessment: Mapping[str, Any] | None) -> list[str]:
@@ -146,16 +243,6 @@ def _contradictions(cuffs: Cuffs, assessment: Mapping[str, Any] | None) -> list[
                 f"{value:.6g} {UNITS[quantity]}{by_hand}, and the table has {shown.value:.6g}"
             )
     return sentences
-
-
-def _origin(cuffs: Cuffs, assessment: Mapping[str, Any] | None, emg: EmgDocument | None) -> DataOrigin:
-    """Of all that the page shows."""
-    found = [fit.origin for fit in cuffs.values()]
-    if assessment and assessment.get("origin") in list(DataOrigin):
-        found.append(DataOrigin(assessment["origin"]))
-    if emg:
-        found.append(emg.origin)
-    return DataOrigin.joined(found)
 
 
 def _cuffs_of(folder: Path) -> dict[str, WearableCuff]:
@@ -180,16 +267,22 @@ def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
         raise ReportError(f"{path} {error}; make it again") from error
 
 
-def _environment() -> Environment:
+def _environment(register: NumberRegister) -> Environment:
+    """Templates in which everything that is printed passes the register of numbers."""
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=register.mark,
     )
     environment.filters |= {
-        "spoken": estimate_text,
-        "of_cuff": lambda text, fit, quantity: of_cuff(fit, quantity, text),
-        "figure": entry_text,
-        "worn": worn_text,
-        "beside": true_text,
-        "commands": with_commands,
+        "spoken": estimated,
+        "of_cuff": of_this_cuff,
+        "figure": entry_number,
+        "worn": worn_number,
+        "beside": true_number,
+        "fixed": fixed,
+        "number_of": length,
+        "commands": lambda sentence: with_commands(register.mark(sentence)),
     }
     return environment

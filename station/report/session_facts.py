@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from fitting.cuffs.cuff_fit import SessionFit
-from fitting.trial.calibration import Calibration
 from recordings.errors import RecordingError
-from recordings.manifest import DataOrigin, LoadCell, Manifest
+from recordings.manifest import DataOrigin, Manifest, manifest_to_json
 from recordings.reader import read_manifest
-from station.interval import plus_minus
 from station.journal import JOURNAL_FILE, JournalError, read_journal
-from station.report.number_texts import counted
+from station.report.located import Derivation, LocatedObject, Source, located, resolve
+from station.report.number_texts import Shown
+from station.report.sourced_number import Form, Rendering, SourcedNumber, sourced
 
 UNKNOWN = "not recorded"
 ORIGINS = {
@@ -26,33 +27,40 @@ ORIGINS = {
 
 @dataclass(frozen=True)
 class Fact:
-    """A line of the first page."""
+    """A line of the first page, with its numbers apart from its text."""
 
     name: str
-    text: str
+    parts: tuple[Shown, ...]
+
+    @property
+    def text(self) -> str:
+        return "".join(map(str, self.parts))
 
 
 def session_facts(
-    folder: Path, recordings: Sequence[Path], fitted: SessionFit | None, origin: DataOrigin
+    folder: Path, recordings: Sequence[Path], calibration: Mapping[str, Any] | None, origin: DataOrigin
 ) -> tuple[Fact, ...]:
-    """Facts for the first page; a recording that cannot be read is left out here, and listed where it is refused."""
-    manifests = list(_manifests(recordings))
-    facts = [*_people(folder), Fact("Data", ORIGINS[origin])]
+    """Facts for the first page; a recording that cannot be read is left out here, and listed where it is refused.
+
+    calibration: the located entry of cuffs.json, None without one
+    """
+    manifests = dict(_manifests(recordings))
+    facts = [*_people(folder), Fact("Data", (ORIGINS[origin],))]
     if manifests:
         facts += [
-            Fact("Recorded", _time(manifests)),
-            Fact("Devices", _devices(manifests)),
-            Fact("Load cell", _load_cell(manifests[-1].load_cell)),
-            Fact("Calibration", _calibration(fitted.calibration if fitted else None)),
-            Fact("Protocol", _protocol(manifests)),
+            Fact("Recorded", (_time(list(manifests.values())),)),
+            Fact("Devices", (_devices(list(manifests.values())),)),
+            Fact("Load cell", tuple(_load_cell(*list(manifests.items())[-1]))),
+            Fact("Calibration", tuple(_calibration(calibration))),
+            Fact("Protocol", tuple(_protocol(manifests))),
         ]
     return tuple(facts)
 
 
-def _manifests(recordings: Sequence[Path]) -> Iterator[Manifest]:
+def _manifests(recordings: Sequence[Path]) -> Iterator[tuple[str, Manifest]]:
     for path in recordings:
         try:
-            yield read_manifest(path)
+            yield path.name, read_manifest(path)
         except (RecordingError, OSError):
             continue
 
@@ -65,8 +73,8 @@ def _people(folder: Path) -> Iterator[Fact]:
             setup = read_journal(folder).setup
         except JournalError:
             setup = None
-    yield Fact("Subject", (setup and setup.subject) or UNKNOWN)
-    yield Fact("Operator", (setup and setup.operator) or UNKNOWN)
+    yield Fact("Subject", ((setup and setup.subject) or UNKNOWN,))
+    yield Fact("Operator", ((setup and setup.operator) or UNKNOWN,))
 
 
 def _time(manifests: Sequence[Manifest]) -> str:
@@ -84,41 +92,83 @@ def _devices(manifests: Sequence[Manifest]) -> str:
     return "; ".join(found) or UNKNOWN
 
 
-def _load_cell(cell: LoadCell) -> str:
-    capacity = f"{cell.capacity_kg:g} kg, " if cell.capacity_kg else ""
+def _load_cell(file: str, manifest: Manifest) -> Iterator[Shown]:
+    cell = manifest.load_cell
+    if cell.capacity_kg:
+        yield _short(_plain(file, manifest)["load_cell"]["capacity_kg"])
+        yield " kg, "
     certificate = f"calibrated on {cell.calibrated_on}" if cell.calibrated_on else "calibration date not recorded"
     due = f", due on {cell.calibration_due_on}" if cell.calibration_due_on else ""
-    return f"{capacity}serial number {cell.serial_number or UNKNOWN}, {certificate}{due}"
+    yield f"serial number {cell.serial_number or UNKNOWN}, {certificate}{due}"
 
 
-def _calibration(calibration: Calibration | None) -> str:
+def _calibration(calibration: Mapping[str, Any] | None) -> Iterator[Shown]:
     """Of the load cell in this session, by its bounce trials."""
     if calibration is None:
-        return "no bounce trial: gain and lag as configured"
-    gain = plus_minus(calibration.gain.value, calibration.gain.ci95, digits=4)
-    lag = plus_minus(calibration.lag.value, calibration.lag.ci95, 1e3, 1).replace("-", "−")
-    trials = counted(len(calibration.sources), "bounce trial")
-    return f"{trials}: gain {gain}, lag of the force {lag} ms (95 % intervals)"
+        yield "no bounce trial: gain and lag as configured"
+        return
+    yield from _with_noun(sourced(calibration["sources"], Form.GENERAL, derivation=Derivation.LENGTH), "bounce trial")
+    yield ": gain "
+    yield sourced(calibration["gain"], Form.PLUS_MINUS, digits=4)
+    yield ", lag of the force "
+    yield sourced(calibration["lag_s"], Form.PLUS_MINUS, 1e3, 1)
+    yield " ms (95 % intervals)"
 
 
-def _protocol(manifests: Sequence[Manifest]) -> str:
-    of_cuffs = [manifest for manifest in manifests if manifest.cuff is not None]
+def _protocol(manifests: Mapping[str, Manifest]) -> Iterator[Shown]:
+    of_cuffs = {file: manifest for file, manifest in manifests.items() if manifest.cuff is not None}
     if not of_cuffs:
-        return "no trial of a cuff"
-    cuffs = {manifest.cuff.name for manifest in of_cuffs if manifest.cuff}
-    donnings = {(manifest.cuff.name, manifest.donning) for manifest in of_cuffs if manifest.cuff}
-    planned = of_cuffs[-1].protocol
-    parts = [
-        f"{counted(len(of_cuffs), 'trial')} of {counted(len(cuffs), 'cuff')} in {counted(len(donnings), 'donning')}"
-    ]
-    if planned.step_masses_kg:
-        total = sum(planned.step_masses_kg)
-        parts.append(f"static: {counted(len(planned.step_masses_kg), 'weight')}, {total:g} kg together")
-    if planned.hold_s:
-        parts.append(f"each load held {planned.hold_s:g} s")
-    if planned.swing_s:
-        parts.append(f"dynamic: at least {planned.swing_s:g} s")
-    motions = [manifest for manifest in manifests if manifest.body is not None]
+        yield "no trial of a cuff"
+        return
+    yield from _with_noun(_count(of_cuffs), "trial")
+    yield " of "
+    yield from _with_noun(_count(of_cuffs, "/cuff/name"), "cuff")
+    yield " in "
+    yield from _with_noun(_count(of_cuffs, "/cuff/name /donning"), "donning")
+    file, last = list(of_cuffs.items())[-1]
+    planned: LocatedObject = _plain(file, last)["protocol"]
+    if masses := planned["step_masses_kg"]:
+        yield "; static: "
+        yield from _with_noun(sourced(masses, Form.GENERAL, derivation=Derivation.LENGTH), "weight")
+        yield ", "
+        yield sourced(masses, Form.GENERAL, derivation=Derivation.SUM)
+        yield " kg together"
+    if planned["hold_s"]:
+        yield from ("; each load held ", _short(planned["hold_s"]), " s")
+    if planned["swing_s"]:
+        yield from ("; dynamic: at least ", _short(planned["swing_s"]), " s")
+    motions = {file: manifest for file, manifest in manifests.items() if manifest.body is not None}
     if motions:
-        parts.append(f"{counted(len(motions), 'trial')} of the wearer")
-    return "; ".join(parts)
+        yield "; "
+        yield from _with_noun(_count(motions), "trial")
+        yield " of the wearer"
+
+
+def _plain(file: str, manifest: Manifest) -> LocatedObject:
+    """The manifest of a recording as located plain data."""
+    found: LocatedObject = located(json.loads(manifest_to_json(manifest)), Source(file))
+    return found
+
+
+def _short(number: object) -> SourcedNumber:
+    return sourced(number, Form.GENERAL)
+
+
+def _count(manifests: Mapping[str, Manifest], pointers: str = "") -> SourcedNumber:
+    """Number of different values at these places of the manifests, or of recordings."""
+    plain = [json.loads(manifest_to_json(manifest)) for manifest in manifests.values()] if pointers else []
+    source = Source("", pointers, Derivation.DISTINCT)
+    count = distinct(plain, source) if pointers else len(manifests)
+    return SourcedNumber(count, source, Rendering(Form.GENERAL), recordings=tuple(manifests))
+
+
+def distinct(manifests: Sequence[Any], source: Source) -> int:
+    """Number of different values at the pointers of a source, which are separated by spaces, over manifests."""
+    pointers = [Source("", pointer) for pointer in source.pointer.split()]
+    return len({tuple(str(resolve(manifest, pointer)) for pointer in pointers) for manifest in manifests})
+
+
+def _with_noun(count: SourcedNumber, noun: str) -> Iterator[Shown]:
+    """`1 cuff`, `2 cuffs`."""
+    yield count
+    yield f" {noun}{'' if count.value == 1 else 's'}"

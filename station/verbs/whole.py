@@ -89,25 +89,41 @@ def verify(
     signers: Annotated[
         Path | None, typer.Option(help="OpenSSH's file of allowed signers, to verify the signature.")
     ] = None,
+    number: Annotated[
+        str | None, typer.Option(help="Follow this number of the report to its samples; the page shows its id.")
+    ] = None,
+    recompute: Annotated[
+        bool, typer.Option("--recompute", help="Fit and assess again from the samples, and compare every number.")
+    ] = False,
     format: FormatOption = "table",  # noqa: A002
 ) -> None:
     """Compare every file of a session with its recorded hash, from the report to the recordings.
 
-    Prints one line per link; exit code 1 if a file has changed or is missing.
+    Every number of the report is compared with the result it is from. Prints one line per link; exit code 1 if a file
+    has changed or is missing, or a number does not follow.
     """
     import json
     from dataclasses import asdict
 
-    from station.files.chain import verify_folder
+    from rich.console import Console
+
     from station.files.signature import sign as sign_folder
     from station.files.signature import signature_of
+    from station.progress import progress_bars
+    from station.report.recomputation import recomputed_links
+    from station.report.verification import verify_session
 
-    links = verify_folder(folder)
+    if number is not None:
+        raise typer.Exit(_trace(folder, number, format))
+    links = verify_session(folder)
     if sign is not None:
-        print_message(f"signed: {sign_folder(folder, sign)}")
-        links = verify_folder(folder)
+        print_message(f"signed: {sign_folder(folder, sign, links)}")
+        links = verify_session(folder)
     if signed := signature_of(folder, signers):
         links.insert(0, signed)
+    if recompute:
+        with progress_bars(Console(stderr=True)) as progress:
+            links += recomputed_links(folder, progress)
     if format == "json":
         print(json.dumps([{**asdict(link), "is_break": link.standing.is_break} for link in links], indent=2))
     else:
@@ -116,6 +132,17 @@ def verify(
     unrecorded = sum(link.standing == "no hash recorded" for link in links)
     print_message(f"{len(links)} links, {breaks} broken, {unrecorded} without a hash to compare with")
     raise typer.Exit(FAILED if breaks else DONE)
+
+
+def _trace(folder: Path, number: str, format: str) -> int:  # noqa: A002
+    """Print the chain of one number; the exit code."""
+    import json
+
+    from station.report.trace import plain_trace, trace, trace_lines
+
+    traced = trace(folder, number)
+    print(json.dumps(plain_trace(traced), indent=2) if format == "json" else "\n".join(trace_lines(traced)))
+    return FAILED if traced.is_broken else DONE
 
 
 def report(

@@ -14,13 +14,14 @@ from recordings.samples import Event, Loss, Samples
 DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?|\d\d:\d\d(?= UTC)")
 HASHES = re.compile(r"\b[0-9a-f]{12,64}\b")
 ABOUT_THE_FILES = ("sha256", "sources", "recorded_utc", "inputs", "seal")
+RESULTS = ("cuffs.json", "assessment.json", "report.json")
 
 
 def differences(one: Path, other: Path) -> list[str]:
     """The files of two sessions that differ by more: recordings by their samples, figures, and the report."""
     names = sorted({path.name for folder in (one, other) for path in folder.glob("*.mcap")})
     differing = [name for name in names if _items(one / name) != _items(other / name)]
-    differing += [name for name in ("cuffs.json", "assessment.json") if _figures(one / name) != _figures(other / name)]
+    differing += [name for name in RESULTS if _figures(one / name) != _figures(other / name)]
     if _page(one) != _page(other):
         differing.append("report.html")
     return differing

@@ -24,6 +24,7 @@ from station.messages.message import Message
 from station.report.page import write_report
 from tests.station.loads import write_weight
 from tests.station.refusal import refused
+from tests.station.report.unmarked import unmarked_numbers
 
 
 def fitted(value: float, error: float) -> dict[str, float]:
@@ -104,7 +105,7 @@ def test_the_cuffs_that_were_worn_stand_in_the_report_with_their_intervals(
     low, high = plain["cuffs"]["hand"]["stiffness_n_per_m"]["ci95"]
     assert (plain["cuffs"]["waist"]["site"], low) == ("waist", pytest.approx(8520 * (1 - 0.03 * 1.96), rel=1e-3))
     shutil.copy(folder / "assessment.json", tmp_path)  # without the cuffs.json beside it
-    figure = f"<td>8520 ({low:.0f}\u00a0to\u00a0{high:.0f}) (given by hand)</td>"
+    figure = f">8520 ({low:.0f}\u00a0to\u00a0{high:.0f}) (given by hand)</data></td>"
     assert figure in write_report(tmp_path).read_text(encoding="utf-8")
 
 
@@ -137,7 +138,8 @@ def test_activations_are_a_table_of_every_condition(assessed: AssessedSuit, fold
 def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
     assessed: AssessedSuit, plain: dict[str, Any], folder: Path
 ) -> None:
-    page = write_report(folder).read_text(encoding="utf-8")
+    path = write_report(folder)
+    page = path.read_text(encoding="utf-8")
     choice, comparison, best, *_ = plain["finding_codes"]
     assert (choice["code"], choice["figures"]["cuff"]) == (AssessmentCode.LEAST_EFFORT, "hand")
     assert (comparison["code"], comparison["figures"]["first"]) == (AssessmentCode.DIFFERENT, "hand")
@@ -148,6 +150,7 @@ def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
     for sentence in plain["findings"]:
         assert str(escape(sentence)) in page
     assert "our own calibration" in page
+    assert unmarked_numbers(path, folder.name) == []
     assert "bundled raise of the arm with 2 kg in the hand" in page
     assert page.count("<figcaption>") == 4 + 2 * 3, "four of all cuffs; of each arm cuff effort, activations, EMG"
 

@@ -26,6 +26,7 @@ from tests.station.emg.measured import (
     write_setup,
 )
 from tests.station.refusal import refused
+from tests.station.report.unmarked import unmarked_numbers
 
 Station = Callable[..., Ran]
 
@@ -118,6 +119,12 @@ def test_the_report_has_a_section_on_emg_and_only_then(station: Station, lab: Pa
     page = (tmp_path / "report.html").read_text()
     assert page.count('<a id="emg">') == 1
     assert page.count("<figcaption>") == 7  # six trials and the change
+    assert (
+        unmarked_numbers(
+            tmp_path / "report.html", tmp_path.name, *(f"{name}{i}" for name in ("suit", "bare") for i in range(3))
+        )
+        == []
+    )
     assert "emg.json" in json.loads(page.split('id="inputs">')[1].split("</script>")[0])
 
 

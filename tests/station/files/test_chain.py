@@ -25,10 +25,10 @@ from station.messages.message import Message
 from tests.station.bench.test_session_folder import record
 from tests.station.command import Ran, assert_refused
 from tests.station.foreign import static_and_dynamic
+from tests.station.reported import DYNAMIC, STATIC, report_session
 
 Station = Callable[..., Ran]
 
-STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 AS_RECORDED, CHANGED, BY_HAND, MISSING = (
     Standing.AS_RECORDED,
     Standing.CHANGED,
@@ -40,22 +40,8 @@ needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session as it was recorded, fitted, assessed with a short motion, and reported."""
-    from station.assessment.assess import assess_cuffs, write_assessment
-    from station.assessment.assessment_inputs import AssessmentInputs
-    from station.fit import fit_session_folder
-    from station.report.page import write_report
-
     folder = tmp_path_factory.mktemp("made") / "session"
-    folder.mkdir()
-    for truth, file in zip(static_and_dynamic(), (STATIC, DYNAMIC), strict=True):
-        truth.record(folder / file)
-    write_checksums(folder / STATIC, folder / DYNAMIC)  # as the recorder does when a trial ends
-    fitted = fit_session_folder(folder, folder / "cuffs.json")
-    inputs = AssessmentInputs(folder / "cuffs.json")
-    worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
-    write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, draws=0), folder)
-    write_report(folder, fitted)
+    report_session(folder)
     return folder
 
 

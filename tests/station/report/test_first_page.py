@@ -12,11 +12,12 @@ from station.assessment.total_json import with_total_intervals
 from station.messages.codes import AssessmentCode
 from station.report.charts.marks import Band
 from station.report.first_page import BUNDLED_SUIT, findings_of, summary_of
+from station.report.located import Source, located
 from station.report.muscle_figures import cuffs_figure
-from station.report.number_texts import counted, entry_text, saving_text, with_commands
+from station.report.number_texts import entry_number, saving, with_commands
 
 
-def _assessment(**more: Any) -> dict[str, Any]:
+def _assessment(**more: Any) -> Any:
     def optimum(effort: float | None) -> dict[str, Any]:
         return {
             "rest_length_m": _number(0.65),
@@ -24,7 +25,7 @@ def _assessment(**more: Any) -> dict[str, Any]:
             "permissible_error_m": _number(0.05),
         }
 
-    return {
+    plain = {
         "cost": {"rigid": _number(None), "hand": {"both": _number(None)}},
         "at_rigid_optimum": {"rigid": _number(0.88), "hand": {"both": _number(0.906, 0.83, 0.98)}},
         "optimum": {"rigid": optimum(0.87), "hand": {"both": optimum(0.865)}},
@@ -35,6 +36,7 @@ def _assessment(**more: Any) -> dict[str, Any]:
         ],
         **more,
     }
+    return located(plain, Source("assessment.json"))
 
 
 def _number(value: float | None, *ci95: float) -> dict[str, Any]:
@@ -52,15 +54,15 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
     ],
 )
 def test_an_effort_is_told_as_the_change_from_the_slack_cord(number: dict[str, Any], text: str) -> None:
-    assert saving_text(number) == text
+    assert str(saving(located(number, Source("assessment.json")))) == text
 
 
 def test_the_first_page_has_every_cuff_the_theoretical_limit_and_the_decision_as_assessed() -> None:
     decision = undecided_by_fit(DecisionRule())
     summary = summary_of(_assessment(decision=decision), {})
     (effect,) = summary.effects
-    assert (effect.cuff, effect.at_best, effect.best_rest_length_m) == ("hand", "13.5 % less effort", 0.65)
-    assert summary.rigid == "12.0 % less effort"
+    assert (effect.cuff, str(effect.at_best), effect.best_rest_length_m) == ("hand", "13.5 % less effort", 0.65)
+    assert str(summary.rigid) == "12.0 % less effort"
     assert summary.decision == (decision["at_reference"]["text"],), "the same sentence for both bases stands once"
 
 
@@ -75,10 +77,6 @@ def test_limits_are_told_by_their_codes_and_apart_from_the_findings() -> None:
     assert findings_of(assessment) == ["tube has the least effort", "the cord pulls"]
 
 
-def test_one_is_singular() -> None:
-    assert (counted(1, "cuff"), counted(3, "cuff")) == ("1 cuff", "3 cuffs")
-
-
 @pytest.mark.parametrize(
     ("number", "digits", "text"),
     [
@@ -91,7 +89,7 @@ def test_one_is_singular() -> None:
 def test_an_interval_of_the_fit_alone_gives_no_more_digits_than_its_table_bears(
     number: dict[str, Any], digits: int, text: str
 ) -> None:
-    assert entry_text(number, digits=digits) == text
+    assert str(entry_number(located(number, Source("assessment.json")), digits=digits)) == text
 
 
 def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:
@@ -112,8 +110,8 @@ def test_with_drawn_people_the_page_has_their_intervals_and_bands() -> None:
         reference_rest_length_m=_number(0.7),
     )
     shown = with_total_intervals(assessment)
-    assert summary_of(shown, {}).effects[0].at_reference == "9 % less effort (0\u00a0to\u00a030)"
-    assert summary_of(assessment, {}).effects[0].at_reference == "9.4 % less effort (2.0\u00a0to\u00a017.0)"
+    assert str(summary_of(shown, {}).effects[0].at_reference) == "9 % less effort (0\u00a0to\u00a030)"
+    assert str(summary_of(assessment, {}).effects[0].at_reference) == "9.4 % less effort (2.0\u00a0to\u00a017.0)"
     assert shown["optimum"] == assessment["optimum"], "figures that the people do not have stay as they are"
     ((panel,),) = cuffs_figure(shown).columns
     (band,) = (mark for mark in panel.marks if isinstance(mark, Band))

@@ -13,9 +13,11 @@ from station.files.chain import chain_of
 from station.messages.study_codes import StudyCode
 from station.report.normative_section import adopt_normative, normative_section
 from station.report.page import write_report
+from station.report.verification import number_links
 from station.study.sessions import StudyError
 from tests.station.refusal import refused
 from tests.station.report.test_page import _fitted
+from tests.station.report.unmarked import unmarked_numbers
 
 
 def _entry(mean: float, low: float, high: float) -> dict[str, Any]:
@@ -47,7 +49,7 @@ def test_a_value_is_below_within_or_above_the_prediction_interval(table: Path) -
         ("waist", "stiffness [N/m]", "below the interval"),
         ("waist", "migration [mm]", "within the interval"),
     ]
-    assert section.rows[1].interval == "6.0 to 18.0"
+    assert str(section.rows[1].interval) == "6.0 to 18.0"
     assert normative_section(table.parent.parent, {"waist": fit}, DataOrigin.MEASURED) is None
 
 
@@ -55,8 +57,13 @@ def test_the_table_is_kept_with_the_session_shown_and_verified(table: Path, tmp_
     folder = tmp_path / "session"
     folder.mkdir()
     adopt_normative(table, folder)
-    page = write_report(folder, _fitted()).read_text(encoding="utf-8")
+    path = write_report(folder, _fitted())
+    page = path.read_text(encoding="utf-8")
     assert "Beside the volunteers of a study" in page and "2500 to 3500" in page
+    assert unmarked_numbers(path, *(trial.file for trial in _fitted().cuffs["waist"].trials)) == []
+    assert "report.json ← normative.json, 6 numbers" in {
+        link.what for link in number_links(folder) if link.standing == "as recorded"
+    }
     links = {link.what: link.standing for link in chain_of(folder)}
     assert links["report.html ← normative.json"] == "as recorded"
     adopt_normative(folder / "normative.json", folder)

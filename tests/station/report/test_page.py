@@ -12,6 +12,8 @@ import pandas as pd
 import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
+from fitting.results.codes import TensorCode
+from fitting.results.rendering import Note
 from fitting.session import fit_session
 from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
@@ -22,6 +24,7 @@ from station.report.fit_figures import complex_stiffness_figure, repeat_figure, 
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes
 from station.report.page import write_report
 from tests.fitting.experiment import Session, published
+from tests.station.report.unmarked import unmarked_numbers
 
 MOST_BYTES_PER_TRIAL = 60_000
 """24 trials keep below 2 MB."""
@@ -84,11 +87,14 @@ def test_a_page_holds_the_bushing_for_opensim(written: Path) -> None:
 def test_a_page_tells_the_principal_values_of_a_cuff_pulled_in_space(tmp_path: Path) -> None:
     fitted = _fitted()
     tensor = Tensor(np.diag([1000.0, 2000.0, 3000.0]), 25.0 * np.eye(6), 1.96, 5)
-    cuff = replace(fitted.cuffs["waist"], tensors=Tensors(tensor, None, "", "no"))
-    page = write_report(tmp_path, replace(fitted, donnings={"waist": {"1": cuff}})).read_text(encoding="utf-8")
+    reason = Note(TensorCode.NO_ROPE, {"quantity": "damping", "test": "dynamic"})
+    cuff = replace(fitted.cuffs["waist"], tensors=Tensors(tensor, None, None, reason))
+    path = write_report(tmp_path, replace(fitted, donnings={"waist": {"1": cuff}}))
+    page = path.read_text(encoding="utf-8")
     assert "Stiffness in three dimensions" in page
     assert "Damping in three dimensions" not in page
     assert "2000.0 (1990.2\u00a0to\u00a02009.8)" in page
+    assert unmarked_numbers(path, *(trial.file for trial in fitted.cuffs["waist"].trials), tmp_path.name) == []
 
 
 def test_the_drawn_line_goes_through_the_held_loads_within_their_errors() -> None:

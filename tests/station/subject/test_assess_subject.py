@@ -29,6 +29,7 @@ from station.subject import assessed_subject
 from station.subject.assessed_subject import AssessedSubject, build_subject, fit_suit
 from station.subject.subject_file import Subject, SubjectError
 from tests.station.assessment.test_assess import write_cuffs
+from tests.station.report.unmarked import unmarked_numbers
 from tests.station.wearer import SPECS, WearerSession
 
 GENERIC = bundled_model()
@@ -111,8 +112,10 @@ def test_the_measured_tension_of_the_cord_stands_beside_the_predicted_one(plain:
 
 
 def test_the_report_names_body_and_motion(plain: dict[str, Any], folder: Path) -> None:
-    page = write_report(folder).read_text(encoding="utf-8")
+    path = write_report(folder)
+    page = path.read_text(encoding="utf-8")
     assert "scaled to the wearer" in page and FREE.file_name(1) in page
+    assert unmarked_numbers(path, folder.name) == []
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,191 @@
+"""Compute the results of a session again from the samples of its recordings, and compare every number."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from documents.plain_data import PlainDataError, read_json
+from fitting.cuffs.cuffs_file import CUFFS_FILE
+from fitting.cuffs.cuffs_json import cuffs_json
+from fitting.results.seal import Standing
+from solver.suit.suit import BUNDLED_SUIT
+from station.assessment.assessment_file import AssessmentFileError, read_assessment
+from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
+from station.assessment.assessment_json import ASSESSMENT_FILE
+from station.checksums import sha256_of
+from station.files.chain import NUMBERS_FILE, Link
+from station.fit import fit_session_folder, pulls_in
+from station.messages.file_codes import NumberCode
+from station.messages.message import Message
+from station.progress import Progress, silent
+from station.report.located import Source, resolve
+from station.report.report_file import ReportedNumberEntry, ReportFileError, read_numbers
+from station.report.sourced_number import Form, reduced
+
+TOLERANCE = 1e-6
+"""Relative difference of two numbers that count as equal: other processors and libraries round differently."""
+NOT_COMPUTED = frozenset({"seal", "recordings", "versions", "inputs", "inputs_checked"})
+"""Keys that name files and versions."""
+OF_PEOPLE = frozenset({"total_uncertainty", "decision", "findings", "finding_codes"})
+"""Keys that rest on drawn people, where there are any: drawing them again takes minutes."""
+
+Plain = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A value that is not the computed one, with its JSON Pointer."""
+
+    pointer: str
+    found: Any
+    expected: Any
+
+    @property
+    def size(self) -> float:
+        """Relative difference of two numbers; infinite for anything else."""
+        if _is_number(self.found) and _is_number(self.expected):
+            largest = max(abs(self.found), abs(self.expected))
+            return abs(self.found - self.expected) / largest if math.isfinite(largest) else math.inf
+        return math.inf
+
+
+def recomputed_links(folder: Path, progress: Progress = silent) -> list[Link]:
+    """Links of cuffs.json, assessment.json and report.json to what the recordings give when computed again.
+
+    A session without recordings of cuffs has none. Raises SessionError if its recordings cannot be fitted.
+    """
+    links: list[Link] = []
+    numbers = _listed(folder)
+    if pulls_in(folder):
+        fitted = json.loads(cuffs_json(fit_session_folder(folder, None, progress)))
+        links += _links(folder, CUFFS_FILE, fitted, numbers, "fit of the recordings")
+    plain = _read(folder / ASSESSMENT_FILE)
+    if plain is not None:
+        links += _assessment_links(folder, plain, numbers, progress)
+    return links
+
+
+def differences(found: Any, expected: Any, pointer: str = "") -> Iterator[Difference]:
+    """Every value of a file (found) that differs, in its order. A key that it lacks is one of a later station."""
+    if isinstance(found, Mapping) and isinstance(expected, Mapping):
+        for key, value in found.items():
+            yield from differences(value, expected.get(key), Source("", pointer).child(key).pointer)
+    elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
+        for index, (entry, other) in enumerate(zip(found, expected, strict=True)):
+            yield from differences(entry, other, f"{pointer}/{index}")
+    elif found != expected:
+        yield Difference(pointer, found, expected)
+
+
+def _links(
+    folder: Path, file: str, computed: Plain, numbers: Mapping[str, ReportedNumberEntry], what: str
+) -> Iterator[Link]:
+    """Of a file of results, and of the numbers in the report that are from it."""
+    plain = _read(folder / file) or {}
+    left_out = NOT_COMPUTED | (OF_PEOPLE if plain.get("total_uncertainty") else set())
+    if plain:
+        compared = {key: value for key, value in plain.items() if key not in left_out}
+        yield _link(f"{file} ← {what}", list(differences(compared, computed)))
+    reported = {
+        key: number
+        for key, number in numbers.items()
+        if number.source.file == file and not left_out & set(number.source.source().keys[:1])
+    }
+    found = [difference for key, number in reported.items() for difference in _of_number(key, number, computed)]
+    if reported:
+        yield _link(f"{NUMBERS_FILE} ← {what}, {len(reported)} numbers", found)
+
+
+def _of_number(key: str, number: ReportedNumberEntry, computed: Plain) -> Iterator[Difference]:
+    """Differences of a reported number, by its id, from the value at its place in a computed result."""
+    source = number.source.source()
+    try:
+        value = reduced(resolve(computed, source), source.derivation)
+    except (KeyError, TypeError):
+        yield Difference(key, number.value, None)
+        return
+    if isinstance(value, Mapping) and "value" in value:
+        expected = {"value": value["value"], "ci95": value.get("ci95")}
+        yield from differences({"value": number.value, "ci95": number.ci95}, expected, key)
+    elif number.rendering.form is not Form.BUSHING:  # its numbers are among the others
+        yield from differences(number.value, value, key)
+
+
+def _assessment_links(
+    folder: Path, plain: Plain, numbers: Mapping[str, ReportedNumberEntry], progress: Progress
+) -> Iterator[Link]:
+    from station.assessment.assess import assess_cuffs, write_assessment
+
+    inputs = _inputs(folder, plain)
+    if inputs is None:
+        remark = "its motion, model or suit is not in this folder; assess it again with those files"
+        yield Link(f"{ASSESSMENT_FILE} ← the model", Standing.UNRECORDED, remark)
+        return
+    worn = read_cuffs_to_wear(inputs.cuffs, inputs.chosen)
+    assessed = assess_cuffs(
+        worn,
+        inputs,
+        most_frames=int(plain["frames"]["value"]),
+        most_rest_lengths=len(plain["rest_lengths_m"]["value"]),
+        draws=int(plain["uncertainty"]["draws"]["value"]) if plain.get("uncertainty") else 0,
+        progress=progress,
+    )
+    with TemporaryDirectory() as written:
+        write_assessment(assessed, Path(written))
+        computed = read_json(Path(written) / ASSESSMENT_FILE)
+    yield from _links(folder, ASSESSMENT_FILE, computed, numbers, "the model")
+
+
+def _inputs(folder: Path, plain: Plain) -> AssessmentInputs | None:
+    """The inputs of the assessment, where all of them are bundled or in the folder."""
+    named, cuffs = plain["inputs"], folder / CUFFS_FILE
+    has_subject = bool(plain.get("subject"))
+    is_bundled = {role: named[role].startswith("bundled") for role in ("model", "motion")}
+    others = {"emg", "external_loads", "beside"} & set(named)
+    is_known = has_subject or all(is_bundled.values())
+    suit = named["suit"].endswith(sha256_of(BUNDLED_SUIT))
+    if not (is_known and suit and cuffs.is_file() and not others and named["cuffs"].endswith(sha256_of(cuffs))):
+        return None
+    chosen = tuple(name for name, cuff in plain["cuffs"].items() if cuff["site"] != "waist")
+    return AssessmentInputs(cuffs, chosen=chosen, paths=named["paths"], subject=folder if has_subject else None)
+
+
+def _listed(folder: Path) -> Mapping[str, ReportedNumberEntry]:
+    try:
+        return read_numbers(folder / NUMBERS_FILE).numbers
+    except ReportFileError:
+        return {}
+
+
+def _read(path: Path) -> Any:
+    """A file of results; None if it is missing or cannot be read, which the chain of files reports."""
+    if not path.is_file():
+        return None
+    try:
+        return read_assessment(path) if path.name == ASSESSMENT_FILE else read_json(path)
+    except (OSError, PlainDataError, AssessmentFileError):
+        return None
+
+
+def _link(what: str, found: list[Difference]) -> Link:
+    """The first difference beyond rounding; else the largest one."""
+    beyond = [difference for difference in found if not difference.size <= TOLERANCE]
+    if not beyond:
+        detail = f"largest relative difference {max(one.size for one in found):.1g}" if found else "every number equal"
+        return Link(what, Standing.AS_RECORDED, detail)
+    first = beyond[0]
+    fault = Message(
+        NumberCode.RECOMPUTED, {"id": first.pointer, "found": str(first.found), "expected": str(first.expected)}
+    )
+    more = f"; and {len(beyond) - 1} more" if len(beyond) > 1 else ""
+    return Link(what, Standing.CHANGED, f"{fault}{more}", fault.code)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool)

@@ -1,0 +1,129 @@
+"""The results of a session are computed again from the samples, and a number that does not follow is named."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fitting.results.seal import Standing
+from station.checksums import write_checksums
+from station.files.chain import Link
+from station.messages.file_codes import NumberCode
+from station.report.page import write_report
+from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
+from tests.station.command import Ran, assert_refused
+from tests.station.foreign import static_and_dynamic
+from tests.station.reported import DYNAMIC, STATIC, report_session
+
+STIFFNESS = "cuffs.hand.stiffness_n_per_m"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made") / "session"
+    report_session(folder)
+    return folder
+
+
+@pytest.fixture
+def session(made: Path, tmp_path: Path) -> Path:
+    """A copy to tamper with."""
+    return Path(shutil.copytree(made, tmp_path / "session"))
+
+
+def scale_everywhere(value: Any, factor: float) -> Any:
+    """A result whose numbers were all changed together, so that no hash and no comparison within it shows it."""
+    if isinstance(value, dict):
+        return {key: scale_everywhere(entry, factor) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [scale_everywhere(entry, factor) for entry in value]
+    return factor * value if isinstance(value, float) else value
+
+
+def by_what(links: list[Link]) -> dict[str, Link]:
+    return {link.what.split(",")[0]: link for link in links}
+
+
+def test_a_session_gives_the_same_numbers_again(made: Path) -> None:
+    links = recomputed_links(made)
+    assert [link.what.split(",")[0] for link in links] == [
+        "cuffs.json ← fit of the recordings",
+        "report.json ← fit of the recordings",
+        "assessment.json ← the model",
+        "report.json ← the model",
+    ]
+    assert {link.standing for link in links} == {Standing.AS_RECORDED}
+
+
+def test_a_result_whose_every_hash_was_written_again_does_not_follow_from_the_samples(session: Path) -> None:
+    path = session / "cuffs.json"
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain["cuffs"] = scale_everywhere(plain["cuffs"], 1.01)
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    write_checksums(path)
+    link = by_what(recomputed_links(session))["cuffs.json ← fit of the recordings"]
+    assert (link.standing, link.code) == (Standing.CHANGED, NumberCode.RECOMPUTED)
+    assert link.detail.startswith("/cuffs/hand/stiffness_n_per_m/value ")
+
+
+def test_a_report_of_another_recording_does_not_follow_from_this_one(session: Path) -> None:
+    (session / STATIC).unlink()
+    static_and_dynamic(4)[0].record(session / STATIC)
+    link = by_what(recomputed_links(session))["report.json ← fit of the recordings"]
+    assert link.code == NumberCode.RECOMPUTED and STIFFNESS in link.detail
+
+
+def test_numbers_of_a_report_without_a_cuffs_file_follow_from_the_samples(session: Path) -> None:
+    for name in ("cuffs.json", "assessment.json", "activations.csv"):
+        (session / name).unlink()
+    write_report(session)
+    (link,) = recomputed_links(session)
+    assert link.what.startswith("report.json ← fit of the recordings") and link.standing == Standing.AS_RECORDED
+
+
+def test_an_assessment_whose_motion_is_elsewhere_is_not_computed_again(session: Path) -> None:
+    path = session / "assessment.json"
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain["inputs"]["motion"] = f"raise.mot {64 * 'a'}"
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
+
+
+def test_differences_are_named_by_their_json_pointer() -> None:
+    found = {"a/b": [1.0, {"c": 2.0}], "d": "x", "same": 3}
+    expected = {"a/b": [1.0, {"c": 2.0 * (1 + 1e-3)}], "d": "y", "same": 3.0, "later": 4}
+    numeric, text = differences(found, expected)
+    assert (numeric.pointer, text.pointer) == ("/a~1b/1/c", "/d")
+    assert numeric.size == pytest.approx(1e-3, rel=1e-2) and numeric.size > TOLERANCE
+    assert text.size == Difference("", 1.0, None).size == float("inf")
+
+
+def test_one_number_is_followed_to_its_samples(made: Path, station: Callable[..., Ran]) -> None:
+    ran = station("verify", made, "--number", STIFFNESS, "--format", "json")
+    chain = json.loads(ran.out)
+    assert ran.code == 0 and chain["faults"] == [] and chain["source_standing"] == Standing.AS_RECORDED
+    assert [recording["file"] for recording in chain["recordings"]] == [STATIC, DYNAMIC]
+    for recording, truth in zip(chain["recordings"], static_and_dynamic(), strict=True):
+        samples = {stream["name"]: stream["samples"] for stream in recording["streams"]}
+        assert samples == {name: len(track.values) for name, track in truth.tracks.items()}
+    assert STATIC in station("verify", made, "--number", STIFFNESS).out
+
+
+def test_a_number_that_does_not_follow_ends_with_1_and_an_unknown_one_is_refused(
+    session: Path, station: Callable[..., Ran]
+) -> None:
+    page = (session / "report.html").read_text(encoding="utf-8")
+    (session / "report.html").write_text(page.replace(f'id="{STIFFNESS}"', 'id="x"'), encoding="utf-8")
+    ran = station("verify", session, "--number", STIFFNESS)
+    assert ran.code == 1 and NumberCode.NOT_ON_PAGE in ran.out
+    assert_refused(station("verify", session, "--number", "none"), 1, NumberCode.UNKNOWN)
+
+
+def test_verify_recomputes_on_request(made: Path, station: Callable[..., Ran]) -> None:
+    assert "fit of the recordings" in station("verify", made, "--recompute").out
+    assert "fit of the recordings" not in station("verify", made).out

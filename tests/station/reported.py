@@ -1,0 +1,31 @@
+"""A session as it was recorded, fitted, assessed with a short motion, and reported."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from station.checksums import write_checksums
+from tests.station.foreign import static_and_dynamic
+
+STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
+
+
+def report_session(folder: Path, draws: int = 0) -> None:
+    """Two trials of one cuff from an independent experiment, with their results, in a new folder."""
+    from station.assessment.assess import assess_cuffs, write_assessment
+    from station.assessment.assessment_inputs import AssessmentInputs
+    from station.fit import fit_session_folder
+    from station.report.page import write_report
+
+    folder.mkdir()
+    for truth, file in zip(static_and_dynamic(), (STATIC, DYNAMIC), strict=True):
+        truth.record(folder / file)
+    write_checksums(folder / STATIC, folder / DYNAMIC)  # as the recorder does when a trial ends
+    true = {"hand": {"stiffness_n_per_m": 4000.0, "damping_n_s_per_m": 100.0, "migration_m": 0.01}}
+    (folder / "simulated_truth.json").write_text(json.dumps(true))
+    fitted = fit_session_folder(folder, folder / "cuffs.json")
+    inputs = AssessmentInputs(folder / "cuffs.json")
+    worn = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
+    write_assessment(assess_cuffs(worn, inputs, most_frames=4, most_rest_lengths=5, draws=draws), folder)
+    write_report(folder, fitted)
