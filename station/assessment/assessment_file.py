@@ -14,7 +14,7 @@ from documents.validation import describe_error
 from station.assessment.decision_json import DecisionEntry
 from station.assessment.drawn_postures import PostureEntry
 from station.assessment.number_entry import KnownNumberEntry, NumberEntry, StrictEntry
-from station.assessment.total_json import TotalUncertaintyEntry
+from station.assessment.total_json import TotalUncertaintyEntry, with_total_intervals
 from station.errors import StationError
 from station.format_0 import upgrade
 from station.messages.codes import AssessmentCode
@@ -183,6 +183,11 @@ def read_assessment(path: Path) -> dict[str, Any]:
     for part, where in ((plain, ""), (plain.get("beside"), "beside.")):
         if part is not None:
             _check_conditions(path, part, where)
+    if document.total_uncertainty is not None:
+        _check_conditions(path, with_total_intervals(plain), "total_uncertainty.")
+        _check_bands(path, plain)
+    if len(document.postures) not in (0, 3):
+        raise _refusal(path, "postures", f"a list of {len(document.postures)}", "expected three")
     _check_muscles(path, plain, [row.muscle for row in document.emg])
     return plain
 
@@ -213,6 +218,13 @@ def _check_conditions(path: Path, plain: dict[str, Any], where: str) -> None:
                     raise _malformed(path, fault) from error
                 if key == "cost" and len(entries[condition]["value"]) != len(plain["rest_lengths_m"]["value"]):
                     raise _refusal(path, place, entries[condition], "expected a cost for every rest length")
+
+
+def _check_bands(path: Path, plain: dict[str, Any]) -> None:
+    for cuff, bands in (plain["total_uncertainty"].get("cost") or {}).items():
+        if SHOWN not in bands or len(bands[SHOWN]["ci95"]) != len(plain["rest_lengths_m"]["value"]):
+            where = f"total_uncertainty.cost.{cuff}"
+            raise _refusal(path, where, bands, "expected an interval or null for every rest length")
 
 
 def _conditions(cuff: str, entry: Any) -> tuple[str, ...]:

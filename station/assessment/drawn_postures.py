@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.path_lines import path_lines
-from solver.skeleton import bone_lines, skeleton
+from solver.skeleton import BoneKind, bone_lines, skeleton
 from solver.suit.suit import Suit, SuitPoint
 from station.assessment.number_entry import KnownNumberEntry, StrictEntry
 
@@ -27,14 +27,14 @@ DECIMALS = 3
 class LineEntry(StrictEntry):
     """Points of a line in ground, x y z in metres."""
 
-    value: list[list[float]]
+    value: Annotated[list[Annotated[list[float], Field(min_length=3, max_length=3)]], Field(min_length=1)]
     ci95: None = None
 
 
 class BoneEntry(StrictEntry):
     """A bone: "shaft", "plate" (closed outline) or "cage" (ring of the thorax)."""
 
-    kind: str
+    kind: BoneKind
     line_m: LineEntry
 
 

@@ -104,7 +104,8 @@ def _arms(assessment: Plain) -> list[str]:
 def _body_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iterator[PlannedFigure]:
     """With the arm cuff of the least effort; an assessment of an older station has no postures."""
     efforts = {cuff: assessment["at_rigid_optimum"][cuff]["both"]["value"] for cuff in _arms(assessment)}
-    known = {cuff: effort for cuff, effort in efforts.items() if effort is not None}
+    drawn = set(activations["cuff"][activations["condition"] == "both"])
+    known = {cuff: effort for cuff, effort in efforts.items() if effort is not None and cuff in drawn}
     if known and assessment.get("postures"):
         cuff = min(known, key=known.__getitem__)
         caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}"

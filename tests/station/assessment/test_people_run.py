@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import csv
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +16,7 @@ import pytest
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread
 from station.assessment.assess import assess_cuffs, decision_sentences, write_assessment
-from station.assessment.assessment_file import read_assessment
+from station.assessment.assessment_file import AssessmentFileError, read_assessment
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.budget_file import read_budget
 from station.assessment.people_run import (
@@ -85,6 +87,32 @@ def test_the_band_over_the_rest_length_holds_the_curve_and_the_interval_at_the_r
         reference = plain["reference_rest_length_m"]["value"]
         ends = [np.interp(reference, lengths[is_known], edge[is_known]) for edge in (low, high)]
         assert ends == pytest.approx(total["at_rigid_optimum"][cuff]["both"]["ci95"], abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("place", "broken"),
+    [
+        (("total_uncertainty", "cost", "hand", "both", "ci95"), [None]),
+        (("total_uncertainty", "cost", "hand"), {}),
+        (("total_uncertainty", "at_rigid_optimum", "hand"), {}),
+        (("postures",), []),
+        (("postures", 0, "cord_m", "value"), [[0.0, 1.0]]),
+        (("postures", 0, "bones", 0, "kind"), "feather"),
+    ],
+)
+def test_a_file_whose_bands_or_postures_do_not_fit_is_refused(
+    plain: dict[str, Any], tmp_path: Path, place: tuple[Any, ...], broken: Any
+) -> None:
+    changed = copy.deepcopy(plain)
+    *steps, last = place
+    parent: Any = changed
+    for step in steps:
+        parent = parent[step]
+    parent[last] = broken if place != ("postures",) else parent[last][:2]
+    path = tmp_path / "assessment.json"
+    path.write_text(json.dumps(changed), encoding="utf-8")
+    with pytest.raises(AssessmentFileError, match=str(place[0])):
+        read_assessment(path)
 
 
 def test_every_group_has_indices_of_effort_rest_length_and_difference(plain: dict[str, Any]) -> None:
