@@ -52,9 +52,9 @@ class DeviceError(Exception):
     exit_code = 1
     general_code = DeviceCode.FAILED
 
-    def __init__(self, sentence: str, code: DeviceCode | None = None) -> None:
+    def __init__(self, sentence: str, code: StrEnum | None = None) -> None:
         super().__init__(sentence)
-        self.code = code or self.general_code
+        self.code: StrEnum = code or self.general_code
 
 
 class DeviceUnavailable(DeviceError):

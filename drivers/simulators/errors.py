@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from drivers.errors import DeviceError
+
 
 class SimulatorCode(StrEnum):
     """Stable codes; an answer on the control connection carries them as "code" beside "error"."""
@@ -22,12 +24,11 @@ class SimulatorCode(StrEnum):
     OPEN_JOINT = "simulated_bench.open_joint"
 
 
-class SimulatorError(ValueError):
+class SimulatorError(DeviceError, ValueError):
     """One sentence: what the simulated bench was asked for and what it expects."""
 
     def __init__(self, sentence: str, code: SimulatorCode) -> None:
-        super().__init__(sentence)
-        self.code = code
+        super().__init__(sentence, code)
 
 
 def refusal(error: Exception) -> dict[str, str]:

@@ -208,19 +208,7 @@ class TrialRecorder:
         except RecordingError as error:
             trial.abandon(str(error))
         self._show(trial)
-        if not trial.has_edge:
-            writer.discard()
-            return TrialResult(None, 0, trial.messages, manifest.origin, accepted=False)
-        accepted = trial.state is TrialState.CLOSED
-        codes = tuple(message.code.value for message in trial.messages)
-        try:
-            writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence, codes=codes))
-        except RecordingError as error:
-            failed = Message(TrialCode.WRITE_FAILED, {"text": str(error)})
-            return TrialResult(path, trial.lost_samples, (failed,), manifest.origin, accepted=False)
-        with suppress(OSError):  # the recording is complete; a reader reports that it has no checksum
-            write_checksums(path)
-        return TrialResult(path, trial.lost_samples, trial.messages, manifest.origin, accepted=accepted)
+        return _close(trial, writer, path, manifest.origin)
 
     def _run(self, trial: TrialStateMachine, feeds: Feeds | SteppedFeeds, disk: DiskMonitor) -> None:
         is_in_control = self._config.mocap.control == "start"
@@ -269,6 +257,23 @@ class TrialRecorder:
         self._shown = trial.state
         for view in self._views:
             view.show(replace(trial.snapshot(), recording=self._path, origin=self._origin))
+
+
+def _close(trial: TrialStateMachine, writer: RecordingWriter, path: Path, origin: DataOrigin) -> TrialResult:
+    """Close the file of a trial that is over; a trial without a sync edge leaves none."""
+    if not trial.has_edge:
+        writer.discard()
+        return TrialResult(None, 0, trial.messages, origin, accepted=False)
+    accepted = trial.state is TrialState.CLOSED
+    codes = tuple(message.code.value for message in trial.messages)
+    try:
+        writer.close(TrialOutcome(accepted, trial.state.value, trial.sentence, codes=codes))
+    except RecordingError as error:
+        failed = Message(TrialCode.WRITE_FAILED, {"text": str(error)})
+        return TrialResult(path, trial.lost_samples, (failed,), origin, accepted=False)
+    with suppress(OSError):  # the recording is complete; a reader reports that it has no checksum
+        write_checksums(path)
+    return TrialResult(path, trial.lost_samples, trial.messages, origin, accepted=accepted)
 
 
 def _ensure_folder(folder: Path) -> None:
