@@ -45,5 +45,6 @@ def live_row(setup: LiveSetup, values: LiveValues) -> list[float]:
     row = [*values.coordinates, *values.speeds, *values.accelerations]
     for one in values.scenarios:
         row += [one.effort, one.reserve_effort, one.cord_force_n, *one.joint_force_n, *one.activations]
-    emg: Iterable[float] = values.emg_rms_uv or (NAN,) * len(setup.emg_channels)
+    has_emg = len(values.emg_rms_uv) == len(setup.emg_channels)
+    emg: Iterable[float] = values.emg_rms_uv if has_emg else (NAN,) * len(setup.emg_channels)
     return [*row, values.cord_force_measured_n, *emg]

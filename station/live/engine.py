@@ -87,9 +87,12 @@ class LiveEngine:
     def begin_recording(self, recording: Path | None) -> None:
         """The sync edge: values are those of the frames after it, as a replay of the recording has no others."""
         self.pipeline.restart()
-        self._findings = LiveFindings(self._markers, self._lasting)
+        self._findings, self._has_notices = LiveFindings(self._markers, self._lasting), False
         if recording is not None:
             self._to_sinks(lambda sink: sink.begin_recording(recording))
+        for now, planned in zip(self._scenarios, self._prepared.scenarios, strict=True):
+            if now != planned:
+                self._note_rest_length(now.name, now.rest_length_m)
 
     def describe(self, stream: Stream) -> None:
         self.pipeline.describe(stream)
@@ -127,11 +130,14 @@ class LiveEngine:
         self._scenarios = tuple(
             replace(one, rest_length_m=rest_length_m) if one.name == scenario else one for one in self._scenarios
         )
-        self._to_sinks(lambda sink: sink.note("rest_length", f"{scenario}: {rest_length_m:.4f} m"))
+        self._note_rest_length(scenario, rest_length_m)
 
     def finish(self) -> None:
         """Give out the frames whose lag has not elapsed."""
         self._give_out(self.pipeline.finish(), None, self._now_s())
+
+    def _note_rest_length(self, scenario: str, rest_length_m: float) -> None:
+        self._to_sinks(lambda sink: sink.note("rest_length", f"{scenario}: {rest_length_m:.4f} m"))
 
     @property
     def _markers(self) -> int:

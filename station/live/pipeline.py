@@ -81,6 +81,7 @@ class LivePipeline:
     def __post_init__(self) -> None:
         self._force, self._emg = AlignedSignal(), AlignedSignal()
         self._columns: list[int] = []
+        self._rest_lengths = {name: scenario.rest_length for name, scenario in self.plan.scenarios.items()}
         self.restart()
 
     @property
@@ -97,7 +98,7 @@ class LivePipeline:
         return NAN if self._first_ns is None else 1e-9 * (device_ns - self._first_ns)
 
     def restart(self) -> None:
-        """Forget all frames: the trial's recording begins, or another capture."""
+        """Forget all frames, and keep the rest lengths: the trial's recording begins, or another capture."""
         self._solver: StreamSolver | None = None
         self._rotation = np.eye(3)
         self._clock = ArrivalClock()
@@ -105,7 +106,6 @@ class LivePipeline:
         self._first_ns: int | None = None
         self._last_ns = -1
         self._retry_ns = -1
-        self._rest_lengths = {name: scenario.rest_length for name, scenario in self.plan.scenarios.items()}
         self._cycles = CycleEffort(tuple(self.plan.scenarios))
         self._recent: LiveRecent | None = None
         self._best: LiveBest | None = None

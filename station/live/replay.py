@@ -11,6 +11,7 @@ from queue import SimpleQueue
 from recordings.manifest import Manifest
 from recordings.reader import Recording, open_recording
 from recordings.samples import Event, Samples, Stream
+from recordings.topics import MARKERS
 from station.config import parse_config
 from station.errors import StationError
 from station.live.engine import LiveEngine, LiveSink, Publish
@@ -59,7 +60,7 @@ def replay_live(
     engine = LiveEngine(prepared, on_setup=on_setup, sinks=sinks, now_s=lambda: 0.0)
     engine.origin = recording.manifest.origin.value
     begun_s, first_ns = time.monotonic(), None
-    for stream in recording.streams:
+    for stream in sorted(recording.streams, key=lambda stream: stream.name == MARKERS):  # the set-up needs all
         engine.describe(stream)
     for item in recording.items():
         if isinstance(item, Stream):

@@ -68,7 +68,7 @@ class LiveTap(BackgroundView):
         if snapshot.streams != self._streams:
             self._streams = snapshot.streams
             self._put({"origin": snapshot.origin.value})
-            for stream in snapshot.streams:
+            for stream in sorted(snapshot.streams, key=lambda stream: stream.name == MARKERS):  # the set-up needs all
                 if stream.name in TAPPED:
                     self._put(stream)
         if snapshot.state is TrialState.RECORDING and not self._has_begun:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -87,6 +88,30 @@ def test_another_rest_length_acts_from_the_next_frame_on(
     np.testing.assert_allclose(more[:60], 0.0)
     np.testing.assert_allclose(more[62:], 0.01 * stiffness, rtol=1e-6)
     assert kept.notes == [("rest_length", f"rigid: {rest - 0.01:.4f} m")]
+
+
+def test_a_rest_length_and_the_notices_last_over_the_sync_edge(wearer: WearerSession, plan: PreparedTrial) -> None:
+    """What a view has set while the trial was armed holds in the recording, and the file says so."""
+    body = plan.plan.body
+    model = replace(body.model, markers=tuple(m for m in body.model.markers if "glenoid" not in m.name.lower()))
+    without = replace(plan, plan=replace(plan.plan, body=replace(body, model=model)))
+    kept, part = Collected(), part_of(wearer, 60)
+    engine = LiveEngine(without, on_setup=lambda _: kept.updates.append, sinks=[kept], now_s=lambda: 0.0)
+    for stream in part.streams:
+        engine.describe(stream)
+    engine.set_rest_length("rigid", 0.7)
+    blocks = part.blocks()
+    for block in blocks[: len(blocks) // 2]:
+        engine.take(block, 0.0)
+    engine.begin_recording(part.path)
+    before = len(kept.updates)
+    for block in blocks[len(blocks) // 2 :]:
+        engine.take(block, 0.0)
+    engine.finish()
+    assert kept.notes == [("rest_length", "rigid: 0.7000 m")] * 2
+    assert kept.updates[-1].scenarios[1].rest_length_m == engine.pipeline.rest_lengths["rigid"] == 0.7
+    after = {finding.code for update in kept.updates[before:] for finding in update.findings}
+    assert LiveCode.NO_GLENOID in after
 
 
 def test_wrong_commands_of_a_view_change_nothing(plan: PreparedTrial) -> None:
