@@ -193,8 +193,12 @@ class _EffortTable:
         cells: list[tuple[float, float]] = []
         for scenario, solved in zip(self._scenarios, values.scenarios, strict=True):
             recent = values.recent.effort.get(scenario.name, math.nan) if values.recent else math.nan
-            cells += [(solved.effort / reference, solved.effort / largest), (recent, recent)]
+            cells += [(_ratio(solved.effort, reference), _ratio(solved.effort, largest)), (recent, recent)]
         return [(cell, share_text(share), _width(size)) for cell, (share, size) in zip(self._ids, cells, strict=True)]
+
+
+def _ratio(effort: float, reference: float) -> float:
+    return effort / reference if reference else math.nan
 
 
 def _width(share: float) -> float:
