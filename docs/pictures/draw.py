@@ -122,7 +122,7 @@ def _screenshot(chart: Chart, path: Path) -> None:
     page_style = "body { --ink: #1b1b1b; --quiet: #666; --paper: #fff; background: #fff; font-family: sans-serif; }"
     style = Path(svg.__file__).parents[1] / "chart.css"
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=_browser_path(), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1080, "height": 50})
         page.set_content(f"<style>{style.read_text()}{page_style}</style>{svg.draw(chart, path.stem)}")
         drawn = page.screenshot(full_page=True)
@@ -130,7 +130,7 @@ def _screenshot(chart: Chart, path: Path) -> None:
     Image.open(io.BytesIO(drawn)).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
-def _browser_path() -> str | None:
+def browser_path() -> str | None:
     return shutil.which("chromium") or shutil.which("chromium-browser")
 
 
@@ -139,7 +139,7 @@ def draw_report(session: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=_browser_path(), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1100, "height": 1000})
         page.goto((session / "report.html").resolve().as_uri())
         end = page.locator("details").first.evaluate("details => details.getBoundingClientRect().top")

@@ -52,7 +52,7 @@ class LiveScene:
         names = [scenario.name for scenario in setup.scenarios]
         self._worn = names.index("worn") if "worn" in names else len(names) - 1
         for place, name in enumerate(names):
-            self._style(f"{EFFORT}/{name}", name, (COLOURS[place % len(COLOURS)], 2.0))
+            self._style(_effort_path(name), name, (COLOURS[place % len(COLOURS)], 2.0))
         for place, name in enumerate(("predicted", *(["measured"] if setup.has_cord_cell else []))):
             self._style(f"{CORD}/{name}", name, (COLOURS[1 + place], 2.0))
         for place, name in enumerate(setup.emg_channels):
@@ -71,7 +71,7 @@ class LiveScene:
         time_ns = round(1e9 * (self._origin_s + values.time_s))
         self.stream.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"))
         for scenario, solved in zip(self._setup.scenarios, values.scenarios, strict=True):
-            self._log(f"{EFFORT}/{scenario.name}", solved.effort)
+            self._log(_effort_path(scenario.name), solved.effort)
         self._log(f"{CORD}/predicted", values.scenarios[self._worn].cord_force_n if values.scenarios else math.nan)
         self._log(f"{CORD}/measured", values.cord_force_measured_n)
         for name, rms in zip(self._setup.emg_channels, values.emg_rms_uv, strict=False):
@@ -125,6 +125,11 @@ class LiveScene:
             rrb.SelectionPanel(state="collapsed"),
             rrb.TimePanel(state="collapsed", timeline=TIMELINE),
         )
+
+
+def _effort_path(scenario: str) -> str:
+    """Rerun's paths have no spaces."""
+    return f"{EFFORT}/{scenario.replace(' ', '_')}"
 
 
 def show_live(subscription: LiveSubscription, scenes: Sequence[LiveScene]) -> None:
