@@ -7,6 +7,8 @@ has the section [live]: cuffs and rest lengths that are solved. Needs Chromium.
 from __future__ import annotations
 
 import io
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -39,7 +41,7 @@ def draw_live_page(recording: Path, options: list[str]) -> None:
             _save(page.screenshot(), "live.png")
             browser.close()
     finally:
-        replay.terminate()
+        replay.send_signal(signal.SIGINT)  # as Ctrl-C: it ends the page, too
         replay.wait()
 
 
@@ -50,7 +52,7 @@ def draw_live_scene(recording: Path, options: list[str]) -> None:
         subprocess.run([*STATION, str(recording), *options, "--rrd", str(file)], check=True)  # noqa: S603
         port, web = _free_port(), _free_port()
         words = ["-m", "rerun", str(file), "--serve-web", "--port", str(port), "--web-viewer-port", str(web)]
-        viewer = subprocess.Popen([sys.executable, *words])  # noqa: S603
+        viewer = subprocess.Popen([sys.executable, *words], start_new_session=True)  # noqa: S603
         try:
             with sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=browser_path(), args=list(SOFTWARE_GL))
@@ -60,7 +62,7 @@ def draw_live_scene(recording: Path, options: list[str]) -> None:
                 _save(page.screenshot(), "live-rerun.png")
                 browser.close()
         finally:
-            viewer.terminate()
+            os.killpg(viewer.pid, signal.SIGTERM)  # the viewer is a child of the process that was started
             viewer.wait()
 
 

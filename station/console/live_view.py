@@ -42,6 +42,8 @@ LINES: dict[str, tuple[str, str]] = {
     "rigid": (DISPLACEMENT, "dashed"),
 }
 """Colour and dash of a condition."""
+MAIN, FURTHER = ("slack", "worn", "rigid"), ("#8a94a3", "solid")
+"""Scenarios with a curve in the colour of their condition; further rest lengths and cuffs are grey."""
 EMG_LINES = ((FORCE, "solid"), (DISPLACEMENT, "dashed"), ("#00715a", "dotted"), ("#7a3e9d", "solid"))
 
 
@@ -213,7 +215,7 @@ def _scenario_choice(scenarios: Sequence[LiveScenario], chosen: int, choose: Cal
 
 
 def _charts(setup: LiveSetup, scenarios: Sequence[LiveScenario]) -> dict[str, ui.echart]:
-    effort = [_line(scenario_text(one), *LINES.get(one.condition, (INK, "solid"))) for one in scenarios]
+    effort = [_line(scenario_text(one), *(LINES[one.condition] if one.name in MAIN else FURTHER)) for one in scenarios]
     force = [_line("predicted", FORCE, "solid")]
     force += [_line("measured", DISPLACEMENT, "dashed")] if setup.has_cord_cell else []
     emg = [_line(name, *EMG_LINES[k % len(EMG_LINES)]) for k, name in enumerate(setup.emg_channels)]
