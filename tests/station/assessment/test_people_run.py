@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.results.seal import Standing
 from solver.uncertainty.factors import normal_scores, unit_sample
 from solver.uncertainty.sources import BodySpread
 from station.assessment.assess import assess_cuffs, decision_sentences, write_assessment
@@ -30,9 +31,13 @@ from station.assessment.people_run import (
     solve_here,
 )
 from station.messages.codes import AssessmentCode, DecisionCode, InputCode
+from station.report.page import write_report
+from station.report.report_file import read_numbers
+from station.report.verification import number_links
 from tests.solver.uncertainty.test_people import CASE
 from tests.station.assessment.test_assess import numbers_in, write_cuffs
 from tests.station.refusal import refused
+from tests.station.report.unmarked import unmarked_numbers
 
 BUDGET = "[sample]\npeople = 29\nframes = 8\npeople_with_cubes = 3\n[donning]\nmigration = 0.3\n"
 
@@ -113,6 +118,18 @@ def test_a_file_whose_bands_or_postures_do_not_fit_is_refused(
     path.write_text(json.dumps(changed), encoding="utf-8")
     with pytest.raises(AssessmentFileError, match=str(place[0])):
         read_assessment(path)
+
+
+def test_the_numbers_of_a_report_on_drawn_people_name_the_people_and_their_seed(
+    plain: dict[str, Any], folder: Path
+) -> None:
+    path = write_report(folder)
+    listed = read_numbers(path.with_name("report.json")).numbers
+    effort = listed["assessment.total_uncertainty.at_rigid_optimum.hand.both"]
+    total = plain["total_uncertainty"]
+    assert (effort.draws, effort.seed) == (total["people"]["value"], total["seed"]["value"])
+    assert unmarked_numbers(path, folder.name) == []
+    assert {link.standing for link in number_links(folder)} == {Standing.AS_RECORDED}
 
 
 def test_every_group_has_indices_of_effort_rest_length_and_difference(plain: dict[str, Any]) -> None:
