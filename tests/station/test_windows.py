@@ -44,6 +44,7 @@ POSIX_CALLS = {
 OWNERS = ("os", "signal", "socket", "select", "loop", "time")
 GUARDED = {
     "station/terminal/keyboard.py": {"termios", "tty", "getpgrp", "tcgetpgrp"},
+    "station/live/process.py": {"nice"},
     "station/session/worker.py": {"nice"},
     "station/bench/typed_commands.py": {"SIGTTIN"},
     "solver/compile_ahead.py": {"nice"},
