@@ -47,6 +47,11 @@ class Difference:
     expected: Any
 
     @property
+    def is_wording(self) -> bool:
+        """Whether two sentences differ. Stations reword them; their codes and figures are compared beside them."""
+        return all(isinstance(text, str) and " " in text for text in (self.found, self.expected))
+
+    @property
     def size(self) -> float:
         """Relative difference of two numbers; infinite for anything else."""
         if _is_number(self.found) and _is_number(self.expected):
@@ -174,10 +179,17 @@ def _read(path: Path) -> Any:
 
 
 def _link(what: str, found: list[Difference]) -> Link:
-    """The first difference beyond rounding; else the largest one."""
+    """The first difference beyond rounding; else the largest one, unless sentences are worded otherwise."""
+    reworded = [difference for difference in found if difference.is_wording]
+    found = [difference for difference in found if not difference.is_wording]
     beyond = [difference for difference in found if not difference.size <= TOLERANCE]
     if not beyond:
         detail = f"largest relative difference {max(one.size for one in found):.1g}" if found else "every number equal"
+        if reworded:
+            remark = (
+                f"{detail}; this station words {len(reworded)} sentences otherwise, the first: {reworded[0].pointer}"
+            )
+            return Link(what, Standing.UNRECORDED, remark)
         return Link(what, Standing.AS_RECORDED, detail)
     first = beyond[0]
     fault = Message(

@@ -94,6 +94,15 @@ def test_an_assessment_whose_motion_is_elsewhere_is_not_computed_again(session: 
     assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
 
 
+def test_a_sentence_that_an_older_station_worded_otherwise_is_named_and_breaks_nothing(session: Path) -> None:
+    path = session / "assessment.json"
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain["findings"][0] = "An older station said so."
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    link = by_what(recomputed_links(session))["assessment.json ← the model"]
+    assert link.standing == Standing.UNRECORDED and link.detail.endswith("/findings/0")
+
+
 def test_differences_are_named_by_their_json_pointer() -> None:
     found = {"a/b": [1.0, {"c": 2.0}], "d": "x", "same": 3}
     expected = {"a/b": [1.0, {"c": 2.0 * (1 + 1e-3)}], "d": "y", "same": 3.0, "later": 4}
