@@ -54,7 +54,7 @@ def is_one_sentence(error: DeviceError) -> bool:
 
 
 @contextmanager
-def refused(code: DeviceCode, naming: str = "") -> Iterator[None]:
+def raises_refusal(code: DeviceCode, naming: str = "") -> Iterator[None]:
     """The block raises a DeviceError of this code, in one sentence that names the device or the wrong value."""
     with pytest.raises(DeviceError) as caught:
         yield

@@ -13,7 +13,7 @@ from drivers.catalogue import make_device
 from drivers.errors import DeviceCode
 from drivers.lsl import LslEmg
 from recordings.samples import Event, Item, Loss
-from tests.drivers.contract import Bench, DeviceContract, blocks, read_until, refused
+from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until
 from tests.drivers.lsl_sender import RATE_HZ, LslSender
 from tests.timeout import scaled_timeout
 
@@ -125,11 +125,11 @@ class TestScenario:
 class TestRefusals:
     def test_an_outlet_that_is_not_there_is_refused_by_name(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(lsl, "RESOLVE_TIMEOUT_S", 0.2)
-        with refused(DeviceCode.NOT_FOUND, naming="LSL nobody"):
+        with raises_refusal(DeviceCode.NOT_FOUND, naming="LSL nobody"):
             driver("nobody").open()
 
     def test_a_channel_that_is_not_there_is_refused_with_those_that_are(self, sender: LslSender) -> None:
-        with refused(DeviceCode.NO_CHANNEL, naming="biceps"):
+        with raises_refusal(DeviceCode.NO_CHANNEL, naming="biceps"):
             driver(channels={"biceps": "biceps"}).open()
 
     def test_two_outlets_of_one_name_are_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,7 +137,7 @@ class TestRefusals:
         with (
             LslSender("twin", "a"),
             LslSender("twin", "b"),
-            refused(DeviceCode.SEVERAL_OUTLETS),
+            raises_refusal(DeviceCode.SEVERAL_OUTLETS),
         ):
             driver("twin").open()
 

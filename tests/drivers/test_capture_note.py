@@ -11,7 +11,7 @@ import pytest
 from drivers.capture_note import CaptureNote
 from drivers.errors import DeviceCode
 from drivers.simulators.qualisys import QualisysSimulator
-from tests.drivers.contract import refused
+from tests.drivers.contract import raises_refusal
 from tests.drivers.other_qtm import COMMAND, EVENT, OtherQtm, packet, proper
 from tests.drivers.simulated_qtm import driver, hang_up_on_everyone, opened, received, simulator
 
@@ -60,7 +60,7 @@ def test_a_capture_that_a_person_began_is_left_alone_and_told(tmp_path: Path, no
             yesterday_ns = round(1e9 * (qtm._server._world.now() - 86_400))
             (tmp_path / "capture").write_text(str(yesterday_ns) if note_of == "yesterday" else "soon")
         device = driver(qtm.port, control="start", capture_note=note)
-        with refused(DeviceCode.CAPTURE_NOT_OURS):
+        with raises_refusal(DeviceCode.CAPTURE_NOT_OURS):
             device.open()
 
 
@@ -73,7 +73,7 @@ def test_a_qtm_that_somebody_else_has_busy_is_left_alone(state: bytes) -> None:
         answers = {b"takecontrol": packet(COMMAND, b"You are now master\0"), b"getstate": packet(EVENT, state)}
         return answers.get(asked[-1]) or proper(command)
 
-    with OtherQtm(busy) as qtm, refused(DeviceCode.CAPTURE_NOT_OURS):
+    with OtherQtm(busy) as qtm, raises_refusal(DeviceCode.CAPTURE_NOT_OURS):
         driver(qtm.port, control="start").open()
     assert asked == [b"version", b"qtmversion", b"takecontrol", b"getstate"], "nothing was stopped, saved or made new"
 
@@ -81,7 +81,7 @@ def test_a_qtm_that_somebody_else_has_busy_is_left_alone(state: bytes) -> None:
 def test_a_start_that_qtm_refuses_leaves_no_note(tmp_path: Path) -> None:
     with simulator() as qtm, opened(driver(qtm.port, control="start", capture_note=noted(tmp_path, qtm))) as device:
         qtm._server._world.start_capture()
-        with refused(DeviceCode.REFUSED):
+        with raises_refusal(DeviceCode.REFUSED):
             device.start_capture()
         received(device, 10)
         assert noted(tmp_path, qtm).age_s is None

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.catalogue import CATALOGUE, make_device
 from drivers.errors import DeviceCode
-from tests.drivers.contract import refused
+from tests.drivers.contract import raises_refusal
 
 
 @pytest.mark.parametrize("source", sorted(CATALOGUE))
@@ -25,5 +25,5 @@ def test_a_device_is_made_with_its_options_and_not_opened() -> None:
 
 
 def test_an_unknown_source_is_refused_with_the_known_ones() -> None:
-    with refused(DeviceCode.UNKNOWN_DRIVER, naming="labjack"):
+    with raises_refusal(DeviceCode.UNKNOWN_DRIVER, naming="labjack"):
         make_device("labjack", host_clock=lambda: 0)

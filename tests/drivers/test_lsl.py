@@ -14,7 +14,7 @@ from drivers import lsl
 from drivers.errors import DeviceCode
 from drivers.lsl import LslEmg
 from recordings.samples import Event, Loss
-from tests.drivers.contract import blocks, refused
+from tests.drivers.contract import blocks, raises_refusal
 from tests.drivers.fake_lsl import FakeLsl, FakeOutlet
 from tests.drivers.pytest_on_loopback import run_on_loopback
 
@@ -107,7 +107,7 @@ def test_after_an_outage_the_numbers_jump_by_the_stamps_or_else_by_the_station_s
 def test_a_lost_outlet_is_lost_in_a_sentence(outlet: FakeOutlet) -> None:
     device = opened()
     outlet.chunks.append(RuntimeError("the stream read by this inlet has been lost."))
-    with refused(DeviceCode.DISCONNECTED, naming="LSL amp"):
+    with raises_refusal(DeviceCode.DISCONNECTED, naming="LSL amp"):
         device.read(0.0)
 
 
@@ -133,14 +133,14 @@ def test_an_outlet_that_cannot_be_recorded_is_refused_in_a_sentence(
     monkeypatch: pytest.MonkeyPatch, outlets: list[FakeOutlet], options: dict[str, Any], code: DeviceCode
 ) -> None:
     offer(monkeypatch, *outlets)
-    with refused(code):
+    with raises_refusal(code):
         opened(**options)
 
 
 def test_another_outlet_after_an_outage_is_refused(monkeypatch: pytest.MonkeyPatch, outlet: FakeOutlet) -> None:
     device = opened()
     offer(monkeypatch, FakeOutlet(rate_hz=500.0))
-    with refused(DeviceCode.CHANGED):
+    with raises_refusal(DeviceCode.CHANGED):
         device.resume()
 
 

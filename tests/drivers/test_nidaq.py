@@ -20,7 +20,7 @@ from drivers.simulators.faults import Fault
 from drivers.simulators.nidaq import NiDaqSimulator
 from drivers.simulators.settings import EmgWire
 from recordings.samples import Item, Loss
-from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, read_until, refused
+from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, raises_refusal, read_until
 from tests.drivers.simulated_daq import EXACT_CLOCK, SYNC, WIRING, daq
 from tests.drivers.stand_in_world import StandInWorld
 from tests.timeout import scaled_timeout
@@ -191,7 +191,7 @@ def test_a_device_that_is_plugged_in_again_goes_on_with_numbers_that_tell_the_ti
         last = blocks(device.read(0.1), "/force")[0]
         world.faults.inject(Fault("ni", fault, at_s=1.0, for_s=20.0))
         world.advance(2.0)
-        with refused(DeviceCode.DISCONNECTED):
+        with raises_refusal(DeviceCode.DISCONNECTED):
             device.read(0.1)
         with pytest.raises(DeviceError):
             device.resume()

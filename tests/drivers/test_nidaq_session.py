@@ -23,7 +23,7 @@ from drivers.simulators.faults import Fault
 from drivers.simulators.nidaq import NiDaqSimulator, _Service
 from drivers.simulators.usb6008 import DaqmxError
 from recordings.samples import Event, Item, Loss, Samples
-from tests.drivers.contract import blocks, refused
+from tests.drivers.contract import blocks, raises_refusal
 from tests.drivers.fault_bench import unaccounted
 from tests.drivers.simulated_daq import daq
 from tests.drivers.stand_in_world import StandInWorld
@@ -103,7 +103,7 @@ def test_a_device_that_another_program_reads_is_refused_and_never_reset(
     device.close()
     other_program.start()
     for _ in range(3):
-        with refused(DeviceCode.IN_USE):
+        with raises_refusal(DeviceCode.IN_USE):
             device.open()
     world.advance(0.1)
     assert len(other_program.read(100)) == 100
@@ -114,7 +114,7 @@ def test_another_recording_on_this_computer_is_refused_and_the_first_goes_on(
 ) -> None:
     first, second = daq(server.port, world.utc_ns), daq(server.port, world.utc_ns)
     first.open()
-    with refused(DeviceCode.IN_USE):
+    with raises_refusal(DeviceCode.IN_USE):
         second.open()
     assert reads_ten_samples(first, world)
     first.close()
@@ -145,7 +145,7 @@ def test_a_task_that_cannot_be_cleared_and_did_not_acquire_resets_nothing(
     device = daq(server.port, world.utc_ns)
     monkeypatch.setattr(_Service, "ClearTask", forget_the_session_and_fail)
     for _ in range(2):  # the first attempt leaves a task that never started
-        with refused(DeviceCode.IN_USE):
+        with raises_refusal(DeviceCode.IN_USE):
             device.open()
     monkeypatch.undo()
     world.advance(0.1)
@@ -204,7 +204,7 @@ def test_a_network_of_half_a_second_each_way_is_named_as_the_reason(
     monkeypatch.setattr(nidaq, "RPC_DEADLINE_S", scaled_timeout(10.0))
     with (  # a call may take a tenth of the time-out for connecting
         TcpProxy(server.port, delay_s=0.5) as slow,
-        refused(DeviceCode.NETWORK_TOO_SLOW),
+        raises_refusal(DeviceCode.NETWORK_TOO_SLOW),
     ):
         daq(slow.port, world.utc_ns).open()
 

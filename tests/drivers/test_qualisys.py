@@ -14,7 +14,7 @@ from drivers import qualisys_connection
 from drivers.device import CaptureControl
 from drivers.errors import DeviceCode
 from recordings.samples import Event, Loss, Samples
-from tests.drivers.contract import Bench, DeviceContract, blocks, read_until, refused
+from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until
 from tests.drivers.other_qtm import DATA, EVENT, PARAMETERS, XML, OtherQtm, frame, packet, proper, two
 from tests.drivers.simulated_qtm import (
     driver,
@@ -123,7 +123,7 @@ def test_where_numbers_begin_anew_after_a_preview_an_event_says_so_and_nothing_i
     ],
 )
 def test_what_qtm_cannot_do_is_refused_in_a_sentence(options: dict[str, Any], code: DeviceCode) -> None:
-    with simulator(password="secret") as qtm, refused(code):  # noqa: S106
+    with simulator(password="secret") as qtm, raises_refusal(code):  # noqa: S106
         driver(qtm.port, **options).open()
 
 
@@ -132,7 +132,7 @@ def test_when_ten_clients_are_there_already_it_is_told_so() -> None:
         others = [socket.create_connection(("127.0.0.1", qtm.port)) for _ in range(10)]
         for other in others:
             other.recv(100)  # the welcome: it is counted
-        with refused(DeviceCode.REFUSED):
+        with raises_refusal(DeviceCode.REFUSED):
             driver(qtm.port).open()
         for other in others:
             other.close()
@@ -142,7 +142,7 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
     with (
         simulator() as qtm,
         opened(driver(qtm.port)) as device,
-        refused(DeviceCode.REFUSED),
+        raises_refusal(DeviceCode.REFUSED),
     ):
         device.start_capture()
 
@@ -152,7 +152,7 @@ def test_starting_without_control_is_refused_with_what_to_set() -> None:
 
 def test_a_server_that_accepts_and_says_nothing_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(qualisys_connection, "CONNECT_TIMEOUT_S", 0.2)
-    with socket.create_server(("127.0.0.1", 0)) as mute, refused(DeviceCode.NO_ANSWER):
+    with socket.create_server(("127.0.0.1", 0)) as mute, raises_refusal(DeviceCode.NO_ANSWER):
         driver(mute.getsockname()[1]).open()
 
 
@@ -160,7 +160,7 @@ def test_a_server_that_falls_silent_while_it_opens_is_unavailable(monkeypatch: p
     monkeypatch.setattr(qualisys_connection, "COMMAND_TIMEOUT_S", 0.2)
     with (
         OtherQtm(lambda command: b"" if command.startswith(b"getparameters") else proper(command)) as qtm,
-        refused(DeviceCode.NO_ANSWER),
+        raises_refusal(DeviceCode.NO_ANSWER),
     ):
         driver(qtm.port).open()
 
@@ -169,7 +169,7 @@ def test_settings_without_labels_are_refused() -> None:
     bare = packet(XML, b"<Q><General><Frequency>100</Frequency></General></Q>\0")
     with (
         OtherQtm(lambda command: bare if command.startswith(b"getparameters") else proper(command)) as qtm,
-        refused(DeviceCode.UNUSABLE_SETTINGS),
+        raises_refusal(DeviceCode.UNUSABLE_SETTINGS),
     ):
         driver(qtm.port).open()
 
@@ -220,7 +220,7 @@ def test_a_packet_that_cannot_be_read_is_told_and_passed_over(nonsense: bytes) -
 def test_a_length_that_cannot_be_true_ends_the_connection(size: int) -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         qtm.send(struct.pack("<II", size, DATA))
-        with refused(DeviceCode.UNREADABLE):
+        with raises_refusal(DeviceCode.UNREADABLE):
             read_until(device, lambda _: False)
 
 
@@ -315,5 +315,5 @@ def test_a_connection_that_breaks_delivers_first_what_had_come() -> None:
         assert qtm.client is not None
         qtm.client.shutdown(socket.SHUT_RDWR)
         assert numbers(received(device, 2)) == [1, 2]
-        with refused(DeviceCode.DISCONNECTED):
+        with raises_refusal(DeviceCode.DISCONNECTED):
             device.read(5.0)

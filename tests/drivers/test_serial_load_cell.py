@@ -16,7 +16,7 @@ from drivers.serial_load_cell import LineFormat, SerialLoadCell, decode_usb220, 
 from drivers.simulators.serial_load_cell import SerialLoadCellSimulator, encode_usb220, encode_usb520
 from drivers.simulators.settings import SerialLineSettings
 from recordings.samples import Item, Loss
-from tests.drivers.contract import Bench, DeviceContract, blocks, read_until, refused
+from tests.drivers.contract import Bench, DeviceContract, blocks, raises_refusal, read_until
 from tests.drivers.stand_in_world import StandInWorld
 
 GOOD = b"+000001.5000  lbs\r\n"
@@ -149,7 +149,7 @@ def test_device_time_is_the_host_s_at_arrival(listener: socket.socket) -> None:
 
 
 def test_a_port_that_does_not_exist_is_refused_with_its_name() -> None:
-    with refused(DeviceCode.NOT_FOUND, naming="/dev/none"):
+    with raises_refusal(DeviceCode.NOT_FOUND, naming="/dev/none"):
         driver("/dev/none").open()
 
 
@@ -161,7 +161,7 @@ def test_it_reads_a_terminal_and_notices_when_it_is_unplugged() -> None:
     os.write(instrument, 3 * GOOD)
     items = read_until(device, lambda items: _accounted(items) == 2)
     os.close(instrument)
-    with refused(DeviceCode.DISCONNECTED):
+    with raises_refusal(DeviceCode.DISCONNECTED):
         read_until(device, lambda _: False)
     device.close()
     os.close(terminal)

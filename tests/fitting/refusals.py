@@ -13,7 +13,7 @@ from fitting.results.rendering import Figures, Note
 
 
 @contextmanager
-def refused(code: RejectionCode | TensorCode | FitErrorCode, **figures: object) -> Iterator[None]:
+def raises_refusal(code: RejectionCode | TensorCode | FitErrorCode, **figures: object) -> Iterator[None]:
     """The block raises an error with this code and these figures."""
     with pytest.raises(CodedError) as caught:
         yield

@@ -13,7 +13,7 @@ from fitting.pull.plausibility import require_live_force, require_plausible_disp
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.trial.force_quality import require_steady_zero, zero_drift, zero_notes
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(3000) / 100
 FORCE = 25 + 12 * np.sin(2 * np.pi * TIME)
@@ -46,14 +46,14 @@ def test_ghosts_and_hidden_frames_are_told() -> None:
     ghosts = marker_notes(replace(SOUND, ghosts={"anchor_3": 12}))
     assert ghosts == (Note(TrialNoteCode.GHOSTS, {"markers": "anchor_3 in 12 frames"}),)
     assert marker_notes(replace(SOUND, hidden=0.3)) == (Note(TrialNoteCode.MARKERS_HIDDEN, {"hidden": 0.3}),)
-    with refused(RejectionCode.MARKERS_HIDDEN, hidden=0.6):
+    with raises_refusal(RejectionCode.MARKERS_HIDDEN, hidden=0.6):
         marker_notes(replace(SOUND, hidden=0.6))
 
 
 def test_force_that_is_stuck_while_the_cuff_moves_is_refused() -> None:
     way = FORCE / 8000
     stuck = np.where((TIME > 10) & (TIME < 12), FORCE[1000], FORCE)
-    with refused(RejectionCode.FORCE_STUCK_MOVING, start_s=pytest.approx(10.0, abs=0.05)):
+    with raises_refusal(RejectionCode.FORCE_STUCK_MOVING, start_s=pytest.approx(10.0, abs=0.05)):
         require_live_force(TIME, stuck, TIME, way)
     require_live_force(TIME, FORCE, TIME, way)
 
@@ -62,7 +62,9 @@ def test_a_held_load_may_read_one_code_but_not_while_the_cuff_moves() -> None:
     held = np.where(TIME < 15, 2.0, 17.0)
     rests = held / 8000 + 1e-5 * np.sin(9 * TIME)
     require_live_force(TIME, held, TIME, rests)
-    with refused(RejectionCode.FORCE_STUCK_MOVING, force_n=2.0, duration_s=pytest.approx(15.0, abs=0.05), start_s=0.0):
+    with raises_refusal(
+        RejectionCode.FORCE_STUCK_MOVING, force_n=2.0, duration_s=pytest.approx(15.0, abs=0.05), start_s=0.0
+    ):
         require_live_force(TIME, held, TIME, rests + 2e-3 * np.sin(TIME))
 
 
@@ -116,7 +118,7 @@ def test_codes_that_repeat_because_the_force_is_quiet_are_no_hanging_converter(r
 @pytest.mark.parametrize("scale", [1e3, 1e-6])
 def test_a_displacement_in_the_wrong_unit_is_refused(scale: float) -> None:
     require_plausible_displacement(FORCE / 8000)
-    with refused(RejectionCode.DISPLACEMENT_UNIT):
+    with raises_refusal(RejectionCode.DISPLACEMENT_UNIT):
         require_plausible_displacement(scale * FORCE / 8000)
 
 
@@ -139,7 +141,7 @@ def test_the_zero_s_drift_between_both_rests_is_measured_and_told_beyond_its_lim
 def test_a_zero_that_drifts_further_than_a_sound_cell_s_is_refused() -> None:
     require_steady_zero(zero_drift(TIME, _pull(-4.5)), 4.9)
     require_steady_zero(None, 4.9)
-    with refused(RejectionCode.ZERO_DRIFT, drift_n=pytest.approx(-5.3, abs=0.2), limit_n=4.9):
+    with raises_refusal(RejectionCode.ZERO_DRIFT, drift_n=pytest.approx(-5.3, abs=0.2), limit_n=4.9):
         require_steady_zero(zero_drift(TIME, _pull(-5.5)), 4.9)
 
 

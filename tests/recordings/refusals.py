@@ -11,7 +11,7 @@ from recordings.errors import RecordingCode, RecordingError
 
 
 @contextmanager
-def refused(code: RecordingCode, naming: str = "") -> Iterator[None]:
+def raises_refusal(code: RecordingCode, naming: str = "") -> Iterator[None]:
     """The block raises a RecordingError with this code, whose sentence names the file, line or label at fault."""
     with pytest.raises(RecordingError) as caught:
         yield

@@ -11,7 +11,7 @@ import pytest
 from recordings.contents import contents_of
 from recordings.errors import RecordingCode
 from recordings.samples import Item, Loss, Samples
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import MANIFEST, START_NS, chunk_ends, frames, record, scalars, skipped, trial
 
 
@@ -110,5 +110,5 @@ def test_a_cut_recording_is_incomplete_and_says_why(tmp_path: Path) -> None:
 
 def test_a_file_with_nothing_in_it_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").touch()
-    with refused(RecordingCode.EMPTY):
+    with raises_refusal(RecordingCode.EMPTY):
         contents_of(tmp_path / "a.mcap")

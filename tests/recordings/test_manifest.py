@@ -8,7 +8,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.manifest import manifest_from_json, manifest_to_json
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import MANIFEST
 
 
@@ -24,12 +24,12 @@ def test_a_key_that_a_later_version_added_is_passed_over() -> None:
 def test_a_missing_key_is_named() -> None:
     shrunk = json.loads(manifest_to_json(MANIFEST))
     del shrunk["cuff"]["site"]
-    with refused(RecordingCode.MANIFEST):
+    with raises_refusal(RecordingCode.MANIFEST):
         manifest_from_json(json.dumps(shrunk))
 
 
 def test_a_text_that_is_no_json_is_refused_in_a_sentence() -> None:
-    with refused(RecordingCode.MANIFEST):
+    with raises_refusal(RecordingCode.MANIFEST):
         manifest_from_json("{")
 
 
@@ -37,7 +37,7 @@ def test_a_text_that_is_no_json_is_refused_in_a_sentence() -> None:
 def test_a_cuff_that_is_named_like_a_path_is_refused(name: str) -> None:
     changed = json.loads(manifest_to_json(MANIFEST))
     changed["cuff"]["name"] = name
-    with refused(RecordingCode.MANIFEST):
+    with raises_refusal(RecordingCode.MANIFEST):
         manifest_from_json(json.dumps(changed))
 
 
@@ -47,7 +47,7 @@ def test_a_cuff_that_is_named_like_a_path_is_refused(name: str) -> None:
 )
 def test_a_figure_that_nothing_can_be_computed_with_is_refused(key: str, value: object) -> None:
     changed = json.loads(manifest_to_json(MANIFEST)) | {key: value}
-    with refused(RecordingCode.MANIFEST):
+    with raises_refusal(RecordingCode.MANIFEST):
         manifest_from_json(json.dumps(changed).replace('"1e999"', "1e999"))
 
 
@@ -55,5 +55,5 @@ def test_a_manifest_that_is_nested_too_deep_is_refused() -> None:
     deep = manifest_to_json(MANIFEST).replace(
         '"effective_config":{', '"effective_config":{"a":' + "[" * 99_999 + "]" * 99_999 + ","
     )
-    with refused(RecordingCode.MANIFEST):
+    with raises_refusal(RecordingCode.MANIFEST):
         manifest_from_json(deep)

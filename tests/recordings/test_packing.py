@@ -13,7 +13,7 @@ from recordings.errors import RecordingCode, RecordingError
 from recordings.packing import pack, unpack
 from recordings.samples import Event, Loss, Samples, Stream
 from recordings.topics import wire_classes
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import ACCEPTED, FORCE, MANIFEST, START_NS, frames, scalars
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
@@ -102,13 +102,13 @@ def test_a_jump_within_a_block_keeps_every_number_and_time() -> None:
 def test_values_that_would_lose_bits_are_refused() -> None:
     block = frames(0, 3)
     wide = Samples("/markers", block.sample_numbers, block.device_time_ns, 0, block.values.astype(np.float64))
-    with refused(RecordingCode.WRONG_BLOCK):
+    with raises_refusal(RecordingCode.WRONG_BLOCK):
         pack(wide)
 
 
 def test_a_block_of_unequal_arrays_is_refused() -> None:
     block = scalars("/force", 0, 10)
-    with refused(RecordingCode.WRONG_BLOCK):
+    with raises_refusal(RecordingCode.WRONG_BLOCK):
         pack(Samples("/force", block.sample_numbers, block.device_time_ns[1:], 0, block.values))
 
 
@@ -124,7 +124,7 @@ def test_a_block_of_unequal_arrays_is_refused() -> None:
 )
 def test_a_forged_block_is_refused_before_anything_is_allocated(fields: dict[str, object]) -> None:
     data = wire_classes()["cuffstation.ScalarBlock"](**fields).SerializeToString()
-    with refused(RecordingCode.WRONG_BLOCK):
+    with raises_refusal(RecordingCode.WRONG_BLOCK):
         unpack("/force", 0, data)
 
 
@@ -138,7 +138,7 @@ def test_any_other_bytes_are_refused_or_mean_something(topic: str, data: bytes) 
 
 def test_a_newer_format_is_refused_with_the_way_out() -> None:
     data = wire_classes()["cuffstation.Manifest"](format_version=2, json="{}").SerializeToString()
-    with refused(RecordingCode.LATER_FORMAT):
+    with raises_refusal(RecordingCode.LATER_FORMAT):
         unpack("/manifest", 0, data)
 
 
@@ -157,5 +157,5 @@ def test_two_streams_of_one_kind_share_a_schema_and_not_a_topic() -> None:
     ids=["text that is none", "time out of range", "negative count"],
 )
 def test_what_cannot_be_kept_as_it_is_is_refused_in_a_sentence(message: Event | Loss) -> None:
-    with refused(RecordingCode.MESSAGE_NOT_KEPT):
+    with raises_refusal(RecordingCode.MESSAGE_NOT_KEPT):
         pack(message)

@@ -17,7 +17,7 @@ from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import TrackCollector, open_recording
 from recordings.samples import Samples
 from recordings.writer import RecordingWriter
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -76,7 +76,7 @@ def test_a_stream_without_samples_loads_as_empty_arrays(tmp_path: Path) -> None:
 def test_a_stream_that_was_not_recorded_is_named(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS[:1])
     writer.close(ACCEPTED)
-    with refused(RecordingCode.NO_STREAM):
+    with raises_refusal(RecordingCode.NO_STREAM):
         open_recording(tmp_path / "a.mcap").load("/markers")
 
 
@@ -179,18 +179,18 @@ def test_reading_takes_no_more_memory_for_a_longer_file(tmp_path: Path) -> None:
 
 def test_an_empty_file_says_so(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").touch()
-    with refused(RecordingCode.EMPTY):
+    with raises_refusal(RecordingCode.EMPTY):
         open_recording(tmp_path / "a.mcap")
 
 
 def test_a_text_file_says_so(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_text("time,force\n" * 1000, encoding="utf-8")
-    with refused(RecordingCode.NOT_MCAP):
+    with raises_refusal(RecordingCode.NOT_MCAP):
         open_recording(tmp_path / "a.mcap")
 
 
 def test_a_missing_file_says_so(tmp_path: Path) -> None:
-    with refused(RecordingCode.UNREADABLE):
+    with raises_refusal(RecordingCode.UNREADABLE):
         open_recording(tmp_path / "a.mcap")
 
 
@@ -204,7 +204,7 @@ def test_a_foreign_mcap_file_says_so(tmp_path: Path, use_chunking: bool) -> None
     writer.add_message(channel_id=channel, log_time=1, publish_time=1, data=bytes(12))
     writer.finish()
     (tmp_path / "a.mcap").write_bytes(file.getvalue())
-    with refused(RecordingCode.OTHER_PROGRAM):
+    with raises_refusal(RecordingCode.OTHER_PROGRAM):
         open_recording(tmp_path / "a.mcap")
 
 

@@ -15,7 +15,7 @@ from recordings.errors import RecordingCode
 from recordings.reader import open_recording
 from recordings.recovery import recover, recovered_path
 from tests.recordings.cutting import Victim, record_boundaries, whole_file
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import chunk_ends, items_of, record, trial
 
 
@@ -158,7 +158,7 @@ def test_without_any_manifest_the_samples_are_kept_all_the_same(whole: Path, tmp
     damaged[ends[0] - 3] ^= 1
     path = tmp_path / "damaged.mcap"
     path.write_bytes(damaged)
-    with refused(RecordingCode.MANIFEST_LOST):
+    with raises_refusal(RecordingCode.MANIFEST_LOST):
         open_recording(path)
     report = recover(path)
     assert report.contents.manifest is None
@@ -168,10 +168,10 @@ def test_without_any_manifest_the_samples_are_kept_all_the_same(whole: Path, tmp
 def test_a_different_file_in_the_way_is_left_alone(whole: Path, tmp_path: Path) -> None:
     cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
     (tmp_path / "b.mcap").write_bytes(b"precious")
-    with refused(RecordingCode.OUTPUT_EXISTS):
+    with raises_refusal(RecordingCode.OUTPUT_EXISTS):
         recover(cut, tmp_path / "b.mcap")
     assert (tmp_path / "b.mcap").read_bytes() == b"precious"
-    with refused(RecordingCode.OUTPUT_EXISTS):
+    with raises_refusal(RecordingCode.OUTPUT_EXISTS):
         recover(cut, cut)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["b.mcap", "cut.mcap"]
 
@@ -179,13 +179,13 @@ def test_a_different_file_in_the_way_is_left_alone(whole: Path, tmp_path: Path) 
 def test_a_file_with_nothing_to_keep_leaves_no_output(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("time,force\n", encoding="utf-8")
-    with refused(RecordingCode.NOT_MCAP):
+    with raises_refusal(RecordingCode.NOT_MCAP):
         recover(path)
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_an_output_that_cannot_be_written_is_named(whole: Path, tmp_path: Path) -> None:
-    with refused(RecordingCode.NOT_WRITABLE):
+    with raises_refusal(RecordingCode.NOT_WRITABLE):
         recover(whole, tmp_path / "no_such_folder" / "b.mcap")
 
 

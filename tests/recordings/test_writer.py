@@ -17,7 +17,7 @@ from recordings.reader import open_recording
 from recordings.samples import Event, Samples, Stream
 from recordings.writer import RecordingWriter, create_exclusively
 from tests.recordings.failing_disks import disk_with_room, write_trial, write_trial_on_disk_that_goes
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 from tests.recordings.trials import (
     ACCEPTED,
     MANIFEST,
@@ -53,13 +53,13 @@ def test_the_outcome_counts_what_came_before(tmp_path: Path) -> None:
 def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(b"precious")
-    with refused(RecordingCode.EXISTS):
+    with raises_refusal(RecordingCode.EXISTS):
         RecordingWriter(path, MANIFEST, STREAMS)
     assert path.read_bytes() == b"precious"
 
 
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
-    with refused(RecordingCode.NOT_CREATABLE):
+    with raises_refusal(RecordingCode.NOT_CREATABLE):
         RecordingWriter(tmp_path / "no_such_folder" / "a.mcap", MANIFEST, STREAMS)
 
 
@@ -233,7 +233,7 @@ def test_a_recording_that_is_moved_while_it_is_written_goes_on_and_is_told_at_it
     writer.write(scalars("/force", 0, 100))
     session.rename(tmp_path / "tuesday")
     writer.write(scalars("/force", 100, 100))
-    with refused(RecordingCode.MOVED):
+    with raises_refusal(RecordingCode.MOVED):
         writer.close(ACCEPTED)
     moved = open_recording(tmp_path / "tuesday" / "a.mcap")
     assert moved.complete and len(moved.load("/force").values) == 200
@@ -248,7 +248,7 @@ def test_another_file_under_its_name_is_no_recording_and_is_left_alone(tmp_path:
         path.rename(tmp_path / f"{end}.mcap")
         path.write_bytes(b"precious")
         if end == "close":
-            with refused(RecordingCode.MOVED):
+            with raises_refusal(RecordingCode.MOVED):
                 writer.close(ACCEPTED)
         else:
             writer.discard()
@@ -309,7 +309,7 @@ def test_a_discarded_recording_leaves_no_file(tmp_path: Path) -> None:
     writer.write(scalars("/force", 0, 10))
     writer.discard()
     assert list(tmp_path.iterdir()) == []
-    with refused(RecordingCode.CLOSED):
+    with raises_refusal(RecordingCode.CLOSED):
         writer.write(scalars("/force", 10, 10))
 
 
@@ -331,7 +331,7 @@ def test_an_empty_block_is_nothing_to_store(tmp_path: Path) -> None:
 
 def test_a_block_that_its_stream_did_not_announce_is_refused(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS)
-    with refused(RecordingCode.WRONG_BLOCK):
+    with raises_refusal(RecordingCode.WRONG_BLOCK):
         writer.write(frames(0, 2, markers=7))
     writer.write(frames(0, 2))
     writer.close(ACCEPTED)
@@ -340,5 +340,5 @@ def test_a_block_that_its_stream_did_not_announce_is_refused(tmp_path: Path) -> 
 
 def test_a_stream_of_another_name_is_refused(tmp_path: Path) -> None:
     gyroscope = Stream("/gyroscope", "rad/s", ("x",), 100.0, "IMU")
-    with refused(RecordingCode.UNKNOWN_STREAM):
+    with raises_refusal(RecordingCode.UNKNOWN_STREAM):
         RecordingWriter(tmp_path / "a.mcap", MANIFEST, [gyroscope])

@@ -9,7 +9,7 @@ from solver.model import GROUND, Body, Marker
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.postures import postures
 from solver.point_mass import with_point_mass
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 
@@ -20,7 +20,7 @@ def test_the_ground_is_the_first_body_and_weighs_nothing() -> None:
 
 
 def test_a_name_that_is_not_there_is_answered_with_those_that_are() -> None:
-    with refused(SolverCode.UNKNOWN_NAME, naming="foot"):
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="foot"):
         MODEL.body_index("foot")
 
 
@@ -34,7 +34,7 @@ def test_arrays_cannot_be_written() -> None:
 
 
 def test_an_array_of_the_wrong_shape_is_refused() -> None:
-    with refused(SolverCode.WRONG_SHAPE, naming="Body.inertia"):
+    with raises_refusal(SolverCode.WRONG_SHAPE, naming="Body.inertia"):
         Body("stick", 1.0, np.zeros(3), np.ones(3))
 
 

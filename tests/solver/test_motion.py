@@ -6,7 +6,7 @@ import pytest
 from solver.errors import SolverCode
 from solver.model import Coordinate, Model
 from solver.motion import Motion, decimate, differentiate, read_motion, write_table
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MOT = """Coordinates
 version=1
@@ -61,7 +61,7 @@ def test_what_is_written_is_read_again(tmp_path, suffix):
 def test_a_missing_coordinate_is_named(tmp_path):
     path = tmp_path / "raise.mot"
     path.write_text(MOT.format(degrees="yes"))
-    with refused(SolverCode.MISSING_COLUMN, naming="elbow_flexion"):
+    with raises_refusal(SolverCode.MISSING_COLUMN, naming="elbow_flexion"):
         read_motion(path, model("shoulder_elv", "elbow_flexion"))
 
 
@@ -79,7 +79,7 @@ def test_a_missing_coordinate_is_named(tmp_path):
 def test_a_malformed_file_gives_one_sentence(tmp_path, text, code, naming):
     path = tmp_path / "bad.mot"
     path.write_text(text)
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read_motion(path, model("a"))
 
 
@@ -101,13 +101,13 @@ def test_times_rounded_to_few_decimals_are_even(tmp_path, rate, digits):
 @pytest.mark.parametrize("missing", [1, 20, 150, 298])
 def test_a_frame_that_is_missing_is_no_rounding(tmp_path, missing):
     time = np.delete(np.arange(300) / 60, missing)
-    with refused(SolverCode.UNEVEN_TIME):
+    with raises_refusal(SolverCode.UNEVEN_TIME):
         read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
 
 
 def test_steps_that_change_are_no_rounding(tmp_path):
     time = np.cumsum(np.linspace(0.016, 0.018, 300))
-    with refused(SolverCode.UNEVEN_TIME):
+    with raises_refusal(SolverCode.UNEVEN_TIME):
         read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
 
 
@@ -140,10 +140,10 @@ def test_a_thinned_motion_knows_its_longer_interval():
 
 
 def test_limits_outside_the_motion_are_refused():
-    with refused(SolverCode.NO_FRAMES, naming="5.99 s"):
+    with raises_refusal(SolverCode.NO_FRAMES, naming="5.99 s"):
         differentiate(sine(1.0), start=9.0)
 
 
 def test_a_cutoff_above_half_the_rate_is_refused():
-    with refused(SolverCode.WRONG_CUTOFF, naming="50 Hz"):
+    with raises_refusal(SolverCode.WRONG_CUTOFF, naming="50 Hz"):
         differentiate(sine(1.0), cutoff=60.0)

@@ -14,7 +14,7 @@ from solver.functions.coordinate import polynomial
 from solver.model import GROUND, ConditionalPathPoint, MovingPathPoint, Path, PathWrap, Placement
 from solver.multibody.postures import jacobians, postures, speeds_from_rates
 from solver.paths import evaluate_paths
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 from tests.solver.wrapping.laid import point
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def test_there_are_no_geodesics_over_a_torus() -> None:
     model = replace(MODEL, surfaces=(torus, *MODEL.surfaces[1:]))
     path = replace(CORD, wraps=(PathWrap(0, "hybrid"),))
     assert np.isfinite(evaluate_paths(model, STATE, [path]).lengths).all()
-    with refused(SolverCode.UNSUPPORTED):
+    with raises_refusal(SolverCode.UNSUPPORTED):
         evaluate_paths(model, STATE, [path], mode="geodesic")
 
 
@@ -129,7 +129,7 @@ def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
         (Path((beginning, stranger), ()), "coordinate 99"),
         (Path((beginning, beginning), (PathWrap(99, "hybrid"),)), "surface 99"),
     ):
-        with refused(SolverCode.WRONG_PATH, naming):
+        with raises_refusal(SolverCode.WRONG_PATH, naming):
             evaluate_paths(MODEL, STATE, [path])
 
 

@@ -10,7 +10,7 @@ from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import solve_motion
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 
@@ -56,5 +56,5 @@ def test_no_frame_is_held_up_by_reserve_actuators(kinematics):
 
 def test_an_assembly_that_is_starved_of_steps_gives_no_motion(monkeypatch):
     monkeypatch.setattr("solver.raise_arm.MOST_STEPS", 1)
-    with refused(SolverCode.OPEN_JOINT):
+    with raises_refusal(SolverCode.OPEN_JOINT):
         simulate_arm_raise(MODEL)

@@ -23,7 +23,7 @@ from solver.scaling_code import ScalingCode
 from solver.scaling_findings import check_scaling
 from tests.solver.inverse_kinematics.marked import seen_from
 from tests.solver.references import SHARED
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 BODIES = [body.name for body in MODEL.bodies[1:]]
@@ -32,7 +32,7 @@ SIZE = 1.05
 
 def test_force_elements_are_not_scaled() -> None:
     spring = PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0)
-    with refused(SolverCode.UNSUPPORTED, "band"):
+    with raises_refusal(SolverCode.UNSUPPORTED, "band"):
         scale_model(replace(MODEL, forces=(spring,)), Scaling({"thorax": [1.1] * 3}))
 
 
@@ -87,7 +87,7 @@ def test_masses_reach_the_total_and_keep_their_ratios_where_asked() -> None:
     ],
 )
 def test_invalid_factors_are_refused(scaling: Scaling, code: SolverCode) -> None:
-    with refused(code):
+    with raises_refusal(code):
         scale_model(MODEL, scaling)
 
 

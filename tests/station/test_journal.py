@@ -33,7 +33,7 @@ from station.journal import (
 from station.messages.codes import JournalCode, TrialCode
 from station.messages.message import Figures, Message
 from station.protocol import TrialSpec
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
 ENDED = Message(TrialCode.CAPTURE_ENDED)
@@ -150,7 +150,7 @@ def test_a_session_has_its_start_time(tmp_path: Path) -> None:
 
 
 def test_a_redo_needs_a_reason(tmp_path: Path) -> None:
-    with refused(JournalError, JournalCode.NO_REASON):
+    with raises_refusal(JournalError, JournalCode.NO_REASON):
         write_verdict(tmp_path, "a.mcap", "redo", "  ")
     assert not (tmp_path / JOURNAL_FILE).exists()
 
@@ -182,14 +182,14 @@ def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path
 )
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     (tmp_path / JOURNAL_FILE).write_text(line + "\n")
-    with refused(JournalError, JournalCode.WRONG_LINE) as caught:
+    with raises_refusal(JournalError, JournalCode.WRONG_LINE) as caught:
         read_journal(tmp_path)
     assert figures_of(caught.value)["line"] == 1
 
 
 def test_a_failed_write_is_an_error(tmp_path: Path) -> None:
     (tmp_path / JOURNAL_FILE).mkdir()
-    with refused(JournalError, JournalCode.NOT_WRITTEN):
+    with raises_refusal(JournalError, JournalCode.NOT_WRITTEN):
         write_setup(tmp_path, SETUP)
 
 
@@ -227,6 +227,6 @@ def test_a_journal_that_is_a_link_is_not_written_to(tmp_path: Path, link: str) -
     other = tmp_path / "letter.txt"
     other.write_text("first line\nlast line")
     getattr(tmp_path / JOURNAL_FILE, link)(other)
-    with refused(JournalError, JournalCode.NOT_WRITTEN):
+    with raises_refusal(JournalError, JournalCode.NOT_WRITTEN):
         write_verdict(tmp_path, "a.mcap", "accept", "")
     assert other.read_text() == "first line\nlast line"

@@ -11,7 +11,7 @@ from drivers.simulators.errors import SimulatorCode, SimulatorError
 
 
 @contextmanager
-def refused(code: SimulatorCode, naming: str = "") -> Iterator[None]:
+def raises_refusal(code: SimulatorCode, naming: str = "") -> Iterator[None]:
     """The block raises a SimulatorError with this code, in one line that names the wrong key or value."""
     with pytest.raises(SimulatorError) as caught:
         yield

@@ -9,7 +9,7 @@ from scipy.constants import g
 from drivers.simulators.bounce import BouncingMass
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.settings import BounceTest
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 from tests.drivers.simulators.test_world import go_to, play, world
 
 TEST = BounceTest(mass_kg=2.0, frequency_hz=1.2, damping_ratio=0.01)
@@ -61,10 +61,10 @@ def test_the_amplifier_is_late_and_off_in_scale() -> None:
 
 def test_a_bounce_needs_no_cuff_and_a_weight_in_the_settings() -> None:
     bench = world(bounce={})
-    with refused(SimulatorCode.UNKNOWN_TRIAL, "a bounce has no cuff"):
+    with raises_refusal(SimulatorCode.UNKNOWN_TRIAL, "a bounce has no cuff"):
         bench.select_trial("waist", "bounce")
     bench = world()
-    with refused(SimulatorCode.UNKNOWN_TRIAL, "no bounce"):
+    with raises_refusal(SimulatorCode.UNKNOWN_TRIAL, "no bounce"):
         bench.select_trial(None, "bounce")
 
 

@@ -13,7 +13,7 @@ from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.faults import Fault, Faults, fault_from_dict, read_fault_plan
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import World
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 
 PLAN = """
 [[faults]]
@@ -61,12 +61,12 @@ def test_a_plan_is_read_with_what_it_leaves_out(tmp_path: Path) -> None:
     ],
 )
 def test_a_plan_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text: str | bytes, naming: str) -> None:
-    with refused(SimulatorCode.WRONG_FAULT_PLAN, naming):
+    with raises_refusal(SimulatorCode.WRONG_FAULT_PLAN, naming):
         read_fault_plan(plan_file(tmp_path, text))
 
 
 def test_a_plan_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with refused(SimulatorCode.WRONG_FAULT_PLAN, "plan.toml cannot be read"):
+    with raises_refusal(SimulatorCode.WRONG_FAULT_PLAN, "plan.toml cannot be read"):
         read_fault_plan(tmp_path / "plan.toml")
 
 

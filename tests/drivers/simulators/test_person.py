@@ -8,7 +8,7 @@ import pytest
 from drivers.simulators.emg_noise import EmgNoise
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.world import World
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 from tests.drivers.simulators.test_world import play, world
 
 STILL = {"soft_tissue_mm": 0.0, "sway_mm": 0.0, "sway_deg": 0.0}
@@ -103,9 +103,9 @@ def test_a_tight_cord_relieves_the_muscle() -> None:
 
 
 def test_a_person_s_trial_needs_a_person_in_the_settings_and_no_cuff() -> None:
-    with refused(SimulatorCode.UNKNOWN_TRIAL, "no person"):
+    with raises_refusal(SimulatorCode.UNKNOWN_TRIAL, "no person"):
         world().select_trial(None, "motion", "tight")
-    with refused(SimulatorCode.UNKNOWN_TRIAL, "a pose and a motion have no cuff"):
+    with raises_refusal(SimulatorCode.UNKNOWN_TRIAL, "a pose and a motion have no cuff"):
         person_world().select_trial("hand", "pose")
 
 

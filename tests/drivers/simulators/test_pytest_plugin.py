@@ -16,7 +16,7 @@ from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.faults import fault_from_dict
 from recordings.samples import Loss
 from tests.drivers.contract import blocks, read_until
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 
 pytest_plugins = ["pytester"]
 
@@ -70,7 +70,7 @@ def test_every_bench_ends_with_the_test(pytester: pytest.Pytester) -> None:
 
 
 def test_what_cannot_be_used_is_refused_in_a_sentence(simulated_bench: Callable[..., Bench]) -> None:
-    with refused(SimulatorCode.WRONG_FAULT, "'fire'"):
+    with raises_refusal(SimulatorCode.WRONG_FAULT, "'fire'"):
         simulated_bench(faults=[{"device": "serial", "fault": "fire"}])
-    with refused(SimulatorCode.WRONG_SETTING, "moocap"):
+    with raises_refusal(SimulatorCode.WRONG_SETTING, "moocap"):
         simulated_bench(moocap={})

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.settings import Settings, settings_from_dict
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 
 
 def test_without_anything_said_the_cuffs_are_the_published_ones() -> None:
@@ -43,7 +43,7 @@ def test_what_was_set_is_what_a_dump_gives_back() -> None:
     ],
 )
 def test_what_makes_no_sense_is_refused_by_its_key(data: dict[str, Any], naming: str) -> None:
-    with refused(SimulatorCode.WRONG_SETTING, naming):
+    with raises_refusal(SimulatorCode.WRONG_SETTING, naming):
         settings_from_dict(data)
 
 

@@ -10,7 +10,7 @@ from drivers.simulators.arm_raise import RaisedPosture
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.shoulder import SEGMENTS, Screw, published_shoulder
 from tests.conftest import SHARED
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 
 
 @pytest.mark.shared
@@ -47,5 +47,5 @@ def test_the_acromioclavicular_joint_is_closed_all_the_way_up() -> None:
 def test_a_shoulder_that_cannot_be_closed_is_refused() -> None:
     shoulder = published_shoulder()
     apart = np.zeros((1, len(shoulder.coordinate_names)))
-    with refused(SimulatorCode.OPEN_JOINT):
+    with raises_refusal(SimulatorCode.OPEN_JOINT):
         shoulder.closed(apart, ("plane_elv", "shoulder_elv", "axial_rot"))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drivers.simulators.errors import SimulatorCode
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.world import Capture, World
-from tests.drivers.simulators.refusals import refused
+from tests.drivers.simulators.refusals import raises_refusal
 
 SHORT = {"repeats": 1, "static": {"hold_s": 3.0, "lead_in_s": 1.0}, "dynamic": {"swing_s": 6.0}}
 
@@ -191,15 +191,15 @@ def test_a_device_that_lags_behind_still_sees_the_end_of_the_capture() -> None:
 
 def test_what_cannot_be_done_is_refused_in_a_sentence() -> None:
     bench = world()
-    with refused(SimulatorCode.NO_CAPTURE):
+    with raises_refusal(SimulatorCode.NO_CAPTURE):
         bench.stop_capture()
-    with refused(SimulatorCode.UNKNOWN_TRIAL, "cuffs are waist, hand, tube, elbow"):
+    with raises_refusal(SimulatorCode.UNKNOWN_TRIAL, "cuffs are waist, hand, tube, elbow"):
         bench.select_trial("foot", "static")
     go_to(bench, 5.0)
     bench.start_capture()
-    with refused(SimulatorCode.CAPTURE_RUNNING):
+    with raises_refusal(SimulatorCode.CAPTURE_RUNNING):
         bench.start_capture()
-    with refused(SimulatorCode.CAPTURE_RUNNING, "waist static"):
+    with raises_refusal(SimulatorCode.CAPTURE_RUNNING, "waist static"):
         bench.don("hand")
 
 

@@ -12,7 +12,7 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.wearable_cuff import bushing_force
 from fitting.results.codes import FitErrorCode, Verdict
 from fitting.uncertainty import normal_estimate
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 FIT = CuffFit(
     name="hand",
@@ -37,7 +37,7 @@ def test_its_translational_terms_are_the_cuffs_figures() -> None:
 
 
 def test_a_cuff_without_damping_has_no_bushing() -> None:
-    with refused(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping"):
+    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping"):
         bushing_force(replace(FIT, damping=None).wearable())
 
 

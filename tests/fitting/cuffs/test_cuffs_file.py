@@ -16,7 +16,7 @@ from fitting.results.codes import FitErrorCode, RejectionCode, Verdict
 from fitting.results.rendering import Note, sentence_of
 from fitting.trial.trial import RejectedTrial
 from fitting.uncertainty import Estimate
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 K, C, M = (
     Estimate(8520.0, 10.0, (8500.0, 8540.0), {"noise": 8.0, "between_repeats": 6.0}, 8.0),
@@ -69,7 +69,7 @@ def test_what_is_not_identified_is_null_and_the_verdict_says_why(tmp_path: Path)
     assert cuff["verdict"] == sentence_of(Verdict.LAG)
     path = tmp_path / "cuffs.json"
     path.write_text(text, encoding="utf-8")
-    with refused(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping", verdict=sentence_of(Verdict.LAG)):
+    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping", verdict=sentence_of(Verdict.LAG)):
         read_cuffs(path)["hand"].parameters()
 
 
@@ -83,7 +83,7 @@ def test_what_noise_leaves_open_is_null_beside_its_figure_and_cannot_be_worn(tmp
     read = read_cuffs(path)["hand"]
     assert read.damping == wide
     assert read.missing == ("damping",)
-    with refused(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping"):
+    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping"):
         read.parameters()
 
 
@@ -122,7 +122,7 @@ def test_a_stiffness_that_the_diagnosis_calls_wrong_cannot_be_worn(tmp_path: Pat
     path.write_text(cuffs_json(_session(_fit(verdict=verdict))), encoding="utf-8")
     read = read_cuffs(path)["hand"]
     assert read.verdicts == (verdict,)
-    with refused(FitErrorCode.NOT_IDENTIFIED, missing="stiffness and damping"):
+    with raises_refusal(FitErrorCode.NOT_IDENTIFIED, missing="stiffness and damping"):
         read.parameters()
 
 
@@ -149,7 +149,7 @@ def test_a_file_written_by_hand_needs_only_values(tmp_path: Path) -> None:
 def test_a_file_of_a_later_format_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     path.write_text('{"format": 2, "cuffs": {}}', encoding="utf-8")
-    with refused(FitErrorCode.CUFFS_FORMAT, found="2", expected=1):
+    with raises_refusal(FitErrorCode.CUFFS_FORMAT, found="2", expected=1):
         read_cuffs(path)
 
 
@@ -157,7 +157,7 @@ def test_a_file_of_a_later_format_is_refused(tmp_path: Path) -> None:
 def test_an_unknown_code_is_refused(code: str | int, tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     path.write_text(json.dumps({"format": 1, "cuffs": {"hand": {"verdict_codes": [code]}}}), encoding="utf-8")
-    with refused(FitErrorCode.CUFFS_INVALID, file=str(path), key="cuffs.hand.verdict_codes.0"):
+    with raises_refusal(FitErrorCode.CUFFS_INVALID, file=str(path), key="cuffs.hand.verdict_codes.0"):
         read_cuffs(path)
 
 
@@ -172,12 +172,12 @@ def test_an_unknown_code_is_refused(code: str | int, tmp_path: Path) -> None:
 def test_a_file_that_is_not_a_cuffs_file_is_refused(text: str, code: FitErrorCode, tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     path.write_text(text, encoding="utf-8")
-    with refused(code, file=str(path)):
+    with raises_refusal(code, file=str(path)):
         read_cuffs(path)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with refused(FitErrorCode.CUFFS_UNREADABLE, file=str(tmp_path / "cuffs.json")):
+    with raises_refusal(FitErrorCode.CUFFS_UNREADABLE, file=str(tmp_path / "cuffs.json")):
         read_cuffs(tmp_path / "cuffs.json")
 
 
@@ -198,5 +198,5 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 def test_a_wrong_value_is_refused_with_its_key(entry: str, key: str, tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     path.write_text(f'{{"cuffs": {{"hand": {entry}}}}}', encoding="utf-8")
-    with refused(FitErrorCode.CUFFS_INVALID, file=str(path), key=key):
+    with raises_refusal(FitErrorCode.CUFFS_INVALID, file=str(path), key=key):
         read_cuffs(path)

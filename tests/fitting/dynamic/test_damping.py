@@ -17,7 +17,7 @@ from fitting.trial.oscillation import find_oscillation
 from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
 from tests.fitting.pulls import pull_of
-from tests.fitting.refusals import figures_by_code, refused
+from tests.fitting.refusals import figures_by_code, raises_refusal
 
 K, C = 2140.0, 124.0
 
@@ -90,7 +90,7 @@ def test_damping_comes_back_with_the_lag_in_its_error() -> None:
     ],
 )
 def test_a_trial_from_which_damping_is_not_identified_is_refused(pull: Pull, code: RejectionCode) -> None:
-    with refused(code):
+    with raises_refusal(code):
         fit_damping(pull)
 
 
@@ -105,14 +105,14 @@ def test_hidden_markers_through_most_of_the_pull_are_refused() -> None:
     pull = _pull()
     x = pull.displacement.copy()
     x[400:1400] = np.nan
-    with refused(RejectionCode.SWING_HIDDEN):
+    with raises_refusal(RejectionCode.SWING_HIDDEN):
         fit_damping(replace(pull, displacement=x))
 
 
 def test_frames_that_end_before_the_pull_are_refused() -> None:
     pull = _pull()
     early = replace(pull, marker_time=pull.marker_time[:200], displacement=pull.displacement[:200])
-    with refused(RejectionCode.SWING_HIDDEN):
+    with raises_refusal(RejectionCode.SWING_HIDDEN):
         fit_damping(early)
 
 

@@ -13,7 +13,7 @@ from fitting.results.codes import FitErrorCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(6000) / RATE
 SOUND = raw_emg(activation(TIME), np.random.default_rng(1))[:, 0]
@@ -60,7 +60,7 @@ def test_a_fault_is_named_by_its_code(channel: np.ndarray, finding: ChannelFindi
     ("samples", "rate", "code"), [(6000, 200.0, FitErrorCode.EMG_RATE), (300, 1000.0, FitErrorCode.EMG_SHORT)]
 )
 def test_too_slow_or_too_short_a_recording_is_refused(samples: int, rate: float, code: FitErrorCode) -> None:
-    with refused(code):
+    with raises_refusal(code):
         find_faults(SOUND[:samples, None], rate)
 
 

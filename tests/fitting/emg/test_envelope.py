@@ -8,7 +8,7 @@ import pytest
 from fitting.emg.envelope import PUBLISHED, EnvelopeSettings, emg_envelope
 from fitting.results.codes import FitErrorCode
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(8000) / RATE
 INNER = slice(2000, 6000)
@@ -65,5 +65,5 @@ def test_an_offset_and_a_slow_drift_leave_no_trace_and_the_gain_is_kept(settings
 
 @pytest.mark.parametrize("band", [(20.0, 500.0), (600.0, None)])
 def test_a_band_beyond_half_the_rate_is_refused(band: tuple[float, float | None]) -> None:
-    with refused(FitErrorCode.EMG_BAND):
+    with raises_refusal(FitErrorCode.EMG_BAND):
         emg_envelope(np.zeros((1000, 1)), RATE, EnvelopeSettings(band_hz=band))

@@ -11,7 +11,7 @@ from fitting.emg.channels import ChannelFinding
 from fitting.emg.envelopes import EmgTrial, envelopes_of, largest_envelopes, normalised, resampled
 from fitting.results.codes import FitErrorCode
 from tests.fitting.emg.simulated import RATE, raw_emg
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(6000) / RATE
 LEVEL = np.where(TIME < 3, 0.2, 0.4)
@@ -24,7 +24,7 @@ def test_a_channel_that_cannot_be_used_has_no_numbers_and_the_others_have() -> N
     assert ENVELOPES.usable == ("a", "b")
     assert np.isnan(ENVELOPES.of("off")).all()
     assert ENVELOPES.findings == {"a": (), "b": (), "off": (ChannelFinding.FLAT,)}
-    with refused(FitErrorCode.EMG_NO_CHANNEL):
+    with raises_refusal(FitErrorCode.EMG_NO_CHANNEL):
         envelopes_of(EmgTrial("off", ("off",), 0.0, RATE, RAW[:, 2:], "V"))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fitting.emg.maximum import maximum_voluntary_contraction
 from fitting.results.codes import FitErrorCode
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 
 def test_it_is_the_largest_mean_over_the_window_in_any_trial() -> None:
@@ -20,5 +20,5 @@ def test_it_is_the_largest_mean_over_the_window_in_any_trial() -> None:
 
 def test_a_channel_without_any_trial_has_no_maximum_and_a_short_trial_is_refused() -> None:
     assert np.isnan(maximum_voluntary_contraction([np.full((100, 1), np.nan)], 100.0)).all()
-    with refused(FitErrorCode.EMG_MVC_SHORT):
+    with raises_refusal(FitErrorCode.EMG_MVC_SHORT):
         maximum_voluntary_contraction([np.zeros((49, 1))], 100.0)

@@ -10,7 +10,7 @@ from fitting.emg.envelope import PUBLISHED, EnvelopeSettings, emg_envelope
 from fitting.emg.shape import MAX_LAG_S, ShapeOutcome, compare_shapes
 from fitting.results.codes import FitErrorCode
 from tests.fitting.emg.simulated import RATE, activation, raw_emg
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(0, 8, 0.01)
 MODEL = activation(TIME)
@@ -90,7 +90,7 @@ def test_what_cannot_be_compared_has_a_code(emg: np.ndarray, model: np.ndarray, 
 def test_a_trial_too_short_has_a_code_and_one_of_another_time_is_refused() -> None:
     short = TIME[:200]
     assert compare_shapes((short, MODEL[:200]), (TIME, MODEL), 2.5).outcome is ShapeOutcome.TOO_SHORT
-    with refused(FitErrorCode.EMG_OTHER_TIME):
+    with raises_refusal(FitErrorCode.EMG_OTHER_TIME):
         compare_shapes((TIME + 100, MODEL), (TIME, MODEL), 6.0)
 
 

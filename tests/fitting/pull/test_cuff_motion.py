@@ -13,7 +13,7 @@ from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 ANCHOR = np.array([[0.0, 0.04, 0.0], [0.05, -0.03, 0.10], [-0.05, -0.02, 0.14], [0.02, 0.05, 0.22]])
 CUFF = np.array([[0.03, 0.07, 0.12], [0.05, 0.06, 0.10]])
@@ -202,17 +202,17 @@ def test_the_orientation_of_the_laboratory_does_not_matter() -> None:
     ],
 )
 def test_anchors_that_define_no_frame_are_refused(anchor: np.ndarray, code: RejectionCode, markers: str) -> None:
-    with refused(code, markers=markers):
+    with raises_refusal(code, markers=markers):
         reference_posture(_trial(anchor=anchor))
 
 
 def test_a_cuff_that_is_never_seen_is_refused() -> None:
     trial = _without(_without(_trial(), "cuff_1", slice(None)), "cuff_2", slice(None))
-    with refused(RejectionCode.CUFF_HIDDEN, markers="cuff_1, cuff_2"):
+    with raises_refusal(RejectionCode.CUFF_HIDDEN, markers="cuff_1, cuff_2"):
         reference_posture(trial)
 
 
 def test_a_cuff_that_does_not_follow_the_force_has_no_direction() -> None:
     trial = replace(_trial(), force=np.full(len(TIME), 3.0))
-    with refused(RejectionCode.NO_MOTION):
+    with raises_refusal(RejectionCode.NO_MOTION):
         _displacement(trial)

@@ -8,7 +8,7 @@ import pytest
 from fitting.errors import UnusableTrial
 from fitting.pull.plausibility import require_live_markers
 from fitting.results.codes import RejectionCode
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 TIME = np.arange(2000) / 100
 FORCE = 25 + 12 * np.sin(TIME)
@@ -31,7 +31,7 @@ def _is_refused(markers: np.ndarray, force: np.ndarray = FORCE) -> bool:
 
 @pytest.mark.parametrize("hidden", [False, True])
 def test_markers_that_stand_still_while_the_force_swings_are_refused(hidden: bool) -> None:
-    with refused(
+    with raises_refusal(
         RejectionCode.MARKERS_FROZEN, duration_s=pytest.approx(4.0, abs=0.05), start_s=pytest.approx(5.0, abs=0.05)
     ):
         require_live_markers(TIME, _markers(slice(500, 900), hidden), TIME, FORCE)

@@ -19,7 +19,7 @@ from fitting.spatial.held_tensor import held_tensor
 from fitting.spatial.swung_tensor import swung_tensor
 from fitting.spatial.tensor import NoTensor, Tensor, entries_of, require_span, symmetric
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
-from tests.fitting.refusals import figures_by_code, refused
+from tests.fitting.refusals import figures_by_code, raises_refusal
 
 RUNS = 12
 
@@ -109,7 +109,7 @@ def test_an_axis_between_equal_eigenvalues_is_not_told() -> None:
 def test_directions_that_do_not_span_space_are_refused(
     pulls: NDArray[np.float64], code: TensorCode, count: int
 ) -> None:
-    with refused(code, quantity="stiffness", test="static", directions=count):
+    with raises_refusal(code, quantity="stiffness", test="static", directions=count):
         require_span(pulls, "stiffness", "static")
 
 

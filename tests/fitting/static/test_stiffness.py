@@ -15,7 +15,7 @@ from fitting.pull.plausibility import require_positive_loads
 from fitting.results.codes import RejectionCode
 from fitting.static.stiffness import fit_stiffness, trial_stiffness
 from fitting.uncertainty import NORMAL_95
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 K = 8000.0
 NOISE = 2e-5
@@ -174,7 +174,7 @@ def test_the_interval_is_honest_and_half_of_it_would_not_be() -> None:
 
 def test_a_load_cell_of_the_wrong_sign_is_named() -> None:
     falling = [Plateau(0, 8, -load, 0.01, load / K, NOISE, (load / K, NOISE)) for load in UP + DOWN]
-    with refused(RejectionCode.FORCE_POLARITY):
+    with raises_refusal(RejectionCode.FORCE_POLARITY):
         require_positive_loads(falling)
     require_positive_loads(_held(UP + DOWN))
     require_positive_loads([])

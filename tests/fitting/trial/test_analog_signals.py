@@ -13,7 +13,7 @@ from fitting.trial.timeline import Timeline, build_timeline
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell, Manifest, Timing
 from recordings.reader import Track
 from recordings.samples import Stream
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 START_NS = 1_795_000_000_000_000_000
 EDGE_S, FALL_S, END_S = 2.0, 12.0, 12.5  # by the station's clock, from START_NS
@@ -131,7 +131,7 @@ def test_a_sync_line_that_was_not_connected_falls_back_to_the_clock_offsets() ->
 
 
 def test_an_amplifier_that_nothing_ties_is_refused() -> None:
-    with refused(RejectionCode.EMG_NO_CLOCK):
+    with raises_refusal(RejectionCode.EMG_NO_CLOCK):
         laid_out(recorded(), replace(MANIFEST, emg=EmgAmplifier("lsl")))
 
 
@@ -154,5 +154,5 @@ def test_the_force_of_a_cell_that_is_not_in_the_cord_is_not_judged() -> None:
     tracks["/force"] = replace(tracks["/force"], values=saturated)
     assert len(laid_out(tracks)[0].time)
     cord = replace(MANIFEST, body=BodyMarkers(LABELS, is_cord_measured=True))
-    with refused(RejectionCode.FORCE_SATURATED):
+    with raises_refusal(RejectionCode.FORCE_SATURATED):
         laid_out(tracks, cord)

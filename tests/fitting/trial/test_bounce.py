@@ -14,7 +14,7 @@ from fitting.trial.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
 from fitting.trial.trial import build_bounce
 from recordings.manifest import Timing
 from tests.fitting.bouncing import Bounce, recorded
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 COUNT = 30
 ODD = Bounce(lag=0.004, gain=1.01)
@@ -111,7 +111,7 @@ def test_a_lag_that_the_configuration_knew_is_not_counted_twice() -> None:
 def test_a_bounce_that_cannot_calibrate_is_refused(
     truth: Bounce, code: RejectionCode, figures: dict[str, object]
 ) -> None:
-    with refused(code, **figures):
+    with raises_refusal(code, **figures):
         fit_bounce(_trial(truth))
 
 

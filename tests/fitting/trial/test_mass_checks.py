@@ -9,7 +9,7 @@ from fitting.results.codes import FitErrorCode
 from fitting.trial.mass_checks import MassCheck, evaluate_reading, with_gain_drift
 from fitting.trial.trial import build_trial
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 
 def test_readings_that_agree_change_nothing() -> None:
@@ -36,5 +36,5 @@ def test_a_reading_may_be_off_by_its_uncertainty_the_scale_s_and_a_part_of_the_w
 
 
 def test_too_few_samples_are_no_reading() -> None:
-    with refused(FitErrorCode.CHECK_SHORT, samples=5, expected=6):
+    with raises_refusal(FitErrorCode.CHECK_SHORT, samples=5, expected=6):
         evaluate_reading(np.zeros(5), 1.0, None)

@@ -8,7 +8,7 @@ import pytest
 
 from fitting.results.codes import FitErrorCode
 from fitting.trial.protocol_file import SessionProtocol, read_protocol
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 
 def _written(folder: Path, text: str) -> Path:
@@ -47,15 +47,15 @@ def test_steps_of_a_recording_are_those_of_what_was_recovered_from_it(tmp_path: 
     ],
 )
 def test_a_wrong_value_is_refused_with_its_key(tmp_path: Path, text: str, key: str) -> None:
-    with refused(FitErrorCode.PROTOCOL_INVALID, file=str(tmp_path / "protocol.toml"), key=key):
+    with raises_refusal(FitErrorCode.PROTOCOL_INVALID, file=str(tmp_path / "protocol.toml"), key=key):
         read_protocol(_written(tmp_path, text))
 
 
 def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
-    with refused(FitErrorCode.PROTOCOL_NOT_TOML, file=str(tmp_path / "protocol.toml")):
+    with raises_refusal(FitErrorCode.PROTOCOL_NOT_TOML, file=str(tmp_path / "protocol.toml")):
         read_protocol(_written(tmp_path, "step_masses_kg = [1,"))
 
 
 def test_steps_of_an_unknown_recording_are_refused(tmp_path: Path) -> None:
-    with refused(FitErrorCode.PROTOCOL_NO_RECORDING, recording="b.mcap"):
+    with raises_refusal(FitErrorCode.PROTOCOL_NO_RECORDING, recording="b.mcap"):
         read_protocol(_written(tmp_path, '[steps_s]\n"b.mcap" = [3]'))

@@ -12,7 +12,7 @@ from fitting.errors import UnusableTrial
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.results.rendering import Note
 from fitting.trial.sync_line import find_edges, find_fall
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 
 time = np.arange(8000) / 1000
 CAPTURE = (2.5, 6.0)
@@ -95,7 +95,7 @@ def test_a_trigger_pulse_gives_a_start_and_no_stop() -> None:
 def test_a_line_without_a_single_start_is_refused(
     level: NDArray[np.float64], code: RejectionCode, figures: dict[str, object]
 ) -> None:
-    with refused(code, **figures):
+    with raises_refusal(code, **figures):
         find_edges(time, level, 2.5)
 
 

@@ -23,7 +23,7 @@ from recordings.writer import RecordingWriter
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounce
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import figures_by_code, refused
+from tests.fitting.refusals import figures_by_code, raises_refusal
 
 Tracks = dict[str, Track]
 
@@ -210,7 +210,7 @@ def _volts(change: str) -> np.ndarray:
     ],
 )
 def test_force_that_is_no_measurement_is_refused(change: str, code: RejectionCode, figures: dict[str, float]) -> None:
-    with refused(code, **figures):
+    with raises_refusal(code, **figures):
         build_trial(_recorded()[0], _changed("/force", values=_volts(change)), "a.mcap", "hash")
 
 
@@ -219,7 +219,9 @@ def test_the_zero_may_drift_by_a_part_of_the_capacity_that_the_configuration_nam
     volts = tracks["/force"].values
     drifting = _changed("/force", values=volts + np.linspace(0.0, 0.08, len(volts))[:, None])
     cell = replace(manifest.load_cell, capacity_kg=25.0)
-    with refused(RejectionCode.ZERO_DRIFT, drift_n=pytest.approx(5.6, abs=0.3), limit_n=pytest.approx(4.903, abs=1e-3)):
+    with raises_refusal(
+        RejectionCode.ZERO_DRIFT, drift_n=pytest.approx(5.6, abs=0.3), limit_n=pytest.approx(4.903, abs=1e-3)
+    ):
         build_trial(replace(manifest, load_cell=cell), drifting, "a.mcap", "hash")
     wider = replace(manifest, load_cell=replace(cell, zero_drift_relative_limit=0.04))
     assert build_trial(wider, drifting, "a.mcap", "hash").zero_drift == pytest.approx(5.64, abs=0.05)
@@ -240,26 +242,26 @@ def test_force_beyond_the_cell_s_capacity_is_saturated_whatever_reads_it() -> No
     small = peak * manifest.load_cell.newtons_per_unit / g / 1.2
     indicator = replace(tracks["/force"].stream, unit="N")
     manifest = replace(manifest, load_cell=replace(manifest.load_cell, capacity_kg=small))
-    with refused(RejectionCode.FORCE_SATURATED, limit=pytest.approx(peak / 1.2), unit="N"):
+    with raises_refusal(RejectionCode.FORCE_SATURATED, limit=pytest.approx(peak / 1.2), unit="N"):
         build_trial(manifest, _changed("/force", stream=indicator), "a.mcap", "hash")
 
 
 def test_less_than_a_second_of_force_and_markers_together_is_refused() -> None:
     manifest, tracks = _recorded()
-    with refused(RejectionCode.NO_OVERLAP, frames=50, both_s=pytest.approx(0.49), expected_s=1.0):
+    with raises_refusal(RejectionCode.NO_OVERLAP, frames=50, both_s=pytest.approx(0.49), expected_s=1.0):
         build_trial(manifest, {**tracks, "/markers": _until(tracks["/markers"], 50)}, "a", "b")
 
 
 def test_a_missing_label_is_named() -> None:
     manifest, tracks = _recorded()
     renamed = replace(tracks["/markers"].stream, labels=("anchor_1", "anchor_2", "anchor_3", "x", "cuff_1"))
-    with refused(RejectionCode.MISSING_MARKERS, missing="anchor_4"):
+    with raises_refusal(RejectionCode.MISSING_MARKERS, missing="anchor_4"):
         build_trial(manifest, _changed("/markers", stream=renamed), "a.mcap", "hash")
 
 
 def test_a_missing_stream_is_named() -> None:
     manifest, tracks = _recorded()
-    with refused(RejectionCode.NO_SAMPLES, stream="/markers"):
+    with raises_refusal(RejectionCode.NO_SAMPLES, stream="/markers"):
         build_trial(manifest, {name: tracks[name] for name in ("/force", "/sync")}, "a.mcap", "hash")
 
 
@@ -368,7 +370,7 @@ def test_a_bounce_that_cannot_be_used_is_listed_and_the_lag_stays_declared(tmp_p
     assert trial.calibration is None
     assert trial.lag.source == "declared"
     assert rejected.reason.code is RejectionCode.BOUNCE_FEW_CYCLES
-    with refused(RejectionCode.IS_BOUNCE, file="test-bounce_run-1.mcap"):
+    with raises_refusal(RejectionCode.IS_BOUNCE, file="test-bounce_run-1.mcap"):
         read_trial(tmp_path / "test-bounce_run-1.mcap")
 
 
@@ -385,12 +387,12 @@ def test_the_configuration_declares_lag_and_weights_and_the_session_corrects_the
     (edited,), _ = read_trials([tmp_path / "a.mcap"])
     assert (edited.step_masses, edited.step_times) == ((1.0,), (2.0,))
     (tmp_path / "protocol.toml").write_text('[steps_s]\n"a.mcap" = [2.0, 2000]\n', encoding="utf-8")
-    with refused(FitErrorCode.PROTOCOL_OUTSIDE, recording="a.mcap", step_s=2000.0):
+    with raises_refusal(FitErrorCode.PROTOCOL_OUTSIDE, recording="a.mcap", step_s=2000.0):
         read_trials([tmp_path / "a.mcap"])
 
 
 def test_sample_numbers_that_go_back_are_refused() -> None:
     numbers = _recorded()[1]["/force"].sample_numbers.copy()
     numbers[500] = numbers[499]
-    with refused(RejectionCode.NUMBERS_GO_BACK, stream="/force", sample=499):
+    with raises_refusal(RejectionCode.NUMBERS_GO_BACK, stream="/force", sample=499):
         build_trial(_recorded()[0], _changed("/force", sample_numbers=numbers), "a.mcap", "hash")

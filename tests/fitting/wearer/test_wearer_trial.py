@@ -10,7 +10,7 @@ import pytest
 from fitting.results.codes import RejectionCode, TrialNoteCode
 from fitting.wearer.wearer_trial import build_wearer_trial
 from recordings.manifest import BodyMarkers, EmgAmplifier
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 from tests.fitting.trial.test_analog_signals import LABELS, MANIFEST, recorded
 
 
@@ -47,5 +47,5 @@ def test_hidden_markers_are_counted() -> None:
 def test_what_is_no_wearer_or_lacks_his_markers_is_refused(
     body: BodyMarkers | None, code: RejectionCode, figures: dict[str, str]
 ) -> None:
-    with refused(code, **figures):
+    with raises_refusal(code, **figures):
         build_wearer_trial(replace(MANIFEST, body=body), recorded(), "a.mcap", "0" * 64)

@@ -13,7 +13,7 @@ from recordings.exchange.c3d_writer import write_c3d
 from recordings.exchange.tables import MarkerTable
 from tests.recordings.exchange.raw_c3d import CHANNELS, POSITIONS, SCALE, write_raw_c3d
 from tests.recordings.exchange.walk import FRAMES, same, walk
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 FORCE = np.sin(np.arange(10 * FRAMES) / 7)
 
@@ -71,13 +71,13 @@ def test_unlabelled_trajectories_are_passed_over(file: Path) -> None:
 
 
 def test_files_that_are_none_are_refused_in_a_sentence(tmp_path: Path) -> None:
-    with refused(RecordingCode.FOREIGN_UNREADABLE, "none.c3d"):
+    with raises_refusal(RecordingCode.FOREIGN_UNREADABLE, "none.c3d"):
         read_c3d_markers(tmp_path / "none.c3d")
     (tmp_path / "text.c3d").write_text("NO_OF_FRAMES\t3\n" * 100, encoding="utf-8")
-    with refused(RecordingCode.FOREIGN_WRONG_TYPE, "text.c3d"):
+    with raises_refusal(RecordingCode.FOREIGN_WRONG_TYPE, "text.c3d"):
         read_c3d_markers(tmp_path / "text.c3d")
     write_c3d(tmp_path / "silent.c3d", walk(), {}, {})
-    with refused(RecordingCode.FOREIGN_NO_CHANNEL, "silent.c3d"):
+    with raises_refusal(RecordingCode.FOREIGN_NO_CHANNEL, "silent.c3d"):
         read_c3d_signals(tmp_path / "silent.c3d", ["force_n"])
 
 
@@ -85,7 +85,7 @@ def test_a_file_whose_points_nobody_labelled_holds_no_markers(file: Path) -> Non
     def change(c3d: ezc3d.c3d) -> None:
         c3d["parameters"]["POINT"]["LABELS"]["value"] = ["*1", "*2", "*3"]
 
-    with refused(RecordingCode.FOREIGN_NO_MARKERS):
+    with raises_refusal(RecordingCode.FOREIGN_NO_MARKERS):
         read_c3d_markers(rewritten(file, change))
 
 
@@ -111,7 +111,7 @@ def test_labels_beyond_the_points_are_of_nothing(tmp_path: Path) -> None:
 
 def test_without_the_reader_one_sentence_says_so_and_writing_goes_on(file: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with refused(RecordingCode.FOREIGN_NEEDS_PACKAGE, "ezc3d"):
+    with raises_refusal(RecordingCode.FOREIGN_NEEDS_PACKAGE, "ezc3d"):
         read_c3d_markers(file)
     write_c3d(tmp_path / "again.c3d", walk(), {}, {})
     assert (tmp_path / "again.c3d").stat().st_size > 2048
@@ -128,9 +128,9 @@ def test_a_label_that_stands_twice_is_numbered_and_told_of(tmp_path: Path) -> No
 def test_frames_that_the_header_lays_out_otherwise_are_not_read(tmp_path: Path) -> None:
     # as in c3d.org's sample 28: the parameters know of no analog values, and every frame after the first is shifted
     file = write_raw_c3d(tmp_path / "shifted.c3d", used_analog=0)
-    with refused(RecordingCode.FOREIGN_CONTRADICTORY, "3 points and 8 analog values"):
+    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "3 points and 8 analog values"):
         read_c3d_markers(file)
-    with refused(RecordingCode.FOREIGN_CONTRADICTORY):
+    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY):
         read_c3d_signals(file, ["f1"])
 
 
@@ -143,13 +143,13 @@ def test_a_header_that_counts_channels_is_overruled_by_the_file_s_size(tmp_path:
 def test_a_file_that_lost_its_end_is_cut(tmp_path: Path) -> None:
     file = write_raw_c3d(tmp_path / "cut.c3d")
     file.write_bytes(file.read_bytes()[:-10])
-    with refused(RecordingCode.FOREIGN_CUT, "59"):
+    with raises_refusal(RecordingCode.FOREIGN_CUT, "59"):
         read_c3d_markers(file)
 
 
 @pytest.mark.parametrize("place", [512 + 4, 512 + 40, 512 + 100])
 def test_sentences_are_ours(tmp_path: Path, place: int) -> None:
-    with refused(RecordingCode.FOREIGN_WRONG_TYPE, "SGI"):
+    with raises_refusal(RecordingCode.FOREIGN_WRONG_TYPE, "SGI"):
         read_c3d_markers(write_raw_c3d(tmp_path / "sgi.c3d", processor=86))
     file = write_raw_c3d(tmp_path / "damaged.c3d")
     raw = bytearray(file.read_bytes())

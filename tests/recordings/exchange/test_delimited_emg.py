@@ -9,7 +9,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.delimited_emg import read_delimited_emg
 from recordings.exchange.tables import SignalTable
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 DELSYS = (
     "Label: EMG1 Sampling frequency: 1000 Unit: mV Domain: Time\n\n"
@@ -96,5 +96,5 @@ def test_a_rate_and_labels_that_are_given_stand_in_for_what_the_file_lacks(tmp_p
 def test_what_cannot_be_read_is_refused_in_a_sentence(
     tmp_path: Path, text: str, code: RecordingCode, naming: str
 ) -> None:
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read(tmp_path, text)

@@ -11,7 +11,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.exp import read_exp
 from tests.conftest import SHARED
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 TEXT = """  \t// User name
 29-11-2018\t// Evaluation date
@@ -57,13 +57,13 @@ def test_header_and_rows_are_read(tmp_path: Path) -> None:
 def test_a_file_that_is_none_is_refused_in_a_sentence(
     tmp_path: Path, before: str, after: str, code: RecordingCode, naming: str
 ) -> None:
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read_exp(written(tmp_path, TEXT.replace(before, after)))
 
 
 def test_bare_numbers_need_a_rate_and_labels(tmp_path: Path) -> None:
     path = written(tmp_path, "0.5\t1.5\n-0.5\t2.5\n")
-    with refused(RecordingCode.FOREIGN_NO_HEADER):
+    with raises_refusal(RecordingCode.FOREIGN_NO_HEADER):
         read_exp(path)
     read = read_exp(path, 1000.0, ["AD", "MD"])
     assert (read.time_s.tolist(), read.signals["MD"].tolist()) == ([0.0, 0.001], [1.5, 2.5])

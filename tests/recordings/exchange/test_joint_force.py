@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recordings.errors import RecordingCode
 from recordings.exchange.joint_force import read_joint_force
 from tests.conftest import SHARED
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 
@@ -97,19 +97,19 @@ def test_a_record_relative_to_the_glenoid_has_no_body_weight(tmp_path: Path) -> 
 def test_a_bad_record_is_refused_with_its_code(tmp_path: Path, before: str, after: str, code: RecordingCode) -> None:
     text = text_of(*drawn(0))
     assert before in text
-    with refused(code):
+    with raises_refusal(code):
         read_joint_force(written(tmp_path, text.replace(before, after)))
 
 
 def test_times_that_go_back_and_a_resultant_of_other_components_are_refused(tmp_path: Path) -> None:
     time, force, marker = drawn(0)
-    with refused(RecordingCode.FOREIGN_TIME_NOT_RISING):
+    with raises_refusal(RecordingCode.FOREIGN_TIME_NOT_RISING):
         read_joint_force(written(tmp_path, text_of(time[::-1], force, marker)))
     text = text_of(time, force, marker)
     row = text.splitlines()[-3]
     cells = row.split("\t")
     cells[4] = f"{float(cells[4]) + 0.1:09.2f}"
-    with refused(RecordingCode.FOREIGN_CONTRADICTORY):
+    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY):
         read_joint_force(written(tmp_path, text.replace(row, "\t".join(cells))))
 
 

@@ -9,7 +9,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.qtm_tsv import read_qtm_tsv, write_qtm_tsv
 from tests.recordings.exchange.walk import FRAMES, same, walk
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 HEADER = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t12\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nDESCRIPTION\t--\nDATA_INCLUDED\t3D\n"
 NAMES = "MARKER_NAMES\ta\tb\n"
@@ -101,7 +101,7 @@ def test_every_variant_of_the_export_reads_the_same(
 def test_an_export_that_is_none_is_refused_in_a_sentence(
     tmp_path: Path, text: str, code: RecordingCode, naming: str
 ) -> None:
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read_qtm_tsv(export(tmp_path, text))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.exchange.signal_csv import read_signals, write_columns
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 
 def table(tmp_path: Path, text: str) -> Path:
@@ -50,12 +50,12 @@ def test_a_table_is_read_whatever_program_wrote_it(tmp_path: Path, text: str) ->
 def test_a_table_that_is_none_is_refused_in_a_sentence(
     tmp_path: Path, text: str, code: RecordingCode, naming: str
 ) -> None:
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read_signals(table(tmp_path, text), "time_s", ["force_v"])
 
 
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
-    with refused(RecordingCode.FOREIGN_UNREADABLE, "none.csv"):
+    with raises_refusal(RecordingCode.FOREIGN_UNREADABLE, "none.csv"):
         read_signals(tmp_path / "none.csv", "time_s", ["force_v"])
 
 

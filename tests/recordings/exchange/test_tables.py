@@ -5,7 +5,7 @@ import pytest
 
 from recordings.errors import RecordingCode
 from recordings.exchange.tables import count_samples, require_rising, settle_times, without_origin
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ from tests.recordings.refusals import refused
 def test_times_that_do_not_rise_are_refused_with_their_line(
     times: list[float], code: RecordingCode, naming: str
 ) -> None:
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         require_rising(np.array(times), "daq.csv, time_s,", 7)
 
 
@@ -55,7 +55,7 @@ def test_a_frame_without_time_stands_where_its_number_says() -> None:
 
 
 def test_a_rate_and_times_that_contradict_each_other_are_refused() -> None:
-    with refused(RecordingCode.FOREIGN_CONTRADICTORY, "200"):
+    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "200"):
         settle_times(np.arange(1.0, 9.0), np.arange(8) / 200, 100.0, "f", 1)
-    with refused(RecordingCode.FOREIGN_NO_RATE):
+    with raises_refusal(RecordingCode.FOREIGN_NO_RATE):
         settle_times(np.arange(1.0, 9.0), None, 0.0, "f", 1)

@@ -9,7 +9,7 @@ import pytest
 from recordings.errors import RecordingCode
 from recordings.exchange.trc import read_trc, write_trc
 from tests.recordings.exchange.walk import FRAMES, same, walk
-from tests.recordings.refusals import refused
+from tests.recordings.refusals import raises_refusal
 
 MARKERS = Path(__file__).parents[3].parent / "shared" / "data" / "markers"
 
@@ -48,7 +48,7 @@ def test_a_file_that_is_none_is_refused_in_a_sentence(
 ) -> None:
     text = write_trc(walk(), "t")
     assert old in text
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read_trc(file(tmp_path, text.replace(old, new, 1)))
 
 

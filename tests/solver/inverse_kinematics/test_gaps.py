@@ -8,7 +8,7 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.inverse_kinematics.gaps import longest_whole_motion
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 TIME = np.arange(400) / 100.0
@@ -40,5 +40,5 @@ def test_the_longest_part_between_longer_gaps_is_kept() -> None:
 
 def test_a_trial_with_hardly_any_posture_is_refused() -> None:
     for hidden in (slice(50, 400), slice(0, 400)):
-        with refused(SolverCode.NOT_COVERED):
+        with raises_refusal(SolverCode.NOT_COVERED):
             longest_whole_motion(MODEL, TIME, solution(hidden))

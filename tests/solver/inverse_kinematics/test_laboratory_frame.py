@@ -11,7 +11,7 @@ from solver.errors import SolverCode
 from solver.inverse_kinematics.laboratory_frame import TO_Y_UP, rotation_laboratory_to_ground
 from tests.solver.inverse_kinematics.marked import tasks_of, with_markers
 from tests.solver.inverse_kinematics.test_solve import noisy
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = with_markers(bundled_model())
 MARKERS = tasks_of(MODEL).markers
@@ -36,5 +36,5 @@ def test_up_is_up_and_the_person_faces_as_the_model(vertical: str, facing_deg: f
 def test_two_markers_are_too_few() -> None:
     observed = noisy(MODEL, 1, 0.0)[1]
     observed[:, 2:] = np.nan
-    with refused(SolverCode.TOO_FEW_MARKERS, naming="found 2"):
+    with raises_refusal(SolverCode.TOO_FEW_MARKERS, naming="found 2"):
         rotation_laboratory_to_ground(MODEL, MARKERS, observed)

@@ -24,7 +24,7 @@ from tests.solver.inverse_kinematics.known_motions import (
     white_jerk,
 )
 from tests.solver.inverse_kinematics.marked import gaps_of, seen_from
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 NOISE = 1e-3
@@ -119,5 +119,5 @@ def test_an_iteration_that_runs_out_of_rounds_and_a_trial_without_markers_have_o
     nothing = smooth_motion(MODEL, np.full_like(observed, np.nan), INTERVAL, TASKS, NOISE)
     assert nothing.outcome is SmootherOutcome.NO_MARKERS
     assert np.isnan(nothing.positions).all()
-    with refused(SolverCode.TOO_FEW_FRAMES):
+    with raises_refusal(SolverCode.TOO_FEW_FRAMES):
         smooth_motion(MODEL, observed[:2], INTERVAL, TASKS, NOISE)

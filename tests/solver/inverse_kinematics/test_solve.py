@@ -24,7 +24,7 @@ from tests.solver.inverse_kinematics.marked import (
     with_markers,
 )
 from tests.solver.linkage import linkage
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 MODELS = pytest.mark.parametrize("make", [bundled_model, linkage], ids=["bundled", "linkage"])
@@ -187,7 +187,7 @@ def test_constraints_that_contradict_each_other_are_told() -> None:
     found = solve_inverse_kinematics(bound, noisy(model, 1, 0.0)[1], tasks_of(model), model.default_coordinates)
     assert found.outcomes == (PostureOutcome.GAP_OPEN,)
     assert found.gap[0] == pytest.approx(0.3)
-    with refused(SolverCode.CONSTRAINTS_NOT_MET):
+    with raises_refusal(SolverCode.CONSTRAINTS_NOT_MET):
         assemble(bound)
 
 
@@ -202,5 +202,5 @@ def test_constraints_that_contradict_each_other_are_told() -> None:
 def test_invalid_weights_are_refused(weights: list[float], code: SolverCode) -> None:
     model = with_markers(linkage())
     tasks = TrackingTasks(model.markers[:2], np.array(weights))
-    with refused(code):
+    with raises_refusal(code):
         solve_inverse_kinematics(model, np.zeros((1, 2, 3)), tasks)

@@ -16,7 +16,7 @@ from solver.multibody.rotations import rotate, wrench_about_origin
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
 from solver.redundancy.response_maps import response_maps
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def test_a_moving_body_without_mass_is_named() -> None:
     light = [
         replace(b, mass=0.0, inertia=np.zeros((3, 3))) if i in (hand, radius) else b for i, b in enumerate(MODEL.bodies)
     ]
-    with refused(SolverCode.SINGULAR, naming="mass matrix"):
+    with raises_refusal(SolverCode.SINGULAR, naming="mass matrix"):
         equations_of_motion(replace(MODEL, bodies=tuple(light)), STATE)
 
 

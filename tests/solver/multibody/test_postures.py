@@ -22,7 +22,7 @@ from solver.multibody.postures import (
 )
 from solver.multibody.rotations import rotate, skew_matrix
 from tests.solver.linkage import linkage
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 Array = NDArray[np.float64]
 
@@ -130,5 +130,5 @@ def test_the_scapula_keeps_to_its_ellipsoid() -> None:
 
 
 def test_coordinates_of_the_wrong_number_are_refused() -> None:
-    with refused(SolverCode.WRONG_SHAPE, naming="(6, 16)"):
+    with raises_refusal(SolverCode.WRONG_SHAPE, naming="(6, 16)"):
         postures(MODEL, Q[:, :16], Q)

@@ -10,7 +10,7 @@ import pytest
 
 from solver.errors import SolverCode
 from tests.solver.oracle.two_bodies import difference, given, model_with, opensim, read_back, vec3
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 pytestmark = pytest.mark.oracle
 
@@ -98,7 +98,7 @@ def test_what_is_refused_for_its_curvature_accelerates_wrongly_in_opensim(kind: 
     }[kind]()
     slope_for_curvature, right = (accelerated_along(each) for each in (made, polynomial(0.3, 1.0, 0.2)))
     assert abs(slope_for_curvature - right) > 0.1
-    with refused(SolverCode.UNSUPPORTED, naming=kind):
+    with raises_refusal(SolverCode.UNSUPPORTED, naming=kind):
         read_back(model_with(lambda *sides: custom(sides, [("bend", made), *[("", line(0.0))] * 5])), tmp_path)
 
 

@@ -10,7 +10,7 @@ from solver.errors import SolverCode
 from solver.model import Model
 from solver.osim.reader import read_osim
 from tests.solver.osim.opensim_3 import opensim_3_document
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 
 def read(folder: Path, *exchanged: tuple[str, str]) -> Model:
@@ -40,7 +40,7 @@ def test_a_disabled_constraint_is_left_out_and_named(tmp_path: Path) -> None:
 
 
 def test_a_body_without_a_joint_and_a_loop_are_refused(tmp_path: Path) -> None:
-    with refused(SolverCode.MALFORMED, naming="Body lower has 0 joints"):
+    with raises_refusal(SolverCode.MALFORMED, naming="Body lower has 0 joints"):
         read(tmp_path, ('<PinJoint name="second">', "<!--"), ("</PinJoint>", "-->"))
-    with refused(SolverCode.UNSUPPORTED):
+    with raises_refusal(SolverCode.UNSUPPORTED):
         read(tmp_path, ("<parent_body>ground</parent_body>", "<parent_body>lower</parent_body>"))

@@ -11,7 +11,7 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.motion import write_table
 from solver.osim.loads import read_external_loads
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 HAND, THORAX = MODEL.body_index("hand"), MODEL.body_index("thorax")
@@ -95,18 +95,18 @@ def test_a_fault_in_the_file_of_loads_is_one_sentence(
 ) -> None:
     assert old in XML
     files.write_text(XML.replace(old, new))
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         read_external_loads(files, MODEL, TIME)
 
 
 def test_a_fault_in_its_data_is_one_sentence(files: Path) -> None:
-    with refused(SolverCode.NOT_COVERED, naming="0 to 1.5 s"):
+    with raises_refusal(SolverCode.NOT_COVERED, naming="0 to 1.5 s"):
         read_external_loads(files, MODEL, 1.5 * TIME)
     data = files.with_name("handle.mot")
     text = data.read_text()
     data.write_text(text.replace("\n0.5\t", "\n0.2\t"))
-    with refused(SolverCode.MALFORMED_TABLE, naming="handle.mot"):
+    with raises_refusal(SolverCode.MALFORMED_TABLE, naming="handle.mot"):
         read_external_loads(files, MODEL, TIME)
     data.unlink()
-    with refused(SolverCode.UNREADABLE_TABLE, naming="handle.mot"):
+    with raises_refusal(SolverCode.UNREADABLE_TABLE, naming="handle.mot"):
         read_external_loads(files, MODEL, TIME)

@@ -11,7 +11,7 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.osim.ik_setup import read_ik_setup
 from solver.osim.marker_set import read_marker_set, with_markers
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 DOCUMENT = "<OpenSimDocument Version='{version}'><MarkerSet><objects>{markers}</objects></MarkerSet></OpenSimDocument>"
@@ -49,7 +49,7 @@ def test_a_file_that_does_not_fit_the_model_is_refused_with_its_line(
 ) -> None:
     path = tmp_path / "markers.xml"
     path.write_text(text, encoding="utf-8")
-    with refused(code):
+    with raises_refusal(code):
         read_marker_set(path, MODEL)
 
 

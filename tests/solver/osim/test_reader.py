@@ -10,7 +10,7 @@ from solver.model import NO_COORDINATE, AxisMotion, Model, MovingPathPoint
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.reader import read_osim
 from tests.solver.references import NO_WEIGHT, TWO_KILOGRAM_WEIGHT
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 CURVES = """<ActiveForceLengthCurve name="length"><minimum_value>0</minimum_value></ActiveForceLengthCurve>
 <ForceVelocityCurve name="speed"/><FiberForceLengthCurve name="passive"/><TendonForceLengthCurve name="tendon"/>"""
@@ -146,7 +146,7 @@ def test_credits_in_latin_1_under_a_utf_8_header_are_read(tmp_path: Path) -> Non
     (tmp_path / "utf16.osim").write_bytes(text.replace('encoding="UTF-8"', 'encoding="UTF-16"').encode("utf-16"))
     assert read_osim(tmp_path / "utf16.osim").name == "door"
     (tmp_path / "cut.osim").write_bytes(text.encode("latin-1")[:-200])
-    with refused(SolverCode.UNREADABLE_FILE):
+    with raises_refusal(SolverCode.UNREADABLE_FILE):
         read_osim(tmp_path / "cut.osim")
 
 
@@ -317,7 +317,7 @@ def test_what_the_solver_lacks_is_refused_by_name_and_line(
     file: Path, old: str, new: str, code: SolverCode, naming: str
 ) -> None:
     assert old in DOOR
-    with refused(code, naming) as caught:
+    with raises_refusal(code, naming) as caught:
         _read(file, DOOR.replace(old, new))
     assert str(caught.value).startswith("door.osim, line ")
 
@@ -331,14 +331,14 @@ def test_points_and_sensors_of_a_body_are_left_out_and_named(file: Path) -> None
 
 def test_a_body_without_a_joint_is_refused(file: Path) -> None:
     loose = '<Body name="mat"><mass>1</mass><mass_center>0 0 0</mass_center><inertia>1 1 1 0 0 0</inertia></Body>'
-    with refused(SolverCode.NO_JOINT, naming="mat"):
+    with raises_refusal(SolverCode.NO_JOINT, naming="mat"):
         _read(file, DOOR.replace("</objects></BodySet>", f"{loose}</objects></BodySet>"))
 
 
 def test_a_file_that_is_no_xml_and_one_that_is_not_there_are_refused(file: Path) -> None:
-    with refused(SolverCode.UNREADABLE_FILE, naming="line 1"):
+    with raises_refusal(SolverCode.UNREADABLE_FILE, naming="line 1"):
         _read(file, "time,angle\n0,1\n")
-    with refused(SolverCode.UNREADABLE_FILE, naming="absent.osim"):
+    with raises_refusal(SolverCode.UNREADABLE_FILE, naming="absent.osim"):
         read_osim(file.with_name("absent.osim"))
 
 

@@ -17,7 +17,7 @@ from solver.functions.fibre import ThelenCurves
 from solver.model import BallMotion, CoordinateCoupler, CoordinateForce, CoordinateLock, Model
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 SHOULDER = MODEL.joint("GlenoHumeral")
@@ -101,5 +101,5 @@ def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path
     ],
 )
 def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, name: str) -> None:
-    with refused(SolverCode.NOT_WRITABLE, naming=name):
+    with raises_refusal(SolverCode.NOT_WRITABLE, naming=name):
         osim_document(model)

@@ -12,7 +12,7 @@ from solver.personalisation.estimate import EstimateOutcome, _Problem, estimate_
 from solver.personalisation.linearise import linearise_postures
 from solver.personalisation.priors import population_priors
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 PRIORS = population_priors(MODEL, MARKERS)
 
@@ -91,7 +91,7 @@ def test_a_pose_is_one_observation_and_a_motion_is_as_many_as_it_decorrelates() 
 
 
 def test_trials_that_do_not_fit_are_refused() -> None:
-    with refused(SolverCode.WRONG_SHAPE):
+    with raises_refusal(SolverCode.WRONG_SHAPE):
         estimate_body(MODEL, MARKERS, [np.zeros((5, 2, 3))])
-    with refused(SolverCode.MARKERS_DO_NOT_FIT, naming="trial 1"):
+    with raises_refusal(SolverCode.MARKERS_DO_NOT_FIT, naming="trial 1"):
         estimate_body(MODEL, MARKERS, [np.full((5, len(MARKERS), 3), np.nan)])

@@ -19,7 +19,7 @@ from solver.personalisation.joint_centres import (
     sphere_centre,
 )
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 Array = np.ndarray
 
@@ -62,9 +62,9 @@ def test_frames_with_a_hidden_marker_are_left_out() -> None:
 
 def test_an_arm_that_hardly_moves_shows_no_centre() -> None:
     proximal, distal, _ = circumduction(0.001, size=0.02)
-    with refused(SolverCode.CENTRE_TOO_LITTLE_MOTION):
+    with raises_refusal(SolverCode.CENTRE_TOO_LITTLE_MOTION):
         functional_centre(proximal, distal)
-    with refused(SolverCode.CENTRE_TOO_FEW_MARKERS):
+    with raises_refusal(SolverCode.CENTRE_TOO_FEW_MARKERS):
         functional_centre(proximal[:, :2], distal)
 
 
@@ -82,7 +82,7 @@ def test_the_regression_finds_the_humeral_head_of_a_modelled_scapula() -> None:
     turned, shift = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]), np.array([0.3, -1.0, 0.2])
     moved = {name: turned.apply(place) + shift for name, place in landmarks.items()}
     np.testing.assert_allclose(regression_glenohumeral_centre(moved), turned.apply(centre) + shift, atol=1e-12)
-    with refused(SolverCode.CENTRE_MISSING_LANDMARK, naming="PC"):
+    with raises_refusal(SolverCode.CENTRE_MISSING_LANDMARK, naming="PC"):
         regression_glenohumeral_centre({name: place for name, place in landmarks.items() if name != "PC"})
 
 
@@ -102,7 +102,7 @@ def test_the_centre_lies_below_the_acromion_of_a_modelled_girdle() -> None:
     assert np.linalg.norm(centre - points_in_ground(state, scapula, head)[0]) < 0.03
     width = np.linalg.norm(landmarks["AC"] - landmarks["other"])
     assert np.linalg.norm(centre - landmarks["AC"]) == pytest.approx(0.17 * width)
-    with refused(SolverCode.CENTRE_MISSING_LANDMARK, naming="left"):
+    with raises_refusal(SolverCode.CENTRE_MISSING_LANDMARK, naming="left"):
         glenohumeral_centre_below_acromion({**landmarks, "AC": centre}, ("AC", "left"))
 
 

@@ -30,7 +30,7 @@ from solver.scaling_code import ScalingCode
 from solver.scaling_findings import FIBRE_RANGE, LARGEST_JUMP, muscle_ranges
 from tests.solver.personalisation.simulated_person import MODEL
 from tests.solver.references import SHARED
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 
 def test_sizes_of_the_population_are_a_covariance_of_known_coefficients_of_variation() -> None:
@@ -44,7 +44,7 @@ def test_sizes_of_the_population_are_a_covariance_of_known_coefficients_of_varia
     by_body = body_factors(factors, np.arange(1.0, 8.0))
     np.testing.assert_array_equal(by_body["thorax"], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(by_body["hand"], [7.0, 7.0, 7.0])
-    with refused(SolverCode.UNKNOWN_NAME):
+    with raises_refusal(SolverCode.UNKNOWN_NAME):
         size_factors(replace(MODEL, bodies=tuple(replace(body, name=f"b{k}") for k, body in enumerate(MODEL.bodies))))
 
 
@@ -83,7 +83,7 @@ def test_a_load_is_a_body_of_its_own_that_opensim_files_keep(tmp_path: Path) -> 
     hand = back.bodies[back.body_index("hand")]
     grip = points_in_ground(state, back.body_index("hand"), hand.mass_center)
     np.testing.assert_allclose(points_in_ground(state, back.body_index("held_load"), np.zeros(3)), grip, atol=1e-12)
-    with refused(SolverCode.LOAD_PRESENT):
+    with raises_refusal(SolverCode.LOAD_PRESENT):
         hold_load(holding, 1.0)
 
 

@@ -9,7 +9,7 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.redundancy.glenoid import angle_to_axis, cone_rows, contact_points, glenoid_cone
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 CONE = glenoid_cone(MODEL)
@@ -49,7 +49,7 @@ def test_an_elliptic_rim_goes_through_the_edge_marker_and_is_narrower_across():
 
 
 def test_a_rim_without_width_is_refused():
-    with refused(SolverCode.WRONG_GLENOID):
+    with raises_refusal(SolverCode.WRONG_GLENOID):
         glenoid_cone(MODEL, aspect=0.0)
 
 
@@ -58,12 +58,12 @@ def test_a_marker_that_makes_no_cone_is_refused():
         replace(marker, location=marker.location + 0.01) if marker.name == "HumHead_Center" else marker
         for marker in MODEL.markers
     )
-    with refused(SolverCode.WRONG_GLENOID, naming="HumHead_Center"):
+    with raises_refusal(SolverCode.WRONG_GLENOID, naming="HumHead_Center"):
         glenoid_cone(replace(MODEL, markers=markers))
 
 
 def test_a_model_without_the_markers_is_refused_by_name():
-    with refused(SolverCode.UNKNOWN_NAME, naming="Glenoid_Center"):
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="Glenoid_Center"):
         glenoid_cone(replace(MODEL, markers=()))
 
 

@@ -24,7 +24,7 @@ from solver.redundancy.motion import (
     solve_redundancy,
 )
 from solver.redundancy.reserves import Reserve, with_reserves
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 40)
@@ -179,9 +179,9 @@ def test_a_weight_by_name_is_that_of_the_muscle_or_of_the_coordinates_actuator()
 
 def test_a_weight_of_nobody_or_below_zero_is_refused():
     mechanics = evaluate_motion(MODEL, decimate(SLOW, 10))
-    with refused(SolverCode.UNKNOWN_NAME, naming="biceps_of_nobody"):
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="biceps_of_nobody"):
         build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"biceps_of_nobody": 1.0}))
-    with refused(SolverCode.NEGATIVE_WEIGHT, naming="-1"):
+    with raises_refusal(SolverCode.NEGATIVE_WEIGHT, naming="-1"):
         build_redundancy(MODEL, mechanics, RedundancyOptions(weights={"plane_elv": -1.0}))
 
 
@@ -211,22 +211,22 @@ def test_the_joint_whose_reaction_counts_may_have_another_name():
     elbow = solve_motion(MODEL, motion, RedundancyOptions(has_glenoid_cone=False, joint="elbow"))
     assert np.linalg.norm(elbow.reaction[:, 3:], axis=1).max() < np.linalg.norm(expected.reaction[:, 3:], axis=1).max()
     assert np.isnan(elbow.contact).all()
-    with refused(SolverCode.UNKNOWN_NAME, naming="GlenoHumeral"):
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="GlenoHumeral"):
         solve_motion(renamed, motion)
 
 
 def test_a_model_without_muscles_is_refused():
-    with refused(SolverCode.NO_MUSCLES):
+    with raises_refusal(SolverCode.NO_MUSCLES):
         solve_motion(replace(MODEL, muscles=()), decimate(SLOW, 10))
 
 
 def test_an_unknown_free_coordinate_is_named():
-    with refused(SolverCode.UNKNOWN_NAME, naming="elbow_twist"):
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="elbow_twist"):
         solve_motion(MODEL, SLOW, RedundancyOptions(free_coordinates=("elbow_twist",)))
 
 
 def test_a_motion_in_which_nothing_can_be_evaluated_is_refused():
-    with refused(SolverCode.NO_ACCELERATIONS, naming="16 postures"):
+    with raises_refusal(SolverCode.NO_ACCELERATIONS, naming="16 postures"):
         solve_motion(MODEL, replace(SLOW, positions=np.full_like(SLOW.positions, np.nan)))
 
 

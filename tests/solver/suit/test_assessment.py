@@ -19,7 +19,7 @@ from solver.suit.scenarios import CUFF_CONDITIONS, LoadedMotion
 from solver.suit.suit import read_suit
 from solver.suit.uncertainty import DrawSettings
 from tests.solver.redundancy.test_reachability import with_a_singular_elbow
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL))
@@ -243,7 +243,7 @@ def test_without_a_waist_cuff_the_waist_is_rigid_and_named_so():
 
 @pytest.mark.parametrize("cuffs", [(), (WAIST,), (HAND, WAIST, WAIST)])
 def test_too_few_arm_cuffs_or_too_many_at_the_waist_are_refused(cuffs):
-    with refused(SolverCode.NO_ARM_CUFF):
+    with raises_refusal(SolverCode.NO_ARM_CUFF):
         coarse(*cuffs)
 
 
@@ -255,24 +255,24 @@ def test_too_few_arm_cuffs_or_too_many_at_the_waist_are_refused(cuffs):
     ],
 )
 def test_a_cord_that_is_slack_in_all_frames_is_refused(key, changed):
-    with refused(SolverCode.CORD_SLACK, naming=key):
+    with raises_refusal(SolverCode.CORD_SLACK, naming=key):
         coarse(HAND, suit=replace(SUIT, **changed))
 
 
 def test_a_negative_stiffness_is_refused():
-    with refused(SolverCode.WRONG_CUFF, naming="-5 N/m"):
+    with raises_refusal(SolverCode.WRONG_CUFF, naming="-5 N/m"):
         coarse(replace(HAND, stiffness=-5.0))
 
 
 def test_a_suit_on_a_body_that_is_not_there_is_refused():
-    with refused(SolverCode.SUIT_BODY, naming="pelvis"):
+    with raises_refusal(SolverCode.SUIT_BODY, naming="pelvis"):
         coarse(HAND, suit=replace(SUIT, waist=replace(SUIT.waist, body="pelvis")))
 
 
 def test_a_motion_outside_a_joints_range_is_refused_with_the_time():
     positions = MOTION.positions.copy()
     positions[300, MODEL.coordinate_index("shoulder_elv")] = np.radians(200)
-    with refused(SolverCode.OUT_OF_RANGE, naming="200° at 3 s"):
+    with raises_refusal(SolverCode.OUT_OF_RANGE, naming="200° at 3 s"):
         coarse(HAND, motion=replace(MOTION, positions=positions))
 
 

@@ -12,7 +12,7 @@ from solver.errors import SolverCode
 from solver.multibody.postures import postures
 from solver.suit.cord import CordLine, cord_line, suit_forces, with_migration
 from solver.suit.suit import read_suit
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()
@@ -66,7 +66,7 @@ def test_the_equilibrium_is_where_the_stored_energy_is_least(line):
 
 def test_a_cuff_too_soft_to_hold_the_cord_finds_no_rest(line):
     soft = replace(ARM, stiffness=20.0)
-    with refused(SolverCode.CUFFS_NOT_AT_REST, naming="20 N/m"):
+    with raises_refusal(SolverCode.CUFFS_NOT_AT_REST, naming="20 N/m"):
         suit_forces(SUIT, line, np.array([0.1]), (WAIST, soft), yields=True)
 
 
@@ -81,7 +81,7 @@ def test_along_the_bone_a_cuff_slips_in_its_body_and_the_line_changes(line):
 
 
 def test_a_cuff_does_not_slip_over_the_shoulder_point(line):
-    with refused(SolverCode.CUFF_BEYOND_SHOULDER, naming="0.178 m"):
+    with raises_refusal(SolverCode.CUFF_BEYOND_SHOULDER, naming="0.178 m"):
         with_migration(SUIT, line, (WAIST, replace(ARM, migration=1.0)))
 
 
@@ -198,7 +198,7 @@ def test_the_cords_points_ride_on_their_bodies():
 
 @pytest.mark.parametrize("broken", [{"stiffness": -3.0}, {"stiffness": 0.0}, {"damping": np.nan}])
 def test_a_cuff_that_is_no_spring_is_refused(line, broken):
-    with refused(SolverCode.WRONG_CUFF, naming="hand"):
+    with raises_refusal(SolverCode.WRONG_CUFF, naming="hand"):
         suit_forces(SUIT, line, REST_LENGTHS, (WAIST, replace(ARM, **broken)), yields=True)
 
 

@@ -12,7 +12,7 @@ from solver.raise_arm import simulate_arm_raise
 from solver.scaling import Scaling, scale_model
 from solver.suit.digitised_points import fitted_to, suit_from_markers
 from solver.suit.suit import PARTS, SuitPoint, read_suit
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()
@@ -42,7 +42,7 @@ def test_the_points_come_back_with_the_noise_of_their_markers_and_masses_move_al
 def test_a_marker_that_is_never_seen_is_refused_by_its_part():
     observed = seen(SUIT)
     observed[:, 2] = np.nan
-    with refused(SolverCode.POINT_NOT_SEEN, naming="arm"):
+    with raises_refusal(SolverCode.POINT_NOT_SEEN, naming="arm"):
         suit_from_markers(SUIT, MODEL, POSTURES, observed)
 
 

@@ -8,7 +8,7 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.suit.suit import BUNDLED_SUIT, ensure_fits, read_suit, suit_toml, with_suit_masses
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 MODEL = bundled_model()
 SUIT = read_suit()
@@ -46,7 +46,7 @@ def _about_origin(body):
 
 def test_the_bundled_suit_fits_the_bundled_model_and_no_other_body():
     ensure_fits(SUIT, MODEL)
-    with refused(SolverCode.SUIT_BODY, naming="pelvis"):
+    with raises_refusal(SolverCode.SUIT_BODY, naming="pelvis"):
         ensure_fits(replace(SUIT, waist=replace(SUIT.waist, body="pelvis")), MODEL)
 
 
@@ -63,7 +63,7 @@ def test_the_bundled_suit_fits_the_bundled_model_and_no_other_body():
     ],
 )
 def test_a_suit_for_another_body_is_refused_by_name(lost, code, naming):
-    with refused(code, naming):
+    with raises_refusal(code, naming):
         ensure_fits(replace(SUIT, **lost), MODEL)
 
 
@@ -124,7 +124,7 @@ def test_a_malformed_suit_is_refused_by_key(tmp_path, old, new, naming):
     text = BUNDLED_SUIT.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with refused(SolverCode.SUIT_FILE if naming == "cannot be read" else SolverCode.SUIT_KEY, naming):
+    with raises_refusal(SolverCode.SUIT_FILE if naming == "cannot be read" else SolverCode.SUIT_KEY, naming):
         read_suit(path)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.suit.uncertainty import draw_cuff
-from tests.solver.refused import refused
+from tests.solver.refusals import raises_refusal
 
 COVARIANCE = np.array([[200.0**2, 0.6 * 200 * 15, 0.0], [0.6 * 200 * 15, 15.0**2, 0.0], [0.0, 0.0, 0.001**2]])
 HAND = CuffParameters("hand", "arm", 8520.0, 210.0, 0.012, COVARIANCE)
@@ -40,7 +40,7 @@ def test_a_draw_that_would_be_no_spring_is_drawn_again():
 
 def test_draws_that_are_starved_of_tries_are_refused(monkeypatch):
     monkeypatch.setattr("solver.suit.uncertainty.MOST_TRIES", 1)
-    with refused(SolverCode.STIFFNESS_NOT_DRAWN, naming="soft"):
+    with raises_refusal(SolverCode.STIFFNESS_NOT_DRAWN, naming="soft"):
         drawn(CuffParameters("soft", "arm", 100.0, 1.0, 0.0, np.diag([150.0**2, 0.0, 0.0])), 500)
 
 

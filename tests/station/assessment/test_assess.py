@@ -23,7 +23,7 @@ from station.messages.codes import AssessmentCode, InputCode
 from station.messages.message import Message
 from station.report.page import write_report
 from tests.station.loads import write_weight
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 
 
@@ -158,13 +158,13 @@ def test_the_report_says_whether_cuffs_differ_and_which_to_choose(
 def test_a_chosen_cuff_is_worn_with_the_waist_and_a_missing_one_is_named(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
     assert [cuff.name for cuff in worn_cuffs(cuffs, ("elbow",))] == ["waist", "elbow"]
-    with refused(InputError, InputCode.UNKNOWN_CUFF):
+    with raises_refusal(InputError, InputCode.UNKNOWN_CUFF):
         worn_cuffs(cuffs, ("knee", "hand"))
 
 
 def test_no_cuff_may_be_called_what_the_tables_call_the_rigid_suit(folder: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(folder / "again.json"))
-    with refused(InputError, InputCode.CUFF_NAMED_RIGID):
+    with raises_refusal(InputError, InputCode.CUFF_NAMED_RIGID):
         worn_cuffs({"rigid": replace(cuffs["hand"], name="rigid")}, ())
 
 
@@ -194,7 +194,7 @@ def test_cuffs_are_drawn_as_widely_as_their_intervals_say(tmp_path: Path) -> Non
     ],
 )
 def test_a_richer_law_is_refused_by_name(tmp_path: Path, named: dict[str, Any], law: str) -> None:
-    with refused(InputError, InputCode.RICHER_LAW) as caught:
+    with raises_refusal(InputError, InputCode.RICHER_LAW) as caught:
         read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", **named))
     cause = caught.value.cause
     assert isinstance(cause, Message) and cause.figures["law"] == law
@@ -219,7 +219,7 @@ def test_a_cuff_of_a_richer_law_is_refused_wherever_it_comes_from(
 ) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     cuffs["hand"] = replace(cuffs["hand"], law=chosen)
-    with refused(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
+    with raises_refusal(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
         assert len(worn_cuffs(cuffs, ())) == 3
 
 
@@ -227,7 +227,7 @@ def test_a_cuff_in_three_dimensions_is_refused(tmp_path: Path) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
     for law, is_refused in (((), False), (("tensor",), True)):
         cuffs["hand"] = replace(cuffs["hand"], law=law)
-        with refused(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
+        with raises_refusal(InputError, InputCode.RICHER_LAW) if is_refused else nullcontext():
             assert len(worn_cuffs(cuffs, ())) == 3
 
 
@@ -267,12 +267,12 @@ def test_fewer_rest_lengths_span_the_same(tmp_path: Path) -> None:
 def test_a_malformed_emg_file_is_refused(tmp_path: Path, text: str, code: InputCode, line: int | None) -> None:
     path = tmp_path / "emg.csv"
     path.write_text(text, encoding="utf-8")
-    with refused(EmgError, code) as caught:
+    with raises_refusal(EmgError, code) as caught:
         read_emg(path, ("biceps", "triceps"))
     cause = caught.value.cause
     assert isinstance(cause, Message) and cause.figures.get("line") == line
 
 
 def test_an_emg_file_that_is_not_there_gives_one_sentence(tmp_path: Path) -> None:
-    with refused(EmgError, InputCode.EMG_UNREADABLE):
+    with raises_refusal(EmgError, InputCode.EMG_UNREADABLE):
         read_emg(tmp_path / "none.csv", ())

@@ -20,7 +20,7 @@ from station.messages.study_codes import StudyCode
 from station.study.sessions import StudyError
 from tests.solver.uncertainty.test_people import CASE, HAND, MODEL
 from tests.station.assessment.test_assess import write_cuffs
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.study.synthetic_sessions import MIGRATION, STIFFNESS, write_sessions
 
 DECLARED = DonningSpread(0.5, 0.6, 0.7)
@@ -57,12 +57,12 @@ def test_cuffs_written_by_hand_keep_the_declared_spread_and_sessions_may_bring_d
 
 
 def test_what_is_no_session_and_mixed_origins_are_refused(session: Path, tmp_path: Path) -> None:
-    with refused(StudyError, StudyCode.NOT_A_FOLDER):
+    with raises_refusal(StudyError, StudyCode.NOT_A_FOLDER):
         donning_sources(DECLARED, session / "cuffs.json", [tmp_path / "none"])
     simulated = write_sessions(tmp_path, 1, operators=1, origin="simulated")
-    with refused(StudyError, StudyCode.MIXED_ORIGIN):
+    with raises_refusal(StudyError, StudyCode.MIXED_ORIGIN):
         donning_sources(DECLARED, session / "cuffs.json", simulated)
-    with refused(UnusedOption, InputCode.NO_PEOPLE), people_run(tmp_path, PeopleOptions(donnings=(session,))):
+    with raises_refusal(UnusedOption, InputCode.NO_PEOPLE), people_run(tmp_path, PeopleOptions(donnings=(session,))):
         pass
 
 

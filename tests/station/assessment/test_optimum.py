@@ -13,7 +13,7 @@ from station.assessment.assessment_inputs import AssessmentInputs, InputError, r
 from station.assessment.optimum import optimise_file
 from station.messages.codes import InputCode
 from tests.station.assessment.test_assess import write_cuffs
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 def test_the_optimum_is_written_beside_the_suit_as_it_was(tmp_path: Path) -> None:
@@ -52,10 +52,10 @@ def test_without_draws_there_is_no_robust_suit(tmp_path: Path) -> None:
 def test_a_file_where_the_results_should_go_is_told_before_anything_is_solved(tmp_path: Path) -> None:
     inputs = AssessmentInputs(write_cuffs(tmp_path / "cuffs.json"), chosen=("hand",))
     for solve in (optimise_file, assess_file):
-        with refused(InputError, InputCode.OUTPUT_IS_FILE):
+        with raises_refusal(InputError, InputCode.OUTPUT_IS_FILE):
             solve(inputs, inputs.cuffs)
 
 
 def test_more_than_one_arm_cuff_is_one_sentence(tmp_path: Path) -> None:
-    with refused(InputError, InputCode.ONE_ARM_CUFF):
+    with raises_refusal(InputError, InputCode.ONE_ARM_CUFF):
         optimise_file(AssessmentInputs(write_cuffs(tmp_path / "cuffs.json")), tmp_path)

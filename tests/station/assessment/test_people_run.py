@@ -36,7 +36,7 @@ from station.report.report_file import read_numbers
 from station.report.verification import number_links
 from tests.solver.uncertainty.test_people import CASE
 from tests.station.assessment.test_assess import numbers_in, write_cuffs
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 
 BUDGET = "[sample]\npeople = 29\nframes = 8\npeople_with_cubes = 3\n[donning]\nmigration = 0.3\n"
@@ -226,5 +226,5 @@ def test_other_sources_or_another_motion_are_other_tasks(tmp_path: Path) -> None
 def test_without_a_budget_or_a_number_no_people_are_drawn(tmp_path: Path) -> None:
     with people_run(tmp_path, PeopleOptions()) as run:
         assert run is None
-    with refused(UnusedOption, InputCode.NO_PEOPLE), people_run(tmp_path, PeopleOptions(workers=2)):
+    with raises_refusal(UnusedOption, InputCode.NO_PEOPLE), people_run(tmp_path, PeopleOptions(workers=2)):
         pass

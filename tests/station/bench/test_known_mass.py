@@ -25,7 +25,7 @@ from station.fit import fit_session_folder
 from station.journal import append_line
 from station.messages.codes import CheckCode
 from tests.fitting.experiment import Session, published
-from tests.fitting.refusals import refused
+from tests.fitting.refusals import raises_refusal
 from tests.station.fake_devices import FakeCapture, FakeDaq
 
 CONFIG = parse_config({"load_cell": {"capacity_kg": 50, "gain_relative_sd": 0.001}}, "t")
@@ -82,7 +82,7 @@ def test_a_mass_without_a_zero_reading_includes_the_zero(tmp_path: Path) -> None
 
 
 def test_a_cell_without_samples_is_refused(tmp_path: Path) -> None:
-    with refused(FitErrorCode.CHECK_SHORT, samples=0, expected=6):
+    with raises_refusal(FitErrorCode.CHECK_SHORT, samples=0, expected=6):
         check_known_mass(CONFIG, tmp_path, 2, make_devices=lambda *_: [], listen_s=0.0)
     assert read_checks(tmp_path) == ()
 
@@ -92,7 +92,7 @@ def test_a_wrong_line_is_refused_and_an_incomplete_one_ignored(tmp_path: Path, l
     (tmp_path / CHECKS_FILE).write_text(line)
     assert read_checks(tmp_path) == ()
     (tmp_path / CHECKS_FILE).write_text(line + "\n")
-    with refused(FitErrorCode.CHECKS_INVALID, line=1):
+    with raises_refusal(FitErrorCode.CHECKS_INVALID, line=1):
         read_checks(tmp_path)
 
 

@@ -10,7 +10,7 @@ from drivers.qualisys import Qualisys
 from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.config import parse_config
 from station.messages.setup_codes import SimulationCode
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 def test_the_simulated_bench_has_the_wiring_of_the_configuration() -> None:
@@ -44,14 +44,14 @@ def test_a_bench_answers_until_it_is_closed_and_refuses_with_a_code() -> None:
         pointed = bench.configure(config)
         assert pointed.daq.grpc_target == f"127.0.0.1:{bench.ready['ports']['ni']}"
         assert pointed.mocap.port == bench.ready["ports"]["qtm"]
-        with refused(SimulationError, SimulationCode.REFUSED):
+        with raises_refusal(SimulationError, SimulationCode.REFUSED):
             bench.request({"don": "knee"})
         assert bench.request({"truth": True})["truth"]["cuffs"]["hand"]["stiffness_n_per_m"] == 8520
-    with refused(SimulationError, SimulationCode.NOT_RUNNING):
+    with raises_refusal(SimulationError, SimulationCode.NOT_RUNNING):
         bench.request({"truth": True})
 
 
 def test_unknown_settings_are_refused() -> None:
-    with refused(SimulationError, SimulationCode.REFUSED) as caught, SimulatedBench({"gravity": 3}, 1.0, 1):
+    with raises_refusal(SimulationError, SimulationCode.REFUSED) as caught, SimulatedBench({"gravity": 3}, 1.0, 1):
         pass
     assert "gravity" in caught.value.cause.figures["reason"]

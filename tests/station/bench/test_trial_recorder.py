@@ -27,7 +27,7 @@ from station.config import StationConfig, parse_config
 from station.messages.codes import RefusalCode, TrialCode
 from station.protocol import TrialSpec
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 SPEC = TrialSpec("hand", "static", 1)
 CONFIG = parse_config(
@@ -171,13 +171,13 @@ def test_a_second_trial_at_the_same_time_is_refused(tmp_path: Path) -> None:
 
 def test_a_session_that_cannot_be_a_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with refused(TrialRefused, RefusalCode.FOLDER_NOT_MADE):
+    with raises_refusal(TrialRefused, RefusalCode.FOLDER_NOT_MADE):
         Rig().recorder().record(tmp_path / "file", SPEC)
 
 
 def test_a_full_disk_is_refused_before_arming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6))
-    with refused(TrialRefused, RefusalCode.DISK_FULL):
+    with raises_refusal(TrialRefused, RefusalCode.DISK_FULL):
         Rig().recorder().record(tmp_path, SPEC)
 
 

@@ -16,7 +16,7 @@ from station.files.replay import replay
 from station.fit import SessionError, fit_session_folder, pulls_in
 from station.messages.setup_codes import FolderCode
 from tests.station.command import Ran
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.wearer import BODY, SPECS, WearerSession
 
 POSE, FREE, TIGHT = SPECS
@@ -77,7 +77,7 @@ def test_a_replay_holds_the_same_samples_under_the_same_name(wearer: WearerSessi
 
 def test_no_fit_uses_a_pose_or_motion(wearer: WearerSession) -> None:
     assert pulls_in(wearer.folder) == []
-    with refused(SessionError, FolderCode.NO_RECORDING):
+    with raises_refusal(SessionError, FolderCode.NO_RECORDING):
         fit_session_folder(wearer.folder, None)
     for spec in (POSE, TIGHT):
         with pytest.raises(UnusableTrial) as caught:

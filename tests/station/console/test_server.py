@@ -12,7 +12,7 @@ import pytest
 from station.config import parse_config
 from station.console.server import COOKIE, AccessMiddleware, ServeError, serve
 from station.messages.codes import ServeCode
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 TOKEN = "right-token"  # noqa: S105  (of the tests)
 
@@ -156,10 +156,10 @@ def test_the_lifespan_of_the_server_is_passed_on() -> None:
 
 
 def test_a_port_in_use_is_refused_before_a_device_is_opened() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken, refused(ServeError, ServeCode.CANNOT_LISTEN):
+    with socket.create_server(("127.0.0.1", 0)) as taken, raises_refusal(ServeError, ServeCode.CANNOT_LISTEN):
         serve(parse_config({}, "this test"), port=taken.getsockname()[1])
 
 
 def test_an_unknown_host_is_refused() -> None:
-    with refused(ServeError, ServeCode.CANNOT_LISTEN):
+    with raises_refusal(ServeError, ServeCode.CANNOT_LISTEN):
         serve(parse_config({}, "this test"), host="no.such.host.invalid")

@@ -7,7 +7,7 @@ from station.console.setup_view import _parse_masses, grade_of
 from station.messages.codes import CheckCode, CommandCode
 from station.messages.message import Message
 from station.session.open_session import CommandRefused
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(
@@ -19,7 +19,7 @@ def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
 
 @pytest.mark.parametrize("typed", ["1,53,2", "1.5 kg", "1.5.3"])
 def test_an_ambiguous_number_is_refused(typed: str) -> None:
-    with refused(CommandRefused, CommandCode.MASSES_NOT_NUMBERS):
+    with raises_refusal(CommandRefused, CommandCode.MASSES_NOT_NUMBERS):
         _parse_masses(typed)
 
 

@@ -25,7 +25,7 @@ from tests.station.emg.measured import (
     write_mvc,
     write_setup,
 )
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.report.unmarked import unmarked_numbers
 
 Station = Callable[..., Ran]
@@ -217,7 +217,7 @@ def test_a_malformed_emg_json_is_refused_with_its_key(
     path = tmp_path / "emg.json"
     text = path.read_text().replace('"findings": []', '"findings": ["hum"]', 1)
     path.write_text(text.replace(before, after, 1))
-    with refused(EmgFileError, EmgCode.WRONG_DOCUMENT) as caught:
+    with raises_refusal(EmgFileError, EmgCode.WRONG_DOCUMENT) as caught:
         read_emg_document(path)
     assert key in caught.value.cause.figures["reason"]
     assert station("report", tmp_path).code == 1

@@ -12,7 +12,7 @@ from solver.bundled import bundled_model
 from station.config import ConfigError
 from station.emg.setup import read_emg_setup
 from station.messages.emg_codes import EmgCode
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 def setup_of(folder: Path, text: str):
@@ -57,17 +57,17 @@ def test_several_muscles_are_combined() -> None:
     ],
 )
 def test_a_wrong_set_up_is_refused_with_its_key(tmp_path: Path, text: str, reason: str) -> None:
-    with refused(ConfigError, EmgCode.SETUP_WRONG) as caught:
+    with raises_refusal(ConfigError, EmgCode.SETUP_WRONG) as caught:
         setup_of(tmp_path, text)
     assert reason in caught.value.cause.figures["reason"]
 
 
 def test_an_unknown_name_is_refused_with_similar_names() -> None:
     setup = read_emg_setup(None)
-    with refused(ConfigError, EmgCode.UNKNOWN_CHANNEL) as caught:
+    with raises_refusal(ConfigError, EmgCode.UNKNOWN_CHANNEL) as caught:
         setup.require_channels(["LAD", "serratus"], "emg.csv")
     assert caught.value.cause.figures["name"] == "AD" and "LAD" in caught.value.cause.figures["known"]
-    with refused(ConfigError, EmgCode.UNKNOWN_MUSCLE) as caught:
+    with raises_refusal(ConfigError, EmgCode.UNKNOWN_MUSCLE) as caught:
         setup.require_muscles(["AD"], ["TRIlong", "DeltoideusClavicle_B"], "act.sto")
     figures = caught.value.cause.figures
     assert figures["name"] == "DeltoideusClavicle_A" and "DeltoideusClavicle_B" in figures["known"]

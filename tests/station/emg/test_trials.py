@@ -14,7 +14,7 @@ from station.emg.setup import read_emg_setup
 from station.emg.trials import EmgFileError, emg_of, read_emg_trial
 from station.messages.emg_codes import EmgCode
 from tests.fitting.trial.test_analog_signals import MANIFEST, recorded
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 SETUP = read_emg_setup(None)
 
@@ -55,7 +55,7 @@ def test_a_missing_unit_is_unknown_unless_the_set_up_has_one(tmp_path: Path) -> 
     ],
 )
 def test_a_file_without_sampled_emg_is_refused(tmp_path: Path, name: str, text: str, code: EmgCode) -> None:
-    with refused(EmgFileError, code):
+    with raises_refusal(EmgFileError, code):
         read_emg_trial(written(tmp_path, text, name), SETUP)
 
 
@@ -76,5 +76,5 @@ def test_a_recording_has_volts_at_the_electrodes_from_the_sync_edge_on() -> None
 
 def test_a_recording_without_emg_on_the_markers_clock_is_refused_with_the_reason() -> None:
     wearer = build_wearer_trial(replace(MANIFEST, emg=EmgAmplifier("lsl")), recorded(), "motion.mcap", "0" * 64)
-    with refused(EmgFileError, EmgCode.NO_EMG):
+    with raises_refusal(EmgFileError, EmgCode.NO_EMG):
         emg_of(wearer)

@@ -26,7 +26,7 @@ from station.messages.file_codes import ExportCode
 from station.protocol import TrialSpec
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +227,7 @@ def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     truth = static_and_dynamic()[1]
     manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
     path = Truth(manifest, truth.tracks).record(tmp_path / "test-bounce_run-1.mcap")
-    with refused(ExportRefused, ExportCode.BOUNCE):
+    with raises_refusal(ExportRefused, ExportCode.BOUNCE):
         export_recordings([path], "mot", tmp_path, "01")
     assert set(export(path, "csv", tmp_path / "out")) == {"_force.csv", "_markers.csv", ".csv.json"}
     assert contents_of(path).complete
@@ -248,7 +248,7 @@ def test_a_recording_without_a_common_clock_is_refused_and_leaves_nothing(static
     truth = static_and_dynamic()[0]
     low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
     path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
-    with refused(ExportRefused, ExportCode.RAW_POSSIBLE):
+    with raises_refusal(ExportRefused, ExportCode.RAW_POSSIBLE):
         export_recordings([path], "parquet", tmp_path / "out", "01")
     assert not (tmp_path / "out").exists()
 

@@ -16,7 +16,7 @@ from recordings.exchange.trc import read_trc
 from station.files.export_trial import export_recordings
 from station.files.synchronised import ExportRefused
 from station.messages.file_codes import ExportCode
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.wearer import BODY, GAIN, SPECS, WearerSession
 
 POSE, FREE, TIGHT = SPECS
@@ -101,7 +101,7 @@ def test_foxglove_has_a_curve_for_each_channel(wearer: WearerSession, tmp_path: 
 
 
 def test_a_wearer_s_trial_has_no_load_on_a_cuff_to_export(wearer: WearerSession, tmp_path: Path) -> None:
-    with refused(ExportRefused, ExportCode.NO_CUFF_FORCE):
+    with raises_refusal(ExportRefused, ExportCode.NO_CUFF_FORCE):
         export_recordings([wearer.path(TIGHT)], "mot", tmp_path, "01")
 
 

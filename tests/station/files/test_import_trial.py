@@ -26,7 +26,7 @@ from station.protocol import TrialSpec
 from tests.fitting.bouncing import Bounce, recorded
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 STATIC, DYNAMIC = TrialSpec("hand", "static", 1), TrialSpec("hand", "dynamic", 1)
 
@@ -220,7 +220,7 @@ def test_no_file_is_overwritten_and_a_refused_import_leaves_none(static: tuple[P
     second = run(session, *static).path
     assert (first.name, second.name) == ("cuff-hand_test-static_run-1.mcap", "cuff-hand_test-static_run-2.mcap")
     static[0].write_text("time_s,force_v,sync_v\n" + "".join(f"{i / 1000},1.0,{5 * (i > 500)}\n" for i in range(30000)))
-    with refused(ImportRefused, ImportCode.NOT_USABLE):
+    with raises_refusal(ImportRefused, ImportCode.NOT_USABLE):
         run(session, *static)
     left = {path.name for path in session.iterdir() if not path.name.startswith(".")}
     assert left == {first.name, second.name, "SHA256SUMS"}
@@ -313,7 +313,7 @@ def test_a_force_column_that_is_missing_or_ambiguous_is_refused(
     static: tuple[Path, Path], column: str, code: ImportCode
 ) -> None:
     edit(static[0], "force_v", column)
-    with refused(ImportRefused, code):
+    with raises_refusal(ImportRefused, code):
         read_force(ForceSource(static[0]))
 
 
@@ -332,7 +332,7 @@ def test_a_force_of_another_measurement_is_refused_and_leaves_no_file(
     static: tuple[Path, Path], tmp_path: Path, rows: list[str], code: ImportCode
 ) -> None:
     static[0].write_text("\n".join(["time_s,force_v,sync_v", *rows]))
-    with refused(ImportRefused, code):
+    with raises_refusal(ImportRefused, code):
         run(tmp_path / "s", *static)
     assert not list(tmp_path.glob("s/*"))
 
@@ -346,7 +346,7 @@ def test_files_with_too_little_time_in_common_are_refused_and_a_remainder_is_rep
 
     for first, seconds, common in ((100.0, 30.0, 0.0), (0.0, 12.0, 12.0)):
         static[0].write_text(rows(first, seconds))
-        with refused(ImportRefused, ImportCode.SHORT_OVERLAP) as caught:
+        with raises_refusal(ImportRefused, ImportCode.SHORT_OVERLAP) as caught:
             run(tmp_path / "s", *static)
         figures = caught.value.cause.figures
         assert figures["common_s"] == pytest.approx(common, abs=2e-3)

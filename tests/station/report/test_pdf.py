@@ -16,7 +16,7 @@ from station.messages.setup_codes import ConfigCode, FolderCode
 from station.report import charts
 from station.report.pdf import BrowserError, _launch, write_pdf
 from station.verbs.whole import report
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 STYLE = (Path(charts.__file__).parents[1] / "page.css").read_text(encoding="utf-8")
 POINTS_PER_MM = 72 / 25.4
@@ -36,7 +36,7 @@ def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
 
 def test_without_the_extra_the_command_names_it_before_it_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "playwright", None)
-    with refused(MissingExtra, ConfigCode.MISSING_PACKAGE) as caught:
+    with raises_refusal(MissingExtra, ConfigCode.MISSING_PACKAGE) as caught:
         with_extras(report, "report")(tmp_path, format="pdf")
     assert "[pdf]" in str(caught.value)
     assert caught.value.exit_code == 1
@@ -50,6 +50,6 @@ def test_a_computer_without_a_browser_has_a_code(monkeypatch: pytest.MonkeyPatch
         tried.append(channel)
         raise OSError("not installed")
 
-    with refused(BrowserError, FolderCode.NO_BROWSER):
+    with raises_refusal(BrowserError, FolderCode.NO_BROWSER):
         _launch(SimpleNamespace(chromium=SimpleNamespace(launch=launch)), OSError)  # type: ignore[arg-type]
     assert tried == ["chrome", "msedge", None]

@@ -28,7 +28,7 @@ from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
 from station.session.plan_check import looks_like_a_name
 from tests.station.console.served import write_config
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.session.benched import simulated_bench
 from tests.timeout import scaled_timeout
 
@@ -103,7 +103,7 @@ def test_a_code_is_not_a_name(word: str) -> None:
 def test_a_wrong_set_up_is_refused_without_a_folder(
     controller: SessionController, setup: Setup, code: CommandCode
 ) -> None:
-    with refused(CommandRefused, code):
+    with raises_refusal(CommandRefused, code):
         controller.session.begin(setup)
     assert controller.session.folder is None and not controller.session.config.session.folder.exists()
 
@@ -137,9 +137,9 @@ def test_a_malformed_journal_hides_no_other_session(controller: SessionControlle
 def test_another_plan_under_the_same_number_is_refused(controller: SessionController) -> None:
     controller.session.begin(SETUP)
     controller.session.leave()
-    with refused(CommandRefused, CommandCode.OTHER_PLAN):
+    with raises_refusal(CommandRefused, CommandCode.OTHER_PLAN):
         controller.session.begin(replace(SETUP, repeats=3))
-    with refused(CommandRefused, CommandCode.OTHER_PLAN):
+    with raises_refusal(CommandRefused, CommandCode.OTHER_PLAN):
         controller.session.begin(replace(SETUP, step_masses_kg=(5.0,)))
     controller.session.begin(replace(SETUP, step_masses_kg=(2.0, 2.0, 2.0)))
     controller.session.begin(replace(SETUP, repeats=3, number="2"))
@@ -157,7 +157,7 @@ def test_a_rehearsal_leaves_nothing(controller: SessionController) -> None:
 def test_to_redo_a_trial_needs_a_reason(controller: SessionController) -> None:
     controller.session.begin(SETUP)
     put_recording(controller)
-    with refused(JournalError, JournalCode.NO_REASON):
+    with raises_refusal(JournalError, JournalCode.NO_REASON):
         controller.reviewer.decide("redo", " ")
     assert controller.session.plan is not None and controller.session.plan.undecided is not None
     controller.reviewer.decide("redo", "the wearer coughed")
@@ -182,7 +182,7 @@ def test_a_session_in_a_folder_of_any_name_is_resumed(controller: SessionControl
     controller.session.leave()
     controller.session.resume(tmp_path / "monday")
     assert controller.session.journal.setup == SETUP
-    with refused(CommandRefused, CommandCode.NO_PLAN):
+    with raises_refusal(CommandRefused, CommandCode.NO_PLAN):
         controller.session.resume(tmp_path / "tuesday")
 
 
@@ -195,7 +195,7 @@ def test_a_skipped_trial_stays_skipped_when_the_session_is_resumed(controller: S
     assert plan is not None and plan.spec is not None
     assert plan.spec.test == "dynamic" and len(plan.skipped) == 1 and not plan.done
     controller.session.skip()
-    with refused(CommandRefused, CommandCode.NOTHING_TO_SKIP):
+    with raises_refusal(CommandRefused, CommandCode.NOTHING_TO_SKIP):
         controller.session.skip()
 
 
@@ -205,18 +205,18 @@ def test_commands_that_are_not_possible_now_are_refused(controller: SessionContr
         (controller.runner.stop, CommandCode.NO_TRIAL),
         (controller.runner.mark, CommandCode.NO_TRIAL),
     ):
-        with refused(CommandRefused, code):
+        with raises_refusal(CommandRefused, code):
             run(work())
-    with refused(CommandRefused, CommandCode.NOTHING_TO_DECIDE):
+    with raises_refusal(CommandRefused, CommandCode.NOTHING_TO_DECIDE):
         controller.reviewer.decide("accept", "")
     controller.session.begin(SETUP)
     put_recording(controller)
-    with refused(CommandRefused, CommandCode.UNDECIDED):
+    with raises_refusal(CommandRefused, CommandCode.UNDECIDED):
         run(controller.runner.arm())
     controller.reviewer.decide("accept", "")
     put_recording(controller, test="dynamic")
     controller.reviewer.decide("accept", "")
-    with refused(CommandRefused, CommandCode.COMPLETE):
+    with raises_refusal(CommandRefused, CommandCode.COMPLETE):
         run(controller.runner.arm())
 
 
@@ -289,7 +289,7 @@ def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: Sessi
     async def whole() -> None:
         controller.session.begin(SETUP)
         await controller.runner.arm()
-        with refused(CommandRefused, CommandCode.TRIAL_RUNNING):
+        with raises_refusal(CommandRefused, CommandCode.TRIAL_RUNNING):
             controller.session.leave()
         await until(lambda: controller.runner.live is None)
 
@@ -382,7 +382,7 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
     async def record() -> None:
         first.session.begin(SETUP)
         await first.runner.arm()
-        with refused(CommandRefused, CommandCode.TRIAL_RUNNING):
+        with raises_refusal(CommandRefused, CommandCode.TRIAL_RUNNING):
             await first.runner.arm()
         live = first.runner.live
         assert live is not None

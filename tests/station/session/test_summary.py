@@ -14,7 +14,7 @@ from station.journal import Assignment, write_assigned, write_verdict
 from station.messages.setup_codes import FolderCode
 from station.session.summary import SummaryError, summarise
 from tests.station.foreign import static_and_dynamic
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 def record_hand(folder: Path) -> None:
@@ -76,5 +76,5 @@ def test_a_recording_that_was_assigned_is_fitted_as_the_other_trial(tmp_path: Pa
 
 
 def test_an_empty_session_is_refused(tmp_path: Path) -> None:
-    with refused(SummaryError, FolderCode.NO_RECORDING):
+    with raises_refusal(SummaryError, FolderCode.NO_RECORDING):
         summarise(tmp_path)

@@ -28,7 +28,7 @@ from station.sweep.plan import SweepPlan, read_plan
 from station.sweep.run import SweepResult, run_sweep
 from station.sweep.solving import solve_task
 from tests.solver.uncertainty.test_people import CASE
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.sweep.plans import write_plan
 
 VARY = 'condition = ["rigid", "both"]\nrest_length_m = [0.7, 0.74]\nhand_mass_kg = [0, 0.5, 1, 1.5, 2]'
@@ -131,7 +131,7 @@ def test_drawn_people_are_the_same_on_a_cluster_as_here(client: Client, monkeypa
     for place, reading in here.items():
         np.testing.assert_allclose(there[place].at_reference, reading.at_reference, rtol=1e-12)
     monkeypatch.setattr("station.assessment.people_run.solve_people_task", divide_by_zero)
-    with refused(PeopleError, InputCode.PEOPLE_FAILED):
+    with raises_refusal(PeopleError, InputCode.PEOPLE_FAILED):
         run_people(CASE, scores, PeopleRun(read_budget(), None, partial(solve_people_on, client)))
 
 
@@ -147,7 +147,7 @@ def test_local_workers_listen_to_this_machine_only_and_serve_no_dashboard(client
 
 def test_a_scheduler_that_does_not_answer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("station.dask_cluster.CONNECT_TIMEOUT", 1)
-    with refused(ClusterError, SweepCode.NO_SCHEDULER), connected("tcp://127.0.0.1:9", 1):
+    with raises_refusal(ClusterError, SweepCode.NO_SCHEDULER), connected("tcp://127.0.0.1:9", 1):
         pytest.fail("no scheduler listens there")
 
 

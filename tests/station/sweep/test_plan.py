@@ -10,7 +10,7 @@ import pytest
 from station.messages.sweep_codes import SweepCode
 from station.sweep.plan import PlanError, read_plan
 from tests.station.command import assert_refused
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.sweep.plans import write_plan
 
 
@@ -81,20 +81,20 @@ def test_a_latin_hypercube_has_one_point_in_every_part_of_a_span(tmp_path: Path)
 def test_a_wrong_plan_is_refused_with_the_name_of_its_key(
     tmp_path: Path, vary: str, head: str, code: SweepCode, key: str
 ) -> None:
-    with refused(PlanError, code) as caught:
+    with raises_refusal(PlanError, code) as caught:
         read_plan(write_plan(tmp_path, vary, head))
     assert key in str(caught.value)
 
 
 def test_a_plan_without_cuffs_and_one_that_is_missing_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bare.toml").write_text("[vary]\n", encoding="utf-8")
-    with refused(PlanError, SweepCode.WRONG_TABLE) as caught:
+    with raises_refusal(PlanError, SweepCode.WRONG_TABLE) as caught:
         read_plan(tmp_path / "bare.toml")
     assert "vary.cuffs" in str(caught.value)
     (tmp_path / "empty.toml").write_text("", encoding="utf-8")
-    with refused(PlanError, SweepCode.WRONG_TABLE):
+    with raises_refusal(PlanError, SweepCode.WRONG_TABLE):
         read_plan(tmp_path / "empty.toml")
-    with refused(PlanError, SweepCode.UNREADABLE):
+    with raises_refusal(PlanError, SweepCode.UNREADABLE):
         read_plan(tmp_path / "none.toml")
 
 

@@ -25,7 +25,7 @@ from station.sweep.plan import PlanError, read_plan
 from station.sweep.run import SweepResult, run_sweep
 from station.sweep.solving import Outcome, Task, solve_task
 from tests.station.loads import write_weight
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 from tests.station.sweep.plans import write_plan
 
 
@@ -182,5 +182,5 @@ def test_a_cuff_that_is_missing_or_at_the_waist_is_refused(tmp_path: Path) -> No
         ("waist", PlanError, SweepCode.WORN_CUFFS),
     ):
         plan.write_text(f'[vary]\ncuffs = "cuffs.json"\ncuff = "{cuff}"\n', "utf-8")
-        with refused(error, code):
+        with raises_refusal(error, code):
             run_sweep(read_plan(plan), tmp_path / "out", nowhere)

@@ -7,7 +7,7 @@ import pytest
 from station.messages.codes import CommandCode
 from station.terminal.commands import KEYS, MEANINGS, Action, Command, UnknownCommand, parse_command
 from station.terminal.keyboard import KeyParser, LineParser
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def test_a_line_is_a_word_or_its_letter_and_a_reason(line: str, command: Command
     ("line", "code"), [("jump", CommandCode.UNKNOWN_COMMAND), ("keep it", CommandCode.UNEXPECTED_ARGUMENT)]
 )
 def test_a_line_that_is_not_a_command_is_refused(line: str, code: CommandCode) -> None:
-    with refused(UnknownCommand, code):
+    with raises_refusal(UnknownCommand, code):
         parse_command(line)
 
 

@@ -23,7 +23,7 @@ from station.validation.variants import PUBLISHED_VARIANTS
 from tests.conftest import SHARED
 from tests.recordings import refusals
 from tests.station.command import Ran, assert_refused
-from tests.station.refusal import refused
+from tests.station.refusals import raises_refusal
 
 SUBJECT = SHARED / "subject"
 VARIANTS = ("none", "circle", "ellipse")
@@ -108,7 +108,7 @@ def test_a_published_solution_of_another_time_is_refused() -> None:
     lift = read_lift(SUBJECT, "S8R_back", ("none",))
     published = lift.published["none"]
     later = replace(lift, published={"none": replace(published, time=published.time + 0.01)})
-    with refused(ValidationFileError, ValidationCode.TIMES_DIFFER):
+    with raises_refusal(ValidationFileError, ValidationCode.TIMES_DIFFER):
         solve_variant(later, PUBLISHED_VARIANTS[0])
 
 
@@ -138,10 +138,10 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
     record = tmp_path / "S8R_back_measured_force.txt"
     whole = record.read_text(encoding="latin-1")
     record.write_text(whole.replace("BodyWeight", "Weight"), encoding="latin-1")
-    with refused(ValidationFileError, ValidationCode.NO_BODY_WEIGHT):
+    with raises_refusal(ValidationFileError, ValidationCode.NO_BODY_WEIGHT):
         read_lift(tmp_path, "S8R_back", ())
     record.write_bytes((SUBJECT / "S8R_side_measured_force.txt").read_bytes())
-    with refused(ValidationFileError, ValidationCode.DIFFERENT_FORCES):
+    with raises_refusal(ValidationFileError, ValidationCode.DIFFERENT_FORCES):
         read_lift(tmp_path, "S8R_back", ())
     record.write_text(whole, encoding="latin-1")
     motion = tmp_path / "S8R_back.mot"
@@ -149,7 +149,7 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
     first = next(number for number, line in enumerate(lines) if line.strip() == "endheader") + 2
     later = [f"{float(time) + 7:g}\t{rest}" for time, rest in (line.split(maxsplit=1) for line in lines[first:])]
     motion.write_text("\n".join([*lines[:first], *later]), encoding="utf-8")
-    with refused(ValidationFileError, ValidationCode.NOT_COVERED):
+    with raises_refusal(ValidationFileError, ValidationCode.NOT_COVERED):
         read_lift(tmp_path, "S8R_back", ())
 
 
@@ -173,10 +173,10 @@ def test_a_published_solution_is_read_by_its_titles(tmp_path: Path, seed: int) -
     read = read_published_force(path)
     np.testing.assert_array_equal(read.force, table[["Fx", "Fy", "Fz"]].to_numpy())
     table.drop(columns="Fy").to_csv(path, index=False)
-    with refusals.refused(RecordingCode.FOREIGN_MISSING_COLUMN):
+    with refusals.raises_refusal(RecordingCode.FOREIGN_MISSING_COLUMN):
         read_published_force(path)
     table.assign(time=0.0).to_csv(path, index=False)
-    with refusals.refused(RecordingCode.FOREIGN_TIME_NOT_RISING):
+    with refusals.raises_refusal(RecordingCode.FOREIGN_TIME_NOT_RISING):
         read_published_force(path)
 
 

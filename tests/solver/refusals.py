@@ -11,7 +11,7 @@ from solver.errors import SolverCode, SolverError
 
 
 @contextmanager
-def refused(code: SolverCode, naming: str = "") -> Iterator[pytest.ExceptionInfo[SolverError]]:
+def raises_refusal(code: SolverCode, naming: str = "") -> Iterator[pytest.ExceptionInfo[SolverError]]:
     """The block raises a SolverError of this code, in one sentence that has the name or the figure."""
     with pytest.raises(SolverError) as caught:
         yield caught

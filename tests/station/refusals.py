@@ -12,7 +12,7 @@ from station.errors import StationError
 
 
 @contextmanager
-def refused(kind: type[StationError], code: StrEnum) -> Iterator[pytest.ExceptionInfo[StationError]]:
+def raises_refusal(kind: type[StationError], code: StrEnum) -> Iterator[pytest.ExceptionInfo[StationError]]:
     """The block must raise this kind of error with this code."""
     with pytest.raises(kind) as caught:
         yield caught
