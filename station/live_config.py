@@ -22,9 +22,9 @@ class LiveSection(BaseModel):
     suit: Path | None = None  # suit.toml; without it the bundled suit
     cuffs: Path | None = None  # without it cuffs.json of the session; without both only rigid cuffs
     arm_cuff: str = ""  # that is worn; without it the one of subject.toml, or the first in cuffs.json
-    other_cuff: str = ""  # solved beside it
+    other_cuff: str = ""  # a further scenario
     rest_length_m: Positive | None = None  # without it that of subject.toml, or the suit's reference
-    rest_lengths_m: tuple[Positive, ...] = Field(default=(), max_length=4)  # solved beside it, for the best one
+    rest_lengths_m: tuple[Positive, ...] = Field(default=(), max_length=4)  # further scenarios, for the best length
     writes_file: bool = True  # live/TRIAL.live.mcap in the session's folder
     outlet: str = ""  # a Lab Streaming Layer outlet: "loopback", a network interface such as "eth0", or "any"
     outlet_name: Annotated[str, Field(min_length=1)] = "cuffstation live"

@@ -60,8 +60,8 @@ class FrameMuscles:
     def set_rest_length(self, scenario: str, rest_length: float) -> None:
         """Change the rest length of a scenario [m], from the next frame on. Raises SuitError for one without a suit.
 
-        Activations of that frame may be anything: nobody changes a cord in an instant, so that a limit of their rate
-        would only show a transient.
+        Activations of that frame may be anything: a limit of their rate would show a transient, because no wearer's
+        cord changes in an instant.
         """
         if scenario not in self._worn or not rest_length > 0:
             raise SuitError(

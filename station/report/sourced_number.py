@@ -107,10 +107,13 @@ def reduced(found: Any, derivation: Derivation) -> Any:
 
 
 def _text(number: SourcedNumber) -> str:
-    value, form = number.value, number.rendering.form
+    value = number.value
+    return value if isinstance(value, str) else _number_text(value, number).replace("-", "−")
+
+
+def _number_text(value: float | tuple[float, ...], number: SourcedNumber) -> str:
+    form = number.rendering.form
     scale, digits = number.rendering.scale, number.rendering.digits
-    if isinstance(value, str):
-        return value
     if isinstance(value, tuple):
         is_range = form is Form.RANGE
         return between(value, scale) if is_range else ", ".join(_single(one, form, scale, digits) for one in value)
@@ -118,7 +121,7 @@ def _text(number: SourcedNumber) -> str:
         is_limited = form is Form.LIMITED_INTERVAL
         return bracketed(value, number.ci95, scale, digits, number.censored, is_limited=is_limited)
     if form is Form.PLUS_MINUS:
-        return plus_minus(value, number.ci95, scale, digits).replace("-", "−")
+        return plus_minus(value, number.ci95, scale, digits)
     return _saving(value, number.ci95, number.censored) if form is Form.SAVING else _single(value, form, scale, digits)
 
 
