@@ -18,6 +18,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from documents.regular_file import open_regular
 from recordings.chunks import Damage, Entry, read_entries
 from recordings.durability import sync_folder
 from recordings.errors import RecordingCode, RecordingError
@@ -188,7 +189,7 @@ class LiveResultWriter:
 def is_live_result(path: Path) -> bool:
     """Whether the file says in its header that it holds live results."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             start = file.read(256)
     except OSError:
         return False
