@@ -24,11 +24,11 @@ from scipy import signal
 import cuffstation as cs
 from solver.motion import write_table
 from solver.redundancy.glenoid import glenoid_cone
+from station.charts import svg
+from station.charts.marks import Chart
 from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import write_emg
 from station.report.canvas import FORCE, LINE, MOTION, SHADES, STYLE
-from station.report.charts import svg
-from station.report.charts.marks import Chart
 from station.report.emg_figures import shapes_figure
 from station.report.fit_figures import repeat_figure
 
@@ -120,7 +120,7 @@ def _screenshot(chart: Chart, path: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     page_style = "body { --ink: #1b1b1b; --quiet: #666; --paper: #fff; background: #fff; font-family: sans-serif; }"
-    style = Path(svg.__file__).parents[1] / "chart.css"
+    style = Path(svg.__file__).with_name("chart.css")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1080, "height": 50})

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from station.report.charts.marks import THIRD, Array, Chart, Colour, Line, Panel, values
+from station.charts.marks import THIRD, Array, Chart, Colour, Line, Panel, values
 
 Plain = Mapping[str, Any]
 

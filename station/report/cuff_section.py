@@ -12,7 +12,7 @@ from fitting.cuffs.cuff_fit import CuffFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import QUANTITIES, WearableCuff, bushing_force
 from fitting.diagnosis.fitted_pull import FittedPull
-from station.report.charts.marks import THIRD, Chart, Intervals, Mark, Panel, Points, chart, values
+from station.charts.marks import THIRD, Chart, Intervals, Mark, Panel, Points, chart, values
 from station.report.figures import MM, dynamic_figure, static_figure, trial_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.report.located import LocatedObject, Source, located

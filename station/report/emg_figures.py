@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fitting.emg.shape import ShapeOutcome
+from station.charts.marks import QUARTER, Chart, Intervals, Line, Mark, Panel, Points, Rule, chart, values
 from station.emg.emg_json import EmgChangeEntry, EmgChannel, EmgTrialEntry
-from station.report.charts.marks import QUARTER, Chart, Intervals, Line, Mark, Panel, Points, Rule, chart, values
 
 
 def shapes_figure(trial: EmgTrialEntry) -> Chart:

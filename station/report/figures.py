@@ -10,7 +10,7 @@ import numpy as np
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.uncertainty import Estimate
-from station.report.charts.marks import (
+from station.charts.marks import (
     COLOURS,
     Array,
     Band,

@@ -13,8 +13,7 @@ from fitting.diagnosis.fitted_pull import FittedPull
 from fitting.dynamic.damping import DampingFit
 from fitting.static.stiffness import StaticFit
 from fitting.uncertainty import NORMAL_95, Estimate
-from station.interval import plus_minus
-from station.report.charts.marks import (
+from station.charts.marks import (
     COLOURS,
     THIRD,
     Array,
@@ -32,6 +31,7 @@ from station.report.charts.marks import (
     chart,
     values,
 )
+from station.interval import plus_minus
 from station.report.figures import FORCE, MM, MOTION, stiffness_line
 
 SHOWN = 8.0

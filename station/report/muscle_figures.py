@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from station.report.charts.marks import (
+from station.charts.marks import (
     COLOURS,
     HALF,
     QUARTER,

@@ -61,6 +61,7 @@ from station.study.normative_file import NORMATIVE_FILE
 from station.whole_file import write_whole
 
 T = TypeVar("T")
+_HERE = Path(__file__).parent
 
 OVERVIEW, EFFORT, MUSCLES, EMG = "overview", "effort", "muscles", "emg"
 """Sections with figures; every cuff has one, too."""
@@ -270,7 +271,7 @@ def _beside(path: Path, kind: TypeAdapter[T]) -> T | None:
 def _environment(register: NumberRegister) -> Environment:
     """Templates in which everything that is printed passes the register of numbers."""
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
+        loader=FileSystemLoader([_HERE, _HERE.parent / "charts"]),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=register.mark,

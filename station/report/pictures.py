@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from station.charts.marks import Chart
+from station.charts.svg import draw
 from station.progress import Progress
-from station.report.charts.marks import Chart
-from station.report.charts.svg import draw
 
 Section = TypeVar("Section")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from station.report.charts.marks import Chart, Intervals, Mark, Panel, Points, Rule, Strip, chart, values
+from station.charts.marks import Chart, Intervals, Mark, Panel, Points, Rule, Strip, chart, values
 from station.study.study_document import AgreementEntry, QuantityEntry, StudyFigure
 from station.study.units import SHOWN
 

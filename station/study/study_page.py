@@ -7,9 +7,9 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from fitting.cuffs.wearable_cuff import QUANTITIES
+from station.charts.svg import draw
 from station.checksums import write_checksums
 from station.messages.message import Message
-from station.report.charts.svg import draw
 from station.study.study_document import AgreementEntry, ComparisonEntry, QuantityEntry, StudyDocument
 from station.study.study_figures import agreement_chart, forest_chart
 from station.study.study_table import COMPONENTS, shown_component
@@ -48,7 +48,7 @@ def write_study_page(folder: Path, document: StudyDocument) -> Path:
 
 
 def _environment() -> Environment:
-    loader = FileSystemLoader([_HERE, _HERE.parent / "report"])
+    loader = FileSystemLoader([_HERE, _HERE.parent / "charts"])
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
 

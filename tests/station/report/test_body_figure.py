@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from station.report import charts
+from station import charts
+from station.charts.marks import Array, Line
+from station.charts.svg import draw
 from station.report.body_figure import ELEVATION, LESS, MORE, activation_changes, body_figure, change_colour
-from station.report.charts.marks import Array, Line
-from station.report.charts.svg import draw
 
 ACTIVATIONS = pd.DataFrame(
     {
@@ -90,7 +90,7 @@ def test_proportions_are_true_and_there_are_no_axes() -> None:
 
 @pytest.mark.parametrize("scheme", [0, 1])
 def test_less_and_more_are_told_apart_with_deuteranopia(scheme: int) -> None:
-    style = (Path(charts.__file__).parents[1] / "chart.css").read_text(encoding="utf-8")
+    style = Path(charts.__file__).with_name("chart.css").read_text(encoding="utf-8")
     colours = {
         name: _lab(found[scheme]) for name in (*LESS, *MORE) if (found := re.findall(rf"--{name}: (#\w+)", style))
     }

@@ -9,8 +9,8 @@ import pytest
 from solver.suit.decision import DecisionRule
 from station.assessment.decision_json import undecided_by_fit
 from station.assessment.total_json import with_total_intervals
+from station.charts.marks import Band
 from station.messages.codes import AssessmentCode
-from station.report.charts.marks import Band
 from station.report.first_page import BUNDLED_SUIT, findings_of, summary_of
 from station.report.located import Source, located
 from station.report.muscle_figures import cuffs_figure

@@ -18,7 +18,7 @@ from fitting.session import fit_session
 from fitting.spatial.tensor import Tensor
 from fitting.spatial.tensors import Tensors
 from fitting.trial.trial import build_trial
-from station.report.charts.marks import Chart, Line, Panel, Points, Rule, Strip
+from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
 from station.report.figures import static_figure
 from station.report.fit_figures import complex_stiffness_figure, repeat_figure, repeats_figure, residual_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes

@@ -13,12 +13,12 @@ import pytest
 from station.checksums import read_checksums, sha256_of
 from station.extras import MissingExtra, with_extras
 from station.messages.setup_codes import ConfigCode, FolderCode
-from station.report import charts
+from station.report import page
 from station.report.pdf import BrowserError, _launch, write_pdf
 from station.verbs.whole import report
 from tests.station.refusals import raises_refusal
 
-STYLE = (Path(charts.__file__).parents[1] / "page.css").read_text(encoding="utf-8")
+STYLE = Path(page.__file__).with_name("page.css").read_text(encoding="utf-8")
 POINTS_PER_MM = 72 / 25.4
 
 

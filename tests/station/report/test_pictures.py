@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+from station.charts.marks import Panel, chart
 from station.progress import silent
-from station.report.charts.marks import Panel, chart
 from station.report.pictures import PlannedFigure, draw_all
 
 

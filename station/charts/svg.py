@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from station.report.charts.marks import (
+from station.charts.marks import (
     Band,
     Chart,
     Cloud,
@@ -21,8 +21,8 @@ from station.report.charts.marks import (
     Rule,
     Strip,
 )
-from station.report.charts.path import curve, dots, outline
-from station.report.charts.scale import Scale, limits, tick_texts, ticks
+from station.charts.path import curve, dots, outline
+from station.charts.scale import Scale, limits, tick_texts, ticks
 
 TEXT = 11.0
 """Pixels of a line of text."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from station.report.charts.marks import (
+from station.charts.marks import (
     Array,
     Band,
     Cloud,

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from station.report.charts.marks import Array
+from station.charts.marks import Array
 
 PIECES = 220
 """Of a curve; the first, least, greatest and last value of every piece are kept, so that no peak is lost."""

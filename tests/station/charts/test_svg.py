@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from station.report.charts.marks import (
+from station.charts.marks import (
     Band,
     Chart,
     Cloud,
@@ -22,8 +22,8 @@ from station.report.charts.marks import (
     chart,
     values,
 )
-from station.report.charts.path import PIECES, curve, dots
-from station.report.charts.svg import draw
+from station.charts.path import PIECES, curve, dots
+from station.charts.svg import draw
 
 MARKS: tuple[Mark, ...] = (
     Line(values([0, 1, 2]), values([0, 1, 4]), "c1", "hand <both> & more"),

@@ -8,8 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib.ticker import MaxNLocator
 
-from station.report.charts.marks import Intervals, Line, Panel, Points, Rule, values
-from station.report.charts.scale import limits, tick_texts, ticks
+from station.charts.marks import Intervals, Line, Panel, Points, Rule, values
+from station.charts.scale import limits, tick_texts, ticks
 
 STEPS = [1, 2, 2.5, 5, 10]
 
