@@ -15,11 +15,12 @@ from pathlib import Path
 
 import pytest
 
+from station.messages.live_codes import LiveCode
 from tests.station.study.synthetic_sessions import write_sessions
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
-DONE, LOSSY = 0, 3
+DONE, FAILED, LOSSY = 0, 1, 3
 SPEED = ("--speed", "12")
 QUICKER = {
     "simulate": SPEED,
@@ -63,10 +64,17 @@ class Desk:
         )
 
     def run(self, words: list[str]) -> None:
-        ran = subprocess.run(  # noqa: S603  (the README's own words)
+        ran = self._ended(words)
+        assert ran.returncode in (DONE, LOSSY), f"station {shlex.join(words)}: {ran.stdout}\n{ran.stderr}"
+
+    def run_refused(self, words: list[str], code: str) -> None:
+        ran = self._ended(words)
+        assert ran.returncode == FAILED and code in ran.stderr, f"station {shlex.join(words)}: {ran.stderr}"
+
+    def _ended(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(  # noqa: S603  (the README's own words)
             self._words(words), check=False, cwd=self.folder, capture_output=True, text=True, env=plain_environment()
         )
-        assert ran.returncode in (DONE, LOSSY), f"station {shlex.join(words)}: {ran.stdout}\n{ran.stderr}"
 
     @contextmanager
     def running(self, words: list[str], until: str) -> Iterator[subprocess.Popen[str]]:
@@ -151,6 +159,8 @@ def test_every_example_of_the_readme_runs_in_its_order(tmp_path: Path) -> None:
             elif words[0] == "serve":
                 with desk.running([*words, "--port", str(free_ports(1)[0])], until="http://127.0.0.1:"):
                     pass
+            elif words[0] == "live":
+                desk.run_refused(words, LiveCode.UNREACHABLE)  # no trial runs now
             else:
                 if "--known-mass" in words:
                     hang(simulator, words[-1])
