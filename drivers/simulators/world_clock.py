@@ -221,11 +221,11 @@ class WorldClock:
 
     def _make_step(self, goal: float) -> None:
         late_s = -self._wait_s(goal)
+        self._due = goal, self._wall() - min(late_s, CATCH_UP_S)  # the time that the step takes does not slow the world
         self._now = goal
         for follower in self._followers:
             follower.step(goal)
         wall_s = self._wall()
-        self._due = goal, wall_s - min(late_s, CATCH_UP_S)
         self._history.append((wall_s, goal))
         while wall_s - self._history[0][0] > RATE_WINDOW_S:
             self._history.popleft()

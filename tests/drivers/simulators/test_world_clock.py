@@ -43,6 +43,18 @@ class Wall:
         return self.seconds
 
 
+class PassingWall(Wall):
+    """A wall clock on which time passes with every look at it."""
+
+    def __init__(self, look_s: float) -> None:
+        super().__init__()
+        self.look_s = look_s
+
+    def __call__(self) -> float:
+        self.seconds += self.look_s
+        return self.seconds
+
+
 def comes_true(claim: Callable[[], bool]) -> bool:
     give_up_s = time.monotonic() + scaled_timeout(PATIENCE_S)
     while not claim() and time.monotonic() < give_up_s:
@@ -113,6 +125,24 @@ def test_a_world_that_stood_still_for_long_does_not_hurry_after_the_wall() -> No
     wall.seconds += 3600.0
     assert comes_true(lambda: len(device.steps) > 15)
     assert clock.now() < 1.0, "the hours are not made up for"
+    clock.stop()
+
+
+def test_the_time_that_devices_take_for_a_step_does_not_slow_the_world() -> None:
+    wall = PassingWall(0.00025)
+
+    class Worker(Device):
+        def step(self, now: float) -> None:
+            super().step(now)
+            wall.seconds += 0.004
+
+    clock = WorldClock(None, wall=wall)
+    clock.follow(Worker())
+    with clock.attach(speed=1.0) as station:
+        begun_s = wall()
+        for step in range(1, 11):
+            station.advance_to(0.008 * step)
+        assert wall() - begun_s == pytest.approx(0.08, abs=0.015), "0.12 s if every step began after the one before"
     clock.stop()
 
 
