@@ -377,16 +377,13 @@ def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Pat
     assert_refused(import_by_verb(station, (static[0], other), session), 2, ImportCode.MARKER_FORMAT)
     files = static[0].with_suffix(".tdms"), other.rename(static[1])
     assert_refused(import_by_verb(station, files, session), 2, ImportCode.FORCE_FORMAT)
-    bounce = import_by_verb(station, static, session, "--test", "bounce")
-    assert_refused(bounce, 2, ImportCode.INCOMPLETE_COMMAND)
+    assert_refused(import_by_verb(station, static, session, "--test", "bounce"), 2, ImportCode.INCOMPLETE_COMMAND)
     assert_refused(import_by_verb(station, static, session, "--cuff", "knee"), 2, ConfigCode.UNKNOWN_CUFF)
     assert import_by_verb(station, static, session, "--lag-sd-s", "-1").code == 2
     assert not session.exists()
 
 
-def test_an_imported_bounce_calibrates_the_lag_of_the_trials_beside_it(
-    station, static: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_an_imported_bounce_calibrates_the_lag_of_trials(station, static: tuple[Path, Path], tmp_path: Path) -> None:
     bounce = Truth(*recorded(Bounce(lag=-0.012, duration=20.0), seed=1))
     toml = tmp_path / "bounce.toml"
     toml.write_text('[bounce]\nmass_kg = 2.5\nmarker = "weight"\n')

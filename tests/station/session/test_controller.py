@@ -21,12 +21,8 @@ from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
 from station.protocol import TrialSpec
 from station.session.controller import SessionController
-from station.session.force_limits import ForceLimits
-from station.session.guide import FreeStaticGuide
 from station.session.listing import list_sessions
-from station.session.live_trial import LiveTrial
 from station.session.open_session import CommandRefused
-from station.session.plan_check import looks_like_a_name
 from tests.station.console.served import write_config
 from tests.station.refusals import raises_refusal
 from tests.station.session.benched import simulated_bench
@@ -77,16 +73,6 @@ def put_recording(controller: SessionController, run: int = 1, test: str = "stat
     (controller.session.folder / name).touch()
     write_recorded(controller.session.folder, Recorded(name, "hand", test, 1, "1", True, 0, "the mocap capture ended"))
     return name
-
-
-@pytest.mark.parametrize("word", ["Maria", "smith", "Anna Lee", "de Vries"])
-def test_a_name_is_recognised(word: str) -> None:
-    assert looks_like_a_name(word)
-
-
-@pytest.mark.parametrize("word", ["P01", "S12b", "AB", "x3", ""])
-def test_a_code_is_not_a_name(word: str) -> None:
-    assert not looks_like_a_name(word)
 
 
 @pytest.mark.parametrize(
@@ -297,41 +283,6 @@ def test_devices_that_are_not_ready_are_a_message_and_no_trial(controller: Sessi
     assert "127.0.0.1" in controller.session.message and controller.session.message.count("\n") == 0
     assert controller.session.plan is not None and controller.session.plan.undecided is None
     assert controller.session.folder is not None and not list(controller.session.folder.glob("*.mcap"))
-
-
-def test_a_mark_has_its_time_and_a_note_and_a_tare_its_force() -> None:
-    live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
-    points = [(0.1 * i, 10.0 + 5.0 * (i > 15)) for i in range(30)]
-    live.update(
-        {"state": "recording", "recorded_s": 2.9, "force": points, "displacement": [], "elevation": [], "events": []},
-        ForceLimits(150.0, 5e3),
-    )
-    assert (live.add_mark(), live.add_mark("STOP")) == (1, 2)
-    assert live.marks == {1: 2.9, 2: 2.9} and live.mark_names == {2: "STOP"}
-    live.tare()
-    assert live.tare_n == pytest.approx(15.0)
-
-
-def test_an_alarm_lasts_until_it_is_acknowledged_and_its_cause_is_gone() -> None:
-    live = LiveTrial(TrialSpec("hand", "static", 1), FreeStaticGuide(7.0))
-
-    def raised_by(start_s: float, newtons: float) -> bool:
-        points = [(start_s + 0.1 * i, newtons) for i in range(12)]
-        return live.update(
-            {"state": "armed", "force": points, "displacement": [], "elevation": [], "events": []},
-            ForceLimits(150.0, 5e3),
-        )
-
-    assert not raised_by(0.0, 20.0) and live.alarm is None
-    assert raised_by(2.0, 160.0) and live.unseen_alarm is not None
-    assert not raised_by(4.0, 20.0) and live.unseen_alarm is not None, "the operator has not seen it"
-    assert not raised_by(6.0, 160.0)
-    live.is_alarm_seen = True
-    assert not raised_by(8.0, 160.0) and live.unseen_alarm is None and live.alarm is not None, (
-        "the force is still above the limit"
-    )
-    assert not raised_by(10.0, 20.0) and not raised_by(11.5, 20.0) and live.alarm is None
-    assert raised_by(13.0, 160.0) and live.unseen_alarm is not None, "another one"
 
 
 def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
