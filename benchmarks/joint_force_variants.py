@@ -184,7 +184,7 @@ class Lift:
             forces = muscle_forces(model, paths.lengths, paths.speeds)
             forces = replace(forces, passive=variant.passive * forces.passive)
             return Mechanics(
-                kinematics, state, paths, forces, equations, response_maps(model, equations, paths, forces)
+                kinematics, state, paths, forces, equations, response_maps(model, state, equations, paths, forces)
             )
 
         return model, self._cached(("maps", posture, body, variant.passive), mechanics)

@@ -169,7 +169,9 @@ def stations(model: Model, kinematics: Kinematics) -> None:
         "paths": lambda: evaluate_paths(model, mechanics.state),
         "muscle forces": lambda: muscle_forces(model, mechanics.paths.lengths, mechanics.paths.speeds),
         "equations": lambda: equations_of_motion(model, mechanics.state),
-        "response maps": lambda: response_maps(model, mechanics.equations, mechanics.paths, mechanics.forces),
+        "response maps": lambda: response_maps(
+            model, mechanics.state, mechanics.equations, mechanics.paths, mechanics.forces
+        ),
         "building": lambda: build_redundancy(model, mechanics, options),
         "solving": lambda: solve_redundancy(problem),
     }

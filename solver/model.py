@@ -264,6 +264,27 @@ class CoordinateActuator:
     max_control: float = np.inf
 
 
+class ActuatorOnBodies(Protocol):
+    """An actuator along a path, at a point or between bodies: solver/forces/actuators.py.
+
+    Its load is its control, within limits, times full_loads: that at a control of 1, optimal_force [unit].
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def optimal_force(self) -> float: ...
+    @property
+    def min_control(self) -> float: ...
+    @property
+    def max_control(self) -> float: ...
+    @property
+    def unit(self) -> Literal["N", "N m"]: ...
+
+
+Actuator = CoordinateActuator | ActuatorOnBodies
+
+
 @dataclass(frozen=True)
 class CoordinateForce:
     """Passive force on a coordinate, as of a spring: force(q) + resistance(q) · u [N or N m]."""
@@ -310,7 +331,7 @@ class Model:
     surfaces: tuple[WrapSurface, ...]
     muscles: tuple[Muscle, ...]
     constraints: tuple[Constraint, ...]
-    actuators: tuple[CoordinateActuator, ...]
+    actuators: tuple[Actuator, ...]
     markers: tuple[Marker, ...]
     coordinate_forces: tuple[CoordinateForce, ...] = ()
     forces: tuple[PassiveForce, ...] = ()
@@ -333,6 +354,14 @@ class Model:
     @property
     def muscle_names(self) -> tuple[str, ...]:
         return tuple(muscle.name for muscle in self.muscles)
+
+    @property
+    def actuated_names(self) -> tuple[str, ...]:
+        """What each actuator is named by in weights and figures: its coordinate, or itself if it acts on bodies."""
+        return tuple(
+            self.coordinates[actuator.coordinate].name if isinstance(actuator, CoordinateActuator) else actuator.name
+            for actuator in self.actuators
+        )
 
     @property
     def default_coordinates(self) -> Array:

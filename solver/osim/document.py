@@ -102,6 +102,13 @@ class Element:
         found = self.find(tag)
         return found.text if found is not None else default
 
+    def flag(self, tag: str, default: str = "false") -> bool:
+        """A boolean property."""
+        text = self.word(tag, default).lower()
+        if text not in ("true", "false"):
+            raise self.refusal(f"should have true or false for <{tag}> and has '{text}'")
+        return text == "true"
+
     def is_off(self, *switches: str) -> bool:
         """Whether one of these boolean properties is false; they are true by default."""
         return any(self.word(switch, "true").lower() == "false" for switch in switches)

@@ -54,6 +54,21 @@ class Names:
             )
         return self.frames[path]
 
+    def named_frame(self, element: Element, tag: str) -> OffsetFrame:
+        """The frame in a property that is a name or path rather than a socket: a body's name, or a frame's path."""
+        name = element.child(tag).text
+        for path in (posixpath.normpath(posixpath.join("/", name)), f"/bodyset/{name}"):
+            if path in self.frames:
+                return self.frames[path]
+        raise element.refusal(f"names an unknown body {name}", SolverCode.UNKNOWN_NAME)
+
+    def body(self, element: Element, tag: str) -> int:
+        """The moving body that a property names."""
+        name = element.child(tag).text
+        if f"/bodyset/{name}" not in self.frames:
+            raise element.refusal(f"names an unknown body {name}", SolverCode.UNKNOWN_NAME)
+        return self.frames[f"/bodyset/{name}"].body
+
     def station(self, element: Element, socket: str, location: str) -> tuple[int, Array]:
         """A point fixed in a frame, given in the body that carries the frame."""
         frame = self.frame(element, socket)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from solver.errors import SolverCode
 from solver.functions.fibre import Curves, DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
-from solver.model import CoordinateActuator, Muscle, WrapSurface
+from solver.model import Muscle, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names
 from solver.osim.functions import read_named_function
@@ -23,7 +23,7 @@ MUSCLES = (
 )
 
 
-def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> Muscle:
+def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Muscle:
     rise, fall = _time_constants(element)
     has_flat_fibers = element.tag in ("DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated")
     steepest = np.pi / 2 if has_flat_fibers else element.number("maximum_pennation_angle", repr(float(np.arccos(0.1))))
@@ -41,20 +41,6 @@ def read_muscle(element: Element, names: Names, surfaces: list[WrapSurface]) -> 
         activation_time_constant=rise,
         deactivation_time_constant=fall,
         curves=_CURVES[element.tag](element),
-    )
-
-
-def read_actuator(element: Element, names: Names) -> CoordinateActuator:
-    least = element.number("min_control", "-inf", may_be_infinite=True)
-    greatest = element.number("max_control", "inf", may_be_infinite=True)
-    if not least <= greatest:
-        raise element.refusal(f"has a min_control of {least:g} above its max_control of {greatest:g}; exchange them")
-    return CoordinateActuator(
-        name=element.name,
-        coordinate=names.coordinate(element, element.child("coordinate").text),
-        optimal_force=element.number("optimal_force", "1"),
-        min_control=least,
-        max_control=greatest,
     )
 
 

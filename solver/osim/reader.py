@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from scipy.constants import g
@@ -16,8 +14,8 @@ from solver.model import GROUND, Body, Marker, Model, WrapSurface
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
 from solver.osim.earlier_versions import as_version_4
-from solver.osim.force_elements import FORCE_ELEMENTS, ForceContext, read_force_element
-from solver.osim.forces import COORDINATE_FORCES, read_coordinate_force
+from solver.osim.force_elements import ForceContext
+from solver.osim.force_set import FORCES, ensure_known_force, read_force_set
 from solver.osim.frames import Names, OffsetFrame
 from solver.osim.joints import (
     ensure_known_constraint,
@@ -26,11 +24,8 @@ from solver.osim.joints import (
     read_joint_frames,
     read_lock,
 )
-from solver.osim.muscles import MUSCLES, read_actuator, read_muscle
 from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
-
-T = TypeVar("T")
 
 
 def read_osim(path: str | Path, *, ignore_forces: bool = False) -> Model:
@@ -73,16 +68,13 @@ def _is_earlier(document: Element) -> bool:
     return number < OPENSIM_4
 
 
-_FORCES = (*MUSCLES, "CoordinateActuator", *COORDINATE_FORCES, *FORCE_ELEMENTS)
-
-
 def _model(element: Element) -> Model:
     """Names first, because everything else refers to them. All unsupported parts are refused together."""
     names, body_elements, obstacles = Names(), element.objects("BodySet"), Obstacles(element)
     obstacles.among(_refuse, element.objects("ControllerSet") + element.objects("ComponentSet"))
     obstacles.among(_refuse, element.members("components"))
     forces, constraints = element.objects("ForceSet"), element.objects("ConstraintSet")
-    obstacles.among(_ensure_known_force, forces)
+    obstacles.among(ensure_known_force, forces)
     obstacles.among(ensure_known_constraint, constraints)
     surfaces: list[WrapSurface] = []
     for index, body in enumerate([element.child("Ground"), *body_elements]):
@@ -100,14 +92,8 @@ def _model(element: Element) -> Model:
     )
     obstacles.ensure_none()
 
-    def read(kind: Callable[[Element, Names], T], tags: Sequence[str]) -> list[T]:
-        return obstacles.among(lambda force: kind(force, names), [force for force in forces if force.tag in tags])
-
-    muscles = read(lambda force, names: read_muscle(force, names, surfaces), MUSCLES)
-    actuators = read(read_actuator, ("CoordinateActuator",))
-    coordinate_forces = read(read_coordinate_force, COORDINATE_FORCES)
     context = ForceContext(names, surfaces, element.objects("ContactGeometrySet"))
-    elements = read(lambda force, _: read_force_element(force, context), FORCE_ELEMENTS)
+    read = read_force_set(forces, context, obstacles)
     coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]
     locks = obstacles.among(lambda coordinate: read_lock(coordinate, names), coordinates)
     held = obstacles.among(lambda constraint: read_constraint(constraint, names), constraints)
@@ -120,12 +106,9 @@ def _model(element: Element) -> Model:
         coordinates=tuple(names.coordinates),
         joints=tuple(joints),
         surfaces=tuple(surfaces),
-        muscles=tuple(muscles),
         constraints=(*(lock for lock in locks if lock is not None), *held),
-        actuators=tuple(actuators),
-        coordinate_forces=tuple(one for pair in coordinate_forces for one in pair),
-        forces=tuple(elements),
         markers=tuple(markers),
+        **vars(read),
     )
 
 
@@ -143,7 +126,7 @@ def _switched_off(model: Element) -> list[Element]:
 
 def _unsupported_forces(model: Element) -> list[Element]:
     """Forces that the solver does not have, and all controllers."""
-    forces = [force for force in model.objects("ForceSet") if force.tag not in _FORCES]
+    forces = [force for force in model.objects("ForceSet") if force.tag not in FORCES]
     return [part for part in model.objects("ControllerSet") + forces if not part.is_off("enabled", "appliesForce")]
 
 
@@ -160,11 +143,6 @@ def _marker(element: Element, names: Names) -> Marker:
 
 def _refuse(element: Element) -> None:
     raise element.refusal("is not supported by the solver; remove it from the model", SolverCode.UNSUPPORTED)
-
-
-def _ensure_known_force(element: Element) -> None:
-    if element.tag not in _FORCES:
-        raise element.unsupported("force", ", ".join(_FORCES))
 
 
 @dataclass(frozen=True)

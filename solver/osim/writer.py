@@ -73,6 +73,11 @@ def osim_document(model: Model) -> Xml.Element:
     for muscle in model.muscles:
         _add_muscle(objects_of(written, "ForceSet"), model, muscle)
     for actuator in model.actuators:
+        if not isinstance(actuator, CoordinateActuator):
+            raise ModelError(
+                f"the writer of .osim supports only actuators of coordinates, and {model.name} has {actuator.name}",
+                SolverCode.NOT_WRITABLE,
+            )
         _add_actuator(objects_of(written, "ForceSet"), model.coordinates, actuator)
     for marker in model.markers:
         add_marker(objects_of(written, "MarkerSet"), model.bodies, marker)

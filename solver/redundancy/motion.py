@@ -247,7 +247,7 @@ def evaluate_motion(
     paths = paths or evaluate_paths(model, state, mode=path_mode)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     equations = equations_of_motion(model, state, joint)
-    maps = response_maps(model, equations, paths, forces, load_wrenches(loads, state) if loads else None)
+    maps = response_maps(model, state, equations, paths, forces, load_wrenches(loads, state) if loads else None)
     is_finite = maps.is_finite
     if not is_finite.any():
         raise MotionError(

@@ -34,7 +34,8 @@ class RedundancyOptions:
     muscle_weight           w of each muscle
     reserve_weight          w of the reserve actuators
     unweighted_coordinates  whose actuators have no weight: those that carry the thorax and the forearm
-    weights                 w by the name of a muscle, or of a coordinate for its actuator, in place of the above
+    weights                 w in place of the above, by the name of a muscle, of a coordinate for its actuator, or of an
+                            actuator on bodies
     glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
     joint                   whose reaction is computed
     exponent                p of the activations, 2 or 3 (Crowninshield & Brand 1981, J. Biomech. 14:793); reserves keep
@@ -58,14 +59,14 @@ class RedundancyOptions:
 
 def effort_weights(model: Model, options: RedundancyOptions) -> Array:
     """w (controls,), actuators after muscles. ModelError for a weight without a muscle or actuator, or below zero."""
-    driven = [model.coordinates[actuator.coordinate].name for actuator in model.actuators]
+    driven = model.actuated_names
     reserves = [0.0 if name in options.unweighted_coordinates else options.reserve_weight for name in driven]
     names = [*model.muscle_names, *driven]
     unknown = sorted(set(options.weights) - set(names))
     if unknown:
         raise ModelError(
-            f"the weight of {', '.join(unknown)} should be that of a muscle, or of a coordinate with an actuator, of "
-            f"{model.name}, and is not; use a name of the model",
+            f"the weight of {', '.join(unknown)} should be that of a muscle, of a coordinate with an actuator, or of "
+            f"an actuator on bodies of {model.name}, and is not; use a name of the model",
             SolverCode.UNKNOWN_NAME,
         )
     usual = [options.muscle_weight] * len(model.muscles) + reserves

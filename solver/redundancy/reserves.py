@@ -25,7 +25,11 @@ def with_reserves(model: Model, reserves: Mapping[str, Reserve]) -> Model:
     It replaces the actuator of the coordinate if there is one. Raises ModelError where there is no such coordinate.
     """
     named = {model.coordinate_index(name): reserve for name, reserve in reserves.items()}
-    kept = tuple(actuator for actuator in model.actuators if actuator.coordinate not in named)
+    kept = tuple(
+        actuator
+        for actuator in model.actuators
+        if not (isinstance(actuator, CoordinateActuator) and actuator.coordinate in named)
+    )
     added = tuple(
         CoordinateActuator(model.coordinate_names[coordinate] + "_reserve", coordinate, **vars(reserve))
         for coordinate, reserve in named.items()

@@ -11,8 +11,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import Model
+from solver.model import CoordinateActuator, Model
 from solver.multibody.dynamics import EquationsOfMotion, Response, response_to_loads
+from solver.multibody.force_element import full_loads
+from solver.multibody.postures import Postures
 from solver.muscle import MuscleForces
 from solver.paths import PathState
 
@@ -51,11 +53,16 @@ class ResponseMaps:
 
 
 def response_maps(
-    model: Model, equations: EquationsOfMotion, paths: PathState, forces: MuscleForces, wrenches: Array | None = None
+    model: Model,
+    state: Postures,
+    equations: EquationsOfMotion,
+    paths: PathState,
+    forces: MuscleForces,
+    wrenches: Array | None = None,
 ) -> ResponseMaps:
     """The maps of the redundancy problem; wrenches (frames, bodies, 6) are loads besides the muscles, as of a suit."""
     muscles = response_to_loads(equations, paths.wrench_per_tension, paths.mobility_per_tension)
-    actuators = _actuator_response(model, equations)
+    actuators = _actuator_response(model, state, equations)
     passive = forces.passive[..., None]
     acceleration = equations.acceleration_unloaded + (muscles.acceleration * passive).sum(axis=1)
     reaction = equations.reaction_unloaded + (muscles.reaction * passive).sum(axis=1)
@@ -73,9 +80,22 @@ def response_maps(
     )
 
 
-def _actuator_response(model: Model, equations: EquationsOfMotion) -> Response:
-    """That of each actuator's full control, a force on one coordinate: a row of P, times its size."""
-    driven = [actuator.coordinate for actuator in model.actuators]
-    strength = np.array([actuator.optimal_force for actuator in model.actuators])
-    acceleration = equations.mobility[:, driven] * strength[:, None]
+def _actuator_response(model: Model, state: Postures, equations: EquationsOfMotion) -> Response:
+    """That of each actuator's full control."""
+    on_coordinates = _coordinate_response(model, equations)
+    bodily = [(index, one) for index, one in enumerate(model.actuators) if not isinstance(one, CoordinateActuator)]
+    if not bodily:
+        return on_coordinates
+    on_bodies = response_to_loads(equations, *full_loads([one for _, one in bodily], model, state))
+    for found, index in enumerate(index for index, _ in bodily):
+        on_coordinates.acceleration[:, index] = on_bodies.acceleration[:, found]
+        on_coordinates.reaction[:, index] = on_bodies.reaction[:, found]
+    return on_coordinates
+
+
+def _coordinate_response(model: Model, equations: EquationsOfMotion) -> Response:
+    """A force on one coordinate is a row of P, times its size; 0 for other actuators."""
+    driven = [one.coordinate if isinstance(one, CoordinateActuator) else 0 for one in model.actuators]
+    strength = [one.optimal_force if isinstance(one, CoordinateActuator) else 0.0 for one in model.actuators]
+    acceleration = equations.mobility[:, driven] * np.array(strength)[:, None]
     return Response(acceleration, -acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2))

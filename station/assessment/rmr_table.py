@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.model import Actuator, CoordinateActuator
 from solver.motion import write_table
 from solver.muscle import MuscleOutcome
 from station.assessment.rmr import STATUS, SolvedMotion
@@ -78,7 +79,7 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
     yield from _columns([f"force_n.{name}" for name in muscles], "N", solution.muscle_forces)
     yield from _columns([f"passive_force_n.{name}" for name in muscles], "N", solution.passive_forces)
     for actuator, values in zip(model.actuators, solution.reserves.T, strict=True):
-        unit = reserve_unit(solved, actuator.coordinate)
+        unit = reserve_unit(solved, actuator)
         yield Column(f"reserve_{_suffix(unit)}.{actuator.name}", unit, values)
     yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", solution.reaction[:, :3])
     yield from _columns([f"reaction_force_n.{axis}" for axis in "xyz"], "N", solution.reaction[:, 3:])
@@ -91,9 +92,11 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
     yield Column("muscles_not_converged", "1", unconverged.astype(float))
 
 
-def reserve_unit(solved: SolvedMotion, coordinate: int) -> str:
-    """Unit of the actuator of a coordinate; "1" for a coordinate that is neither angle nor distance."""
-    return {"rotation": "N m", "translation": "N", "coupled": "1"}[solved.model.coordinates[coordinate].motion]
+def reserve_unit(solved: SolvedMotion, actuator: Actuator) -> str:
+    """Unit of an actuator; "1" on a coordinate that is neither angle nor distance."""
+    if not isinstance(actuator, CoordinateActuator):
+        return actuator.unit
+    return {"rotation": "N m", "translation": "N", "coupled": "1"}[solved.model.coordinates[actuator.coordinate].motion]
 
 
 def _columns(names: list[str] | tuple[str, ...], unit: str, values: Array) -> Iterator[Column]:

@@ -85,9 +85,10 @@ def _reserves(page: Page, solved: SolvedMotion) -> None:
     axes = np.atleast_1d(page.subplots(len(groups), 1, sharex=True))
     for axis, ((title, unit), members) in zip(axes, groups.items(), strict=True):
         for shade, index in zip((*SHADES, LINE, MARK, WARM, "#4aa3a2") * 9, members, strict=False):
-            coordinate = solved.model.coordinate_names[solved.model.actuators[index].coordinate]
             values = solved.solution.reserves[:, index]
-            axis.plot(solved.solution.time, values, color=shade, linewidth=1.0, label=coordinate)
+            axis.plot(
+                solved.solution.time, values, color=shade, linewidth=1.0, label=solved.model.actuated_names[index]
+            )
         axis.set_title(title, loc="left")
         axis.set_ylabel(f"[{unit}]")
         if members:
@@ -101,7 +102,7 @@ def _reserve_groups(solved: SolvedMotion) -> dict[tuple[str, str], list[int]]:
     is_free = effort_weights(solved.model, solved.options)[len(solved.model.muscles) :] == 0
     for index in np.argsort(is_free, kind="stable"):
         title = "reserves without weight" if is_free[index] else "reserves with weight"
-        unit = reserve_unit(solved, solved.model.actuators[index].coordinate)
+        unit = reserve_unit(solved, solved.model.actuators[index])
         groups.setdefault((title, unit), []).append(int(index))
     return groups
 

@@ -54,6 +54,5 @@ VARIANTS = (*PUBLISHED_VARIANTS, Variant("defaults", None, is_published=False))
 
 def published_options(model: Model) -> RedundancyOptions:
     """Weights of 1, but 10 on the actuators of scapulothoracic and glenohumeral coordinates; nothing is unweighted."""
-    driven = {model.coordinate_names[actuator.coordinate] for actuator in model.actuators}
-    weights = {name: 10.0 for name in GIRDLE_AND_SHOULDER if name in driven}
+    weights = {name: 10.0 for name in GIRDLE_AND_SHOULDER if name in model.actuated_names}
     return RedundancyOptions(unweighted_coordinates=(), reserve_weight=1.0, weights=weights)

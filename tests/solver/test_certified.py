@@ -67,7 +67,7 @@ def compared(request: pytest.FixtureRequest) -> Comparison:
     equations, paths = equations_of_motion(model, state), evaluate_paths(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     return Comparison(
-        expected, model, state, equations, paths, forces, maps=response_maps(model, equations, paths, forces)
+        expected, model, state, equations, paths, forces, maps=response_maps(model, state, equations, paths, forces)
     )
 
 
@@ -141,7 +141,7 @@ def test_frames_of_every_published_motion(file: Path, every: int) -> None:
     state = postures(model, q, u)
     paths, equations = evaluate_paths(model, state), equations_of_motion(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
-    maps = response_maps(model, equations, paths, forces)
+    maps = response_maps(model, state, equations, paths, forces)
     at_rest = Oracle(model, NO_WEIGHT).evaluate_at_rest(q, u, forces.passive)
     assert greatest_difference(paths.lengths, at_rest["length"]) < 1e-12
     assert greatest_difference(paths.speeds, at_rest["speed"]) < 1e-11

@@ -91,8 +91,8 @@ def test_loads_of_any_layout_meet_the_same_machine_code() -> None:
 def test_a_suit_changes_what_is_felt_at_rest_and_nothing_else() -> None:
     paths = evaluate_paths(MODEL, STATE)
     forces = muscle_forces(MODEL, paths.lengths, paths.speeds)
-    bare = response_maps(MODEL, EQUATIONS, paths, forces)
-    worn = response_maps(MODEL, EQUATIONS, paths, forces, wrenches=LOADS[:, 0])
+    bare = response_maps(MODEL, STATE, EQUATIONS, paths, forces)
+    worn = response_maps(MODEL, STATE, EQUATIONS, paths, forces, wrenches=LOADS[:, 0])
     response = response_to_loads(EQUATIONS, LOADS[:, :1])
     assert np.allclose(worn.acceleration_at_rest - bare.acceleration_at_rest, response.acceleration[:, 0], atol=1e-9)
     assert np.allclose(worn.reaction_at_rest - bare.reaction_at_rest, response.reaction[:, 0], atol=1e-9)

@@ -55,7 +55,7 @@ def test_a_load_accelerates_two_bodies_as_in_opensim(kind: str, rows: int, tmp_p
     loads = load_wrenches(sampled(file, ours, time), state)
     forces = muscle_forces(ours, paths.lengths, paths.speeds)
     still = np.zeros_like(forces.passive)
-    maps = response_maps(ours, equations, paths, type(forces)(**vars(forces) | {"passive": still}), loads)
+    maps = response_maps(ours, state, equations, paths, type(forces)(**vars(forces) | {"passive": still}), loads)
     accelerations, reactions = opensims(osim, ours, file, q, u, time, "second")
     assert relative_difference(maps.acceleration_at_rest, accelerations) < 1e-10
     assert relative_difference(maps.reaction_at_rest, reactions) < 1e-10
@@ -75,7 +75,7 @@ def test_loads_on_the_bundled_model_reach_its_glenoid_as_in_opensim(tmp_path: Pa
     equations, paths = equations_of_motion(ours, state), evaluate_paths(ours, state)
     forces = muscle_forces(ours, paths.lengths, paths.speeds)
     still = type(forces)(**vars(forces) | {"passive": np.zeros_like(forces.passive)})
-    maps = response_maps(ours, equations, paths, still, load_wrenches(sampled(file, ours, time), state))
+    maps = response_maps(ours, state, equations, paths, still, load_wrenches(sampled(file, ours, time), state))
     accelerations, reactions = opensims(osim, ours, file, q, u, time, "GlenoHumeral")
     assert relative_difference(maps.acceleration_at_rest, accelerations) < 1e-10
     assert relative_difference(maps.reaction_at_rest, reactions) < 1e-10
