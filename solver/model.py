@@ -285,14 +285,17 @@ class ActuatorOnBodies(Protocol):
 Actuator = CoordinateActuator | ActuatorOnBodies
 
 
-@dataclass(frozen=True)
-class CoordinateForce:
-    """Passive force on a coordinate, as of a spring: force(q) + resistance(q) · u [N or N m]."""
+class CoordinateForce(Protocol):
+    """Passive force on a coordinate, as of a spring: solver/forces/coordinate_force.py."""
 
-    name: str
-    coordinate: int
-    force: Function
-    resistance: Function
+    @property
+    def name(self) -> str: ...
+    @property
+    def coordinate(self) -> int: ...
+
+    def at(self, q: Array, u: Array) -> Array:
+        """(frames,) [N or N m] for values q (frames,) [rad or m] and speeds u (frames,) of the coordinate."""
+        ...
 
 
 class PassiveForce(Protocol):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import CoordinateForce, Model, ModelError
+from solver.model import Model, ModelError
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.force_element import total_loads
 from solver.multibody.postures import Postures, points_in_ground
@@ -169,7 +169,8 @@ def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsT
         reaction_bias=np.zeros((frames, 6)),
     )
     for passive in model.coordinate_forces:
-        terms.bias_force[:, passive.coordinate] -= _passive_force(passive, state)
+        q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
+        terms.bias_force[:, passive.coordinate] -= passive.at(q, u)
     gravity, carried = np.array(model.gravity), _carried(model, child)
     mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, terms)
     if model.forces:
@@ -178,12 +179,6 @@ def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsT
         terms.bias_force[...] -= forces[:, 0]
         terms.reaction_bias[...] += direct[:, 0]
     return terms
-
-
-def _passive_force(passive: CoordinateForce, state: Postures) -> Array:
-    q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
-    force: Array = passive.force.derivatives(q)[0] + passive.resistance.derivatives(q)[0] * u
-    return force
 
 
 def _inverse(matrix: Array, term: str) -> Array:

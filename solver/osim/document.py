@@ -98,6 +98,13 @@ class Element:
             raise self.refusal(sentence, SolverCode.NOT_POSITIVE)
         return value
 
+    def not_negative(self, tag: str, default: str | None = None) -> float:
+        value = self.number(tag, default)
+        if value < 0.0:
+            sentence = f"should have <{tag}> of 0 or above and has {value:g}; correct it"
+            raise self.refusal(sentence, SolverCode.NOT_POSITIVE)
+        return value
+
     def word(self, tag: str, default: str) -> str:
         found = self.find(tag)
         return found.text if found is not None else default

@@ -79,10 +79,12 @@ _BODY_REFERENCES = {
     "MovingPathPoint": _POINT,
     "Marker": _POINT,
     "PointConstraint": _PAIR,
+    "PointToPointSpring": {"body1": "socket_body1", "body2": "socket_body2"},
+    "PrescribedForce": {"body": "socket_frame"},
     "ContactSphere": {"body_name": "socket_frame"},
     "ContactHalfSpace": {"body_name": "socket_frame"},
 }
-_TWO_FRAMES = ("BushingForce", "WeldConstraint")
+_TWO_FRAMES = ("BushingForce", "FunctionBasedBushingForce", "ExpressionBasedBushingForce", "WeldConstraint")
 _COORDINATE_REFERENCES = {
     "ConditionalPathPoint": {"coordinate": "socket_coordinate", "coordinates": "socket_coordinate"},
     "MovingPathPoint": {f"{axis}_coordinate": f"socket_{axis}_coordinate" for axis in "xyz"},

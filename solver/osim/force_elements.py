@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.forces.bushing import Bushing
+from solver.forces.bushing import DISPLACEMENTS, Bushing, ExpressionBushing, FunctionBushing
 from solver.forces.contact import ContactMaterial, ContactSurface, HuntCrossleyContact
-from solver.forces.path_force import Ligament, PathSpring
+from solver.forces.path_force import BlankevoortLigament, Ligament, PathExpression, PathSpring
+from solver.forces.point_force import ConstantForce, PointToPointExpression, PointToPointSpring
 from solver.forces.smooth_contact import SmoothContact
-from solver.functions.coordinate import simm_spline
+from solver.functions.coordinate import polynomial, simm_spline
 from solver.model import Placement, WrapSurface
 from solver.multibody.force_element import ForceElement
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import Element
+from solver.osim.forces import read_expression
 from solver.osim.frames import Names
 from solver.osim.functions import read_named_function
 from solver.osim.paths import read_path
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,24 +42,72 @@ def read_force_element(element: Element, context: ForceContext) -> ForceElement:
 
 
 def _bushing(element: Element, context: ForceContext) -> Bushing:
+    return Bushing(**_between_frames(element, context), stiffness=_by_motion(element, "stiffness"))
+
+
+def _function_bushing(element: Element, context: ForceContext) -> FunctionBushing:
+    found = [read_named_function(element, f"{name}_function") for name in _BUSHING_FUNCTIONS]
+    functions = tuple(polynomial([0.0]) if function is None else function for function in found)
+    return FunctionBushing(**_between_frames(element, context), functions=functions)
+
+
+def _expression_bushing(element: Element, context: ForceContext) -> ExpressionBushing:
+    tags = [f"{letter}{axis}_expression" for letter in "MF" for axis in "xyz"]
+    expressions = tuple(read_expression(element, tag, *DISPLACEMENTS) for tag in tags)
+    return ExpressionBushing(**_between_frames(element, context), expressions=expressions)
+
+
+class _BetweenFrames(TypedDict):
+    name: str
+    body_1: int
+    body_2: int
+    frame_1: Placement
+    frame_2: Placement
+    damping: Array
+
+
+def _between_frames(element: Element, context: ForceContext) -> _BetweenFrames:
     path = f"/forceset/{element.name}"
     context.names.add_offset_frames(element.members("frames"), path)
     one = context.names.frame(element, "socket_frame1", path)
     two = context.names.frame(element, "socket_frame2", path)
-    stiffness, damping = (
-        np.concatenate([element.numbers(f"{motion}_{kind}", 3, "0 0 0") for motion in ("rotational", "translational")])
-        for kind in ("stiffness", "damping")
+    return _BetweenFrames(
+        name=element.name,
+        body_1=one.body,
+        body_2=two.body,
+        frame_1=one.placement,
+        frame_2=two.placement,
+        damping=_by_motion(element, "damping"),
     )
-    return Bushing(element.name, one.body, two.body, one.placement, two.placement, stiffness, damping)
+
+
+def _by_motion(element: Element, kind: str) -> Array:
+    """(6,) rotational, then translational."""
+    return np.concatenate(
+        [element.numbers(f"{motion}_{kind}", 3, "0 0 0") for motion in ("rotational", "translational")]
+    )
+
+
+_BUSHING_FUNCTIONS = (*(f"m_{axis}_theta_{axis}" for axis in "xyz"), *(f"f_{axis}_delta_{axis}" for axis in "xyz"))
 
 
 def _path_spring(element: Element, context: ForceContext) -> PathSpring:
     return PathSpring(
         name=element.name,
         path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
-        resting_length=element.number("resting_length"),
-        stiffness=element.number("stiffness"),
-        dissipation=element.number("dissipation"),
+        resting_length=element.not_negative("resting_length"),
+        stiffness=element.not_negative("stiffness"),
+        dissipation=element.not_negative("dissipation"),
+    )
+
+
+def _path_expression(element: Element, context: ForceContext) -> PathExpression:
+    return PathExpression(
+        name=element.name,
+        path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
+        resting_length=element.not_negative("resting_length", "0"),
+        expression=read_expression(element, "expression", "s", "ldot"),
+        is_clamped=element.flag("clamp_stretch", "true"),
     )
 
 
@@ -70,6 +124,86 @@ def _ligament(element: Element, context: ForceContext) -> Ligament:
         force=element.number("pcsa_force", "0"),
         curve=curve or simm_spline(_LIGAMENT_STRETCH, _LIGAMENT_FORCE),
     )
+
+
+def _blankevoort_ligament(element: Element, context: ForceContext) -> BlankevoortLigament:
+    return BlankevoortLigament(
+        name=element.name,
+        path=read_path(element.child("GeometryPath"), context.names, context.surfaces),
+        resting_length=element.positive("slack_length", "0"),
+        stiffness=element.not_negative("linear_stiffness", "1"),
+        transition_strain=element.not_negative("transition_strain", "0.06"),
+        damping=element.not_negative("damping_coefficient", "0.003"),
+    )
+
+
+class _BetweenPoints(TypedDict):
+    name: str
+    body_1: int
+    body_2: int
+    point_1: Array
+    point_2: Array
+
+
+def _between_points(element: Element, body_1: int, body_2: int) -> _BetweenPoints:
+    """OpenSim takes the points in the bodies, also if the frames that are named have an offset from them."""
+    if body_1 == body_2:
+        raise element.refusal("acts between two points of the same body, which has no effect; correct its bodies")
+    points = [element.numbers(tag, 3, "0 0 0") for tag in ("point1", "point2")]
+    return _BetweenPoints(name=element.name, body_1=body_1, body_2=body_2, point_1=points[0], point_2=points[1])
+
+
+def _point_spring(element: Element, context: ForceContext) -> PointToPointSpring:
+    path = f"/forceset/{element.name}"
+    one, two = (context.names.frame(element, socket, path).body for socket in ("socket_body1", "socket_body2"))
+    return PointToPointSpring(
+        **_between_points(element, one, two),
+        stiffness=element.number("stiffness", "1"),
+        rest_length=element.number("rest_length", "0"),
+    )
+
+
+def _point_expression(element: Element, context: ForceContext) -> PointToPointExpression:
+    one, two = (context.names.named_frame(element, tag).body for tag in ("body1", "body2"))
+    expression = read_expression(element, "expression", "d", "ddot")
+    return PointToPointExpression(**_between_points(element, one, two), expression=expression)
+
+
+def _prescribed(element: Element, context: ForceContext) -> ConstantForce:
+    frame = context.names.frame(element, "socket_frame", f"/forceset/{element.name}")
+    inner = frame.placement
+    force, point, torque = (_constants(element, f"{kind}Functions") for kind in ("force", "point", "torque"))
+    is_point_in_ground = element.flag("pointIsGlobal") and point is not None
+    is_force_in_ground = element.flag("forceIsGlobal", "true")
+    place = np.zeros(3) if point is None else point
+    parts = [np.zeros(3) if part is None else part for part in (force, torque)]
+    if not is_force_in_ground:
+        parts = [inner.rotation @ part for part in parts]
+    return ConstantForce(
+        name=element.name,
+        body=frame.body,
+        point=place if is_point_in_ground else inner.translation + inner.rotation @ place,
+        force=parts[0],
+        torque=parts[1],
+        is_point_in_ground=is_point_in_ground,
+        is_force_in_ground=is_force_in_ground,
+    )
+
+
+def _constants(element: Element, name: str) -> Array | None:
+    """(3,) values of the functions of that name; None without them. OpenSim applies none unless there are three."""
+    found = next((child for child in element.children if name in (child.name, child.tag)), None)
+    functions = found.members("objects") if found is not None else []
+    if len(functions) != 3:
+        return None
+    for function in functions:
+        if function.tag != "Constant":
+            raise function.refusal(
+                f"makes {element.tag} {element.name} depend on time; the solver reads only constants, so give the "
+                "force as an external load (--external-loads)",
+                SolverCode.UNSUPPORTED,
+            )
+    return np.array([function.number("value", "0") for function in functions])
 
 
 def _hunt_crossley(element: Element, context: ForceContext) -> HuntCrossleyContact:
@@ -131,8 +265,15 @@ def _surface(geometry: Element, material: ContactMaterial, context: ForceContext
 
 _READERS: dict[str, Callable[[Element, ForceContext], ForceElement]] = {
     "BushingForce": _bushing,
+    "FunctionBasedBushingForce": _function_bushing,
+    "ExpressionBasedBushingForce": _expression_bushing,
     "PathSpring": _path_spring,
+    "ExpressionBasedPathForce": _path_expression,
     "Ligament": _ligament,
+    "Blankevoort1991Ligament": _blankevoort_ligament,
+    "PointToPointSpring": _point_spring,
+    "ExpressionBasedPointToPointForce": _point_expression,
+    "PrescribedForce": _prescribed,
     "HuntCrossleyForce": _hunt_crossley,
     "SmoothSphereHalfSpaceForce": _smooth_contact,
 }

@@ -41,7 +41,7 @@ def read_force_set(elements: Sequence[Element], context: ForceContext, obstacles
     return ForceSet(
         muscles=read(MUSCLES, lambda element: [read_muscle(element, names, surfaces)]),
         actuators=read(ACTUATORS, lambda element: read_actuators(element, names, surfaces)),
-        coordinate_forces=read(COORDINATE_FORCES, lambda element: read_coordinate_force(element, names)),
+        coordinate_forces=read(COORDINATE_FORCES, lambda element: [read_coordinate_force(element, names)]),
         forces=read(FORCE_ELEMENTS, lambda element: [read_force_element(element, context)]),
     )
 

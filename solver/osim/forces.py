@@ -2,40 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from solver.functions.coordinate import polynomial, scaled, smooth_step, times_linear
+from solver.forces.coordinate_force import CoordinateExpression, CoordinateLimit, CoordinateSpring
+from solver.functions.expression import Expression, ExpressionError
 from solver.model import CoordinateForce
 from solver.osim.document import Element
 from solver.osim.frames import Names
 
-COORDINATE_FORCES = ("SpringGeneralizedForce", "CoordinateLimitForce")
+
+def read_coordinate_force(element: Element, names: Names) -> CoordinateForce:
+    return _READERS[element.tag](element, names, names.coordinate(element, element.child("coordinate").text))
 
 
-def read_coordinate_force(element: Element, names: Names) -> list[CoordinateForce]:
-    return _spring(element, names) if element.tag == "SpringGeneralizedForce" else _limits(element, names)
+def read_expression(element: Element, tag: str, *variables: str) -> Expression:
+    """The formula in a property, 0 without it. Raises ModelError for one that is not arithmetic in the variables."""
+    try:
+        return Expression(element.word(tag, "0.0") or "0.0", variables)
+    except ExpressionError as error:
+        raise (element.find(tag) or element).refusal(f"of {element.tag} {element.name} {error}") from None
 
 
-def _spring(element: Element, names: Names) -> list[CoordinateForce]:
-    """-stiffness (q - rest) - viscosity u."""
-    stiffness, viscosity = element.number("stiffness", "0"), element.number("viscosity", "0")
-    force = polynomial([stiffness * element.number("rest_length", "0"), -stiffness])
-    coordinate = names.coordinate(element, element.child("coordinate").text)
-    return [CoordinateForce(element.name, coordinate, force, polynomial([-viscosity]))]
+def _spring(element: Element, _: Names, coordinate: int) -> CoordinateForce:
+    stiffness, rest_length, viscosity = (element.number(tag, "0") for tag in ("stiffness", "rest_length", "viscosity"))
+    return CoordinateSpring(element.name, coordinate, stiffness, rest_length, viscosity)
 
 
-def _limits(element: Element, names: Names) -> list[CoordinateForce]:
-    """Beyond each limit a spring and a damper that come in smoothly over the transition; the file has them in degrees.
-
-    OpenSim takes degrees for coordinates that are angles, and the coordinate itself for all others.
-    """
-    coordinate = names.coordinate(element, element.child("coordinate").text)
+def _limits(element: Element, names: Names, coordinate: int) -> CoordinateForce:
+    """OpenSim takes degrees for coordinates that are angles, and the coordinate itself for all others."""
     unit = np.pi / 180 if names.coordinates[coordinate].motion == "rotation" else 1.0
-    transition, damping = element.number("transition", "0.1") * unit, element.number("damping", "0.001") / unit
-    forces = []
-    for side, sense in (("upper", 1.0), ("lower", -1.0)):
-        limit, stiffness = element.number(f"{side}_limit", "0") * unit, element.number(f"{side}_stiffness", "1") / unit
-        onset = smooth_step(limit, limit + sense * transition, 0.0, 1.0)
-        force = times_linear(onset, -stiffness, stiffness * limit)
-        forces.append(CoordinateForce(element.name, coordinate, force, scaled(onset, -damping)))
-    return forces
+    sides = ("lower", "upper")
+    return CoordinateLimit(
+        element.name,
+        coordinate,
+        limits=tuple(element.number(f"{side}_limit", "0") * unit for side in sides),  # type: ignore[arg-type]
+        stiffnesses=tuple(element.number(f"{side}_stiffness", "1") / unit for side in sides),  # type: ignore[arg-type]
+        damping=element.number("damping", "0.001") / unit,
+        transition=element.positive("transition", "0.1") * unit,
+    )
+
+
+def _formula(element: Element, _: Names, coordinate: int) -> CoordinateForce:
+    return CoordinateExpression(element.name, coordinate, read_expression(element, "expression", "q", "qdot"))
+
+
+_READERS: dict[str, Callable[[Element, Names, int], CoordinateForce]] = {
+    "SpringGeneralizedForce": _spring,
+    "CoordinateLimitForce": _limits,
+    "ExpressionBasedCoordinateForce": _formula,
+}
+COORDINATE_FORCES = tuple(_READERS)

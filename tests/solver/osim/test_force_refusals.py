@@ -11,7 +11,7 @@ from solver.osim.reader import read_osim
 from tests.solver.osim.test_reader import DOOR
 from tests.solver.refusals import raises_refusal
 
-LEAF = "<socket_body>/bodyset/leaf</socket_body>"
+BOTH = "<socket_body1>/bodyset/leaf</socket_body1><socket_body2>/bodyset/leaf</socket_body2>"
 ENDS = "<bodyA>leaf</bodyA><bodyB>ground</bodyB>"
 UNREADABLE = [
     ("<PointActuator name='f'/>", SolverCode.MALFORMED, "PointActuator f has no <body>"),
@@ -47,13 +47,62 @@ UNREADABLE = [
         SolverCode.UNKNOWN_NAME,
         "/bodyset/wall",
     ),
+    ("<PathSpring name='f'/>", SolverCode.MALFORMED, "PathSpring f has no <GeometryPath>"),
+    (
+        "<PathSpring name='f'><GeometryPath/><resting_length>-1</resting_length></PathSpring>",
+        SolverCode.NOT_POSITIVE,
+        "<resting_length> of 0 or above",
+    ),
+    (
+        "<Blankevoort1991Ligament name='f'><GeometryPath/></Blankevoort1991Ligament>",
+        SolverCode.NOT_POSITIVE,
+        "slack_length",
+    ),
+    (
+        f"<PointToPointSpring name='f'>{BOTH}</PointToPointSpring>",
+        SolverCode.MALFORMED,
+        "two points of the same body",
+    ),
+    (
+        "<CoordinateLimitForce name='f'><coordinate>angle</coordinate><transition>0</transition>"
+        "</CoordinateLimitForce>",
+        SolverCode.NOT_POSITIVE,
+        "transition",
+    ),
+    (
+        "<PrescribedForce name='f'><socket_frame>/bodyset/leaf</socket_frame><FunctionSet name='forceFunctions'>"
+        "<objects><Constant/><Sine/><Constant/></objects></FunctionSet></PrescribedForce>",
+        SolverCode.UNSUPPORTED,
+        "Sine makes PrescribedForce f depend on time",
+    ),
+    *(
+        (
+            f"<ExpressionBasedCoordinateForce name='f'><coordinate>angle</coordinate><expression>{formula}</expression>"
+            "</ExpressionBasedCoordinateForce>",
+            SolverCode.MALFORMED,
+            f"expression of ExpressionBasedCoordinateForce f {complaint}",
+        )
+        for formula, complaint in (
+            ("2*width", "has the unknown variable width, expected q, qdot"),
+            ("2*", "has '2*', which is not arithmetic"),
+            ("q**2", "has 'q**2', which is not arithmetic"),
+            ("__import__('os').system('ls')", "has '__import__('os').system('ls')', which is not arithmetic"),
+            ("floor(q)", "has the unknown function floor of 1 arguments"),
+            ("sin(q,q)", "has the unknown function sin of 2 arguments"),
+            ("q if q else 1", "has"),
+            ("a*q; a", "has the definition 'a', expected name=formula"),
+            ("(" * 300 + "q" + ")" * 300, "has"),
+            ("-" * 300 + "q", "is nested more than"),
+            ("q" * 6000, "is longer than"),
+            ("'a'", "has"),
+            ("True*q", "has 'True', which is not arithmetic"),
+        )
+    ),
     ("<PathActuator name='f'/>", SolverCode.MALFORMED, "PathActuator f has no <GeometryPath>"),
 ]
 
 
-@pytest.mark.parametrize(
-    ("written", "code", "naming"), UNREADABLE, ids=[f"{row[0][:40]} {row[2]}" for row in UNREADABLE]
-)
+@pytest.mark.parametrize(("written", "code", "naming"), UNREADABLE, ids=[row[2][:60] for row in UNREADABLE])
 def test_a_force_that_cannot_be_read_is_refused_with_its_line(
     written: str, code: SolverCode, naming: str, tmp_path: Path
 ) -> None:

@@ -217,7 +217,7 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         (
             "</objects></ForceSet>",
             '<ExpressionBasedBushingForce name="cuff"/></objects></ForceSet>',
-            SolverCode.UNSUPPORTED,
+            SolverCode.MALFORMED,
             "ExpressionBasedBushingForce cuff",
         ),
         (">midpoint<", ">spiral<", SolverCode.UNSUPPORTED, "PathWrap wrap has the method spiral"),

@@ -12,9 +12,10 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
+from solver.forces.coordinate_force import CoordinateSpring
 from solver.functions.coordinate import Sine, polynomial
 from solver.functions.fibre import ThelenCurves
-from solver.model import BallMotion, CoordinateCoupler, CoordinateForce, CoordinateLock, Model
+from solver.model import BallMotion, CoordinateCoupler, CoordinateLock, Model
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from tests.solver.refusals import raises_refusal
@@ -95,7 +96,7 @@ def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path
             "has TrapeziusScapula_M",
         ),
         (
-            replace(MODEL, coordinate_forces=(CoordinateForce("stop", 3, polynomial([0.0]), polynomial([0.0])),)),
+            replace(MODEL, coordinate_forces=(CoordinateSpring("stop", 3, 1.0, 0.0, 0.0),)),
             "has stop",
         ),
     ],
