@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,22 +17,20 @@ from solver.errors import SolverCode
 from solver.functions.coordinate import PiecewisePolynomial, scaled
 from solver.inverse_kinematics.solve import assemble
 from solver.model import (
-    AnyPathPoint,
     AxisMotion,
     Body,
     Constraint,
     Joint,
     Model,
     ModelError,
-    MovingPathPoint,
     Muscle,
-    Placement,
     PointConstraint,
     ScapulothoracicMotion,
     WrapSurface,
 )
 from solver.multibody.postures import postures
 from solver.paths import evaluate_paths
+from solver.scaling_forces import ALONG_PATH, moved, scaled_actuator, scaled_force, scaled_path, with_grown_length
 
 Array = NDArray[np.float64]
 Factors = Array
@@ -50,8 +47,8 @@ class Scaling:
     mass            of the whole model afterwards [kg]; None leaves what follows from the factors. Of a model of thorax
                     and one arm it is no subject's mass
     keeps_masses    masses keep their ratios; otherwise each body's grows with its volume
-    scales_joined_points  points that a constraint joins are scaled with their bodies. OpenSim leaves them, which
-                    moves the shoulder girdle when the model is assembled; False is its way
+    scales_joined_points  points that a constraint joins or at which a force acts, and contact geometry, are scaled with
+                    their bodies. OpenSim leaves them (False), so that the shoulder girdle moves in the assembly
     """
 
     factors: Mapping[str, ArrayLike] = field(default_factory=dict)
@@ -61,25 +58,23 @@ class Scaling:
 
 
 def scale_model(model: Model, scaling: Scaling) -> Model:
-    """The scaled model. Raises ModelError for factors that are not above zero, or of a body it does not have, and for
-    a model with force elements, which have no rule for scaling.
-    """
-    factors = _factors(model, scaling)
-    if model.forces:
-        raise ModelError(
-            f"{model.name} has {', '.join(force.name for force in model.forces)}, which the solver cannot scale; "
-            "remove springs, ligaments and contact from the model",
-            SolverCode.UNSUPPORTED,
-        )
+    """The scaled model. Raises ModelError for factors that are not above zero, or of a body it does not have."""
+    factors, also_points = _factors(model, scaling), scaling.scales_joined_points
     scaled_model = replace(
         scale_skeleton(model, scaling),
         bodies=_masses_to([_body(b, s, scaling) for b, s in zip(model.bodies, factors, strict=True)], scaling.mass),
         surfaces=tuple(_surface(surface, factors[surface.body]) for surface in model.surfaces),
-        muscles=tuple(_with_path(muscle, factors) for muscle in model.muscles),
+        muscles=tuple(replace(muscle, path=scaled_path(muscle.path, factors)) for muscle in model.muscles),
+        forces=tuple(scaled_force(force, factors, scales_points=also_points) for force in model.forces),
+        actuators=tuple(scaled_actuator(one, factors, scales_points=also_points) for one in model.actuators),
     )
-    before, after = _default_lengths(model), _default_lengths(scaled_model)
-    muscles = [_grown(muscle, ratio) for muscle, ratio in zip(scaled_model.muscles, after / before, strict=True)]
-    return replace(scaled_model, muscles=tuple(muscles))
+    ratios = iter(_default_lengths(scaled_model) / _default_lengths(model))
+    muscles = [_grown(muscle, next(ratios)) for muscle in scaled_model.muscles]
+    forces = [
+        with_grown_length(force, float(next(ratios))) if isinstance(force, ALONG_PATH) else force
+        for force in scaled_model.forces
+    ]
+    return replace(scaled_model, muscles=tuple(muscles), forces=tuple(forces))
 
 
 def scale_skeleton(model: Model, scaling: Scaling) -> Model:
@@ -159,8 +154,8 @@ def _joint(joint: Joint, factors: Factors) -> Joint:
         motion = replace(motion, functions=functions)
     return replace(
         joint,
-        frame_in_parent=_moved(joint.frame_in_parent, parent),
-        frame_in_child=_moved(joint.frame_in_child, child),
+        frame_in_parent=moved(joint.frame_in_parent, parent),
+        frame_in_child=moved(joint.frame_in_child, child),
         motion=motion,
     )
 
@@ -171,10 +166,6 @@ def _is_plain(function: object) -> bool:
         return False
     value, slope, bend = function.derivatives(np.array([-1.0, 0.0, 1.0]))
     return bool(np.array_equal(value, [-1.0, 0.0, 1.0]) and np.all(slope == 1.0) and not bend.any())
-
-
-def _moved(placement: Placement, s: Array) -> Placement:
-    return Placement(placement.rotation, placement.translation * s)
 
 
 def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
@@ -188,7 +179,7 @@ def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
         grown = np.full(3, columns[:2].mean())
     else:
         grown = columns
-    return replace(surface, placement=_moved(surface.placement, s), dimensions=surface.dimensions * grown)
+    return replace(surface, placement=moved(surface.placement, s), dimensions=surface.dimensions * grown)
 
 
 def _constraint(constraint: Constraint, factors: Factors, scaling: Scaling) -> Constraint:
@@ -201,26 +192,13 @@ def _constraint(constraint: Constraint, factors: Factors, scaling: Scaling) -> C
     )
 
 
-Fixed = TypeVar("Fixed", bound=AnyPathPoint)
-
-
-def _with_path(muscle: Muscle, factors: Factors) -> Muscle:
-    points = tuple(_point(point, factors[point.body]) for point in muscle.path.points)
-    return replace(muscle, path=replace(muscle.path, points=points))
-
-
-def _point(point: Fixed, s: Array) -> Fixed:
-    if not isinstance(point, MovingPathPoint):
-        return replace(point, location=point.location * s)
-    x, y, z = (scaled(function, float(factor)) for function, factor in zip(point.functions, s, strict=True))
-    return replace(point, placement=_moved(point.placement, s), functions=(x, y, z))
-
-
 @lru_cache(maxsize=2)  # many models are scaled from one; they are frozen
 def _default_lengths(model: Model) -> Array:
-    """(muscles,) [m] in the default posture, assembled."""
+    """Of muscles, then of forces along paths [m], in the default posture, assembled."""
     posture = assemble(model)[None]
-    lengths: Array = evaluate_paths(model, postures(model, posture, np.zeros_like(posture))).lengths[0]
+    paths = [*(muscle.path for muscle in model.muscles)]
+    paths += [force.path for force in model.forces if isinstance(force, ALONG_PATH)]
+    lengths: Array = evaluate_paths(model, postures(model, posture, np.zeros_like(posture)), paths).lengths[0]
     return lengths
 
 

@@ -49,7 +49,7 @@ def scale(
         bool,
         typer.Option(
             "--scale-joined-points/--keep-joined-points",
-            help="Scale the points that a constraint joins, too; OpenSim keeps them.",
+            help="Scale points that constraints join or forces act at, and contact spheres; OpenSim keeps them.",
         ),
     ] = True,
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +11,14 @@ import pytest
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
+from solver.forces.actuators import PointActuator
+from solver.forces.bushing import Bushing
+from solver.forces.contact import ContactMaterial, ContactSurface, HuntCrossleyContact
 from solver.forces.path_force import PathSpring
+from solver.forces.point_force import ConstantForce, PointToPointSpring
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
 from solver.marker_placement import place_markers
-from solver.model import PointConstraint
+from solver.model import Placement, PointConstraint
 from solver.multibody.postures import postures
 from solver.osim.reader import read_osim
 from solver.osim.scale_setup import read_scale_setup
@@ -30,10 +35,48 @@ BODIES = [body.name for body in MODEL.bodies[1:]]
 SIZE = 1.05
 
 
-def test_force_elements_are_not_scaled() -> None:
-    spring = PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0)
-    with raises_refusal(SolverCode.UNSUPPORTED, "band"):
-        scale_model(replace(MODEL, forces=(spring,)), Scaling({"thorax": [1.1] * 3}))
+def forces_between(one: int, two: int) -> tuple[Any, ...]:
+    """One force of each kind, between the two bodies."""
+    frame = Placement(np.eye(3), np.array([0.01, 0.02, -0.03]))
+    points = {"body_1": one, "body_2": two, "point_1": np.array([0.01, 0.0, 0.02]), "point_2": np.array([0, 0.1, 0.0])}
+    material = ContactMaterial(1e6, 0.0, 0.0, 0.0, 0.0)
+    surfaces = (ContactSurface(one, frame, None, material), ContactSurface(two, frame, 0.05, material))
+    return (
+        PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0),
+        Bushing("cushion", one, two, frame, frame, np.zeros(6), np.ones(6)),
+        PointToPointSpring("string", **points, stiffness=50.0, rest_length=0.3),
+        ConstantForce("weight", two, np.array([0.0, 0.1, 0.0]), np.ones(3), np.zeros(3), False, True),
+        HuntCrossleyContact("floor", surfaces, 0.1),
+    )
+
+
+def test_forces_are_scaled_with_their_bodies() -> None:
+    scapula, humerus = MODEL.body_index("scapula"), MODEL.body_index("humerus")
+    pusher = PointActuator(
+        name="pusher", optimal_force=1.0, body=humerus, point=np.ones(3), direction=np.array([1.0, 0.0, 0.0])
+    )
+    model = replace(MODEL, forces=forces_between(scapula, humerus), actuators=(*MODEL.actuators, pusher))
+    factors = {"scapula": [1.1, 0.9, 1.2], "humerus": [1.3, 1.0, 0.8]}
+    band, cushion, string, weight, floor = scale_model(model, Scaling(factors)).forces
+    old = model.forces
+    grown = scale_model(MODEL, Scaling(factors)).muscles[0].tendon_slack_length / MODEL.muscles[0].tendon_slack_length
+    assert band.resting_length == pytest.approx(0.1 * grown, rel=1e-12)
+    assert band.stiffness == 100.0
+    np.testing.assert_allclose(cushion.frame_1.translation, [0.011, 0.018, -0.036])
+    np.testing.assert_allclose(cushion.frame_2.translation, [0.013, 0.02, -0.024])
+    np.testing.assert_allclose(string.point_2, old[2].point_2 * factors["humerus"])
+    np.testing.assert_allclose(weight.point, old[3].point * factors["humerus"])
+    np.testing.assert_allclose(floor.surfaces[1].placement.translation, [0.013, 0.02, -0.024])
+    assert floor.surfaces[1].radius == pytest.approx(0.05 * np.mean(factors["humerus"]))
+    np.testing.assert_allclose(scale_model(model, Scaling(factors)).actuators[-1].point, factors["humerus"])
+
+
+def test_a_force_without_a_rule_is_not_scaled() -> None:
+    class Wind:
+        name = "wind"
+
+    with raises_refusal(SolverCode.UNSUPPORTED, "wind"):
+        scale_model(replace(MODEL, forces=(Wind(),)), Scaling({"thorax": [1.1] * 3}))
 
 
 def test_a_body_that_is_larger_in_all_directions_is_similar() -> None:
