@@ -1,4 +1,6 @@
-"""Constraints of a model besides its joints."""
+"""Constraints of a model besides its joints. Those between two bodies hold a place in each: location (3,) [m] and, of a
+weld, rotation (3, 3), which turns vectors of the held frame into those of the body.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PointConstraint:
-    """A point of one body, location (3,) [m] in it, held on a point of another."""
+    """A point of one body held on a point of another."""
 
     name: str
     body_1: int
@@ -27,14 +29,60 @@ class PointConstraint:
         freeze_arrays(self, location_1=(3,), location_2=(3,))
 
 
+@dataclass(frozen=True, eq=False)
+class WeldConstraint:
+    """A frame of one body held on a frame of another."""
+
+    name: str
+    body_1: int
+    body_2: int
+    location_1: Array
+    location_2: Array
+    rotation_1: Array
+    rotation_2: Array
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, location_1=(3,), location_2=(3,), rotation_1=(3, 3), rotation_2=(3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantDistanceConstraint:
+    """A point of one body held at a distance [m] from a point of another."""
+
+    name: str
+    body_1: int
+    body_2: int
+    location_1: Array
+    location_2: Array
+    distance: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, location_1=(3,), location_2=(3,))
+
+
+@dataclass(frozen=True, eq=False)
+class PointOnLineConstraint:
+    """A point of body 2 held on the line through location_1 of body 1 along direction (3,), a unit vector in it."""
+
+    name: str
+    body_1: int
+    body_2: int
+    location_1: Array
+    location_2: Array
+    direction: Array
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, location_1=(3,), location_2=(3,), direction=(3,))
+
+
 @dataclass(frozen=True)
 class CoordinateCoupler:
-    """Coupled coordinates: q_dependent = function(q_independent)."""
+    """Coupled coordinates: q_dependent = Σ functions[k](q_independents[k])."""
 
     name: str
     dependent: int
-    independent: int
-    function: Function
+    independents: tuple[int, ...]
+    functions: tuple[Function, ...]
 
 
 @dataclass(frozen=True)
@@ -46,4 +94,14 @@ class CoordinateLock:
     value: float
 
 
-Constraint = PointConstraint | CoordinateCoupler | CoordinateLock
+@dataclass(frozen=True)
+class CoordinatePrescription:
+    """A coordinate that follows a function of time [s]."""
+
+    name: str
+    coordinate: int
+    function: Function
+
+
+BodyConstraint = PointConstraint | WeldConstraint | ConstantDistanceConstraint | PointOnLineConstraint
+Constraint = BodyConstraint | CoordinateCoupler | CoordinateLock | CoordinatePrescription

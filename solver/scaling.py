@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint, WeldConstraint
 from solver.errors import SolverCode
 from solver.functions.coordinate import PiecewisePolynomial, scaled
 from solver.inverse_kinematics.solve import assemble
@@ -183,7 +184,13 @@ def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
 
 
 def _constraint(constraint: Constraint, factors: Factors, scaling: Scaling) -> Constraint:
-    if not (isinstance(constraint, PointConstraint) and scaling.scales_joined_points):
+    """Frames of a weld are scaled as OpenSim's are. Distances and lines have no rule for scaling."""
+    if isinstance(constraint, ConstantDistanceConstraint | PointOnLineConstraint):
+        sentence = f"{constraint.name} keeps a distance or a line, which the solver cannot scale; remove the constraint"
+        raise ModelError(sentence, SolverCode.UNSUPPORTED)
+    if not isinstance(constraint, PointConstraint | WeldConstraint):
+        return constraint
+    if isinstance(constraint, PointConstraint) and not scaling.scales_joined_points:
         return constraint
     return replace(
         constraint,

@@ -18,13 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
+from solver.constraint import WeldConstraint
+from solver.errors import SolverCode
 from solver.inverse_kinematics.skeleton import PoseWorkspace, Skeleton, point_in_ground
-from solver.model import CoordinateCoupler, Model, PointConstraint
+from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, ModelError, PointConstraint
 from solver.multibody.functions import derivatives
 from solver.multibody.tables import Functions, Indices, pack_functions
 from solver.vectors import Vector, add, cross, dot, read, scale, subtract, turn_back, write
 
 Array = NDArray[np.float64]
+
+WELDED_APART = 0.1  # m; from the origin of a welded frame to the points on its axes, so that an angle counts as a gap
 
 
 class TrackedMarkers(NamedTuple):
@@ -49,11 +53,14 @@ class Targets(NamedTuple):
 
 
 class ConstraintTable(NamedTuple):
-    """Point constraints, three rows each, then couplers, a row each: q_dependent = function(q_independent)."""
+    """Point constraints, three rows each, then couplers, a row each: q_dependent = Σ function(q_independent) over the
+    terms from first_term of the coupler to that of the next.
+    """
 
     body: Indices
     location: Array
     dependent: Indices
+    first_term: Indices
     independent: Indices
     functions: Functions
 
@@ -82,15 +89,27 @@ class LeastSquares(NamedTuple):
 
 
 def constraints_of(model: Model) -> ConstraintTable:
-    """Locks are no rows: their coordinates are given."""
-    points = [constraint for constraint in model.constraints if isinstance(constraint, PointConstraint)]
+    """Locks are no rows: their coordinates are given. A weld is three points of two frames, whose rows are redundant.
+
+    Raises ModelError for a constraint without a row here.
+    """
+    supported = PointConstraint | WeldConstraint | CoordinateCoupler | CoordinateLock
+    others = [constraint.name for constraint in model.constraints if not isinstance(constraint, supported)]
+    if others:
+        raise ModelError(
+            f"{model.name} has the constraints {', '.join(others)}, which inverse kinematics does not support; remove "
+            "them, or replace them by points, welds, couplers and locked coordinates",
+            SolverCode.UNSUPPORTED,
+        )
+    points = [point for constraint in model.constraints for point in _points_held(constraint)]
     couplers = [coupler for coupler in model.constraints if isinstance(coupler, CoordinateCoupler)]
     return ConstraintTable(
         np.array([[constraint.body_1, constraint.body_2] for constraint in points], dtype=np.int64).reshape(-1, 2),
         np.array([[constraint.location_1, constraint.location_2] for constraint in points]).reshape(-1, 2, 3),
         np.array([coupler.dependent for coupler in couplers], dtype=np.int64),
-        np.array([coupler.independent for coupler in couplers], dtype=np.int64),
-        pack_functions([coupler.function for coupler in couplers]),
+        np.cumsum([0, *(len(coupler.functions) for coupler in couplers)], dtype=np.int64),
+        np.array([k for coupler in couplers for k in coupler.independents], dtype=np.int64),
+        pack_functions([function for coupler in couplers for function in coupler.functions]),
     )
 
 
@@ -109,6 +128,22 @@ def allocate_least_squares(model: Model, markers: int, constraints: ConstraintTa
         np.zeros((bodies, 3)),
         np.zeros((bodies, 3, 3)),
     )
+
+
+def _points_held(constraint: Constraint) -> list[PointConstraint]:
+    if isinstance(constraint, PointConstraint):
+        return [constraint]
+    if not isinstance(constraint, WeldConstraint):
+        return []
+    one, two = constraint.body_1, constraint.body_2
+    first, second = (
+        location + WELDED_APART * rotation.T
+        for location, rotation in (
+            (constraint.location_1, constraint.rotation_1),
+            (constraint.location_2, constraint.rotation_2),
+        )
+    )
+    return [PointConstraint(constraint.name, one, two, *ends) for ends in zip(first, second, strict=True)]
 
 
 @compiled
@@ -136,8 +171,10 @@ def evaluate_gap(constraints: ConstraintTable, q: Array, work: PoseWorkspace, ga
         write(gap[row:], subtract(one, two))
         row += 3
     for c in range(len(constraints.dependent)):
-        wanted, _, _ = derivatives(constraints.functions, c, q[constraints.independent[c]])
-        gap[row] = q[constraints.dependent[c]] - wanted
+        gap[row] = q[constraints.dependent[c]]
+        for term in range(constraints.first_term[c], constraints.first_term[c + 1]):
+            wanted, _, _ = derivatives(constraints.functions, term, q[constraints.independent[term]])
+            gap[row] -= wanted
         row += 1
     for i in range(row):
         total += abs(gap[i])
@@ -198,12 +235,13 @@ def fill_constraint_rows(
                 system.rows[row + a, k] = column[a]
         row += 3
     for c in range(len(constraints.dependent)):
-        independent = constraints.independent[c]
-        _, slope, _ = derivatives(constraints.functions, c, q[independent])
         for k in range(len(q)):
             system.rows[row, k] = 0.0
         system.rows[row, constraints.dependent[c]] = 1.0
-        system.rows[row, independent] -= slope
+        for term in range(constraints.first_term[c], constraints.first_term[c + 1]):
+            independent = constraints.independent[term]
+            _, slope, _ = derivatives(constraints.functions, term, q[independent])
+            system.rows[row, independent] -= slope
         row += 1
 
 
@@ -226,9 +264,10 @@ def add_curvature(
             _push(skeleton, system, body, pushed if side == 0 else scale(-1.0, pushed), point)
         row += 3
     for c in range(len(constraints.dependent)):
-        independent = constraints.independent[c]
-        _, _, curvature = derivatives(constraints.functions, c, q[independent])
-        system.hessian[independent, independent] -= multipliers[row] * curvature
+        for term in range(constraints.first_term[c], constraints.first_term[c + 1]):
+            independent = constraints.independent[term]
+            _, _, curvature = derivatives(constraints.functions, term, q[independent])
+            system.hessian[independent, independent] -= multipliers[row] * curvature
         row += 1
     for k in range(len(q)):
         joint = skeleton.joint_of[k]

@@ -30,12 +30,14 @@ class Postures:
                  are the components of the angular velocity in the joint's parent frame
     poses        (frames, bodies) of tables.POSE, whose columns are the properties below
     screws       (frames, coordinates, 6) (w, v) that a unit of each speed gives every body beyond its joint
+    time         (frames,) [s], for the constraints of prescribed coordinates
     """
 
     coordinates: Array
     speeds: Array
     poses: Records
     screws: Array
+    time: Array
 
     @property
     def rotation_to_ground(self) -> Array:
@@ -67,8 +69,11 @@ class Postures:
         return column
 
 
-def postures(model: Model, coordinates: Array, speeds: Array) -> Postures:
-    """The postures at coordinates q (frames, coordinates) and speeds u (frames, coordinates), not assembled."""
+def postures(model: Model, coordinates: Array, speeds: Array, time: Array | None = None) -> Postures:
+    """The postures at coordinates q (frames, coordinates) and speeds u (frames, coordinates), not assembled.
+
+    time (frames,) [s] is 0 by default.
+    """
     from solver.multibody.bodies import move_bodies  # the compiler behind it takes a third of a second to import
 
     expected = (len(coordinates), len(model.coordinates))
@@ -80,7 +85,7 @@ def postures(model: Model, coordinates: Array, speeds: Array) -> Postures:
     poses, screws = np.zeros((len(q), len(model.bodies)), POSE), np.zeros((*q.shape, 6))
     poses["rotation"][:, GROUND] = np.eye(3)
     move_bodies(tables.joints, tables.functions, q, u, poses, screws)
-    return Postures(q, u, poses, screws)
+    return Postures(q, u, poses, screws, np.zeros(len(q)) if time is None else np.array(time, dtype=float))
 
 
 def jacobians(model: Model, state: Postures) -> Array:

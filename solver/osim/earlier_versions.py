@@ -81,6 +81,8 @@ _BODY_REFERENCES = {
     "PointConstraint": _PAIR,
     "PointToPointSpring": {"body1": "socket_body1", "body2": "socket_body2"},
     "PrescribedForce": {"body": "socket_frame"},
+    "ConstantDistanceConstraint": _PAIR,
+    "PointOnLineConstraint": {"line_body": "socket_line_body", "follower_body": "socket_follower_body"},
     "ContactSphere": {"body_name": "socket_frame"},
     "ContactHalfSpace": {"body_name": "socket_frame"},
 }

@@ -1,4 +1,4 @@
-"""Joints with their coordinates, and constraints, in an OpenSim file."""
+"""Joints with their coordinates in an OpenSim file."""
 
 from __future__ import annotations
 
@@ -8,18 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.functions.coordinate import Function, polynomial, scaled
+from solver.functions.coordinate import Function, polynomial
 from solver.model import (
     NO_COORDINATE,
     AxisMotion,
     BallMotion,
-    Constraint,
     Coordinate,
-    CoordinateCoupler,
-    CoordinateLock,
     Joint,
     Motion,
-    PointConstraint,
     ScapulothoracicMotion,
 )
 from solver.osim.document import Element
@@ -56,42 +52,6 @@ def read_joint(element: Element, parent: OffsetFrame, child: OffsetFrame, names:
     """The joint. Adds its coordinates to the names."""
     motion = _motion(element, names.coordinates)
     return Joint(element.name, parent.body, child.body, parent.placement, child.placement, motion)
-
-
-def read_lock(element: Element, names: Names) -> CoordinateLock | None:
-    """Constraint of a locked <Coordinate>; None if it is not locked."""
-    if element.word("locked", "false") != "true":
-        return None
-    return CoordinateLock(element.name, names.coordinate(element, element.name), element.number("default_value", "0"))
-
-
-def ensure_known_constraint(element: Element) -> None:
-    if element.tag not in ("PointConstraint", "CoordinateCouplerConstraint"):
-        raise element.unsupported("constraint", "PointConstraint, CoordinateCouplerConstraint")
-
-
-def read_constraint(element: Element, names: Names) -> Constraint:
-    ensure_known_constraint(element)
-    if element.tag == "PointConstraint":
-        body_1, location_1 = names.station(element, "socket_body_1", "location_body_1")
-        body_2, location_2 = names.station(element, "socket_body_2", "location_body_2")
-        return PointConstraint(element.name, body_1, body_2, location_1, location_2)
-    leaders = element.child("independent_coordinate_names")
-    if len(leaders.text.split()) != 1:
-        raise leaders.refusal(
-            f"of {element.name} names '{leaders.text}'; the solver supports one independent coordinate",
-            SolverCode.UNSUPPORTED,
-        )
-    holder = element.child("coupled_coordinates_function")
-    function = read_function(holder)
-    if holder.find("Constant") is not None:
-        raise holder.refusal(f"of {element.name} is a constant; lock the coordinate instead", SolverCode.UNSUPPORTED)
-    return CoordinateCoupler(
-        name=element.name,
-        dependent=names.coordinate(element, element.child("dependent_coordinate_name").text),
-        independent=names.coordinate(element, leaders.text),
-        function=scaled(function, element.number("scale_factor", "1")),
-    )
 
 
 def _motion(element: Element, coordinates: list[Coordinate]) -> Motion:
@@ -138,7 +98,14 @@ def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
     # OpenSim puts a joint's coordinates into the order in which its axes use them.
     order = list(dict.fromkeys(driver for driver in drivers if driver))
     own = {coordinate.name: coordinate for coordinate in element.members("coordinates")}
-    if set(order) != set(own):
+    idle = [name for name in own if name not in order]
+    if idle:
+        raise element.refusal(
+            f"has the coordinate {', '.join(idle)}, which moves no axis, so that OpenSim 4.6 finds no accelerations; "
+            "remove it",
+            SolverCode.UNSUPPORTED,
+        )
+    if len(order) > len(own):
         raise element.refusal(f"has the coordinates {', '.join(own)}, but its axes use {', '.join(order)}")
     first = len(coordinates)
     coordinates += [_coordinate(own[name], _kind(name, axes)) for name in order]
@@ -176,7 +143,6 @@ def _kind(name: str, axes: list[Element]) -> Kind:
 
 
 def _coordinate(element: Element, kind: Kind) -> Coordinate:
-    element.require("prescribed", "false")
     low, high = element.numbers("range", 2, "-10 10", may_be_infinite=True)
     is_clamped = element.word("clamped", "false") == "true"
     return Coordinate(element.name, kind, element.number("default_value", "0"), (float(low), float(high)), is_clamped)

@@ -83,7 +83,8 @@ def _point(element: Element, names: Names) -> AnyPathPoint:
     drivers = {element.child(f"socket_{axis}_coordinate").text for axis in "xyz"}
     if len(drivers) != 1:
         raise element.refusal(
-            "depends on several coordinates; the solver supports one for a moving path point", SolverCode.UNSUPPORTED
+            "depends on several coordinates, with which OpenSim 4.6 does not open the model; use one",
+            SolverCode.UNSUPPORTED,
         )
     coordinate = names.coordinate(element, drivers.pop())
     x, y, z = (read_function(element.child(f"{axis}_location")) for axis in "xyz")

@@ -11,19 +11,14 @@ from scipy.constants import g
 
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, Model, WrapSurface
+from solver.osim.constraints import ensure_known_constraint, read_constraint, read_held_coordinate
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
 from solver.osim.earlier_versions import as_version_4
 from solver.osim.force_elements import ForceContext
 from solver.osim.force_set import FORCES, ensure_known_force, read_force_set
 from solver.osim.frames import Names, OffsetFrame
-from solver.osim.joints import (
-    ensure_known_constraint,
-    read_constraint,
-    read_joint,
-    read_joint_frames,
-    read_lock,
-)
+from solver.osim.joints import read_joint, read_joint_frames
 from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
 
@@ -95,7 +90,7 @@ def _model(element: Element) -> Model:
     context = ForceContext(names, surfaces, element.objects("ContactGeometrySet"))
     read = read_force_set(forces, context, obstacles)
     coordinates = [c for joint in element.objects("JointSet") for c in joint.members("coordinates")]
-    locks = obstacles.among(lambda coordinate: read_lock(coordinate, names), coordinates)
+    locks = obstacles.among(lambda coordinate: read_held_coordinate(coordinate, names), coordinates)
     held = obstacles.among(lambda constraint: read_constraint(constraint, names), constraints)
     markers = obstacles.among(lambda marker: _marker(marker, names), element.objects("MarkerSet"))
     obstacles.ensure_none()

@@ -243,7 +243,7 @@ def evaluate_motion(
 
     Raises MotionError if the model cannot be evaluated in any posture. In a single one its maps are not finite.
     """
-    state = postures(model, kinematics.positions, kinematics.speeds)
+    state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
     paths = paths or evaluate_paths(model, state, mode=path_mode)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
     equations = equations_of_motion(model, state, joint)

@@ -10,6 +10,7 @@ import pytest
 
 from recordings.exchange.trc import read_trc
 from solver.bundled import bundled_model
+from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint
 from solver.errors import SolverCode
 from solver.forces.actuators import PointActuator
 from solver.forces.bushing import Bushing
@@ -77,6 +78,14 @@ def test_a_force_without_a_rule_is_not_scaled() -> None:
 
     with raises_refusal(SolverCode.UNSUPPORTED, "wind"):
         scale_model(replace(MODEL, forces=(Wind(),)), Scaling({"thorax": [1.1] * 3}))
+
+
+@pytest.mark.parametrize("kind", ["distance", "line"])
+def test_a_distance_and_a_line_are_not_scaled(kind: str) -> None:
+    ends = "held", 1, 2, np.zeros(3), np.zeros(3)
+    held = ConstantDistanceConstraint(*ends, 0.4) if kind == "distance" else PointOnLineConstraint(*ends, np.eye(3)[0])
+    with raises_refusal(SolverCode.UNSUPPORTED, "held"):
+        scale_model(replace(MODEL, constraints=(held,)), Scaling({"thorax": [1.1] * 3}))
 
 
 def test_a_body_that_is_larger_in_all_directions_is_similar() -> None:

@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from solver.bundled import bundled_model
+from solver.constraint import (
+    ConstantDistanceConstraint,
+    CoordinatePrescription,
+    PointOnLineConstraint,
+    WeldConstraint,
+)
 from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
 from solver.inverse_kinematics.solve import PostureOutcome, TrackingTasks, assemble, solve_inverse_kinematics
@@ -127,7 +133,7 @@ def test_a_coordinate_that_no_marker_moves_keeps_its_value() -> None:
 def test_a_locked_coordinate_stays_and_a_coupled_one_follows() -> None:
     model = with_markers(linkage())
     lock = CoordinateLock("lock", 9, 0.3)
-    coupler = CoordinateCoupler("coupler", 7, 6, polynomial([0.05, 0.5, 0.2]))
+    coupler = CoordinateCoupler("coupler", 7, (6,), (polynomial([0.05, 0.5, 0.2]),))
     bound = replace(model, constraints=(lock, coupler))
     _, observed = noisy(model, 2, 0.05)
     found = solve_inverse_kinematics(bound, observed, tasks_of(model))
@@ -135,6 +141,42 @@ def test_a_locked_coordinate_stays_and_a_coupled_one_follows() -> None:
     assert (found.coordinates[:, 9] == 0.3).all()
     q = found.coordinates[:, 6]
     np.testing.assert_allclose(found.coordinates[:, 7], 0.05 + 0.5 * q + 0.2 * q**2, atol=1e-10)
+
+
+def test_a_coordinate_follows_several() -> None:
+    model = with_markers(linkage())
+    coupler = CoordinateCoupler("coupler", 7, (6, 9), (polynomial([0.05, 0.5, 0.2]), polynomial([0.0, -0.3])))
+    _, observed = noisy(model, 2, 0.05)
+    found = solve_inverse_kinematics(replace(model, constraints=(coupler,)), observed, tasks_of(model))
+    assert found.outcomes == (SOLVED, SOLVED)
+    q, other = found.coordinates[:, 6], found.coordinates[:, 9]
+    np.testing.assert_allclose(found.coordinates[:, 7], 0.05 + 0.5 * q + 0.2 * q**2 - 0.3 * other, atol=1e-10)
+
+
+def test_a_weld_holds_as_locks_of_the_same_coordinates_do() -> None:
+    model = with_markers(linkage())
+    locks = tuple(CoordinateLock(f"lock {k}", k, 0.0) for k in (8, 9, 10))  # of the ball between the last two bodies
+    joint = model.joints[2]
+    ends = joint.frame_in_parent, joint.frame_in_child
+    places, turns = [end.translation for end in ends], [end.rotation for end in ends]
+    weld = WeldConstraint("weld", joint.parent, joint.child, *places, *turns)
+    _, observed = noisy(model, 2, 0.05)
+    bound = [replace(model, constraints=held) for held in ((weld,), locks)]
+    welded, locked = (solve_inverse_kinematics(each, observed, tasks_of(model)) for each in bound)
+    assert welded.outcomes == (SOLVED, SOLVED)
+    np.testing.assert_allclose(welded.coordinates, locked.coordinates, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["distance", "line", "prescription"])
+def test_a_constraint_that_inverse_kinematics_lacks_is_refused_by_name(kind: str) -> None:
+    ends = np.zeros(3), np.ones(3)
+    constraint = {
+        "distance": ConstantDistanceConstraint("rod", 0, 3, *ends, 0.4),
+        "line": PointOnLineConstraint("rail", 0, 3, *ends, np.array([1.0, 0.0, 0.0])),
+        "prescription": CoordinatePrescription("rise", 8, polynomial([0.0, 1.0])),
+    }[kind]
+    with raises_refusal(SolverCode.UNSUPPORTED, naming=constraint.name):
+        assemble(replace(linkage(), constraints=(constraint,)))
 
 
 def test_clamped_coordinates_reach_the_optimum_that_scipy_finds() -> None:
@@ -181,7 +223,7 @@ def test_a_frame_that_runs_out_of_rounds_says_so(make: Callable[[], Model]) -> N
 
 def test_constraints_that_contradict_each_other_are_told() -> None:
     model = with_markers(linkage())
-    coupler = CoordinateCoupler("coupler", 7, 6, polynomial([0.0, 1.0]))
+    coupler = CoordinateCoupler("coupler", 7, (6,), (polynomial([0.0, 1.0]),))
     locks = (CoordinateLock("one", 6, 0.1), CoordinateLock("two", 7, 0.4))
     bound = replace(model, constraints=(coupler, *locks))
     found = solve_inverse_kinematics(bound, noisy(model, 1, 0.0)[1], tasks_of(model), model.default_coordinates)

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from solver.constraint import (
+    ConstantDistanceConstraint,
+    CoordinatePrescription,
+    PointOnLineConstraint,
+    WeldConstraint,
+)
 from solver.functions.coordinate import Sine
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, PointConstraint
 from solver.multibody.constraints import constraint_gaps, constraint_rows
 from solver.multibody.postures import Postures, postures, speeds_from_rates
-from solver.multibody.rotations import rotate
+from solver.multibody.rotations import rotate, rotation_body_fixed_xyz
 from tests.solver.linkage import linkage
 
 Array = NDArray[np.float64]
@@ -27,10 +33,19 @@ GEAR = Sine(0.5, 1.7, 0.3, 0.1)
 COORDINATES: dict[str, Constraint] = {
     "a lock": CoordinateLock("lock", 6, 0.2),
     "a lock on a ball": CoordinateLock("lock", 9, 0.2),
-    "a coupling": CoordinateCoupler("gear", dependent=7, independent=6, function=GEAR),
-    "a coupling of two balls": CoordinateCoupler("gear", dependent=1, independent=10, function=GEAR),
+    "a coupling": CoordinateCoupler("gear", dependent=7, independents=(6,), functions=(GEAR,)),
+    "a coupling of two balls": CoordinateCoupler("gear", dependent=1, independents=(10,), functions=(GEAR,)),
 }
-POINTS = PointConstraint("pin", 0, 3, np.array([0.1, 0.2, 0.3]), np.array([0.0, -0.2, 0.1]))
+COORDINATES["a coupling to several"] = CoordinateCoupler("gear", 7, (6, 10), (GEAR, Sine(0.7, 0.9, 0.1, 0.0)))
+PLACES = np.array([0.1, 0.2, 0.3]), np.array([0.0, -0.2, 0.1])
+TURNS = rotation_body_fixed_xyz([0.1, 0.4, -0.3]), rotation_body_fixed_xyz([-0.5, 0.2, 0.3])
+BODIES: dict[str, Constraint] = {
+    "a weld to the ground": WeldConstraint("weld", 0, 3, *PLACES, *TURNS),
+    "a distance": ConstantDistanceConstraint("rod", 1, 3, *PLACES, 0.4),
+    "a line of the ground": PointOnLineConstraint("rail", 0, 3, *PLACES, np.array([0.6, 0.0, 0.8])),
+}
+POINTS = PointConstraint("pin", 0, 3, *PLACES)
+ALL = COORDINATES | BODIES | {"a pin to the ground": POINTS}
 
 
 def _with(constraint: Constraint) -> Model:
@@ -39,10 +54,10 @@ def _with(constraint: Constraint) -> Model:
 
 def _moving(model: Model, time: float) -> Postures:
     q, rates = Q + time * RATES + time**2 / 2 * SECOND, RATES + time * SECOND
-    return postures(model, q, speeds_from_rates(model, q, rates))
+    return postures(model, q, speeds_from_rates(model, q, rates), np.full(len(q), 0.7 + time))
 
 
-@pytest.mark.parametrize("constraint", [*COORDINATES.values(), POINTS], ids=[*COORDINATES, "a pin to the ground"])
+@pytest.mark.parametrize("constraint", ALL.values(), ids=ALL)
 def test_the_rows_give_the_rate_of_the_gap(constraint: Constraint) -> None:
     model = _with(constraint)
     before, now, after = (_moving(model, time) for time in (-STEP, 0.0, STEP))
@@ -51,14 +66,25 @@ def test_the_rows_give_the_rate_of_the_gap(constraint: Constraint) -> None:
     assert np.allclose(rotate(rows, now.speeds), rate, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", COORDINATES)
-def test_rows_and_bias_give_the_second_rate_of_the_gap(name: str) -> None:
-    model = _with(COORDINATES[name])
+@pytest.mark.parametrize("constraint", ALL.values(), ids=ALL)
+def test_rows_and_bias_give_the_second_rate_of_the_gap(constraint: Constraint) -> None:
+    model = _with(constraint)
     before, now, after = (_moving(model, time) for time in (-STEP, 0.0, STEP))
     rates = [rotate(constraint_rows(model, s)[0], s.speeds) for s in (before, after)]
     rows, bias = constraint_rows(model, now)
     acceleration = (after.speeds - before.speeds) / (2 * STEP)
     assert np.allclose(rotate(rows, acceleration) + bias, (rates[1] - rates[0]) / (2 * STEP), atol=1e-7)
+
+
+def test_row_and_bias_of_a_prescription_give_the_second_rate_of_its_gap() -> None:
+    model = _with(CoordinatePrescription("rise", 8, GEAR))
+    step = 1e-4
+    before, now, after = (_moving(model, time) for time in (-step, 0.0, step))
+    gaps = [constraint_gaps(model, state) for state in (before, now, after)]
+    row, bias = constraint_rows(model, now)
+    acceleration = (after.speeds - before.speeds) / (2 * step)
+    assert np.array_equal(gaps[1][:, 0], Q[:, 8] - GEAR.derivatives(np.full(len(Q), 0.7))[0])
+    np.testing.assert_allclose(rotate(row, acceleration) + bias, (gaps[2] - 2 * gaps[1] + gaps[0]) / step**2, atol=1e-6)
 
 
 def test_rows_stand_in_the_order_of_the_constraints() -> None:

@@ -49,6 +49,21 @@ def test_a_moving_point_follows_its_coordinate(name: str, tmp_path: Path) -> Non
     assert difference(model, tmp_path).is_nought()
 
 
+def test_opensim_does_not_open_a_moving_point_of_several_coordinates() -> None:
+    # where this fails, OpenSim has mended it, and the solver should read it
+    model = model_with(opensim.UniversalJoint)
+    coordinates = [model.getCoordinateSet().get(f"first_coord_{k}") for k in range(2)]
+    point = opensim.MovingPathPoint()
+    point.setName("mover")
+    point.setParentFrame(model.getBodySet().get("upper"))
+    for axis, coordinate in zip("xyz", [coordinates[0], *coordinates], strict=True):
+        getattr(point, f"connectSocket_{axis}_coordinate")(coordinate)
+        getattr(point, f"set_{axis}_location")(FUNCTIONS["line"]())
+    put_between(model, point)
+    with pytest.raises(RuntimeError, match="must depend on the same Coordinate"):
+        model.initSystem()
+
+
 def test_a_conditional_point_is_there_within_its_range(tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
     point = opensim.ConditionalPathPoint()

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
+from solver.constraint import WeldConstraint
 from solver.model import AnyPathPoint, AxisMotion, Model, MovingPathPoint, ScapulothoracicMotion
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
-from solver.scaling import Scaling, scale_model
-from tests.solver.oracle.two_bodies import model_with, opensim
+from solver.scaling import Scaling, scale_model, scale_skeleton
+from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
 
 pytestmark = pytest.mark.oracle
 
@@ -53,6 +54,27 @@ def test_a_scaled_model_is_opensims(seed: int, mass: float | None, keeps_masses:
         for point, same in zip(one.path.points, other.path.points, strict=True):
             is_printed = isinstance(point, MovingPathPoint)  # OpenSim prints coefficients with six digits
             np.testing.assert_allclose(places_of(point), places_of(same), atol=1e-6 if is_printed else 1e-12)
+
+
+def test_the_frames_of_a_weld_are_scaled(tmp_path: Path) -> None:
+    model = model_with(opensim.FreeJoint)
+    ends = [(frame_of(model, "ground"), vec3(0.1, 0.2, -0.1)), (frame_of(model, "lower"), vec3(0.05, -0.1, 0.2))]
+    weld = opensim.WeldConstraint("weld", *ends[0], vec3(0.3, -0.2, 0.4), *ends[1], vec3(0.0, 0.0, 0.0))
+    model.addConstraint(given(weld))
+    ours = read_back(model, tmp_path)
+    scales, scale = opensim.ScaleSet(), opensim.Scale()
+    scale.setSegmentName("lower")
+    scale.setScaleFactors(vec3(1.1, 0.9, 1.2))
+    scale.setApply(True)
+    scales.cloneAndAppend(scale)
+    model.scale(model.initSystem(), scales, True)
+    theirs = read_back(model, tmp_path).constraints[0]
+    found = scale_skeleton(ours, Scaling({"lower": [1.1, 0.9, 1.2]})).constraints[0]
+    assert isinstance(theirs, WeldConstraint)
+    assert isinstance(found, WeldConstraint)
+    for name in ("location_1", "location_2", "rotation_1", "rotation_2"):
+        np.testing.assert_allclose(getattr(found, name), getattr(theirs, name), atol=1e-15)
+    assert not np.allclose(found.location_2, [0.05, -0.1, 0.2])
 
 
 def places_of(point: AnyPathPoint) -> np.ndarray:
@@ -97,10 +119,10 @@ def scaled_by_opensim(folder: Path, factors: dict[str, np.ndarray], mass: float 
     model = opensim.Model(str(folder / "generic.osim"))
     state = model.initSystem()
     scales = opensim.ScaleSet()
-    for name, given in factors.items():
+    for name, factor in factors.items():
         scale = opensim.Scale()
         scale.setSegmentName(name)
-        scale.setScaleFactors(opensim.Vec3(*given.tolist()))
+        scale.setScaleFactors(opensim.Vec3(*factor.tolist()))
         scale.setApply(True)
         scales.cloneAndAppend(scale)
     assert model.scale(state, scales, keeps_masses, -1.0 if mass is None else mass)

@@ -221,7 +221,12 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             "ExpressionBasedBushingForce cuff",
         ),
         (">midpoint<", ">spiral<", SolverCode.UNSUPPORTED, "PathWrap wrap has the method spiral"),
-        ("<prescribed>false", "<prescribed>true", SolverCode.UNSUPPORTED, "Coordinate angle has <prescribed> true"),
+        (
+            "<locked>false</locked>\n<prescribed>false</prescribed>",
+            "<prescribed>true</prescribed><locked>true</locked><prescribed_function><Constant/></prescribed_function>",
+            SolverCode.UNSUPPORTED,
+            "Coordinate angle is both locked and prescribed",
+        ),
         ("<min_control>-Inf", "<min_control>low", SolverCode.MALFORMED, "min_control"),
         (
             "<min_control>-Inf",
@@ -265,16 +270,25 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
         ),
         (
             "</Model>",
-            '<ConstraintSet><objects><WeldConstraint name="lock"/></objects></ConstraintSet></Model>',
+            '<ConstraintSet><objects><RollingOnSurfaceConstraint name="wheel"/></objects></ConstraintSet></Model>',
             SolverCode.UNSUPPORTED,
-            "WeldConstraint lock",
+            "RollingOnSurfaceConstraint wheel",
         ),
         (
             "</Model>",
             '<ConstraintSet><objects><CoordinateCouplerConstraint name="gear"><independent_coordinate_names>angle width'
-            "</independent_coordinate_names></CoordinateCouplerConstraint></objects></ConstraintSet></Model>",
+            "</independent_coordinate_names><coupled_coordinates_function><Sine/></coupled_coordinates_function>"
+            "</CoordinateCouplerConstraint></objects></ConstraintSet></Model>",
             SolverCode.UNSUPPORTED,
-            "independent_coordinate_names of gear names 'angle width'",
+            "coupled_coordinates_function of gear should be a LinearFunction",
+        ),
+        (
+            "</Model>",
+            '<ConstraintSet><objects><PointOnLineConstraint name="rail"><socket_line_body>/ground</socket_line_body>'
+            "<socket_follower_body>/bodyset/leaf</socket_follower_body></PointOnLineConstraint></objects>"
+            "</ConstraintSet></Model>",
+            SolverCode.NOT_POSITIVE,
+            "line_direction_vec 0 0 0",
         ),
         (
             "</Model>",
@@ -290,7 +304,12 @@ def test_surfaces_actuators_and_markers(file: Path) -> None:
             SolverCode.UNSUPPORTED,
             "rotation1 is driven by angle width",
         ),
-        ("<coordinates>angle", "<coordinates>width", SolverCode.MALFORMED, "its axes use width"),
+        (
+            "<coordinates>angle",
+            "<coordinates>width",
+            SolverCode.UNSUPPORTED,
+            "coordinate angle, which moves no axis",
+        ),
         ("<coordinates>angle<", "<coordinates><", SolverCode.MALFORMED, "rotation1"),
         ("CustomJoint", "FreeJoint", SolverCode.MALFORMED, "expected 6"),
         (

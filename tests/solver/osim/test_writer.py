@@ -88,7 +88,7 @@ def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path
         (with_shoulder(BallMotion((6, 7, 8), ())), "has GlenoHumeral"),
         (with_shoulder(moved_by(Sine(1, 1, 0, 0))), "polynomials"),
         (
-            replace(MODEL, constraints=(CoordinateCoupler("follows", 3, 4, polynomial([0.0])),)),
+            replace(MODEL, constraints=(CoordinateCoupler("follows", 3, (4,), (polynomial([0.0]),)),)),
             "has follows",
         ),
         (

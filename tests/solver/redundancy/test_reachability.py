@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.functions.coordinate import PiecewisePolynomial
+from solver.constraint import CoordinatePrescription
+from solver.functions.coordinate import PiecewisePolynomial, Sine
 from solver.model import CoordinateCoupler, CoordinateLock, Model
 from solver.motion import Kinematics, decimate, differentiate, read_motion
 from solver.osim.reader import read_osim
@@ -47,8 +48,8 @@ def with_a_singular_elbow(model: Model) -> Model:
 
     elbow, turned = (model.coordinate_index(name) for name in ("elbow_flexion", "pro_sup"))
     couplers = (
-        CoordinateCoupler("one", turned, elbow, polynomial(0.0, 0.0, 0.5)),
-        CoordinateCoupler("other", elbow, turned, polynomial(0.5, 1.0)),
+        CoordinateCoupler("one", turned, (elbow,), (polynomial(0.0, 0.0, 0.5),)),
+        CoordinateCoupler("other", elbow, (turned,), (polynomial(0.5, 1.0),)),
     )
     return replace(model, constraints=(*model.constraints, *couplers))
 
@@ -84,6 +85,15 @@ def test_the_actuator_of_a_locked_coordinate_gives_nothing(solver: Solver) -> No
     np.testing.assert_allclose(found.reserves[:, idle], 0.0, atol=1e-6)
     weighted = solve_motion(model, SLOW, RedundancyOptions(solver=solver, weights=dict.fromkeys(LOCKED, 1.0)))
     np.testing.assert_allclose(found.activations, weighted.activations, atol=1e-9)
+
+
+def test_a_prescribed_coordinate_accelerates_by_its_function_and_takes_no_muscle_force() -> None:
+    elbow, rise = MODEL.coordinate_index("elbow_flexion"), Sine(0.3, 2.0, 0.1, 0.5)
+    model = replace(MODEL, constraints=(*MODEL.constraints, CoordinatePrescription("rise", elbow, rise)))
+    mechanics = evaluate_motion(model, SLOW)
+    wanted = -(2.0**2) * 0.3 * np.sin(2.0 * SLOW.time + 0.1)
+    np.testing.assert_allclose(mechanics.equations.acceleration_unloaded[:, elbow], wanted, atol=1e-9)
+    np.testing.assert_allclose(mechanics.maps.acceleration_per_control[:, elbow], 0.0, atol=1e-9)
 
 
 def test_nothing_is_dropped_where_nothing_is_locked() -> None:

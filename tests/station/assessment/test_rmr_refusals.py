@@ -58,12 +58,12 @@ def test_every_obstacle_is_named_at_once(station: Station, model: Path, tmp_path
         model,
         ("<BodySet", "<ControllerSet><objects><PrescribedController name='c'/></objects></ControllerSet><BodySet"),
         ("</CoordinateActuator>", "</CoordinateActuator><ElasticFoundationForce name='h'/>"),
-        ("<PointConstraint ", "<WeldConstraint name='w'/><PointConstraint "),
+        ("<PointConstraint ", "<RollingOnSurfaceConstraint name='w'/><PointConstraint "),
     )
     ran = station("rmr", "--model", model, "--output", tmp_path / "a.csv")
     assert ran.code == 1
     last = ran.err.splitlines()[-1]
-    for name in ("PrescribedController c", "ElasticFoundationForce h", "WeldConstraint w"):
+    for name in ("PrescribedController c", "ElasticFoundationForce h", "RollingOnSurfaceConstraint w"):
         assert name in last
 
 
