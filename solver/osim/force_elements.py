@@ -46,14 +46,13 @@ def _bushing(element: Element, context: ForceContext) -> Bushing:
 
 
 def _function_bushing(element: Element, context: ForceContext) -> FunctionBushing:
-    found = [read_named_function(element, f"{name}_function") for name in _BUSHING_FUNCTIONS]
+    found = [read_named_function(element, tag) for tag in BUSHING_FUNCTIONS]
     functions = tuple(polynomial([0.0]) if function is None else function for function in found)
     return FunctionBushing(**_between_frames(element, context), functions=functions)
 
 
 def _expression_bushing(element: Element, context: ForceContext) -> ExpressionBushing:
-    tags = [f"{letter}{axis}_expression" for letter in "MF" for axis in "xyz"]
-    expressions = tuple(read_expression(element, tag, *DISPLACEMENTS) for tag in tags)
+    expressions = tuple(read_expression(element, tag, *DISPLACEMENTS) for tag in BUSHING_EXPRESSIONS)
     return ExpressionBushing(**_between_frames(element, context), expressions=expressions)
 
 
@@ -88,7 +87,10 @@ def _by_motion(element: Element, kind: str) -> Array:
     )
 
 
-_BUSHING_FUNCTIONS = (*(f"m_{axis}_theta_{axis}" for axis in "xyz"), *(f"f_{axis}_delta_{axis}" for axis in "xyz"))
+BUSHING_FUNCTIONS = tuple(
+    f"{kind}_{axis}_{motion}_{axis}_function" for kind, motion in (("m", "theta"), ("f", "delta")) for axis in "xyz"
+)
+BUSHING_EXPRESSIONS = tuple(f"{letter}{axis}_expression" for letter in "MF" for axis in "xyz")
 
 
 def _path_spring(element: Element, context: ForceContext) -> PathSpring:

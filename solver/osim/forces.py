@@ -8,7 +8,7 @@ import numpy as np
 
 from solver.forces.coordinate_force import CoordinateExpression, CoordinateLimit, CoordinateSpring
 from solver.functions.expression import Expression, ExpressionError
-from solver.model import CoordinateForce
+from solver.model import Coordinate, CoordinateForce
 from solver.osim.document import Element
 from solver.osim.frames import Names
 
@@ -25,14 +25,18 @@ def read_expression(element: Element, tag: str, *variables: str) -> Expression:
         raise (element.find(tag) or element).refusal(f"of {element.tag} {element.name} {error}") from None
 
 
+def unit_of_limits(coordinate: Coordinate) -> float:
+    """OpenSim takes degrees for coordinates that are angles, and the coordinate itself for all others."""
+    return np.pi / 180 if coordinate.motion == "rotation" else 1.0
+
+
 def _spring(element: Element, _: Names, coordinate: int) -> CoordinateForce:
     stiffness, rest_length, viscosity = (element.number(tag, "0") for tag in ("stiffness", "rest_length", "viscosity"))
     return CoordinateSpring(element.name, coordinate, stiffness, rest_length, viscosity)
 
 
 def _limits(element: Element, names: Names, coordinate: int) -> CoordinateForce:
-    """OpenSim takes degrees for coordinates that are angles, and the coordinate itself for all others."""
-    unit = np.pi / 180 if names.coordinates[coordinate].motion == "rotation" else 1.0
+    unit = unit_of_limits(names.coordinates[coordinate])
     sides = ("lower", "upper")
     return CoordinateLimit(
         element.name,

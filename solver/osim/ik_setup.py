@@ -17,7 +17,7 @@ from solver.inverse_kinematics.solve import TrackingTasks
 from solver.model import Model, ModelError
 from solver.motion import MotionError, read_table
 from solver.osim.document import Element, read_document
-from solver.osim.writer import VERSION, add, add_values
+from solver.osim.xml_elements import VERSION, add, add_values
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,8 @@ import numpy as np
 from solver.errors import SolverCode
 from solver.model import Marker, Model
 from solver.osim.document import Element, read_document
-from solver.osim.writer import VERSION, add, add_marker
+from solver.osim.writer import add_marker
+from solver.osim.xml_elements import VERSION, add
 
 
 def read_marker_set(path: Path, model: Model) -> tuple[Marker, ...]:

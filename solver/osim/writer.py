@@ -1,60 +1,50 @@
 """Write a Model as an OpenSim 4 document, with all digits, so that the reader returns the same model.
 
-Unsupported parts are refused by name: functions other than polynomials, muscles other than Millard's, and forces of
-coordinates.
+Unsupported parts are refused by name: muscles other than Millard's, and constraints other than joined points and locks.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.functions.coordinate import Function, PiecewisePolynomial
+from solver.functions.coordinate import Function
 from solver.functions.fibre import MillardCurves
 from solver.model import (
     GROUND,
     NO_COORDINATE,
-    AnyPathPoint,
-    AxisMotion,
+    BallMotion,
     Body,
     Constraint,
     Coordinate,
-    CoordinateActuator,
     CoordinateLock,
     Joint,
     Marker,
     Model,
     ModelError,
-    MovingPathPoint,
     Muscle,
-    PathPoint,
     Placement,
     PointConstraint,
     ScapulothoracicMotion,
     WrapSurface,
 )
+from solver.osim.force_writer import add_force
+from solver.osim.function_writer import add_function
 from solver.osim.muscles import MILLARD_OPTIONS
+from solver.osim.path_writer import add_whole_path
+from solver.osim.xml_elements import VERSION, add, add_offset_frame, add_values, angles_of, frame_of, objects_of
 
 Array = NDArray[np.float64]
 
-VERSION = "40500"
 AXES = ("rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3")
 
 
 def osim_document(model: Model) -> Xml.Element:
     """The root of the document. Raises ModelError for anything the writer does not support."""
-    passive = [force.name for force in model.coordinate_forces] + [force.name for force in model.forces]
-    if passive:
-        names = ", ".join(passive)
-        raise ModelError(
-            f"the writer of .osim does not support passive forces, and {model.name} has {names}; remove them",
-            SolverCode.NOT_WRITABLE,
-        )
     root = Xml.Element("OpenSimDocument", Version=VERSION)
     written = add(root, "Model", model.name)
     add_values(written, gravity=model.gravity)
@@ -72,40 +62,17 @@ def osim_document(model: Model) -> Xml.Element:
         _add_constraint(objects_of(written, "ConstraintSet"), model, constraint)
     for muscle in model.muscles:
         _add_muscle(objects_of(written, "ForceSet"), model, muscle)
-    for actuator in model.actuators:
-        if not isinstance(actuator, CoordinateActuator):
-            raise ModelError(
-                f"the writer of .osim supports only actuators of coordinates, and {model.name} has {actuator.name}",
-                SolverCode.NOT_WRITABLE,
-            )
-        _add_actuator(objects_of(written, "ForceSet"), model.coordinates, actuator)
+    for force in (*model.actuators, *model.coordinate_forces, *model.forces):
+        add_force(written, model, force)
     for marker in model.markers:
         add_marker(objects_of(written, "MarkerSet"), model.bodies, marker)
     return root
-
-
-def add(parent: Xml.Element, tag: str, name: str = "") -> Xml.Element:
-    return Xml.SubElement(parent, tag, {"name": name} if name else {})
 
 
 def add_marker(objects: Xml.Element, bodies: Sequence[Body], marker: Marker) -> None:
     made = add(objects, "Marker", marker.name)
     add_values(made, socket_parent_frame=frame_of(bodies, marker.body), location=marker.location)
     add_values(made, fixed="true" if marker.is_fixed else "false")
-
-
-def add_values(parent: Xml.Element, **values: Any) -> None:
-    """Add one element for every property: text as it is, numbers with all digits."""
-    for tag, value in values.items():
-        add(parent, tag).text = value if isinstance(value, str) else " ".join(map(repr, np.ravel(value).tolist()))
-
-
-def objects_of(model: Xml.Element, tag: str) -> Xml.Element:
-    """The <objects> of one of the model's sets; created if missing."""
-    found = model.find(tag)
-    found = add(model, tag, tag.lower()) if found is None else found
-    objects = found.find("objects")
-    return add(found, "objects") if objects is None else objects
 
 
 def add_body(objects: Xml.Element, name: str, mass: float, mass_center: Array, inertia: Array) -> None:
@@ -129,9 +96,7 @@ def add_joint(
         add_values(its, clamped="true" if coordinate.is_clamped else "false")
     frames = add(made, "frames")
     for offset, (path, placement) in zip(offsets, sides, strict=True):
-        frame = add(frames, "PhysicalOffsetFrame", offset)
-        angles = _angles(placement.rotation)
-        add_values(frame, socket_parent=path, translation=placement.translation, orientation=angles)
+        add_offset_frame(frames, offset, path, placement)
     return made
 
 
@@ -141,26 +106,7 @@ def add_axes(joint: Xml.Element, axes: Array, drivers: Sequence[str], functions:
     for name, axis, driver, function in zip(AXES, axes, drivers, functions, strict=True):
         made = add(transform, "TransformAxis", name)
         add_values(made, coordinates=driver, axis=axis)
-        _add_function(made, function, f"{joint.get('name')}.{name}")
-
-
-def add_path(force: Xml.Element) -> Xml.Element:
-    """Add a path without points; returns the element that holds its points."""
-    return add(add(add(force, "GeometryPath", "path"), "PathPointSet"), "objects")
-
-
-def add_path_point(points: Xml.Element, name: str, frame: str, location: Array) -> None:
-    add_values(add(points, "PathPoint", name), socket_parent_frame=frame, location=location)
-
-
-def frame_of(bodies: Sequence[Body], body: int) -> str:
-    return "/ground" if body == GROUND else f"/bodyset/{bodies[body].name}"
-
-
-def _angles(rotation: Array) -> Array:
-    """Body-fixed x-y-z angles of a rotation."""
-    r = rotation
-    return np.array([np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1, 1)), np.arctan2(-r[0, 1], r[0, 0])])
+        add_function(made, function, f"{joint.get('name')}.{name}")
 
 
 def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:
@@ -172,7 +118,7 @@ def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:
 def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
     made = add(objects, f"Wrap{surface.kind.capitalize()}", surface.name)
     placement = surface.placement
-    add_values(made, xyz_body_rotation=_angles(placement.rotation), translation=placement.translation)
+    add_values(made, xyz_body_rotation=angles_of(placement.rotation), translation=placement.translation)
     add_values(made, quadrant=surface.quadrant, active=str(surface.is_active).lower())
     if surface.kind == "ellipsoid":
         add_values(made, dimensions=surface.dimensions)
@@ -184,11 +130,6 @@ def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
 
 def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
     motion = joint.motion
-    if not isinstance(motion, AxisMotion | ScapulothoracicMotion):
-        raise ModelError(
-            f"the writer of .osim does not support ball and free joints, and {model.name} has {joint.name}",
-            SolverCode.NOT_WRITABLE,
-        )
     sides = [
         (frame_of(model.bodies, joint.parent), joint.frame_in_parent),
         (frame_of(model.bodies, joint.child), joint.frame_in_child),
@@ -202,25 +143,14 @@ def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
             scapula_winging_axis_origin=motion.winging_origin,
             scapula_winging_axis_direction=motion.winging_direction,
         )
+    elif isinstance(motion, BallMotion):
+        add_joint(objects, "FreeJoint" if motion.sliding else "BallJoint", joint.name, sides, coordinates)
     elif not coordinates and not any(np.any(f.derivatives(np.zeros(1))[0]) for f in motion.functions):
         add_joint(objects, "WeldJoint", joint.name, sides, coordinates)
     else:
         made = add_joint(objects, "CustomJoint", joint.name, sides, coordinates)
         drivers = ["" if index == NO_COORDINATE else model.coordinates[index].name for index in motion.coordinate]
         add_axes(made, motion.axes, drivers, motion.functions)
-
-
-def _add_function(holder: Xml.Element, function: Function, where: str) -> None:
-    if not isinstance(function, PiecewisePolynomial) or len(function.origins) > 1 or function.origins[0]:
-        raise ModelError(
-            f"the writer of .osim supports only polynomials, and that of {where} is not one", SolverCode.NOT_WRITABLE
-        )
-    if function.coefficients.shape[1] == 1:
-        add_values(add(holder, "Constant", "function"), value=function.coefficients[0])
-    elif function.coefficients.shape[1] == 2:
-        add_values(add(holder, "LinearFunction", "function"), coefficients=function.coefficients[0, ::-1])
-    else:
-        add_values(add(holder, "PolynomialFunction", "function"), coefficients=function.coefficients[0, ::-1])
 
 
 def _lock(written: Xml.Element, name: str, value: float) -> None:
@@ -247,14 +177,7 @@ def _add_constraint(objects: Xml.Element, model: Model, constraint: Constraint) 
 
 def _add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
     made = add(objects, "Millard2012EquilibriumMuscle", muscle.name)
-    points = add_path(made)
-    for index, point in enumerate(muscle.path.points, start=1):
-        _add_point(points, model, point, f"{muscle.name}-P{index}")
-    wraps = objects_of(made[0], "PathWrapSet")
-    for index, wrap in enumerate(muscle.path.wraps, start=1):
-        its = add(wraps, "PathWrap", f"{muscle.name}-wrap{index}")
-        surface, span = model.surfaces[wrap.surface].name, (wrap.first + 1, -1 if wrap.last is None else wrap.last + 1)
-        add_values(its, wrap_object=surface, method=wrap.method, range=span)
+    add_whole_path(made, model, muscle.path, muscle.name)
     add_values(
         made,
         max_isometric_force=muscle.max_isometric_force,
@@ -275,35 +198,3 @@ def _add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
     for tag, options in MILLARD_OPTIONS.items():
         curve = add(made, tag, f"{muscle.name}_{tag}")
         add_values(curve, **{option: getattr(muscle.curves, field) for option, field in options.items()})
-
-
-def _add_point(points: Xml.Element, model: Model, point: AnyPathPoint, name: str) -> None:
-    frame = frame_of(model.bodies, point.body)
-    if isinstance(point, PathPoint):
-        add_path_point(points, name, frame, point.location)
-        return
-    if not isinstance(point, MovingPathPoint) or not np.array_equal(point.placement.rotation, np.eye(3)):
-        raise ModelError(
-            f"the writer of .osim supports fixed points and ones that move in a body's frame, and {name} is neither",
-            SolverCode.NOT_WRITABLE,
-        )
-    made = add(points, "MovingPathPoint", name)
-    coordinate = model.coordinates[point.coordinate].name
-    (joint,) = [joint.name for joint in model.joints if point.coordinate in joint.motion.coordinates]
-    add_values(made, socket_parent_frame=frame)
-    for axis, function in zip("xyz", point.functions, strict=True):
-        add_values(made, **{f"socket_{axis}_coordinate": f"/jointset/{joint}/{coordinate}"})
-        _add_function(add(made, f"{axis}_location"), function, name)
-
-
-def _is_body_frame(placement: Placement) -> bool:
-    return bool(np.array_equal(placement.rotation, np.eye(3)) and not placement.translation.any())
-
-
-def _add_actuator(objects: Xml.Element, coordinates: Sequence[Coordinate], actuator: CoordinateActuator) -> None:
-    made = add(objects, "CoordinateActuator", actuator.name)
-    add_values(made, coordinate=coordinates[actuator.coordinate].name, optimal_force=actuator.optimal_force)
-    for tag in ("min_control", "max_control"):
-        limit = getattr(actuator, tag)
-        if np.isfinite(limit):
-            add_values(made, **{tag: limit})

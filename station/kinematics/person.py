@@ -31,6 +31,7 @@ from station.kinematics.person_findings import (
     scaling_finding,
     tendon_finding,
 )
+from station.kinematics.scale import left_out_notes
 from station.messages.codes import KinematicsCode
 from station.messages.message import Message
 from station.messages.person_codes import PersonCode
@@ -172,7 +173,7 @@ def person_of_trials(
         held_mass=held,
         trials=tuple(trials),
         findings=tuple(findings),
-        notes=notes,
+        notes=(*notes, *left_out_notes(generic)),
     )
 
 

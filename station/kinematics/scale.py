@@ -104,7 +104,13 @@ def scale_body(inputs: ScaleInputs) -> ScaledBody:
         tasks = setup.placement.tasks(scaled, table.labels, table.time_s[shown][:1])
         scaled = place_markers(scaled, table.labels, static, tasks)
     setup = replace(setup, model_file=None if name == BUNDLED else Path(name), marker_file=file)
-    return ScaledBody(setup, scaled, factors, tuple(findings), table.notes)
+    return ScaledBody(setup, scaled, factors, tuple(findings), (*table.notes, *left_out_notes(generic)))
+
+
+def left_out_notes(generic: Model) -> list[str]:
+    """A sentence on the parts of the file that the scaled model does not have."""
+    left_out = ", ".join(generic.left_out)
+    return [f"left out of the model, and not in the scaled one: {left_out}"] if left_out else []
 
 
 def _ensure_markers_fit(generic: Model, file: Path, table: MarkerTable, setup: ScaleSetup, observed: Array) -> None:

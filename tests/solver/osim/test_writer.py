@@ -12,8 +12,17 @@ import pytest
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.forces.coordinate_force import CoordinateSpring
-from solver.functions.coordinate import Sine, polynomial
+from solver.functions.coordinate import (
+    PiecewisePolynomial,
+    Sine,
+    natural_spline,
+    piecewise_constant,
+    piecewise_linear,
+    polynomial,
+    scaled,
+    simm_spline,
+    smooth_step,
+)
 from solver.functions.fibre import ThelenCurves
 from solver.model import BallMotion, CoordinateCoupler, CoordinateLock, Model
 from solver.osim.reader import read_osim
@@ -82,11 +91,50 @@ def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path
     assert back.coordinates[5].default == 0.25
 
 
+def test_ball_and_free_joints_come_back_too(tmp_path: Path) -> None:
+    ball = with_shoulder(BallMotion((12, 13, 14), ()))
+    root = MODEL.joints[0]
+    free = replace(ball, joints=(replace(root, motion=BallMotion((0, 1, 2), (3, 4, 5))), *ball.joints[1:]))
+    assert_same(free.joints, read_back(free, tmp_path).joints)
+
+
+FLUTTER = PiecewisePolynomial(np.array([0.5]), np.zeros(2), np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 0.0]]))
+
+
+class Wind:
+    name = "wind"
+
+
+FUNCTIONS = {
+    "Sine": Sine(1.0, 2.0, 0.3, 0.1),
+    "SimmSpline": simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7])),
+    "SimmSpline of three points": simm_spline(np.array([-1.0, 0.0, 0.5]), np.array([0.1, 0.4, 0.2])),
+    "SimmSpline of two points": simm_spline(np.array([-1.0, 0.5]), np.array([0.1, 0.4])),
+    "scaled SimmSpline": scaled(simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7])), 0.3),
+    "PiecewiseLinearFunction": piecewise_linear(np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])),
+    "PiecewiseConstantFunction": piecewise_constant(np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])),
+    "StepFunction": smooth_step(0.2, 0.9, 0.1, 0.7),
+    "StepFunction backwards": smooth_step(0.9, 0.2, 0.1, 0.7),
+    "GCVSpline": natural_spline(np.linspace(-1.0, 1.0, 7), np.array([0.1, 0.5, 0.2, 0.3, 0.8, 0.1, 0.0]), 3),
+    "GCVSpline of degree 3": natural_spline(np.linspace(-1.0, 1.0, 5), np.array([0.1, 0.5, 0.2, 0.3, 0.8]), 2),
+}
+
+
+@pytest.mark.parametrize("kind", FUNCTIONS)
+def test_functions_come_back_as_their_class(kind: str, tmp_path: Path) -> None:
+    changed = with_shoulder(moved_by(FUNCTIONS[kind]))
+    assert ("LinearFunction" if "two points" in kind else kind.split()[-1 if "scaled" in kind else 0]) in (
+        Xml.tostring(osim_document(changed), encoding="unicode")
+    )
+    back = next(joint for joint in read_back(changed, tmp_path).joints if joint.name == SHOULDER.name)
+    q = np.linspace(-3.0, 4.0, 101)
+    np.testing.assert_allclose(back.motion.functions[0].derivatives(q), FUNCTIONS[kind].derivatives(q), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("model", "name"),
     [
-        (with_shoulder(BallMotion((6, 7, 8), ())), "has GlenoHumeral"),
-        (with_shoulder(moved_by(Sine(1, 1, 0, 0))), "polynomials"),
+        (with_shoulder(moved_by(FLUTTER)), "GlenoHumeral.rotation1"),
         (
             replace(MODEL, constraints=(CoordinateCoupler("follows", 3, (4,), (polynomial([0.0]),)),)),
             "has follows",
@@ -95,10 +143,7 @@ def test_locked_and_clamped_coordinates_and_fixed_markers_come_back_too(tmp_path
             replace(MODEL, muscles=(replace(MODEL.muscles[0], curves=ThelenCurves()),)),
             "has TrapeziusScapula_M",
         ),
-        (
-            replace(MODEL, coordinate_forces=(CoordinateSpring("stop", 3, 1.0, 0.0, 0.0),)),
-            "has stop",
-        ),
+        (replace(MODEL, forces=(Wind(),)), "for wind of"),
     ],
 )
 def test_what_the_writer_does_not_have_is_refused_by_name(model: Model, name: str) -> None:

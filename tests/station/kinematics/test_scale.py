@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as Xml
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from solver.bundled import bundled_model
+from solver.forces.path_force import PathSpring
 from solver.osim.reader import read_osim
+from solver.osim.writer import osim_document
 from tests.solver.references import SHARED
 from tests.station.kinematics.test_ik import run as run_verb
 from tests.station.kinematics.test_ik import trial
@@ -32,7 +36,14 @@ def run(folder: Path, capsys, monkeypatch, **parts: str) -> tuple[int, str]:
     names = on_humerus()
     given = {"pairs": PAIR.format(one=names[0], other=names[1]), "axes": "Y", "range": "-1 9"} | parts
     (folder / "scale.xml").write_text(SETUP.format(**given), encoding="utf-8")
-    words = ("--setup", folder / "scale.xml", "--model", "bundled", "--output", folder / "scaled.osim")
+    words = (
+        "--setup",
+        folder / "scale.xml",
+        "--model",
+        given.pop("model", "bundled"),
+        "--output",
+        folder / "scaled.osim",
+    )
     return run_verb(capsys, monkeypatch, *words, verb="scale")
 
 
@@ -44,6 +55,25 @@ def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys
     scaled = read_osim(tmp_path / "scaled.osim")
     clavicle = MODEL.body_index("clavicle")
     assert scaled.bodies[clavicle].mass == pytest.approx(1.1 * MODEL.bodies[clavicle].mass)
+
+
+def test_forces_of_the_model_are_scaled_and_written_and_those_left_out_are_named(
+    tmp_path: Path, capsys, monkeypatch
+) -> None:
+    trial(tmp_path, frames=5)
+    spring = PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0)
+    lost = "<ElasticFoundationForce name='mesh'/></objects></ForceSet>"
+    text = Xml.tostring(osim_document(replace(MODEL, forces=(spring,))), encoding="unicode")
+    (tmp_path / "generic.osim").write_text(text.replace("</objects></ForceSet>", lost), encoding="utf-8")
+    code, told = run(tmp_path, capsys, monkeypatch, model=str(tmp_path / "generic.osim"))
+    assert code == 0, told
+    assert "left out of the model, and not in the scaled one: ElasticFoundationForce mesh" in told
+    (band,) = read_osim(tmp_path / "scaled.osim").forces
+    muscle, generic = (model.muscles[0] for model in (read_osim(tmp_path / "scaled.osim"), MODEL))
+    ratio = muscle.tendon_slack_length / generic.tendon_slack_length
+    assert ratio != 1.0
+    assert (band.name, band.stiffness) == ("band", 100.0)
+    assert band.resting_length == pytest.approx(0.1 * ratio, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,126 @@
+"""Forces that the solver writes: OpenSim opens the file, and both have the same accelerations as before."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as Xml
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from solver.osim.reader import read_osim
+from solver.osim.writer import osim_document
+from tests.solver.oracle.test_actuators import ADDED
+from tests.solver.oracle.test_closed_form_forces import between_tilted_frames, constants
+from tests.solver.oracle.test_force_elements import lay
+from tests.solver.oracle.test_scaled_forces import ALONG_PATHS
+from tests.solver.oracle.two_bodies import difference_to, frame_of, given, model_with, opensim, read_back, vec3
+from tests.solver.osim.test_writer import assert_same
+
+pytestmark = pytest.mark.oracle
+
+
+def springs_of_coordinates(model: Any) -> None:
+    spring = opensim.SpringGeneralizedForce("first_coord_0")
+    spring.setStiffness(7.0)
+    spring.setRestLength(0.3)
+    spring.setViscosity(0.4)
+    formula = opensim.ExpressionBasedCoordinateForce("first_coord_1", "-2*q^3 - 0.5*qdot")
+    for force in (spring, formula, opensim.CoordinateLimitForce("second_coord_0", 20.0, 0.2, -15.0, 0.3, 0.01, 30.0)):
+        model.addForce(given(force))
+
+
+def along_paths(model: Any) -> None:
+    for kind, make in ALONG_PATHS.items():
+        force = make()
+        force.setName(kind)
+        model.addForce(given(force))
+        lay(model, force)
+
+
+def bushings(model: Any) -> None:
+    linear = opensim.BushingForce()
+    linear.set_rotational_stiffness(vec3(3, 5, 7))
+    linear.set_translational_stiffness(vec3(30, 50, 70))
+    curved = opensim.FunctionBasedBushingForce()
+    curved.set_m_x_theta_x_function(opensim.Sine(20.0, 2.0, 0.1))
+    spline = opensim.SimmSpline()
+    for x, y in ((-1.0, -4.0), (0.0, 0.0), (0.3, 2.0), (1.0, 9.0)):
+        spline.addPoint(x, y)
+    curved.set_f_y_delta_y_function(spline)
+    formula = opensim.ExpressionBasedBushingForce()
+    formula.setMyExpression("5*theta_z*delta_x")
+    for index, bushing in enumerate((linear, curved, formula)):
+        bushing.setName(f"bushing_{index}")
+        bushing.set_rotational_damping(vec3(0.2, 0.3, 0.4))
+        if index:
+            bushing.updSocket("frame1").connect(frame_of(model, "upper"))
+            bushing.updSocket("frame2").connect(frame_of(model, "lower"))
+            model.addForce(given(bushing))
+        else:
+            between_tilted_frames(model, bushing)
+
+
+def at_points(model: Any) -> None:
+    ends = (frame_of(model, "upper"), vec3(0.2, 0.1, 0), frame_of(model, "lower"), vec3(0, -0.1, 0.3))
+    spring = opensim.PointToPointSpring(*ends, 200.0, 0.5)
+    spring.setName("spring")
+    formula = opensim.ExpressionBasedPointToPointForce("upper", ends[1], "lower", ends[3], "20/d^2 + 3*ddot")
+    formula.setName("charge")
+    weight = opensim.PrescribedForce("weight", frame_of(model, "lower"))
+    weight.setForceFunctions(*constants(3, -20, 5))
+    weight.setPointFunctions(*constants(0.1, 0.2, -0.1))
+    weight.setTorqueFunctions(*constants(1, 0, -2))
+    for force in (spring, formula, weight):
+        model.addForce(given(force))
+
+
+def contacts(model: Any) -> None:
+    floor = opensim.ContactHalfSpace(vec3(0.1, -0.3, 0), vec3(0.1, 0.2, -1.4), model.getGround(), "floor")
+    heel = opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel")
+    for shape in (floor, heel):
+        model.addContactGeometry(given(shape))
+    smooth = opensim.SmoothSphereHalfSpaceForce("smooth", heel, floor)
+    smooth.set_dissipation(1.2)
+    model.addForce(given(smooth))
+    hard = opensim.HuntCrossleyForce()
+    hard.setName("hard")
+    hard.addGeometry("floor")
+    hard.addGeometry("heel")
+    hard.setStiffness(1e6)
+    hard.setDissipation(0.5)
+    hard.setStaticFriction(0.8)
+    model.addForce(given(hard))
+
+
+def actuators(model: Any) -> None:
+    for index, (kind, add) in enumerate(ADDED.items()):
+        if "offset" not in kind:
+            add(model).setName(f"added_{index}")
+
+
+KINDS = {
+    "springs of coordinates": springs_of_coordinates,
+    "along paths": along_paths,
+    "bushings": bushings,
+    "at points": at_points,
+    "contacts": contacts,
+    "actuators": actuators,
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_opensim_opens_the_forces_that_are_written(kind: str, tmp_path: Path) -> None:
+    model = model_with(opensim.PlanarJoint if "coordinates" in kind else opensim.UniversalJoint)
+    KINDS[kind](model)
+    read = read_back(model, tmp_path)
+    file = tmp_path / "written.osim"
+    Xml.ElementTree(osim_document(read)).write(file, encoding="utf-8")
+    again = read_osim(file)
+    assert_same((read.forces, read.actuators, read.coordinate_forces), again_parts(again))
+    assert difference_to(opensim.Model(str(file)), again).is_nought()
+    assert difference_to(model, again).is_nought()
+
+
+def again_parts(model: Any) -> tuple[Any, ...]:
+    return model.forces, model.actuators, model.coordinate_forces
