@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from filelock import FileLock, Timeout
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, NullCache
 from numba.core.dispatcher import Dispatcher
 
 from solver.linked import LinkedCompiler
@@ -24,6 +24,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 LOCK_TIMEOUT_S = 900.0  # the longest kernel takes half a minute; with 16 busy loops beside it, ten times as long
 
 logger = logging.getLogger(__name__)
+cache_logger = logging.getLogger("solver.cache")  # apart, because a progress bar replaces the messages of the other
 
 
 def compiled(function: Function) -> Function:
@@ -42,13 +43,20 @@ def compiled(function: Function) -> Function:
 
 
 def compiled_for_python(function: Function) -> Function:
-    """Like compiled, but callable from Python, and cached on disk until anything it depends on changes."""
+    """Like compiled, but callable from Python, and cached on disk until anything it depends on changes.
+
+    Where no folder is writable for the cache, each process compiles it, and the first kernel says so.
+    """
     kernel: Any = njit(error_model="numpy", nogil=True)(function)
-    kernel._cache = _CodeCache(function)
+    try:
+        kernel._cache = _CodeCache(function)
+    except RuntimeError:  # numba found no folder
+        kernel._cache = _NoCache(function)
     return cast(Function, kernel)
 
 
 _Cache: Any = FunctionCache  # without types
+_Null: Any = NullCache
 
 
 class _CodeCache(_Cache):  # type: ignore[misc]
@@ -77,7 +85,7 @@ class _CodeCache(_Cache):  # type: ignore[misc]
             self._lock.release(force=True)
             return found
         self._start = perf_counter()
-        logger.warning("compiling %s, once on this machine; this takes up to half a minute", self._title())
+        logger.warning("compiling %s, once on this machine; this takes up to half a minute", _title(self._py_func))
         return None
 
     def _cached(self, signature: Any, target: Any) -> Any:
@@ -92,10 +100,30 @@ class _CodeCache(_Cache):  # type: ignore[misc]
             super()._save_overload(signature, data)
         finally:
             self._lock.release(force=True)
-        logger.warning("compiled %s in %.1f s", self._title(), perf_counter() - self._start)
+        logger.warning("compiled %s in %.1f s", _title(self._py_func), perf_counter() - self._start)
 
-    def _title(self) -> str:
-        return f"{self._py_func.__module__}.{self._py_func.__name__}"
+
+class _NoCache(_Null):  # type: ignore[misc]
+    """In place of a cache where no folder is writable."""
+
+    is_reported = False  # in this process
+
+    def __init__(self, function: Any) -> None:
+        self._py_func = function
+
+    def load_overload(self, signature: Any, target: Any) -> None:  # noqa: ARG002 (numba's interface)
+        if not _NoCache.is_reported:
+            _NoCache.is_reported = True
+            cache_logger.warning(
+                "compiled code cannot be kept: neither __pycache__ beside %s nor the user's cache folder is writable, "
+                "so each process compiles the solver for half a minute; set NUMBA_CACHE_DIR to a writable folder",
+                self._py_func.__code__.co_filename,
+            )
+        logger.warning("compiling %s", _title(self._py_func))
+
+
+def _title(function: Any) -> str:
+    return f"{function.__module__}.{function.__name__}"
 
 
 def _parts(function: Any, seen: set[object]) -> Iterator[object]:

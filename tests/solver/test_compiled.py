@@ -112,3 +112,18 @@ def test_where_no_lock_can_be_had_a_kernel_is_compiled_all_the_same(
 
     monkeypatch.setattr(compiled.FileLock, "acquire", acquire)
     assert _kernel(tmp_path)(3.0) == 6.0
+
+
+def test_where_no_folder_is_writable_it_is_compiled_and_said_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "__pycache__").write_text("a file where the folder would be")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "__pycache__"))
+    monkeypatch.setattr(compiled._NoCache, "is_reported", False)
+    assert _kernel(tmp_path)(3.0) == 6.0
+    assert _kernel(tmp_path, factor=5.0)(3.0) == 15.0
+    (message,) = [record.getMessage() for record in caplog.records if record.name == "solver.cache"]
+    assert "NUMBA_CACHE_DIR" in message
+    assert str(tmp_path) in message
+    assert sum(record.name == compiled.__name__ for record in caplog.records) == 2
