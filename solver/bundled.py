@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from solver.functions.coordinate import polynomial
 from solver.functions.fibre import MillardCurves
+from solver.functions.tendon import MillardTendon
 from solver.model import (
     NO_COORDINATE,
     AnyPathPoint,
@@ -134,6 +135,8 @@ class _TableReader:
             activation_time_constant=shared["activation_time_constant_s"],
             deactivation_time_constant=shared["deactivation_time_constant_s"],
             curves=MillardCurves(minimum=0.0),
+            tendon=None if row.get("has_rigid_tendon", False) else MillardTendon(),
+            fiber_damping=shared["fiber_damping"],
         )
 
     def path_point(self, row: Table) -> AnyPathPoint:

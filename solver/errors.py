@@ -41,6 +41,7 @@ class SolverCode(StrEnum):
     LOAD_PRESENT = "model_unusable.load_present"
     NOT_POSITIVE = "model_unusable.not_positive"
     NOT_NAMED = "model_unusable.not_named"
+    NO_TENDON = "model_unusable.no_elastic_tendon"
 
     MOTION = "motion_unusable"
     UNREADABLE_TABLE = "motion_unusable.unreadable_table"

@@ -22,6 +22,7 @@ from solver.errors import SolverCode
 from solver.frozen import freeze_arrays
 from solver.functions.coordinate import Function
 from solver.functions.fibre import Curves
+from solver.functions.tendon import TendonCurve
 
 Array = NDArray[np.float64]
 
@@ -238,7 +239,11 @@ class Path:
 
 @dataclass(frozen=True)
 class Muscle:
-    """A muscle with a rigid tendon: N, m, rad, optimal fibre lengths per second, s."""
+    """A muscle: N, m, rad, optimal fibre lengths per second, s.
+
+    tendon          its force-length curve, for elastic tendons (solver/tendons); None for a tendon that stays rigid
+    fiber_damping   damping force at the greatest velocity, over the greatest isometric force; with elastic tendons only
+    """
 
     name: str
     path: Path
@@ -251,6 +256,8 @@ class Muscle:
     activation_time_constant: float
     deactivation_time_constant: float
     curves: Curves
+    tendon: TendonCurve | None = None
+    fiber_damping: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,23 @@ def evaluate_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array
 
 
 @compiled
+def value_and_slope(corners: Array, nodes_x: Array, nodes_s: Array, x: float) -> tuple[float, float]:
+    """y of one x and dy/dx; beyond the ends of the chain a straight line."""
+    first, last = corners[0], corners[-1]
+    if x < first[0, 0]:
+        slope = (first[1, 1] - first[1, 0]) / (first[0, 1] - first[0, 0])
+        return first[1, 0] + (x - first[0, 0]) * slope, slope
+    if x > last[0, 5]:
+        slope = (last[1, 5] - last[1, 4]) / (last[0, 5] - last[0, 4])
+        return last[1, 5] + (x - last[0, 5]) * slope, slope
+    corner, s = _locate(nodes_x, nodes_s, x)
+    X, Y = corners[corner]
+    for _ in range(NEWTON_STEPS):
+        s -= (_point(X, s) - x) / _slope(X, s)
+    return _point(Y, s), _slope(Y, s) / _slope(X, s)
+
+
+@compiled
 def _locate(nodes_x: Array, nodes_s: Array, x: float) -> tuple[int, float]:
     """The corner in which x lies, and s on the line between the two nodes about it."""
     low, high = 0, len(nodes_x) - 1

@@ -16,6 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.functions.bezier_chain import BezierChain, chain, evaluate
 from solver.functions.coordinate import Function, simm_spline
 
 Array = NDArray[np.float64]
@@ -53,15 +54,20 @@ class MillardCurves:
     passive_curviness: float = 0.75
     is_idle_when_shortest: ClassVar[bool] = False
 
+    @property
+    def chains(self) -> tuple[BezierChain, BezierChain, BezierChain]:
+        """Active force-length, force-velocity and passive force-length."""
+        return _active_force_length(self), _force_velocity(self), _passive_force_length(self)
+
     def active_force_length(self, length: Array, codes: Codes | None = None) -> Array:
-        return _evaluate(_active_force_length(self), length, codes)
+        return evaluate(_active_force_length(self), length, codes)
 
     def force_velocity(self, speed: Array, codes: Codes | None = None) -> Array:
         """Lengthening is positive."""
-        return _evaluate(_force_velocity(self), speed, codes)
+        return evaluate(_force_velocity(self), speed, codes)
 
     def passive_force_length(self, length: Array, codes: Codes | None = None) -> Array:
-        return _evaluate(_passive_force_length(self), length, codes)
+        return evaluate(_passive_force_length(self), length, codes)
 
 
 @dataclass(frozen=True)
@@ -197,48 +203,32 @@ class SchutteCurves:
 
 Curves = MillardCurves | ThelenCurves | DeGrooteFreglyCurves | SchutteCurves
 
-_NODES = 512  # in each corner
 _PLATEAU = 0.05
-
-_Knot = tuple[float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class _Chain:
-    """A chain of Bézier corners (X(s), Y(s)), s in [0, 1], with X increasing.
-
-    corners            (corners, 2, 6) control points (x, y)
-    nodes_x, nodes_s   points to start the search for s from: X and number of the corner + s
-    """
-
-    corners: Array
-    nodes_x: Array
-    nodes_s: Array
 
 
 @lru_cache(maxsize=256)
-def _active_force_length(curves: MillardCurves) -> _Chain:
+def _active_force_length(curves: MillardCurves) -> BezierChain:
     shortest, shallow, longest = curves.shortest, curves.transition, curves.longest
     slope, least = curves.shallow_slope, curves.minimum
     shoulder = 1.0 - _PLATEAU
     height = 1.0 - slope * (shoulder - shallow)
-    return _chain(
+    return chain(
         (shortest, least, 0.0),
-        ((shortest + shallow) / 2, (height + least) / 2, 1.25 * (height - least) / (shallow - shortest)),
+        ((shortest + shallow) / 2, height / 2, 1.25 * height / (shallow - shortest)),  # as if the minimum were zero
         ((shallow + shoulder) / 2, (height + 1.0) / 2, slope),
         (1.0, 1.0, 0.0),
-        ((1.0 + _PLATEAU + longest) / 2, (1.0 + least) / 2, (least - 1.0) / (longest - 1.0 - 2 * _PLATEAU)),
+        ((1.0 + _PLATEAU + longest) / 2, 0.5, -1.0 / (longest - 1.0 - 2 * _PLATEAU)),
         (longest, least, 0.0),
         curviness=(1.0,) * 5,
     )
 
 
 @lru_cache(maxsize=256)
-def _force_velocity(curves: MillardCurves) -> _Chain:
+def _force_velocity(curves: MillardCurves) -> BezierChain:
     slow, near_slow = curves.concentric_slope, curves.near_concentric_slope
     fast, near_fast = curves.eccentric_slope, curves.near_eccentric_slope
     strongest = curves.strongest
-    return _chain(
+    return chain(
         (-1.0, 0.0, slow),
         (-0.9, 0.05 * (near_slow + slow), near_slow),
         (0.0, 1.0, curves.isometric_slope),
@@ -249,47 +239,9 @@ def _force_velocity(curves: MillardCurves) -> _Chain:
 
 
 @lru_cache(maxsize=256)
-def _passive_force_length(curves: MillardCurves) -> _Chain:
+def _passive_force_length(curves: MillardCurves) -> BezierChain:
     start, end = 1.0 + curves.passive_start, 1.0 + curves.passive_end
     low, slope = curves.passive_low_slope, curves.passive_slope
     toe = min(0.1 / slope, 0.1 * (end - start))
     foot = (start + toe, low * toe / 2, low)
-    return _chain((start, 0.0, 0.0), foot, (end, 1.0, slope), curviness=(curves.passive_curviness,) * 2)
-
-
-def _chain(*knots: _Knot, curviness: tuple[float, ...]) -> _Chain:
-    """The chain of corners between knots (x, y, slope)."""
-    corners = np.array([_corner(a, b, c) for a, b, c in zip(knots[:-1], knots[1:], curviness, strict=True)])
-    s = np.linspace(0.0, len(corners), _NODES * len(corners) + 1)
-    index = np.minimum(s.astype(int), len(corners) - 1)
-    return _Chain(corners, _bezier(corners[index, 0].T, s - index), s)
-
-
-def _corner(start: _Knot, end: _Knot, curviness: float) -> Array:
-    """Six control points on the two end tangents; the inner ones are doubled, near where the tangents meet."""
-    (x0, y0, slope0), (x1, y1, slope1) = start, end
-    is_straight = abs(slope0 - slope1) <= np.sqrt(np.finfo(float).eps)
-    x = (x0 + x1) / 2 if is_straight else (y1 - y0 - x1 * slope1 + x0 * slope0) / (slope0 - slope1)
-    first, last, meet = np.array([x0, y0]), np.array([x1, y1]), np.array([x, (x - x1) * slope1 + y1])
-    reach = 0.1 + 0.8 * curviness
-    inner_first, inner_last = first + reach * (meet - first), last + reach * (meet - last)
-    return np.column_stack([first, inner_first, inner_first, inner_last, inner_last, last])
-
-
-def _evaluate(chain: _Chain, x: Array, codes: Codes | None) -> Array:
-    """y of the chain at x; beyond its ends a straight line with the end's slope. codes as in bezier.evaluate_chain."""
-    from solver.functions.bezier import evaluate_chain  # the compiler behind it takes a third of a second to import
-
-    values = np.array(x, dtype=float, order="C")
-    codes = np.zeros(values.shape, np.int8) if codes is None else codes
-    evaluate_chain(chain.corners, chain.nodes_x, chain.nodes_s, values.reshape(-1), codes.reshape(-1))
-    return values
-
-
-def _bezier(p: Array, s: Array) -> Array:
-    """Σ (5 over k) sᵏ (1 − s)⁵⁻ᵏ p_k, p (6, …)."""
-    t = 1.0 - s
-    ss, tt = s * s, t * t
-    value: Array = tt * t * (tt * p[0] + 5.0 * s * t * p[1] + 10.0 * ss * p[2])
-    value += ss * s * (10.0 * tt * p[3] + 5.0 * s * t * p[4] + ss * p[5])
-    return value
+    return chain((start, 0.0, 0.0), foot, (end, 1.0, slope), curviness=(curves.passive_curviness,) * 2)

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.errors import SolverCode
 from solver.functions.fibre import Curves, DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
+from solver.functions.tendon import DeGrooteFreglyTendon, MillardTendon, TendonCurve, ThelenTendon
 from solver.model import Muscle, WrapSurface
 from solver.osim.document import Element
 from solver.osim.frames import Names
@@ -41,6 +42,8 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
         activation_time_constant=rise,
         deactivation_time_constant=fall,
         curves=_CURVES[element.tag](element),
+        tendon=_tendon(element),
+        fiber_damping=_fiber_damping(element),
     )
 
 
@@ -117,8 +120,7 @@ def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
 
     Otherwise OpenSim keeps the active force above zero and the ends of the force-velocity curve sloped.
     """
-    is_damped = element.number("fiber_damping", "0.1") >= LEAST_FIBER_DAMPING
-    if is_damped or element.word("ignore_tendon_compliance", "false") == "true":
+    if _fiber_damping(element) > 0.0 or _has_rigid_tendon(element):
         return replace(curves, minimum=0.0, concentric_slope=0.0, eccentric_slope=0.0)
     return replace(
         curves,
@@ -156,3 +158,45 @@ _CURVES: dict[str, Callable[[Element], Curves]] = {
     "DeGrooteFregly2016Muscle": _de_groote_fregly_curves,
     "Schutte1993Muscle_Deprecated": _schutte_curves,
 }
+
+
+def _has_rigid_tendon(element: Element) -> bool:
+    return element.word("ignore_tendon_compliance", "false") == "true"
+
+
+def _fiber_damping(element: Element) -> float:
+    """As OpenSim uses it: below a threshold Millard's muscle has none."""
+    if element.tag == "DeGrooteFregly2016Muscle":
+        return element.number("fiber_damping", "0")
+    if element.tag != "Millard2012EquilibriumMuscle":
+        return 0.0
+    damping = element.number("fiber_damping", "0.1")
+    return damping if damping >= LEAST_FIBER_DAMPING else 0.0
+
+
+def _tendon(element: Element) -> TendonCurve | None:
+    """None where the file has the tendon rigid, and for Schutte's muscle, whose tendon is not read."""
+    if element.tag == "Schutte1993Muscle_Deprecated" or _has_rigid_tendon(element):
+        return None
+    if element.tag == "Thelen2003Muscle":
+        return ThelenTendon(element.positive("FmaxTendonStrain", "0.04"))
+    if element.tag == "DeGrooteFregly2016Muscle":
+        return DeGrooteFreglyTendon(element.positive("tendon_strain_at_one_norm_force", "0.049"))
+    return _millard_tendon(element.find("TendonForceLengthCurve"))
+
+
+def _millard_tendon(curve: Element | None) -> MillardTendon:
+    """Stiffness, toe and curviness are given together or follow from the strain, as in OpenSim."""
+    if curve is None:
+        return MillardTendon()
+    strain = curve.positive("strain_at_one_norm_force", "0.049")
+    if not curve.word("stiffness_at_one_norm_force", ""):
+        return MillardTendon(strain, 1.375 / strain)
+    stiffness, toe = curve.positive("stiffness_at_one_norm_force"), curve.positive("norm_force_at_toe_end")
+    if not (stiffness * strain > 1.0 and toe < 1.0):
+        sentence = (
+            f"has a stiffness of {stiffness:g} at a strain of {strain:g} and a toe up to {toe:g}, expected a stiffness "
+            f"above {1.0 / strain:g} and a toe below 1; correct them"
+        )
+        raise curve.refusal(sentence)
+    return MillardTendon(strain, stiffness, toe, curve.number("curviness", "0.5"))

@@ -1,6 +1,7 @@
 """Write a Model as an OpenSim 4 document, with all digits, so that the reader returns the same model.
 
-Unsupported parts are refused by name: muscles other than Millard's, and constraints other than joined points and locks.
+Tendons are written as rigid, so that OpenSim's tools compute with the muscles that our results are for. Unsupported
+parts are refused by name: muscles other than Millard's, and constraints other than joined points and locks.
 """
 
 from __future__ import annotations

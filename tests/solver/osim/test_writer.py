@@ -56,7 +56,9 @@ def assert_same(ours: Any, theirs: Any, where: str = "model") -> None:
 
 
 def test_the_bundled_model_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    assert_same(MODEL, read_back(MODEL, tmp_path))
+    """But with rigid tendons."""
+    muscles = tuple(replace(muscle, tendon=None) for muscle in MODEL.muscles)
+    assert_same(replace(MODEL, muscles=muscles), read_back(MODEL, tmp_path))
 
 
 def with_shoulder(motion: Any) -> Model:

@@ -1,0 +1,203 @@
+"""Force balance of a fibre and its elastic tendon, and the fibre length that one implicit step leads to; compiled.
+
+With the normalised fibre length l, its velocity v over the fastest one, the pennation φ and the path length L (Millard,
+Uchida, Seth, Delp, J. Biomech. Eng. 135(2):021005, 2013, equation 4):
+
+    [a f_L(l) f_V(v) + f_P(l) + β v] cos φ − f_T((L − l₀ l cos φ) / l_T) = 0
+
+v is known from l: by a difference formula, rate (l − anchor), or in the first frame, where the tendon keeps its length,
+by the velocity of the path, drift cos φ. So one equation in l remains, which rises where it has its root.
+"""
+
+from __future__ import annotations
+
+from math import asinh, e, exp, expm1, inf, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.compiled import compiled
+from solver.functions.bezier import value_and_slope
+from solver.tendons.tables import ACTIVE, MILLARD, PASSIVE, TENDON, THELEN, VELOCITY, FiberTables
+
+Array = NDArray[np.float64]
+Four = tuple[float, float, float, float]
+
+CONVERGED, AT_SHORTEST, NOT_CONVERGED = 0, 1, 2
+"""Outcome codes of a fibre. AT_SHORTEST: held at its least length, as in OpenSim."""
+STEPS = 60
+LENGTH_TOLERANCE = 1e-13  # of the normalised length
+WIDEST = 8.0  # normalised length beyond which no balance is sought
+
+BELL_1 = (0.8150671134243542, 1.055033428970575, 0.162384573599574, 0.063303448465465)
+BELL_2 = (0.433004984392647, 0.716775413397760, -0.029947116970696, 0.200356847296188)
+BELL_3 = (0.1, 1.0, 0.353553390593274, 0.0)
+SPEED = (-0.3211346127989808, -8.149, -0.374, 0.8825327733249912)
+"""Constants of fibre.py's De Groote curves."""
+
+
+@compiled
+def settle_fiber(
+    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, guess: float
+) -> tuple[float, float, float, int]:
+    """Normalised fibre length, tendon force over the greatest isometric one, its derivative by a, and outcome code.
+
+    path L [m]; v = rate (l − anchor) + drift cos φ. Newton's method within a bracket of the root.
+    """
+    low = tables.scales[i, 6]
+    if balance(tables, i, path, a, rate, anchor, drift, low)[0] >= 0.0:
+        return low, tendon_force(tables, i, path, low)[0], 0.0, AT_SHORTEST
+    high = _upper_end(tables, i, path, a, rate, anchor, drift)
+    if not high < WIDEST:
+        return low, 0.0, 0.0, NOT_CONVERGED
+    length, before, code = min(max(guess, low), high), inf, NOT_CONVERGED
+    for _ in range(STEPS):
+        value, slope, _, _ = balance(tables, i, path, a, rate, anchor, drift, length)
+        if value < 0.0:
+            low = length
+        else:
+            high = length
+        step = -value / slope if slope > 0.0 else inf
+        if not (low <= length + step <= high and abs(step) <= 0.5 * before):  # f_V bends sharply at v = 0
+            step = 0.5 * (low + high) - length
+        length, before = length + step, abs(step)
+        if abs(step) <= LENGTH_TOLERANCE:
+            code = CONVERGED
+            break
+    _, slope, by_activation, _ = balance(tables, i, path, a, rate, anchor, drift, length)
+    force, by_length = tendon_force(tables, i, path, length)
+    return length, force, -by_length * by_activation / slope, code
+
+
+@compiled
+def balance(
+    tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float, length: float
+) -> Four:
+    """The left side of the equation, its derivatives by l and by a, and the passive force f_P cos φ."""
+    optimal, height, damping = tables.scales[i, 0], tables.scales[i, 2], tables.scales[i, 5]
+    cos = sqrt(max(1.0 - (height / (optimal * length)) ** 2, 1e-12))
+    cos_slope = (1.0 - cos * cos) / (length * cos)
+    v, v_slope = rate * (length - anchor) + drift * cos, rate + drift * cos_slope
+    active, active_slope, passive, passive_slope = _length_factors(tables, i, length)
+    speed, speed_slope, speed_by_a = _speed_factor(tables, i, v, a)
+    force, force_slope = tendon_force(tables, i, path, length)
+    fiber = a * active * speed + passive + damping * v
+    fiber_slope = a * (active_slope * speed + active * speed_slope * v_slope) + passive_slope + damping * v_slope
+    by_length = fiber_slope * cos + fiber * cos_slope - force_slope
+    return fiber * cos - force, by_length, active * (speed + a * speed_by_a) * cos, passive * cos
+
+
+@compiled
+def tendon_force(tables: FiberTables, i: int, path: float, length: float) -> tuple[float, float]:
+    """f_T and its derivative by the normalised fibre length."""
+    optimal, slack, height = tables.scales[i, 0], tables.scales[i, 1], tables.scales[i, 2]
+    along = sqrt(max((optimal * length) ** 2 - height**2, (1e-6 * optimal * length) ** 2))
+    stretch_slope = -(optimal**2) * length / along / slack
+    kind, shapes, tendon = tables.kind[i], tables.shapes[i], (path - along) / slack
+    if kind == MILLARD:
+        force, slope = _chain(tables, i, TENDON, tendon)
+    elif kind == THELEN:
+        force, slope = _thelen_tendon(shapes[6], tendon - 1.0)
+    else:
+        force, slope = 0.2 * expm1(shapes[3] * (tendon - 1.0)), 0.2 * shapes[3] * exp(shapes[3] * (tendon - 1.0))
+    return force, slope * stretch_slope
+
+
+@compiled
+def _upper_end(tables: FiberTables, i: int, path: float, a: float, rate: float, anchor: float, drift: float) -> float:
+    """A length with a balance that is not negative: the tendon is slack, and the fibre does not shorten."""
+    optimal, slack, height, shortest = (
+        tables.scales[i, 0],
+        tables.scales[i, 1],
+        tables.scales[i, 2],
+        tables.scales[i, 6],
+    )
+    along = max(path - slack, 0.0)
+    high = max(shortest, sqrt(along**2 + height**2) / optimal)
+    if rate > 0.0:
+        high = max(high, anchor)
+    while high < WIDEST and not balance(tables, i, path, a, rate, anchor, drift, high)[0] >= 0.0:
+        high *= 1.1
+    return float(high)
+
+
+@compiled
+def _length_factors(tables: FiberTables, i: int, length: float) -> Four:
+    """f_L and its slope, f_P and its slope."""
+    kind, shapes = tables.kind[i], tables.shapes[i]
+    if kind == MILLARD:
+        active, active_slope = _chain(tables, i, ACTIVE, length)
+        passive, passive_slope = _chain(tables, i, PASSIVE, length)
+        return active, active_slope, passive, passive_slope
+    if kind == THELEN:
+        width, shape, strain = shapes[0], shapes[1], shapes[2]
+        active = exp(-((length - 1.0) ** 2) / width)
+        stretch, rigid = max(length - 1.0, 0.0) / strain, expm1(shape)
+        passive_slope = shape / strain * exp(shape * stretch) / rigid if length > 1.0 else 0.0
+        return active, -2.0 * (length - 1.0) / width * active, expm1(shape * stretch) / rigid, passive_slope
+    x, strain = (length - 1.0) / shapes[0] + 1.0, shapes[1]
+    active, active_slope = 0.0, 0.0
+    for height, centre, width, growth in (BELL_1, BELL_2, BELL_3):
+        spread = width + growth * x
+        z = (x - centre) / spread
+        bell = height * exp(-0.5 * z * z)
+        active += bell
+        active_slope -= bell * z * (1.0 - growth * z) / spread / shapes[0]
+    foot, grown = exp(4.0 * (0.2 - 1.0) / strain), exp(4.0 * (length - 1.0) / strain)
+    scale = shapes[2] / (exp(4.0) - foot)
+    return active, active_slope, scale * (grown - foot), scale * 4.0 / strain * grown
+
+
+@compiled
+def _speed_factor(tables: FiberTables, i: int, v: float, a: float) -> tuple[float, float, float]:
+    """f_V, its slope, and its derivative by a: Thelen's fibre is slower at little activation."""
+    kind, shapes = tables.kind[i], tables.shapes[i]
+    if kind == MILLARD:
+        factor, slope = _chain(tables, i, VELOCITY, v)
+        return factor, slope, 0.0
+    if kind == THELEN:
+        pace = 0.25 + 0.75 * a
+        factor, slope = _thelen_speed(shapes[3], shapes[4], shapes[5], v / pace)
+        return factor, slope / pace, -0.75 * v / pace**2 * slope
+    d1, d2, d3, d4 = SPEED
+    y = d2 * v + d3
+    return d1 * asinh(y) + d4, d1 * d2 / sqrt(y * y + 1.0), 0.0
+
+
+@compiled
+def _thelen_speed(shape: float, strongest: float, linear_beyond: float, v: float) -> tuple[float, float]:
+    """Equations 6 and 7 of Thelen (2003), solved for the force; straight beyond both ends, as in OpenSim."""
+    gain, last = (2.0 + 2.0 / shape) / (strongest - 1.0), linear_beyond * strongest
+    room = gain * (strongest - last)
+    last_v = (last - 1.0) / room
+    if v <= -1.0:
+        slope = 1.0 / (1.0 + 1.0 / shape)
+        return (v + 1.0) * slope, slope
+    if v < 0.0:
+        below = 1.0 - v / shape
+        return (1.0 + v) / below, (below + (1.0 + v) / shape) / below**2
+    if v <= last_v:
+        below = 1.0 + gain * v
+        return (1.0 + gain * v * strongest) / below, gain * (strongest - 1.0) / below**2
+    slope = 1.0 / (1.0 / room + (last - 1.0) * gain / room**2)
+    return last + (v - last_v) * slope, slope
+
+
+@compiled
+def _thelen_tendon(strain: float, stretch: float) -> tuple[float, float]:
+    toe_slope = 3.0 * 0.33 * e**3 / expm1(3.0)
+    toe = strain * toe_slope / (toe_slope + 0.67)
+    if stretch > toe:
+        stiffness = 0.67 / (strain - toe)
+        return 0.33 + stiffness * (stretch - toe), stiffness
+    if stretch > 0.0:
+        scale = 0.33 / expm1(3.0)
+        return scale * expm1(3.0 * stretch / toe), scale * 3.0 / toe * exp(3.0 * stretch / toe)
+    return 0.0, 0.0
+
+
+@compiled
+def _chain(tables: FiberTables, i: int, curve: int, x: float) -> tuple[float, float]:
+    first, last = tables.corner_range[i, curve]
+    begin, end = tables.node_range[i, curve]
+    return value_and_slope(tables.corners[first:last], tables.nodes_x[begin:end], tables.nodes_s[begin:end], x)
