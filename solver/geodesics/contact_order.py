@@ -71,7 +71,7 @@ def _wrap_over(start: Vector, end: Vector, k: int, wrap: Record, count: int, wor
             wrap["allowed"],
             to_surface_frame(contact, before),
             to_surface_frame(contact, behind),
-            work.lengths,
+            work.detours,
         )
         if not touches:
             continue
@@ -97,14 +97,17 @@ def _shorten_with_contact(
     """Shorten the path with its latest contact, on the shorter side where two are possible, and remove contacts at
     which the path would pull on the surface.
     """
-    place, heading, on_surface = read(contact["start"]), read(contact["heading"]), contact["length"]
+    place, heading, on_surface = read(contact["middle"]), read(contact["heading"]), contact["length"]
+    code = work.code[0]
     length = _shortest_length(start, end, count, work)
     if not isnan(another):
+        work.code[0] = code  # only the side that is taken must converge: the other may have no shortest path
         other_place, other_heading, other_on_surface = contact_in_plane(
             read(contact["size"]), to_surface_frame(contact, before), to_surface_frame(contact, behind), another
         )
         set_geodesic(contact, other_place, other_heading, other_on_surface, GUESS, work.series, work.code)
         if not _shortest_length(start, end, count, work) < length:
+            work.code[0] = code
             set_geodesic(contact, place, heading, on_surface, GUESS, work.series, work.code)
             length = _shortest_length(start, end, count, work)
     k = 0

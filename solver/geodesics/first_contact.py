@@ -14,7 +14,7 @@ from solver.wrapping.path_tables import ELLIPSOID, SPHERE
 from solver.wrapping.segment import pierces, side
 
 FirstContact = tuple[bool, Vector, Vector, float, float]
-"""Whether there is contact, then the geodesic: its first point, its direction there, its length; and on an ellipsoid
+"""Whether there is contact, then the geodesic: its middle, its direction there, its length; and on an ellipsoid
 the plane (planes.py) of another geodesic that may be as short, or NaN."""
 
 NO_CONTACT = (False, ORIGIN, ORIGIN, 0.0, nan)
@@ -22,11 +22,11 @@ NO_CONTACT = (False, ORIGIN, ORIGIN, 0.0, nan)
 
 @compiled
 def find_first_contact(
-    kind: int, size: Vector, axis: int, allowed: int, start: Vector, end: Vector, lengths: Array
+    kind: int, size: Vector, axis: int, allowed: int, start: Vector, end: Vector, detours: Array
 ) -> FirstContact:
     """axis, allowed: the path must pass where coordinate `axis` has the sign `allowed`; 0 allows all sides."""
     if kind == ELLIPSOID:
-        return _contact_ellipsoid(size, axis, allowed, start, end, lengths)
+        return _contact_ellipsoid(size, axis, allowed, start, end, detours)
     if kind == SPHERE:
         return _contact_sphere(size[0], axis, allowed, start, end)
     return _contact_cylinder(size[0], size[2], axis, allowed, start, end)
@@ -34,9 +34,9 @@ def find_first_contact(
 
 @compiled
 def _contact_ellipsoid(
-    size: Vector, axis: int, allowed: int, start: Vector, end: Vector, lengths: Array
+    size: Vector, axis: int, allowed: int, start: Vector, end: Vector, detours: Array
 ) -> FirstContact:
-    angle, another = shortest_planes(size, axis, allowed, start, end, lengths)
+    angle, another = shortest_planes(size, axis, allowed, start, end, detours)
     if isnan(angle):
         return NO_CONTACT
     place, heading, length = contact_in_plane(size, start, end, angle)
@@ -54,11 +54,12 @@ def _contact_sphere(radius: float, axis: int, allowed: int, start: Vector, end: 
     normal = any_across(x) if norm(normal) < 1e-14 * norm(start) * norm(end) else unit(normal)
     y, opening = cross(normal, x), atan2(norm(cross(start, end)), dot(start, end))
     at_start, at_end = _tangent_angle(norm(start), radius), _tangent_angle(norm(end), radius)
-    if allowed != 0 and not (side(start[axis]) == allowed and side(end[axis]) == allowed):
+    middle = 0.5 * (at_start + opening - at_end)
+    is_free = allowed == 0 or (side(start[axis]) == allowed and side(end[axis]) == allowed)
+    if not is_free and side(cos(middle) * x[axis] + sin(middle) * y[axis]) != allowed:
+        y, opening = scale(-1.0, y), 2.0 * pi - opening
         middle = 0.5 * (at_start + opening - at_end)
-        if side(cos(middle) * x[axis] + sin(middle) * y[axis]) != allowed:
-            y, opening = scale(-1.0, y), 2.0 * pi - opening
-    c, s = cos(at_start), sin(at_start)
+    c, s = cos(middle), sin(middle)
     heading = add(scale(-s, x), scale(c, y))
     return True, scale(radius, add(scale(c, x), scale(s, y))), heading, radius * (opening - at_start - at_end), nan
 
@@ -82,11 +83,12 @@ def _contact_cylinder(
     low, high = start[2] + slope * before, end[2] - slope * behind
     if abs(low) > length / 2.0 and abs(high) > length / 2.0:
         return NO_CONTACT
-    c, s = cos(at_start), sense * sin(at_start)
+    turned = at_start + 0.5 * arc / radius
+    c, s = cos(turned), sense * sin(turned)
     x, y = (c * start[0] - s * start[1]) / from_axis, (s * start[0] + c * start[1]) / from_axis
     stretch = sqrt(1.0 + slope * slope)
     heading = (-sense * y / stretch, sense * x / stretch, slope / stretch)
-    return True, (radius * x, radius * y, low), heading, arc * stretch, nan
+    return True, (radius * x, radius * y, 0.5 * (low + high)), heading, arc * stretch, nan
 
 
 @compiled

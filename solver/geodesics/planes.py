@@ -1,8 +1,10 @@
-"""Initial guess of a geodesic on an ellipsoid: the plane through both ends in which the path is shortest.
+"""Initial guess of a geodesic on an ellipsoid: the plane through both ends in which the detour is least.
 
 Divided by the semi-axes, the ellipsoid is the unit sphere and its section with a plane a circle: lines, planes and
 tangents are preserved, lengths are not. In a half-plane at angle ψ about the line through both ends, with u along the
-line and v across it and away from it, the path runs from the start to the circle, over it and on to the end.
+line and v across it and away from it, the path runs from the start to the circle, over it and on to the end. All these
+circles have a chord on the line in common: the higher the arc above it, the longer the path. Where the line is close to
+the centre, heights differ too little to tell, and lengths are compared.
 """
 
 from __future__ import annotations
@@ -32,8 +34,9 @@ PLANES = 12
 STEP = 2.0 * pi / PLANES
 COSINES = tuple(cos(k * STEP) for k in range(PLANES))
 SINES = tuple(sin(k * STEP) for k in range(PLANES))
-NEARLY_AS_SHORT = 1.5  # ratio of two detours below which the planes do not decide which geodesic is shorter
-FAR, FORBIDDEN = 1e9, 1e6  # m
+NEARLY_AS_SHORT = 2.0  # ratio of two detours below which they do not decide which geodesic is shorter
+NEAR_CENTRE = 0.5  # of the unit sphere
+FAR, FORBIDDEN = 1e9, 1e6  # above any detour
 ROUND_OFF = 1e-6
 OFF_MIDDLE = 0.15**0.5  # nodes of Gauss and Legendre's quadrature with three points, from the middle of 0 to 1
 
@@ -47,45 +50,49 @@ from u to v at which the path reaches it; angle of the arc."""
 
 @compiled
 def shortest_planes(
-    size: Vector, axis: int, allowed: int, start: Vector, end: Vector, lengths: Array
+    size: Vector, axis: int, allowed: int, start: Vector, end: Vector, detours: Array
 ) -> tuple[float, float]:
-    """Angles ψ of the shortest path over an ellipsoid with these semi-axes, and of another that may be as short; NaN
-    where there is none.
+    """Angles ψ of the plane of the shortest path over an ellipsoid with these semi-axes, and of another that may be as
+    short; NaN where there is none.
 
     axis, allowed  a path's middle must lie where coordinate `axis` has the sign `allowed`; 0 allows all sides
-    lengths        (PLANES,) working memory
+    detours        (PLANES,) working memory
     """
     p, q = divide(start, size), divide(end, size)
     if dot(p, p) <= 1.0 or dot(q, q) <= 1.0 or not pierces(subtract(q, p), p, 1.0)[0]:
         return nan, nan
-    pencil, straight = _pencil(p, q), distance(start, end)
-    for k in range(PLANES):
-        lengths[k] = _length(size, pencil, COSINES[k], SINES[k])
+    pencil = _pencil(p, q)
+    if pencil[3] < NEAR_CENTRE:
+        _set_detours(size, pencil, distance(start, end), detours)
+    else:
+        _set_square_heights(size, pencil, detours)
     first, second, least, next_least = 0.0, nan, FAR, FAR  # 0 where all are as long: between the poles of a spheroid
     for k in range(PLANES):
-        before, behind = lengths[k - 1], lengths[(k + 1) % PLANES]
-        if not (lengths[k] <= before and lengths[k] < behind):
+        before, here, behind = detours[k - 1], detours[k], detours[(k + 1) % PLANES]
+        if not (here <= before and here < behind):
             continue
-        angle, detour = k * STEP + _parabola_minimum(before, lengths[k], behind), lengths[k] - straight
+        angle = k * STEP + _parabola_minimum(before, here, behind)
         if allowed != 0 and side(_middle(pencil, cos(angle), sin(angle))[axis]) != allowed:
-            detour += FORBIDDEN
-        if detour < least:
-            first, second, least, next_least = angle, first, detour, least
-        elif detour < next_least:
-            second, next_least = angle, detour
+            here += FORBIDDEN
+        if here < least:
+            first, second, least, next_least = angle, first, here, least
+        elif here < next_least:
+            second, next_least = angle, here
     return first, (second if next_least <= NEARLY_AS_SHORT * least else nan)
 
 
 @compiled
 def contact_in_plane(size: Vector, start: Vector, end: Vector, angle: float) -> tuple[Vector, Vector, float]:
-    """First point, direction and length on the ellipsoid of the path in the half-plane at an angle."""
+    """Middle, direction there and length on the ellipsoid of the path in the half-plane at an angle."""
     pencil = _pencil(divide(start, size), divide(end, size))
     u = pencil[2]
     v, centre, _, radius, c, s, arc = _circle(pencil, cos(angle), sin(angle))
-    place = add(centre, scale(radius, add(scale(c, u), scale(s, v))))
-    heading = add(scale(s, u), scale(-c, v))
     x, y = multiply(size, u), multiply(size, v)
     length = radius * _arc(dot(x, x), dot(x, y), dot(y, y), c, s, arc)
+    half_c, half_s = cos(0.5 * arc), sin(0.5 * arc)
+    c, s = c * half_c + s * half_s, s * half_c - c * half_s
+    place = add(centre, scale(radius, add(scale(c, u), scale(s, v))))
+    heading = add(scale(s, u), scale(-c, v))
     return multiply(size, place), unit(multiply(size, heading)), length
 
 
@@ -99,16 +106,29 @@ def _pencil(p: Vector, q: Vector) -> Pencil:
 
 
 @compiled
-def _length(size: Vector, pencil: Pencil, cosine: float, sine: float) -> float:
-    """Length of the path in the half-plane at an angle with this cosine and sine."""
-    u, at_start, at_end = pencil[2], pencil[4], pencil[5]
-    v, _, height, radius, c, s, arc = _circle(pencil, cosine, sine)
-    x, y = multiply(size, u), multiply(size, v)
+def _set_square_heights(size: Vector, pencil: Pencil, detours: Array) -> None:
+    """Squares of the heights of the circles' tops above the line [m²], to which the detours are nearly proportional."""
+    towards, across, along_line, away, _, _ = pencil
+    x, y, u = multiply(size, towards), multiply(size, across), unit(multiply(size, along_line))
+    x, y = along(x, -dot(x, u), u), along(y, -dot(y, u), u)
     xx, xy, yy = dot(x, x), dot(x, y), dot(y, y)
-    turned_c, turned_s = c * cos(arc) + s * sin(arc), s * cos(arc) - c * sin(arc)
-    before = _norm(xx, xy, yy, radius * c - at_start, radius * s - height)
-    behind = _norm(xx, xy, yy, at_end - radius * turned_c, height - radius * turned_s)
-    return before + radius * _arc(xx, xy, yy, c, s, arc) + behind
+    for k in range(PLANES):
+        height = sqrt(1.0 - away * away * SINES[k] * SINES[k]) - away * COSINES[k]
+        detours[k] = (height * _norm(xx, xy, yy, COSINES[k], SINES[k])) ** 2
+
+
+@compiled
+def _set_detours(size: Vector, pencil: Pencil, straight: float, detours: Array) -> None:
+    """How much longer [m] than the straight line the path in each half-plane is."""
+    u, at_start, at_end = pencil[2], pencil[4], pencil[5]
+    for k in range(PLANES):
+        v, _, height, radius, c, s, arc = _circle(pencil, COSINES[k], SINES[k])
+        x, y = multiply(size, u), multiply(size, v)
+        xx, xy, yy = dot(x, x), dot(x, y), dot(y, y)
+        turned_c, turned_s = c * cos(arc) + s * sin(arc), s * cos(arc) - c * sin(arc)
+        before = _norm(xx, xy, yy, radius * c - at_start, radius * s - height)
+        behind = _norm(xx, xy, yy, at_end - radius * turned_c, height - radius * turned_s)
+        detours[k] = before + radius * _arc(xx, xy, yy, c, s, arc) + behind - straight
 
 
 @compiled

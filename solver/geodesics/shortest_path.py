@@ -1,7 +1,7 @@
 """The shortest path between two points over surfaces that it touches in a given order, by Newton's method.
 
-A contact has four unknowns: its geodesic slides by τ along itself and by β across, turns by θ at its beginning, and
-grows by λ. Four equations require that the straight segments before and after it are tangent to it:
+A contact has four unknowns: the middle of its geodesic slides by τ along it and by β across, the geodesic turns there
+by θ, and grows by λ. Four equations require that the straight segments before and after it are tangent to it:
 
     d·n = 0,   d·b = 0      at both ends, d being the straight segment there
 
@@ -30,6 +30,7 @@ from solver.vectors import (
     scale,
     subtract,
     unit,
+    write,
 )
 from solver.wrapping.path_tables import ELLIPSOID, NOT_CONVERGED, Codes, Indices, Record, Records
 
@@ -104,7 +105,7 @@ def _fill_end(
         above *= -sense
     by_t = ahead * (sense - tt * on_n) + above * (tt * on_t + tb * on_b)
     by_b = -ahead * tb * on_n + above * (tb * on_t + bb * on_b)
-    column, jacobi = row - 2 if sense == LAST else row, contact["jacobi"]
+    column, jacobi = row - 2 if sense == LAST else row, end["jacobi"]
     matrix[row, -1], matrix[row + 1, -1] = -missing, -on_b
     _differentiate(matrix, row, column, sense, jacobi, by_t, by_b, ahead * on_b)
     _differentiate(matrix, row + 1, column, sense, jacobi, -tb * on_n, sense - bb * on_n, -on_t)
@@ -120,13 +121,13 @@ def _arc_to_tangent_point(radius: float, x: float, y: float) -> tuple[float, flo
     """
     height = y + radius
     square = x * x + height * height
-    angle, by_x, by_y = atan2(x, height), height / square, -x / square
-    if square > radius * radius:
-        k = sqrt(square - radius * radius)
-        angle -= atan2(k, radius)
-        by_x -= radius * x / (square * k)
-        by_y -= radius * height / (square * k)
-    return radius * angle, radius * by_x, radius * by_y
+    by_x, by_y = height / square, -x / square
+    if not square > radius * radius:
+        return radius * atan2(x, height), radius * by_x, radius * by_y
+    k = sqrt(square - radius * radius)
+    by_x -= radius * x / (square * k)
+    by_y -= radius * height / (square * k)
+    return radius * atan2(x * radius - height * k, height * radius + x * k), radius * by_x, radius * by_y
 
 
 @compiled
@@ -143,7 +144,8 @@ def _fill_neighbour(
     """Derivatives of the conditions at one end of a straight segment by the unknowns of the contact at its other end,
     which is that contact's FIRST or LAST.
     """
-    other, jacobi = neighbour["last"] if sense == LAST else neighbour["first"], neighbour["jacobi"]
+    other = neighbour["last"] if sense == LAST else neighbour["first"]
+    jacobi = other["jacobi"]
     t, b, across = read(other["t"]), read(other["b"]), read(end["b"])
     towards = add(scale(sense * ahead, read(end["t"])), scale(sense * above, read(end["n"])))
     _differentiate(matrix, row, column, sense, jacobi, dot(t, towards), dot(b, towards), 0.0)
@@ -154,15 +156,13 @@ def _fill_neighbour(
 def _differentiate(
     matrix: Array, row: int, column: int, sense: float, jacobi: Array, by_t: float, by_b: float, by_turn: float
 ) -> None:
-    """Derivatives by an end's steps along t and b and its turn, as derivatives by the contact's four unknowns."""
+    """Derivatives by the steps of an end along t and b and by its turn, as derivatives by the contact's four unknowns;
+    sense as of that end.
+    """
     matrix[row, column] = by_t
-    if sense == LAST:
-        matrix[row, column + 1] = by_b * jacobi[0] + by_turn * jacobi[2]
-        matrix[row, column + 2] = by_b * jacobi[1] + by_turn * jacobi[3]
-        matrix[row, column + 3] = by_t
-    else:
-        matrix[row, column + 1] = by_b
-        matrix[row, column + 2] = by_turn
+    matrix[row, column + 1] = by_b * jacobi[0] + by_turn * jacobi[2]
+    matrix[row, column + 2] = by_b * jacobi[1] + by_turn * jacobi[3]
+    matrix[row, column + 3] = -0.5 * sense * by_t
 
 
 @compiled
@@ -209,18 +209,21 @@ def _largest_step(contacts: Records, order: Indices, steps: Array) -> float:
 
 @compiled
 def _move_ends(contact: Record, steps: Array) -> None:
-    first, last, jacobi = contact["first"], contact["last"], contact["jacobi"]
-    across = jacobi[0] * steps[1] + jacobi[1] * steps[2]
-    for i in range(3):
-        first["place"][i] += steps[0] * first["t"][i] + steps[1] * first["b"][i]
-        last["place"][i] += (steps[0] + steps[3]) * last["t"][i] + across * last["b"][i]
+    _move_end(contact["first"], steps[0] - 0.5 * steps[3], steps)
+    _move_end(contact["last"], steps[0] + 0.5 * steps[3], steps)
     contact["length"] += steps[3]
+
+
+@compiled
+def _move_end(end: Record, forwards: float, steps: Array) -> None:
+    across = end["jacobi"][0] * steps[1] + end["jacobi"][1] * steps[2]
+    write(end["place"], along(along(read(end["place"]), forwards, read(end["t"])), across, read(end["b"])))
 
 
 @compiled
 def _move(contact: Record, share: float, steps: Array, accuracy: float, series: Array, code: Codes) -> None:
     kind, size = contact["kind"], read(contact["size"])
-    x, t = read(contact["start"]), read(contact["heading"])
+    x, t = read(contact["middle"]), read(contact["heading"])
     b = cross(normal_at(kind, size, x), t)
     x = project_onto_surface(kind, size, along(along(x, share * steps[0], t), share * steps[1], b))
     t, n = along(t, share * steps[2], b), normal_at(kind, size, x)

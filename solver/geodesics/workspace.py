@@ -16,7 +16,7 @@ from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Record
 class GeodesicWorkspace(NamedTuple):
     """nodes of a path (NODE) and their sequence along it; stops, the nodes that are its path points; its contacts
     (CONTACT), one for each of its surfaces, and their order along a segment; the matrix of shortest_path.py; the series
-    of series.py; the lengths of planes.py; code (1,), the outcome of the path.
+    of series.py; the detours of planes.py; code (1,), the outcome of the path.
     """
 
     nodes: Records
@@ -26,7 +26,7 @@ class GeodesicWorkspace(NamedTuple):
     order: Indices
     matrix: Array
     series: Array
-    lengths: Array
+    detours: Array
     code: Codes
 
 
