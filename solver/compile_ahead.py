@@ -31,14 +31,14 @@ from solver.inverse_kinematics.uncertainty import posture_uncertainty
 from solver.model import Marker, Model
 from solver.motion import differentiate
 from solver.multibody.bodies import move_bodies
-from solver.multibody.joint_loads import add_joint_loads
 from solver.multibody.masses import mass_matrix_and_bias
 from solver.multibody.postures import points_in_ground, postures
+from solver.multibody.responses import fill_responses
 from solver.path_lines import path_lines
 from solver.personalisation.estimate import estimate_body
 from solver.raise_arm import simulate_arm_raise
+from solver.redundancy.elimination import eliminate
 from solver.redundancy.frames import solve_frames
-from solver.redundancy.householder import triangularise
 from solver.stream.fixed_lag import smooth_window
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
@@ -55,8 +55,8 @@ KERNELS: tuple[Any, ...] = (
     evaluate_wrapped_paths,
     evaluate_chain,
     mass_matrix_and_bias,
-    add_joint_loads,
-    triangularise,
+    fill_responses,
+    eliminate,
     solve_frames,
     solve_postures,
     fill_sensitivities,

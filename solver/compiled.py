@@ -16,6 +16,7 @@ from filelock import FileLock, Timeout
 from numba import njit
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.types import unliteral
 
 from solver.linked import LinkedCompiler
 
@@ -30,7 +31,8 @@ cache_logger = logging.getLogger("solver.cache")  # apart, because a progress ba
 def compiled(function: Function) -> Function:
     """The function as code for other compiled functions; division by zero gives inf or NaN, as in C.
 
-    It cannot be called from Python: without the wrapper that it would need, it compiles in half the time.
+    It cannot be called from Python: without the wrapper that it would need, it compiles in half the time. Without
+    _unliteral, it would be compiled once more for each constant argument.
     """
     options: dict[str, Any] = {
         "error_model": "numpy",
@@ -39,7 +41,11 @@ def compiled(function: Function) -> Function:
         "no_cfunc_wrapper": True,
         "pipeline_class": LinkedCompiler,
     }
-    return cast(Function, njit(**options)(function))
+    linked: Any = njit(**options)(function)
+    if hasattr(linked, "get_call_template"):  # not with NUMBA_DISABLE_JIT
+        find_template = linked.get_call_template
+        linked.get_call_template = lambda types, names: find_template([_unliteral(kind) for kind in types], names)
+    return cast(Function, linked)
 
 
 def compiled_for_python(function: Function) -> Function:
@@ -55,7 +61,8 @@ def compiled_for_python(function: Function) -> Function:
     return cast(Function, kernel)
 
 
-_Cache: Any = FunctionCache  # without types
+_unliteral: Any = unliteral  # without types
+_Cache: Any = FunctionCache
 _Null: Any = NullCache
 
 

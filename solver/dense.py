@@ -45,6 +45,25 @@ def columns_times(M: Array, v: Array, product: Array) -> None:
 
 
 @compiled
+def matrix_times(matrix: Array, rows: Array, product: Array) -> None:
+    """matrix · rows, in the first columns of a product that may have more; four rows at once, so as to write less."""
+    whole = len(rows) - len(rows) % 4
+    for i in range(len(matrix)):
+        own = product[i]
+        for j in range(rows.shape[1]):
+            own[j] = 0.0
+        for k in range(0, whole, 4):
+            a, b, c, d = matrix[i, k], matrix[i, k + 1], matrix[i, k + 2], matrix[i, k + 3]
+            one, two, three, four = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+            for j in range(rows.shape[1]):
+                own[j] += (a * one[j] + b * two[j]) + (c * three[j] + d * four[j])
+        for k in range(whole, len(rows)):
+            a, one = matrix[i, k], rows[k]
+            for j in range(rows.shape[1]):
+                own[j] += a * one[j]
+
+
+@compiled
 def rows_times_rows(M: Array, inverse: Array, R: Array, weighted: Array, product: Array) -> None:
     """M · diagonal · Mᵀ + R, symmetric."""
     for i in range(len(M)):

@@ -1,8 +1,9 @@
-"""Read-only arrays of a frozen dataclass."""
+"""Read-only arrays: of a frozen dataclass, and for compiled code."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solver.errors import ModelError, SolverCode
 
@@ -16,3 +17,10 @@ def freeze_arrays(noun: object, **shapes: tuple[int, ...]) -> None:
             raise ModelError(sentence, SolverCode.WRONG_SHAPE)
         values.flags.writeable = False
         object.__setattr__(noun, field, values)
+
+
+def read_only(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values as a contiguous read-only array: for the compiler, arrays of another kind are of another type."""
+    view = np.ascontiguousarray(values).view()
+    view.flags.writeable = False
+    return view

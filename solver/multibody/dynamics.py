@@ -11,6 +11,7 @@ multipliers that hold them, as in Simbody. Loads are wrenches on bodies about th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
+from solver.frozen import read_only
 from solver.model import Model, ModelError
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.force_element import total_loads
@@ -27,6 +29,7 @@ from solver.multibody.tables import Indices, Tables, tables_of
 
 if TYPE_CHECKING:
     from solver.multibody.masses import DynamicsTerms
+    from solver.multibody.responses import Responses
 
 Array = NDArray[np.float64]
 
@@ -116,7 +119,7 @@ class Response:
 
 
 def response_to_loads(
-    equations: EquationsOfMotion, wrenches: Array, generalised_forces: Array | float = 0.0
+    equations: EquationsOfMotion, wrenches: Array, generalised_forces: Array | None = None
 ) -> Response:
     """The response to each of many loads. It is linear in them, so one geometry serves all scenarios.
 
@@ -124,29 +127,55 @@ def response_to_loads(
                         ground; see rotations.wrench_about_origin for forces at points
     generalised_forces  (frames, loads, coordinates), that act on coordinates and on no body [N, N m]
     """
-    body, point = equations.reaction_body, equations.reaction_point
-    forces, direct = _joint_loads(equations.tables, equations.screws, body, point, wrenches, generalised_forces)
-    acceleration = forces @ equations.mobility
-    reaction = direct - acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2)
-    return Response(acceleration, reaction)
+    frames, count = wrenches.shape[:2]
+    responses = responses_to(
+        equations, wrenches, generalised_forces, np.ones((frames, count)), np.zeros((frames, count))
+    )
+    return Response(np.swapaxes(responses.acceleration, 1, 2), np.swapaxes(responses.reaction, 1, 2))
 
 
-def _joint_loads(
-    tables: Tables, screws: Array, body: int, point: Array, wrenches: Array, generalised_forces: Array | float
-) -> tuple[Array, Array]:
-    """Forces on the coordinates (frames, loads, coordinates), and the sum of the wrenches on `body` and the bodies
-    beyond it about `point` (frames, 3): (frames, loads, 6); arguments as of response_to_loads.
+def responses_to(
+    equations: EquationsOfMotion,
+    wrenches: Array,
+    generalised_forces: Array | None,
+    factors: Array,
+    shares: Array,
+    driven: Sequence[int] = (),
+    strength: Sequence[float] = (),
+) -> Responses:
+    """The response to each load times its factor (frames, loads), and to forces of this strength (actuators,) on the
+    `driven` coordinates (actuators,); their sum with shares (frames, loads) of the loads.
     """
-    from solver.multibody.joint_loads import add_joint_loads
+    from solver.multibody.responses import Loads, Mobility, Responses, fill_responses
 
-    forces = np.empty((*wrenches.shape[:2], screws.shape[1]))
-    forces[...] = generalised_forces
-    direct = np.empty((*wrenches.shape[:2], 6))
-    wrenches = np.ascontiguousarray(wrenches).view()
-    wrenches.flags.writeable = False  # always, because the compiler treats read-only arrays as another type
-    add_joint_loads(tables.joints, screws, body, wrenches, forces, direct)
-    direct[..., :3] -= cross(point[:, None], direct[..., 3:])
-    return forces, direct
+    frames, count, coordinates = *wrenches.shape[:2], equations.screws.shape[1]
+    columns = count + len(driven)
+    responses = Responses(
+        acceleration=np.empty((frames, coordinates, columns)),
+        reaction=np.empty((frames, 6, columns)),
+        total_acceleration=np.empty((frames, coordinates)),
+        total_reaction=np.empty((frames, 6)),
+    )
+    fill_responses(
+        Mobility(
+            equations.tables.joints,
+            equations.screws,
+            equations.mobility,
+            equations.reaction_per_acceleration,
+            equations.reaction_body,
+            equations.reaction_point,
+        ),
+        Loads(
+            wrenches=read_only(wrenches),
+            forces=read_only(np.zeros((0, 0, 0)) if generalised_forces is None else generalised_forces),
+            factors=read_only(factors),
+            shares=read_only(shares),
+            driven=np.array(driven, dtype=np.int64),
+            strength=np.array(strength, dtype=np.float64),
+        ),
+        responses,
+    )
+    return responses
 
 
 def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array:
@@ -174,10 +203,12 @@ def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsT
     gravity, carried = np.array(model.gravity), _carried(model, child)
     mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, terms)
     if model.forces:
-        wrenches, on_coordinates = (loads[:, None] for loads in total_loads(model, state))
-        forces, direct = _joint_loads(tables_of(model), state.screws, child, point, wrenches, on_coordinates)
-        terms.bias_force[...] -= forces[:, 0]
-        terms.reaction_bias[...] += direct[:, 0]
+        wrenches, on_coordinates = total_loads(model, state)
+        beyond = tables_of(model).moves.T @ wrenches  # of each coordinate
+        terms.bias_force[...] -= on_coordinates + (beyond * state.screws).sum(axis=-1)
+        direct = carried @ wrenches
+        terms.reaction_bias[...] += direct
+        terms.reaction_bias[:, :3] -= cross(point, direct[:, 3:])
     return terms
 
 

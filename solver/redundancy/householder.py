@@ -1,94 +1,123 @@
-"""Householder reflections that triangularise the rows of each frame; compiled."""
+"""Householder reflections that triangularise the rows of a frame; compiled."""
 
 from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled, compiled_for_python
+from solver.compiled import compiled
 from solver.dense import dot
 
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-9  # of the longest column
+LANES = 32
+"""Numbers that a compiled loop treats at once; the rest of a row takes as long again."""
 
 
-@compiled_for_python
-def triangularise(triangles: Array, free: int, weighted: int) -> NDArray[np.int64]:
-    """Turn the rows of triangles (frames, rows, columns) in place: first along each of the `free` columns in turn, then
-    along the longest that is left of the next `weighted` columns. Then the first rows are solved for the free columns,
-    which become the identity, and the others are scaled to length 1 in the weighted columns.
-
-    Returns the ranks (frames,), less than `free` where the free columns are dependent; rows beyond have no meaning.
+class Triangle(NamedTuple):
+    """A matrix in two parts: the columns of the free unknowns (rows, free), and the others (rows, width), padded with
+    zeros to a multiple of LANES. Only as many rows as the reflector has are reflected; sums (width,) is working memory.
     """
-    ranks = np.empty(len(triangles), np.int64)
-    sums = np.empty(triangles.shape[2])
-    for frame in range(len(triangles)):
-        rows = triangles[frame]
-        _, longest = _longest_column(rows[:, : free + weighted], sums)
-        rank = 0
-        while rank < len(rows):
-            start, end = (rank, rank + 1) if rank < free else (free, free + weighted)
-            column, length = _longest_column(rows[rank:, start:end], sums)
-            if not length > RANK_TOLERANCE * longest:
-                break
-            _reflect(rows[rank:, start:], column, length, sums)
-            rank += 1
-        ranks[frame] = rank
-        if rank >= free:
-            _solve(rows[:free], free)
-            for i in range(free, rank):
-                own = rows[i, free : free + weighted]
-                _divide(rows[i, free:], np.sqrt(dot(own, own)))
-    return ranks
+
+    free: Array
+    others: Array
+    reflector: Array
+    sums: Array
 
 
-# These functions slice columns so that indices start at 0: the compiler knows that none is negative, and vectorises.
+def padded(columns: int) -> int:
+    """Width of Triangle.others for so many columns."""
+    return -(-columns // LANES) * LANES
 
 
 @compiled
-def _longest_column(rows: Array, sums: Array) -> tuple[int, float]:
-    """Index of the longest column, and its length."""
-    squares = sums[: rows.shape[1]]
+def triangularise(triangle: Triangle, weighted: int) -> int:
+    """Reflect the rows in place: first along each of the free columns in turn, then along the longest that is left of
+    the first `weighted` columns of the others. Then the upper rows are solved for the free unknowns, and those below
+    are scaled to length 1 in the weighted columns.
+
+    Returns the rank, less than the number of free columns where these are dependent; rows beyond have no meaning.
+    """
+    free, others, reflector, sums = triangle
+    count, rank, longest = free.shape[1], 0, 0.0
+    while rank < len(reflector):
+        if rank == 0:
+            for rows, end in ((free, count), (others, weighted)):
+                longest = max(longest, _longest_column(rows, rank, end, triangle)[1])
+        if rank < count:
+            length = _set_reflector(free, rank, rank, reflector)
+        else:
+            column, _ = _longest_column(others, rank, weighted, triangle)
+            length = _set_reflector(others, rank, column, reflector)
+        if not length > RANK_TOLERANCE * longest:
+            break
+        if rank < count:
+            _reflect(free, rank, reflector, sums)
+        _reflect(others, rank, reflector, sums)
+        rank += 1
+    if rank >= count:
+        _solve(free, others)
+        for i in range(count, rank):
+            own = others[i, :weighted]
+            _divide(others[i], sqrt(dot(own, own)))
+    return rank
+
+
+@compiled
+def _longest_column(rows: Array, first: int, end: int, triangle: Triangle) -> tuple[int, float]:
+    """Index of the longest of the columns before `end`, in the rows from the first on, and its length."""
+    squares, longest, most = triangle.sums[: rows.shape[1]], 0, 0.0
     _clear(squares)
-    for row in rows:
+    for i in range(first, len(triangle.reflector)):
+        row = rows[i]
         for j in range(len(squares)):
             squares[j] += row[j] * row[j]
-    longest = 0
-    for j in range(len(squares)):
-        if squares[j] > squares[longest]:
-            longest = j
-    return longest, float(np.sqrt(squares[longest]))
+    for j in range(end):
+        if squares[j] > most:
+            longest, most = j, squares[j]
+    return longest, sqrt(most)
 
 
 @compiled
-def _reflect(rows: Array, column: int, length: float, sums: Array) -> None:
-    """The column becomes ± its length in the first row and zero below."""
-    shadow, square, first = sums[: rows.shape[1]], 0.0, rows[0, column]
-    rows[0, column] += length if first >= 0.0 else -length
+def _set_reflector(rows: Array, first: int, column: int, reflector: Array) -> float:
+    """The column, from the first row on, and ± its length added to its first entry; returns that length."""
+    square = 0.0
+    for i in range(first, len(reflector)):
+        reflector[i] = rows[i, column]
+        square += reflector[i] * reflector[i]
+    length = sqrt(square)
+    reflector[first] += length if reflector[first] >= 0.0 else -length
+    return length
+
+
+@compiled
+def _reflect(rows: Array, first: int, reflector: Array, sums: Array) -> None:
+    """rows − 2 v (v·rows) / v·v, so that the column of the reflector v becomes ± its length in the first row."""
+    shadow, own = sums[: rows.shape[1]], reflector[first:]
     _clear(shadow)
-    for row in rows:
-        factor = row[column]
-        square += factor * factor
+    for i in range(first, len(reflector)):
+        factor, row = reflector[i], rows[i]
         for j in range(len(shadow)):
             shadow[j] += factor * row[j]
-    for row in rows:
-        factor = 2.0 * row[column] / square
+    scale = 2.0 / dot(own, own)
+    for i in range(first, len(reflector)):
+        factor, row = scale * reflector[i], rows[i]
         for j in range(len(shadow)):
             row[j] -= factor * shadow[j]
-    for row in rows:
-        row[column] = 0.0
-    rows[0, column] = -length if first >= 0.0 else length
 
 
 @compiled
-def _solve(rows: Array, free: int) -> None:
-    """Back substitution, after which the triangle is the identity."""
-    for k in range(free - 1, -1, -1):
-        row = rows[k, k:]
-        _divide(row, row[0])
+def _solve(free: Array, others: Array) -> None:
+    """Back substitution with the triangle of the free columns."""
+    for k in range(free.shape[1] - 1, -1, -1):
+        row = others[k]
+        _divide(row, free[k, k])
         for i in range(k):
-            above, factor = rows[i, k:], rows[i, k]
+            above, factor = others[i], free[i, k]
             for j in range(len(row)):
                 above[j] -= factor * row[j]
 

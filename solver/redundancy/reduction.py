@@ -22,11 +22,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.frozen import read_only
 from solver.multibody.rotations import each_frame
-from solver.redundancy.householder import triangularise
+from solver.redundancy.elimination import ReducedRows, Unreduced, eliminate
+from solver.redundancy.householder import Triangle, padded
 from solver.redundancy.problem import SequenceProblem
 
 Array = NDArray[np.float64]
+NO_RANK = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,30 +90,42 @@ def reduce_frames(
     of different rank.
     """
     is_free = weights == 0
-    tracked, free, weighted = matrix.shape[1], int(is_free.sum()), int((~is_free).sum())
+    (frames, tracked, controls), free, cone = matrix.shape, int(is_free.sum()), cone_matrix.shape[1]
     if is_free[:muscles].any() or free > tracked:
         return None
-    triangles = np.empty((len(matrix), tracked, free + weighted + tracked))
-    triangles[:, :, :free], triangles[:, :, free:-tracked] = matrix[:, :, is_free], matrix[:, :, ~is_free]
-    triangles[:, :, -tracked:] = np.eye(tracked)
-    ranks = set(triangularise(triangles, free, weighted).tolist())
-    rank = min(ranks, default=tracked)
-    if rank < free or len(ranks) > 1:
+    unreduced = Unreduced(
+        matrix=read_only(matrix),
+        cone_matrix=read_only(cone_matrix),
+        muscles=muscles,
+        free=free,
+        order=np.argsort(is_free, kind="stable"),
+        weights=weights[~is_free][muscles:],
+    )
+    width = padded(controls - free + tracked)
+    triangle = Triangle(
+        free=np.empty((tracked + cone, free)),
+        others=np.empty((tracked + cone, width)),
+        reflector=np.empty(tracked),
+        sums=np.empty(width),
+    )
+    first = unreduced._replace(matrix=unreduced.matrix[:1])
+    rank = eliminate(first, NO_RANK, triangle, _allocate(unreduced, 0, 0)) if frames else tracked
+    if rank < free:
         return None
-    F, of_acceleration = triangles[:, :free, free:-tracked], triangles[:, :free, -tracked:]
-    equalities = triangles[:, free:rank, free:]
-    on_free = cone_matrix[:, :, is_free]
-    M = np.concatenate([equalities[:, :, :weighted], cone_matrix[:, :, ~is_free] - on_free @ F], axis=1)
-    reserves = np.swapaxes(M[:, :, muscles:], 1, 2) / (2 * weights[~is_free][muscles:, None])
-    return Reduction(
-        equalities=rank - free,
-        exponent=exponent,
-        cost=exponent * weights[:muscles],
-        is_free=is_free,
-        rows=np.ascontiguousarray(M[:, :, :muscles]),
-        effort=M[:, :, muscles:] @ reserves,
-        per_acceleration=np.concatenate([equalities[:, :, weighted:], -on_free @ of_acceleration], axis=1),
-        reserves=reserves,
-        free_per_effort=F,
-        free_per_acceleration=of_acceleration,
+    reduced = _allocate(unreduced, frames, rank - free + cone)
+    if eliminate(unreduced, rank, triangle, reduced) != rank:
+        return None
+    return Reduction(rank - free, exponent, exponent * weights[:muscles], is_free, *reduced)
+
+
+def _allocate(unreduced: Unreduced, frames: int, m: int) -> ReducedRows:
+    """For m rows in each frame."""
+    tracked, free, reserves = unreduced.matrix.shape[1], unreduced.free, len(unreduced.weights)
+    return ReducedRows(
+        rows=np.empty((frames, m, unreduced.muscles)),
+        effort=np.empty((frames, m, m)),
+        per_acceleration=np.empty((frames, m, tracked)),
+        reserves=np.empty((frames, reserves, m)),
+        free_per_effort=np.empty((frames, free, unreduced.muscles + reserves)),
+        free_per_acceleration=np.empty((frames, free, tracked)),
     )

@@ -7,16 +7,20 @@ muscle is that to its path's tension of 1 N times its active force.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.model import CoordinateActuator, Model
-from solver.multibody.dynamics import EquationsOfMotion, Response, response_to_loads
+from solver.multibody.dynamics import EquationsOfMotion, response_to_loads, responses_to
 from solver.multibody.force_element import full_loads
 from solver.multibody.postures import Postures
 from solver.muscle import MuscleForces
 from solver.paths import PathState
+
+if TYPE_CHECKING:
+    from solver.multibody.responses import Responses
 
 Array = NDArray[np.float64]
 
@@ -40,8 +44,8 @@ class ResponseMaps:
     def is_finite(self) -> NDArray[np.bool_]:
         """(frames,) False in a posture in which the model cannot be evaluated."""
         parts = (getattr(self, field.name) for field in fields(self))
-        known = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-        is_finite: NDArray[np.bool_] = np.isfinite(known).all(axis=1)
+        sums = [part.reshape(len(part), -1).sum(axis=1) for part in parts]  # finite only if all their terms are
+        is_finite: NDArray[np.bool_] = np.isfinite(np.array(sums)).all(axis=0)
         return is_finite
 
     def cleared(self, frames: NDArray[np.bool_]) -> ResponseMaps:
@@ -61,41 +65,37 @@ def response_maps(
     wrenches: Array | None = None,
 ) -> ResponseMaps:
     """The maps of the redundancy problem; wrenches (frames, bodies, 6) are loads besides the muscles, as of a suit."""
-    muscles = response_to_loads(equations, paths.wrench_per_tension, paths.mobility_per_tension)
-    actuators = _actuator_response(model, state, equations)
-    passive = forces.passive[..., None]
-    acceleration = equations.acceleration_unloaded + (muscles.acceleration * passive).sum(axis=1)
-    reaction = equations.reaction_unloaded + (muscles.reaction * passive).sum(axis=1)
+    driven = [one.coordinate if isinstance(one, CoordinateActuator) else 0 for one in model.actuators]
+    strength = [one.optimal_force if isinstance(one, CoordinateActuator) else 0.0 for one in model.actuators]
+    responses = responses_to(
+        equations,
+        paths.wrench_per_tension,
+        paths.mobility_per_tension,
+        factors=forces.active,
+        shares=forces.passive,
+        driven=driven,
+        strength=strength,
+    )
+    _set_bodily_actuators(model, state, equations, responses)
+    acceleration = equations.acceleration_unloaded + responses.total_acceleration
+    reaction = equations.reaction_unloaded + responses.total_reaction
     if wrenches is not None:
         loads = response_to_loads(equations, wrenches[:, None])
         acceleration, reaction = acceleration + loads.acceleration[:, 0], reaction + loads.reaction[:, 0]
-    active = forces.active[..., None]
-    per_control = np.concatenate([muscles.acceleration * active, actuators.acceleration], axis=1)
-    reaction_per_control = np.concatenate([muscles.reaction * active, actuators.reaction], axis=1)
     return ResponseMaps(
         acceleration_at_rest=acceleration,
-        acceleration_per_control=np.swapaxes(per_control, 1, 2),
+        acceleration_per_control=responses.acceleration,
         reaction_at_rest=reaction,
-        reaction_per_control=np.swapaxes(reaction_per_control, 1, 2),
+        reaction_per_control=responses.reaction,
     )
 
 
-def _actuator_response(model: Model, state: Postures, equations: EquationsOfMotion) -> Response:
-    """That of each actuator's full control."""
-    on_coordinates = _coordinate_response(model, equations)
+def _set_bodily_actuators(model: Model, state: Postures, equations: EquationsOfMotion, responses: Responses) -> None:
+    """Fill the columns of actuators that act on bodies, and not on a coordinate."""
     bodily = [(index, one) for index, one in enumerate(model.actuators) if not isinstance(one, CoordinateActuator)]
     if not bodily:
-        return on_coordinates
+        return
     on_bodies = response_to_loads(equations, *full_loads([one for _, one in bodily], model, state))
-    for found, index in enumerate(index for index, _ in bodily):
-        on_coordinates.acceleration[:, index] = on_bodies.acceleration[:, found]
-        on_coordinates.reaction[:, index] = on_bodies.reaction[:, found]
-    return on_coordinates
-
-
-def _coordinate_response(model: Model, equations: EquationsOfMotion) -> Response:
-    """A force on one coordinate is a row of P, times its size; 0 for other actuators."""
-    driven = [one.coordinate if isinstance(one, CoordinateActuator) else 0 for one in model.actuators]
-    strength = [one.optimal_force if isinstance(one, CoordinateActuator) else 0.0 for one in model.actuators]
-    acceleration = equations.mobility[:, driven] * np.array(strength)[:, None]
-    return Response(acceleration, -acceleration @ np.swapaxes(equations.reaction_per_acceleration, 1, 2))
+    for found, (index, _) in enumerate(bodily):
+        responses.acceleration[:, :, len(model.muscles) + index] = on_bodies.acceleration[:, found]
+        responses.reaction[:, :, len(model.muscles) + index] = on_bodies.reaction[:, found]

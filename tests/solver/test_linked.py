@@ -48,3 +48,18 @@ def test_they_are_not_given_to_the_execution_engine() -> None:
     for lowered in inner.overloads.values():
         library = lowered.library
         assert not library.codegen._engine.is_symbol_defined(lowered.fndesc.mangled_name)
+
+
+def test_constant_arguments_are_not_compiled_once_more() -> None:
+    inner: Any = compiled(_power)
+
+    @njit
+    def kernel(x: float, exponent: int) -> float:
+        return float(inner(x, 2) + inner(x, 3) + inner(x, exponent))
+
+    assert kernel(2.0, 4) == 4.0 + 8.0 + 16.0
+    assert len(inner.signatures) == 1
+
+
+def _power(x: float, exponent: int) -> float:
+    return float(x**exponent)

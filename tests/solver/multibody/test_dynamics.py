@@ -10,8 +10,8 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.model import Model
 from solver.multibody.dynamics import equations_of_motion, multipliers, response_to_loads
-from solver.multibody.joint_loads import add_joint_loads
 from solver.multibody.postures import Postures, jacobians, points_in_ground, postures, speeds_from_rates
+from solver.multibody.responses import fill_responses
 from solver.multibody.rotations import rotate, wrench_about_origin
 from solver.muscle import muscle_forces
 from solver.paths import evaluate_paths
@@ -81,7 +81,7 @@ def test_responses_add_up() -> None:
 
 def test_loads_of_any_layout_meet_the_same_machine_code() -> None:
     expected = response_to_loads(EQUATIONS, LOADS)
-    kernel: Any = add_joint_loads
+    kernel: Any = fill_responses
     known = len(kernel.signatures)
     for loads in (np.asfortranarray(LOADS), LOADS.repeat(2, axis=0)[::2], np.broadcast_to(LOADS, LOADS.shape)):
         assert np.array_equal(response_to_loads(EQUATIONS, loads).acceleration, expected.acceleration)
