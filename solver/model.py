@@ -265,7 +265,7 @@ class Model:
     """The musculoskeletal model of a person; gravity (3,) [m/s²] in ground. The order of each tuple is that of every
     array with such an axis: bodies (ground first), coordinates, muscles, then actuators behind the muscles in controls.
     forces are passive loads on its bodies. left_out names the parts of its file that are switched off or were ignored
-    on request.
+    on request, lacking those of them whose loads act in OpenSim and are not known.
     """
 
     name: str
@@ -281,6 +281,7 @@ class Model:
     coordinate_forces: tuple[CoordinateForce, ...] = ()
     forces: tuple[PassiveForce, ...] = ()
     left_out: tuple[str, ...] = ()
+    lacking: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self, gravity=(3,))

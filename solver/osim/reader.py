@@ -26,7 +26,8 @@ from solver.osim.paths import read_surface
 def read_osim(path: str | Path, *, ignore_forces: bool = False) -> Model:
     """The model in an .osim file. Raises ModelError, with file and line, for anything the solver does not reproduce.
 
-    ignore_forces leaves out forces and controllers that the solver does not have (Model.left_out names them).
+    ignore_forces leaves out forces and controllers that the solver does not have (Model.left_out names them, and
+    Model.lacking the forces).
     """
     return read_osim_model(read_document(Path(path)), ignore_forces=ignore_forces)
 
@@ -37,10 +38,13 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
     model = with_defaults(as_version_4(model) if _is_earlier(document) else model)
-    left_out = _inert(model) + _switched_off(model) + (_unsupported_forces(model) if ignore_forces else [])
+    ignored = _unsupported_forces(model) if ignore_forces else []
+    left_out = _inert(model) + _switched_off(model) + ignored
     if left_out:
         model = _without(model, left_out)
-    return replace(_model(model), left_out=tuple(f"{element.tag} {element.name}".strip() for element in left_out))
+    names = tuple(f"{element.tag} {element.name}".strip() for element in left_out)
+    lacking = tuple(element.name for element in ignored if not element.tag.endswith("Controller"))
+    return replace(_model(model), left_out=names, lacking=lacking)
 
 
 OPENSIM_2, AFTER_OPENSIM_3, OPENSIM_4, LONGEST_VERSION = 20000, 30500, 40000, 9

@@ -11,9 +11,11 @@ from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
+from solver.redundancy.left_out import without_forces
 from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
 from solver.suit.suited_model import SuitedModel
 from station.assessment.effort import read_effort
+from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import note_unconverged
 from station.progress import Progress, silent
 from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
@@ -37,7 +39,8 @@ class MotionCut:
 class MuscleInputs:
     """The files of the problem; a motion of None and the model "bundled" are those of the solver.
 
-    ignore_forces leaves out forces and controllers of the model that the solver does not have.
+    ignore_forces leaves out forces and controllers of the model that the solver does not have, and left_out passive
+    forces by name that it has.
     """
 
     motion: Path | None = None
@@ -45,6 +48,7 @@ class MuscleInputs:
     external_loads: Path | None = None
     effort: Path | None = None
     ignore_forces: bool = False
+    left_out: tuple[str, ...] = ()
 
     def hashes(self) -> dict[str, str]:
         """Role → "name SHA-256", or a name alone for what comes with the station."""
@@ -54,12 +58,16 @@ class MuscleInputs:
 
 @dataclass(frozen=True)
 class SolvedMotion:
-    """Solution, model and options; `notes` are all settings that are needed to reproduce the numbers."""
+    """Solution, model and options; `notes` are all settings that are needed to reproduce the numbers.
+
+    left_out  what the forces that were left out change, as far as it is known
+    """
 
     model: Model
     options: RedundancyOptions
     solution: MotionSolution
     notes: Mapping[str, str]
+    left_out: LeftOutEffect = NOTHING_LEFT_OUT
 
 
 def solve_muscles(
@@ -68,6 +76,7 @@ def solve_muscles(
     """Solve every frame. An effort file overrules the weights of the options."""
     suited = suited_model_of(inputs.model)
     model = model_of(inputs.model, ignore_forces=inputs.ignore_forces) if suited is None else suited.model
+    whole_model, model = model, without_forces(model, inputs.left_out)
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
     ensure_joint_and_markers(model, options)
@@ -80,9 +89,10 @@ def solve_muscles(
         model, kinematics, options, lambda done, total: progress("solving muscles", done, total), loads
     )
     suit = {} if suited is None else {"suit": _describe_suit(suited)}
-    left_out = {"left_out": ", ".join(model.left_out)} if model.left_out else {}
+    effect = effect_of(whole_model, model, inputs.left_out, kinematics, loads, solution)
+    left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
     notes = inputs.hashes() | suit | left_out | _notes(kinematics, options, solution)
-    return SolvedMotion(model, options, solution, notes)
+    return SolvedMotion(model, options, solution, notes, effect)
 
 
 def ensure_joint_and_markers(model: Model, options: RedundancyOptions) -> None:

@@ -30,6 +30,12 @@ Indices = Annotated[
     int | None,
     typer.Option(min=8, help="Sobol indices of the sources, from 7 times as many people; a power of two, as 128."),
 ]
+IgnoreForces = Annotated[
+    bool, typer.Option("--ignore-forces", help="Leave out forces and controllers that the solver does not have.")
+]
+LeaveOut = Annotated[
+    list[str] | None, typer.Option(help="Leave out this spring, ligament or contact of the model; may be repeated.")
+]
 ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]
 
 
@@ -39,9 +45,8 @@ def rmr(
         Path | None, typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled arm raise.")
     ] = None,
     model: BundledOrOsim = "bundled",
-    ignore_forces: Annotated[
-        bool, typer.Option("--ignore-forces", help="Leave out forces and controllers that the solver does not have.")
-    ] = False,
+    ignore_forces: IgnoreForces = False,
+    leave_out: LeaveOut = None,
     external_loads: ExternalLoads = None,
     effort: Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")] = None,
     exponent: EffortExponent = 2,
@@ -67,7 +72,7 @@ def rmr(
     from solver.redundancy.motion import RedundancyOptions
     from station.assessment.compilation import compilation_shown
     from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles
-    from station.assessment.rmr_table import ensure_writable, write_solved
+    from station.assessment.rmr_table import ensure_writable
     from station.progress import progress_bars
 
     ensure_writable(output)
@@ -76,11 +81,19 @@ def rmr(
     free = tuple(name for name in free_coordinates.split(",") if name)
     options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint)
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2)
-    inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces=ignore_forces)
+    inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, tuple(leave_out or ()))
     cut = MotionCut(cutoff_hz or None, start, end, every)
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         solved = solve_muscles(inputs, cut, options, progress)
     _print_conditions(solved)
+    _write(output, plot, solved)
+    raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
+
+
+def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
+    """The table, and the figures if they are asked for."""
+    from station.assessment.rmr_table import write_solved
+
     left_out = write_solved(output, solved)
     if left_out is not None:
         print_message(left_out)
@@ -90,17 +103,19 @@ def rmr(
 
         draw_solved(plot, solved)
         print(plot)
-    raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
 
 
 def _print_conditions(solved: SolvedMotion) -> None:
     """Filter, forces that were left out, and frames and muscles without a converged solution."""
+    from station.assessment.left_out import describe_left_out
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
 
     print_message(f"filter: {solved.notes['filter']}")
-    if solved.model.left_out:
-        print_message(f"Left out of the model: {solved.notes['left_out']}. The results do not include their loads.")
-    for sentence in (*describe_unsolved(solved.solution), *describe_unconverged(solved.solution)):
+    for sentence in (
+        *describe_left_out(solved.model, solved.left_out),
+        *describe_unsolved(solved.solution),
+        *describe_unconverged(solved.solution),
+    ):
         print_message(sentence)
 
 

@@ -1,0 +1,79 @@
+"""What forces that are left out of a model would do in a motion, as far as it can be computed.
+
+The load of a force that the solver has is computed. That of one it does not have is not known; what shows is how much
+of the forces that the motion needs is left to reserve actuators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.errors import SolverCode
+from solver.model import CoordinateActuator, Model, ModelError
+from solver.motion import Kinematics
+from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.external_loads import ExternalForce, load_wrenches
+from solver.multibody.force_element import total_loads
+from solver.multibody.postures import Postures, jacobians, postures
+
+Array = NDArray[np.float64]
+
+
+def without_forces(model: Model, names: Sequence[str]) -> Model:
+    """The model without its passive forces of these names; left_out names them. ModelError for a name it lacks."""
+    known = [force.name for force in (*model.coordinate_forces, *model.forces)]
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        raise ModelError(
+            f"{model.name} has no spring, ligament, contact or other passive force {', '.join(unknown)} to leave out; "
+            f"it has {', '.join(known) or 'none'}",
+            SolverCode.UNKNOWN_NAME,
+        )
+    return replace(
+        model,
+        coordinate_forces=tuple(force for force in model.coordinate_forces if force.name not in names),
+        forces=tuple(force for force in model.forces if force.name not in names),
+        left_out=(*model.left_out, *names),
+    )
+
+
+def forces_of(model: Model, kinematics: Kinematics, name: str) -> Array:
+    """(frames, coordinates) generalised force [N, N m] of the passive forces of that name in a motion."""
+    state = postures(model, kinematics.positions, kinematics.speeds)
+    chosen = replace(model, forces=tuple(force for force in model.forces if force.name == name))
+    wrenches, forces = total_loads(chosen, state)
+    forces = forces + _generalised(model, state, wrenches)
+    for force in model.coordinate_forces:
+        if force.name == name:
+            q, u = state.coordinates[:, force.coordinate], state.speeds[:, force.coordinate]
+            forces[:, force.coordinate] += force.at(q, u)
+    return forces
+
+
+def needed_forces(model: Model, kinematics: Kinematics, loads: Sequence[ExternalForce] = ()) -> Array:
+    """(frames, coordinates) what muscles, actuators and constraints together give in a motion under loads [N, N m]:
+    inverse dynamics, M u̇ + c − Jᵀ f.
+    """
+    state = postures(model, kinematics.positions, kinematics.speeds)
+    equations = equations_of_motion(model, state, model.joints[0].name)
+    inertial: Array = np.einsum("fij,fj->fi", equations.mass_matrix, kinematics.accelerations)
+    needed = inertial + equations.bias_force
+    return needed - _generalised(model, state, load_wrenches(loads, state)) if loads else needed
+
+
+def reserve_forces(model: Model, reserves: Array) -> Array:
+    """(frames, coordinates) of actuators that each drive one coordinate; reserves (frames, actuators) [N, N m]."""
+    forces = np.zeros((len(reserves), len(model.coordinates)))
+    for actuator, values in zip(model.actuators, reserves.T, strict=True):
+        if isinstance(actuator, CoordinateActuator):
+            forces[:, actuator.coordinate] += values
+    return forces
+
+
+def _generalised(model: Model, state: Postures, wrenches: Array) -> Array:
+    forces: Array = np.einsum("fbi,fbij->fj", wrenches, jacobians(model, state))
+    return forces

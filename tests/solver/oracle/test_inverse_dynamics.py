@@ -1,0 +1,39 @@
+"""Forces that a motion needs, with springs of the model acting, against OpenSim's inverse dynamics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.motion import Kinematics
+from solver.redundancy.left_out import needed_forces
+from tests.solver.oracle.test_force_elements import lay
+from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
+from tests.solver.references import relative_difference
+
+pytestmark = pytest.mark.oracle
+
+
+def test_needed_forces_are_opensim_s_inverse_dynamics(tmp_path: Path) -> None:
+    osim = model_with(opensim.UniversalJoint)
+    spring = opensim.PathSpring("spring", 0.5, 800.0, 0.3)
+    osim.addForce(given(spring))
+    lay(osim, spring)
+    ours = read_back(osim, tmp_path)
+    q, u = random_states(ours)
+    accelerations = 3.0 * np.random.default_rng(8).normal(size=q.shape)
+    motion = Kinematics(np.arange(len(q)) / 100.0, 0.01, q, u, accelerations, None)
+    state = osim.initSystem()
+    for muscle in osim.getMuscles():
+        muscle.set_appliesForce(False)
+        muscle.setAppliesForce(state, False)
+    coordinates = [osim.getCoordinateSet().get(name) for name in ours.coordinate_names]
+    solver, theirs = opensim.InverseDynamicsSolver(osim), []
+    for values, speeds, rates in zip(q, u, accelerations, strict=True):
+        for coordinate, value, speed in zip(coordinates, values, speeds, strict=True):
+            coordinate.setValue(state, float(value), False)
+            coordinate.setSpeedValue(state, float(speed))
+        theirs.append(solver.solve(state, opensim.Vector(rates.tolist())).to_numpy())
+    assert relative_difference(needed_forces(ours, motion), np.array(theirs)) < 1e-10
