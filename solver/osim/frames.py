@@ -1,4 +1,4 @@
-"""Names in an OpenSim file to which other elements refer: bodies, offset frames and coordinates."""
+"""Names in an OpenSim file to which other elements refer: bodies, frames and points in them, and coordinates."""
 
 from __future__ import annotations
 
@@ -22,37 +22,58 @@ class OffsetFrame:
     placement: Placement
 
 
+_FRAMES, _POINTS = ("PhysicalOffsetFrame", "StationDefinedFrame"), ("Station", "Marker")
+SHAPES = ("FrameGeometry", "Mesh", "Brick", "Sphere", "Cylinder", "Ellipsoid", "Cone", "Arrow")
+INERT = (*_POINTS, "IMU")  # what OpenSim's tools do not use
+
+
 class Names:
-    """Filled while a file is read: frames by their path in the model, coordinates in the model's order."""
+    """Filled while a file is read: frames by their path in the model, coordinates in the model's order.
+
+    Components may refer to others that the file lists later. So they are added first, and placed when they are needed.
+    """
 
     def __init__(self) -> None:
         self.frames: dict[str, OffsetFrame] = {}
         self.coordinates: list[Coordinate] = []
+        self._components: dict[str, Element] = {}
+        self._being_placed: list[str] = []
 
     def add_body(self, path: str, body: int) -> None:
         self.frames[path] = OffsetFrame(body, Placement(np.eye(3), np.zeros(3)))
 
+    def add_component(self, owner: str, component: Element) -> None:
+        """A frame or point that the component at the path `owner` holds, with those that it holds in turn.
+
+        Raises ModelError for a component that is neither and that acts on the model.
+        """
+        if component.tag not in (*_FRAMES, *INERT, *SHAPES):
+            raise component.unsupported("component", ", ".join(_FRAMES))
+        path = posixpath.normpath(f"{owner}/{component.name}")
+        self._components[path] = component
+        for held in component.members("components"):
+            self.add_component(path, held)
+
     def add_offset_frames(self, offsets: list[Element], owner: str) -> None:
         for offset in offsets:
-            if offset.tag != "PhysicalOffsetFrame":
-                raise offset.unsupported("component", "PhysicalOffsetFrame")
-            path = f"{owner}/{offset.name}"
-            parent = self.frame(offset, "socket_parent", path)
-            rotation = rotation_body_fixed_xyz(offset.numbers("orientation", 3, "0 0 0"))
-            translation = offset.numbers("translation", 3, "0 0 0")
-            outer = parent.placement
-            placement = Placement(outer.rotation @ rotation, outer.translation + outer.rotation @ translation)
-            self.frames[path] = OffsetFrame(parent.body, placement)
+            self.add_component(owner, offset)
+
+    def wrap_objects(self) -> list[tuple[OffsetFrame, Element]]:
+        """Wrap objects that frames hold, with the frame of each."""
+        holders = [(path, held) for path, held in self._components.items() if held.objects("WrapObjectSet")]
+        return [(self._placed(path), one) for path, held in holders for one in held.objects("WrapObjectSet")]
 
     def frame(self, element: Element, socket: str, owner: str = "/") -> OffsetFrame:
         """The frame named by a socket of the component at the path `owner`, by an absolute or relative path."""
         name = element.child(socket).text
         path = posixpath.normpath(posixpath.join(owner, name))
-        if path not in self.frames:
+        component = self._components.get(path)
+        is_frame = component is not None and component.tag in _FRAMES and path not in self._being_placed
+        if path not in self.frames and not is_frame:
             raise element.child(socket).refusal(
                 f"of {element.tag} {element.name} names an unknown frame {name}", SolverCode.UNKNOWN_NAME
             )
-        return self.frames[path]
+        return self._placed(path)
 
     def named_frame(self, element: Element, tag: str) -> OffsetFrame:
         """The frame in a property that is a name or path rather than a socket: a body's name, or a frame's path."""
@@ -69,9 +90,9 @@ class Names:
             raise element.refusal(f"names an unknown body {name}", SolverCode.UNKNOWN_NAME)
         return self.frames[f"/bodyset/{name}"].body
 
-    def station(self, element: Element, socket: str, location: str) -> tuple[int, Array]:
+    def station(self, element: Element, socket: str, location: str, owner: str = "/") -> tuple[int, Array]:
         """A point fixed in a frame, given in the body that carries the frame."""
-        frame = self.frame(element, socket)
+        frame = self.frame(element, socket, owner)
         placement = frame.placement
         return frame.body, placement.translation + placement.rotation @ element.numbers(location, 3, "0 0 0")
 
@@ -81,3 +102,59 @@ class Names:
             if coordinate.name == name:
                 return index
         raise element.refusal(f"names an unknown coordinate {name}", SolverCode.UNKNOWN_NAME)
+
+    def _placed(self, path: str) -> OffsetFrame:
+        if path not in self.frames:
+            component = self._components[path]
+            self._being_placed.append(path)
+            place = self._offset if component.tag == "PhysicalOffsetFrame" else self._frame_of_points
+            self.frames[path] = place(component, path)
+            self._being_placed.remove(path)
+        return self.frames[path]
+
+    def _offset(self, offset: Element, path: str) -> OffsetFrame:
+        parent = self.frame(offset, "socket_parent", path)
+        rotation = rotation_body_fixed_xyz(offset.numbers("orientation", 3, "0 0 0"))
+        translation = offset.numbers("translation", 3, "0 0 0")
+        outer = parent.placement
+        placement = Placement(outer.rotation @ rotation, outer.translation + outer.rotation @ translation)
+        return OffsetFrame(parent.body, placement)
+
+    def _frame_of_points(self, element: Element, path: str) -> OffsetFrame:
+        """Axes along a → b, along the normal of the triangle a, b, c, and perpendicular to both; OpenSim 4.5."""
+        sockets = ("point_a", "point_b", "point_c", "origin_point")
+        bodies, (a, b, c, origin) = zip(
+            *(self._point(element, f"socket_{name}", path) for name in sockets), strict=True
+        )
+        normal = np.cross(b - a, c - a)
+        if len(set(bodies)) > 1 or not normal.any():
+            raise element.refusal("should be defined by a triangle of points in one body; correct its points")
+        first, along = _direction(element, "ab_axis", "+x")
+        second, upright = _direction(element, "ab_x_ac_axis", "+y")
+        if first == second:
+            raise element.refusal("has the same axis for ab_axis and ab_x_ac_axis; choose two")
+        rotation = np.zeros((3, 3))
+        rotation[:, first] = along * (b - a) / np.linalg.norm(b - a)
+        rotation[:, second] = upright * normal / np.linalg.norm(normal)
+        third = 3 - first - second
+        rotation[:, third] = np.cross(rotation[:, (third + 1) % 3], rotation[:, (third + 2) % 3])
+        return OffsetFrame(bodies[0], Placement(rotation, origin))
+
+    def _point(self, element: Element, socket: str, owner: str) -> tuple[int, Array]:
+        """The point that a socket names, in its body."""
+        name = element.child(socket).text
+        path = posixpath.normpath(posixpath.join(owner, name))
+        point = self._components.get(path)
+        if point is None or point.tag not in _POINTS:
+            raise element.child(socket).refusal(
+                f"of {element.tag} {element.name} names an unknown point {name}", SolverCode.UNKNOWN_NAME
+            )
+        return self.station(point, "socket_parent_frame", "location", path)
+
+
+def _direction(element: Element, tag: str, default: str) -> tuple[int, int]:
+    """Axis and sign of a text such as +x or -y."""
+    text = element.word(tag, default).lower()
+    if text.lstrip("+-") not in ("x", "y", "z") or len(text) > 2:
+        raise element.refusal(f"should have an axis such as +x or -y for its {tag}, not '{text}'")
+    return "xyz".index(text[-1]), -1 if text[0] == "-" else 1

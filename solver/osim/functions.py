@@ -42,7 +42,7 @@ def read_named_function(holder: Element, name: str) -> Function | None:
     if element is not None:
         return read_function_element(element)
     wrapped = holder.find(name)
-    return read_function(wrapped) if wrapped is not None else None
+    return read_function(wrapped) if wrapped is not None and wrapped.children else None
 
 
 def read_function_element(element: Element) -> Function:

@@ -42,9 +42,8 @@ _STILL, _DRIVEN = polynomial([0.0]), polynomial([0.0, 1.0])
 
 
 def read_joint_frames(element: Element, names: Names) -> tuple[OffsetFrame, OffsetFrame]:
-    """Frames of a joint in its parent and in its child. Adds the frames that the joint owns to the names."""
+    """Frames of a joint in its parent and in its child."""
     path = f"/jointset/{element.name}"
-    names.add_offset_frames(element.members("frames"), path)
     return names.frame(element, "socket_parent_frame", path), names.frame(element, "socket_child_frame", path)
 
 

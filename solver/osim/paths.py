@@ -21,7 +21,7 @@ from solver.model import (
 )
 from solver.multibody.rotations import rotation_body_fixed_xyz
 from solver.osim.document import Element
-from solver.osim.frames import Names
+from solver.osim.frames import Names, OffsetFrame
 from solver.osim.functions import read_function
 
 Array = NDArray[np.float64]
@@ -43,17 +43,20 @@ _SIDES = {
 }
 
 
-def read_surface(body: int, element: Element) -> WrapSurface:
+def read_surface(frame: OffsetFrame, element: Element) -> WrapSurface:
+    """The wrap object that a body or a frame in it holds."""
     if element.tag not in _SIDES:
         raise element.unsupported("wrap object", ", ".join(_SIDES))
     quadrant = element.word("quadrant", "all").lower().replace("unassigned", "all")
     if quadrant not in _SIDES[element.tag]:
         raise element.refusal(f"has the quadrant {quadrant}; the solver supports {', '.join(_SIDES[element.tag])}")
+    outer = frame.placement
     rotation = rotation_body_fixed_xyz(element.numbers("xyz_body_rotation", 3, "0 0 0"))
-    placement = Placement(rotation, element.numbers("translation", 3, "0 0 0"))
+    center = outer.translation + outer.rotation @ element.numbers("translation", 3, "0 0 0")
+    placement = Placement(outer.rotation @ rotation, center)
     kind, dimensions = _shape(element)
     is_active = element.word("active", "true") == "true"
-    return WrapSurface(element.name, body, placement, kind, dimensions, quadrant, is_active)
+    return WrapSurface(element.name, frame.body, placement, kind, dimensions, quadrant, is_active)
 
 
 def _shape(element: Element) -> tuple[SurfaceKind, Array]:

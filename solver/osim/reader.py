@@ -11,13 +11,14 @@ from scipy.constants import g
 
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, Model, WrapSurface
+from solver.osim.components import with_components_in_sets
 from solver.osim.constraints import ensure_known_constraint, read_constraint, read_held_coordinate
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
 from solver.osim.earlier_versions import as_version_4
 from solver.osim.force_elements import ForceContext
 from solver.osim.force_set import FORCES, ensure_known_force, read_force_set
-from solver.osim.frames import Names, OffsetFrame
+from solver.osim.frames import INERT, Names, OffsetFrame
 from solver.osim.joints import read_joint, read_joint_frames
 from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
@@ -38,19 +39,19 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
     model = with_defaults(as_version_4(model) if _is_earlier(document) else model)
+    model = with_components_in_sets(model)
     ignored = _unsupported_forces(model) if ignore_forces else []
-    left_out = _inert(model) + _switched_off(model) + ignored
+    left_out = _switched_off(model) + ignored
     if left_out:
         model = _without(model, left_out)
-    names = tuple(f"{element.tag} {element.name}".strip() for element in left_out)
+    names = tuple(f"{element.tag} {element.name}".strip() for element in _inert(model) + left_out)
     lacking = tuple(element.name for element in ignored if not element.tag.endswith("Controller"))
     return replace(_model(model), left_out=names, lacking=lacking)
 
 
-OPENSIM_2, AFTER_OPENSIM_3, OPENSIM_4, LONGEST_VERSION = 20000, 30500, 40000, 9
+OPENSIM_2, AFTER_OPENSIM_3, PRESENT_LAYOUT, LONGEST_VERSION = 20000, 30500, 30517, 9
 
 
-_INERT = ("Station", "Marker", "IMU")
 MASSLESS = 2e-14  # kg; OpenSim sets the inertia of such a body to zero
 
 
@@ -58,20 +59,23 @@ def _is_earlier(document: Element) -> bool:
     """Whether OpenSim 2 or 3 wrote the document."""
     version = document.attributes.get("Version", "")
     number = int(version) if version.isdecimal() and len(version) <= LONGEST_VERSION else 0
-    if number < OPENSIM_2 or AFTER_OPENSIM_3 <= number < OPENSIM_4:
+    if number < OPENSIM_2 or AFTER_OPENSIM_3 <= number < PRESENT_LAYOUT:
+        advice = (
+            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")'
+        )
+        if number >= AFTER_OPENSIM_3:
+            advice = "OpenSim 4.6 does not open most models of these development versions; save it with a released one"
         raise document.refusal(
-            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected one of OpenSim 2, 3 or 4; "
-            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")',
+            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected one of OpenSim 2, 3 or 4; {advice}",
             SolverCode.WRONG_DOCUMENT,
         )
-    return number < OPENSIM_4
+    return number < PRESENT_LAYOUT
 
 
 def _model(element: Element) -> Model:
     """Names first, because everything else refers to them. All unsupported parts are refused together."""
     names, body_elements, obstacles = Names(), element.objects("BodySet"), Obstacles(element)
-    obstacles.among(_refuse, element.objects("ControllerSet") + element.objects("ComponentSet"))
-    obstacles.among(_refuse, element.members("components"))
+    obstacles.among(_refuse, element.objects("ControllerSet"))
     forces, constraints = element.objects("ForceSet"), element.objects("ConstraintSet")
     obstacles.among(ensure_known_force, forces)
     obstacles.among(ensure_known_constraint, constraints)
@@ -79,8 +83,15 @@ def _model(element: Element) -> Model:
     for index, body in enumerate([element.child("Ground"), *body_elements]):
         path = "/ground" if index == GROUND else f"/bodyset/{body.name}"
         names.add_body(path, index)
-        surfaces += obstacles.among(partial(read_surface, index), body.objects("WrapObjectSet"))
-        names.add_offset_frames(body.members("components"), path)
+        names.add_body(f"/{body.name}", index)  # of one that is not in the BodySet
+        own = names.frames[path]
+        surfaces += obstacles.among(partial(read_surface, own), body.objects("WrapObjectSet"))
+        obstacles.among(partial(names.add_component, path), body.members("components"))
+    for owner, components in _components(element):
+        obstacles.among(partial(names.add_component, owner), components)
+    obstacles.ensure_none()
+    for frame, wrap_object in names.wrap_objects():
+        surfaces += obstacles.among(partial(read_surface, frame), [wrap_object])
     bodies = (Body("ground", 0.0, np.zeros(3), np.zeros((3, 3))), *obstacles.among(_body, body_elements))
     placed = obstacles.among(
         lambda joint: _PlacedJoint(joint, *read_joint_frames(joint, names)), element.objects("JointSet")
@@ -111,10 +122,16 @@ def _model(element: Element) -> Model:
     )
 
 
+def _components(model: Element) -> list[tuple[str, list[Element]]]:
+    """Frames and points of the model, of its joints, and its markers, with the path of their owner."""
+    joints = [(f"/jointset/{joint.name}", joint.members("frames")) for joint in model.objects("JointSet")]
+    return [("", model.members("components")), *joints, ("/markerset", model.objects("MarkerSet"))]
+
+
 def _inert(model: Element) -> list[Element]:
     """Points and sensors among the components of the model and its bodies; OpenSim's tools do not use them either."""
     owners = [model, *(ground for ground in [model.find("Ground")] if ground), *model.objects("BodySet")]
-    return [part for owner in owners for part in owner.members("components") if part.tag in _INERT]
+    return [part for owner in owners for part in owner.members("components") if part.tag in INERT]
 
 
 def _switched_off(model: Element) -> list[Element]:

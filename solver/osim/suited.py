@@ -12,7 +12,7 @@ from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
 from solver.model import Coordinate, Model, Placement
 from solver.osim.path_writer import add_path, add_path_point
-from solver.osim.reader import OPENSIM_4
+from solver.osim.reader import PRESENT_LAYOUT
 from solver.osim.writer import add_axes, add_body, add_joint
 from solver.osim.xml_elements import add, add_values, objects_of
 from solver.suit.cord import direction_to_joint
@@ -54,7 +54,7 @@ def add_suit(root: Xml.Element, model: Model, suit: Suit, wearing: SuitScenario)
 
 def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
     ensure_fits(suit, model)
-    if int(root.get("Version", "0")) < OPENSIM_4:
+    if int(root.get("Version", "0")) < PRESENT_LAYOUT:
         raise SuitError(
             f"the model has the layout of OpenSim {root.get('Version', '0')[:1]}, and the suit is added in that of "
             "OpenSim 4; open the model in OpenSim 4 and save it",

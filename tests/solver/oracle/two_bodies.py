@@ -185,7 +185,8 @@ def _at_state(osim: Any, state: Any, model: Model, coordinates: list[Any], muscl
     mass, jacobian = opensim.Matrix(), opensim.Matrix()
     matter.calcM(state, mass)
     matter.calcG(state, jacobian)
-    bodies = [osim.getBodySet().get(each.name) for each in model.bodies[1:]]
+    by_name = {each.getName(): each for each in osim.getBodyList()}  # the BodySet lacks those that are components
+    bodies = [by_name[each.name] for each in model.bodies[1:]]
     transforms = [each.getTransformInGround(state) for each in bodies]
     velocities = [each.getVelocityInGround(state) for each in bodies]
     return {

@@ -85,7 +85,7 @@ def test_forces_and_controllers_are_left_out_on_request_and_named(
     assert [line for line in left_out if "left_out" in line and "ElasticFoundationForce h" in line]
 
 
-@pytest.mark.parametrize("version", ["10905", "30501", "", "x", "-1", "9" * 400])
+@pytest.mark.parametrize("version", ["10905", "", "x", "-1", "9" * 400])
 def test_a_file_of_no_released_version_is_refused_with_the_command_that_converts_it(
     station: Station, tmp_path: Path, version: str
 ) -> None:
@@ -93,6 +93,13 @@ def test_a_file_of_no_released_version_is_refused_with_the_command_that_converts
     path.write_text(f'<OpenSimDocument Version="{version}"><Model name="m"/></OpenSimDocument>', encoding="utf-8")
     ran = station("rmr", "--model", path, "--output", tmp_path / "a.csv")
     assert_one_sentence(ran, 1, "expected one of OpenSim 2, 3 or 4", 'opensim.Model("old.osim").printToXML("new.osim")')
+
+
+def test_a_file_of_a_development_version_is_refused_as_by_opensim(station: Station, tmp_path: Path) -> None:
+    path = tmp_path / "old.osim"
+    path.write_text('<OpenSimDocument Version="30501"><Model name="m"/></OpenSimDocument>', encoding="utf-8")
+    ran = station("rmr", "--model", path, "--output", tmp_path / "a.csv")
+    assert_one_sentence(ran, 1, "version 30501", "save it with a release")
 
 
 @pytest.mark.parametrize("has_glenoid", [True, False])
