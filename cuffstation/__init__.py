@@ -24,6 +24,7 @@ from recordings.reader import Recording, Track
 from solver.errors import SolverError
 from solver.model import Model
 from solver.motion import Kinematics
+from solver.multibody.joint_reactions import ReactionRequest
 from solver.redundancy.motion import MotionSolution, RedundancyOptions
 from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
@@ -52,6 +53,7 @@ __all__ = [
     "Kinematics",
     "Model",
     "MotionSolution",
+    "ReactionRequest",
     "Recording",
     "RecordingError",
     "RedundancyOptions",

@@ -20,6 +20,7 @@ from solver.model import Model
 from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.motion import MotionSolution, RedundancyOptions
 from solver.redundancy.motion import solve_motion as solve
+from solver.redundancy.options import options_for
 from solver.stream.stream_scenario import StreamScenario
 from solver.stream.stream_solver import DEFAULT_LAG, StreamSolver
 from solver.suit.assessment import Assessment
@@ -83,12 +84,12 @@ def load_motion(model: Model, path: File | None = None, cutoff_hz: float | None 
 
 
 def solve_motion(model: Model, kinematics: Kinematics, options: RedundancyOptions | None = None) -> MotionSolution:
-    """Solve the muscle-redundancy problem of every frame: activations, forces and the glenohumeral reaction.
+    """Solve the muscle-redundancy problem of every frame: activations, forces and joint reactions.
 
-    Equations: Belli et al. 2023 (solver/redundancy/motion.py). A frame that cannot be solved has its outcome and NaN.
-    Raises ModelError, MotionError.
+    Equations: Belli et al. 2023 (solver/redundancy/motion.py). A frame that cannot be solved has its outcome and NaN. A
+    model without a shoulder has no glenoid constraint. Raises ModelError, MotionError.
     """
-    return solve(model, kinematics, options)
+    return solve(model, kinematics, options_for(model, options or RedundancyOptions()))
 
 
 def open_stream(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from solver.constraint import BodyConstraint, ConstantDistanceConstraint, PointOnLineConstraint, WeldConstraint
 from solver.model import Model
 from solver.multibody.postures import Postures, point_acceleration, points_in_ground
-from solver.multibody.rotations import cross, rotate
+from solver.multibody.rotations import cross, rotate, wrench_about_origin
 from solver.multibody.tables import tables_of
 
 Array = NDArray[np.float64]
@@ -51,6 +51,26 @@ def body_gaps(model: Model, state: Postures, constraint: BodyConstraint) -> Arra
         return gap
     one, two = _axes(state, constraint)
     return np.concatenate([(one * two).sum(axis=2), gap], axis=1)
+
+
+def body_wrenches(model: Model, state: Postures, constraint: BodyConstraint) -> Array:
+    """(frames, rows, 6) moment about the ground origin and force whose power is a row's rate, on the second body, and
+    the opposite on the first. A multiplier λ loads the bodies with −λ times these.
+    """
+    point = points_in_ground(state, constraint.body_2, constraint.location_2)
+    if isinstance(constraint, ConstantDistanceConstraint):
+        line = point - points_in_ground(state, constraint.body_1, constraint.location_1)
+        directions = (line / np.linalg.norm(line, axis=1, keepdims=True))[:, None]
+    elif isinstance(constraint, PointOnLineConstraint):
+        directions = _across(constraint.direction) @ _to_body(state, constraint.body_1)
+    else:
+        directions = _to_body(state, _common_ancestor(model, constraint))
+    wrenches = wrench_about_origin(point[:, None], directions)
+    if not isinstance(constraint, WeldConstraint):
+        return wrenches
+    first, second = _axes(state, constraint)
+    normal = cross(second, first)
+    return np.concatenate([np.concatenate([normal, np.zeros_like(normal)], axis=-1), wrenches], axis=1)
 
 
 def _rows_at_point(model: Model, state: Postures, constraint: BodyConstraint, observer: int) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.model import Model
-from solver.multibody.body_constraints import body_gaps, body_rows
+from solver.multibody.body_constraints import body_gaps, body_rows, body_wrenches
 from solver.multibody.postures import Postures, rates_of_coordinates
 from solver.multibody.rotations import rotate
 
@@ -50,6 +50,24 @@ def constraint_gaps(model: Model, state: Postures) -> Array:
         else:
             gaps.append(body_gaps(model, state, constraint))
     return np.concatenate(gaps, axis=1)
+
+
+def constraint_wrenches(model: Model, state: Postures) -> Array:
+    """(frames, rows, bodies, 6) moment about the ground origin and force on each body of what a row holds, in ground.
+
+    A multiplier λ loads the bodies with −λ times these; a row of coordinates loads no body. Rows as in constraint_rows.
+    """
+    rows = [np.zeros((len(state.coordinates), 0, len(model.bodies), 6))]
+    for constraint in model.constraints:
+        if isinstance(constraint, CoordinateLock | CoordinatePrescription | CoordinateCoupler):
+            held = np.zeros((len(state.coordinates), 1, len(model.bodies), 6))
+        else:
+            wrenches = body_wrenches(model, state, constraint)
+            held = np.zeros((*wrenches.shape[:2], len(model.bodies), 6))
+            held[:, :, constraint.body_2] += wrenches
+            held[:, :, constraint.body_1] -= wrenches
+        rows.append(held)
+    return np.concatenate(rows, axis=1)
 
 
 def _coordinate_row(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
+from solver.multibody.joint_reactions import is_bypassed
 
 Array = NDArray[np.float64]
 
@@ -54,6 +55,12 @@ def glenoid_cone(model: Model, aspect: float = 1.0, joint_name: str = JOINT) -> 
         raise ModelError(sentence, SolverCode.WRONG_GLENOID)
     joint = model.joint(joint_name)
     center, head, edge = (model.marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
+    if is_bypassed(model, joint):
+        raise ModelError(
+            f"the joint {joint_name} of {model.name} should carry the body beyond it alone, and a constraint "
+            "holds that body, too; solve without the cone",
+            SolverCode.WRONG_GLENOID,
+        )
     is_on_socket = center.body == edge.body == joint.parent
     is_on_head = head.body == joint.child and np.allclose(head.location, joint.frame_in_child.translation, atol=1e-6)
     if not (is_on_socket and is_on_head):
@@ -73,6 +80,14 @@ def glenoid_cone(model: Model, aspect: float = 1.0, joint_name: str = JOINT) -> 
         aspect=aspect,
         distance=float(np.linalg.norm(center.location - head_in_scapula)),
     )
+
+
+def is_shoulder(model: Model, joint_name: str = JOINT) -> bool:
+    """Whether a model has the joint GlenoHumeral, and the reaction is that joint's, or any marker of a glenoid."""
+    if joint_name == JOINT and any(joint.name == JOINT for joint in model.joints):
+        return True
+    names = {marker.name for marker in model.markers}
+    return not names.isdisjoint((CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))
 
 
 def with_rim(model: Model, tangent: float, joint_name: str = JOINT) -> Model:

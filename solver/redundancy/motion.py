@@ -24,6 +24,7 @@ from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError
 from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion
 from solver.multibody.external_loads import ExternalForce, load_wrenches
+from solver.multibody.joint_reactions import JointReactions, is_bypassed
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame
 from solver.muscle import MuscleForces, MuscleOutcome, join_outcomes, muscle_forces
@@ -32,6 +33,7 @@ from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_
 from solver.redundancy.options import Exponent, Solver, effort_weights
 from solver.redundancy.options import RedundancyOptions as RedundancyOptions  # noqa: PLC0414 (as FrameOutcome)
 from solver.redundancy.reachability import idle_controls, is_met
+from solver.redundancy.reactions import SolvedForces, reaction_on_parent, solved_reactions
 from solver.redundancy.response_maps import ResponseMaps, response_maps
 from solver.redundancy.sequence import SOLVERS, FrameSequence, RunSolver, solve_runs
 from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (part of this module's interface)
@@ -146,7 +148,8 @@ class MotionSolution:
     activations        (frames, muscles) 0 to 1
     muscle_forces      (frames, muscles) [N], of which passive_forces (frames, muscles) [N]
     reserves           (frames, actuators) of Model.actuators [N or N m]
-    reaction           (frames, 6) moment [N m] and force [N] on the scapula at the glenohumeral joint, in ground
+    reaction           (frames, 6) moment [N m] and force [N] on the parent of the options' joint, in ground: on the
+                       scapula at the glenohumeral joint
     contact            (frames, 2) where it meets the glenoid's plane [m], as glenoid.contact_points; NaN where it does
                        not, or the model has no markers of the glenoid
     effort             (frames,) Σ w aᵖ + Σ w r²
@@ -154,6 +157,7 @@ class MotionSolution:
     cone_slack         (frames,) distance of the reaction inside the cone [N], infinite without the glenoid constraint
     outcomes           (frames,) of FrameOutcome
     muscle_outcomes    (frames, muscles) of MuscleOutcome: whether path and force of each muscle converged
+    joint_reactions    of the options' reactions; NaN in frames that are INFEASIBLE or NOT_FINITE
     """
 
     muscles: tuple[str, ...]
@@ -169,6 +173,7 @@ class MotionSolution:
     cone_slack: Array
     outcomes: tuple[FrameOutcome, ...]
     muscle_outcomes: NDArray[np.object_]
+    joint_reactions: JointReactions
 
     @property
     def unsolved(self) -> int:
@@ -188,12 +193,16 @@ class MotionSolution:
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """A row per frame: time_s, an activation (0 to 1) per muscle by its name, effort, reaction_n (its size [N])."""
+        """A row per frame: time_s, an activation (0 to 1) per muscle by its name, effort, reaction_n (its size [N]),
+        and the size of each of the joint_reactions by its label, as reaction_n.knee_r_on_tibia_r_in_ground.
+        """
         import pandas as pd
 
         table = pd.DataFrame(self.activations, columns=list(self.muscles))
         table.insert(0, "time_s", self.time)
         table["effort"], table["reaction_n"] = self.effort, np.linalg.norm(self.reaction[:, 3:], axis=1)
+        for label, force in zip(self.joint_reactions.labels, self.joint_reactions.force.swapaxes(0, 1), strict=True):
+            table[f"reaction_n.{label}"] = np.linalg.norm(force, axis=1)
         return table
 
 
@@ -214,20 +223,27 @@ def solve_motion(
     problem = build_redundancy(model, mechanics, options)
     solution = solve_redundancy(problem, progress=progress)
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
+    tensions = mechanics.forces.active * activations + mechanics.forces.passive
+    reserves = controls * [actuator.optimal_force for actuator in model.actuators]
+    solved = SolvedForces(tensions, reserves, tuple(loads))
+    reaction = solution.reaction[0]
+    if is_bypassed(model, model.joint(options.joint)):  # which the affine map of the reaction does not hold
+        reaction = reaction_on_parent(model, mechanics, solved, options.joint)
     return MotionSolution(
         muscles=model.muscle_names,
         time=kinematics.time,
         activations=activations,
-        muscle_forces=mechanics.forces.active * activations + mechanics.forces.passive,
+        muscle_forces=tensions,
         passive_forces=mechanics.forces.passive,
-        reserves=controls * [actuator.optimal_force for actuator in model.actuators],
-        reaction=solution.reaction[0],
-        contact=_contact(model, mechanics.state, options, solution.reaction[0]),
+        reserves=reserves,
+        reaction=reaction,
+        contact=_contact(model, mechanics.state, options, reaction),
         effort=problem.effort_of(solution.controls[0]).sum(axis=-1),
         equality_residual=solution.equality_residual[0],
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
         muscle_outcomes=mechanics.muscle_outcomes,
+        joint_reactions=solved_reactions(model, mechanics, solved, options.reactions),
     )
 
 

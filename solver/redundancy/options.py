@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
+from solver.multibody.joint_reactions import ReactionRequest
 from solver.paths import PathMode
-from solver.redundancy.glenoid import JOINT
+from solver.redundancy.glenoid import JOINT, is_shoulder
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
@@ -37,7 +38,8 @@ class RedundancyOptions:
     weights                 w in place of the above, by the name of a muscle, of a coordinate for its actuator, or of an
                             actuator on bodies
     glenoid_aspect          width of an elliptic glenoid across the direction of its edge marker, over that along it
-    joint                   whose reaction is computed
+    joint                   the glenoid cone's joint, whose reaction every solution has
+    reactions               further joints whose reactions are computed, and how they are given
     exponent                p of the activations, 2 or 3 (Crowninshield & Brand 1981, J. Biomech. 14:793); reserves keep
                             squares
     path_mode               wrapping as in OpenSim or over geodesics (docs/paths.md)
@@ -52,9 +54,19 @@ class RedundancyOptions:
     weights: Mapping[str, float] = field(default_factory=dict)
     glenoid_aspect: float = 1.0
     joint: str = JOINT
+    reactions: ReactionRequest = field(default_factory=ReactionRequest)
     path_mode: PathMode = "opensim"
     exponent: Exponent = 2
     solver: Solver = "interior_point"
+
+
+def options_for(model: Model, options: RedundancyOptions) -> RedundancyOptions:
+    """The options for a model that may have no shoulder: without the joint GlenoHumeral and the markers of a glenoid
+    there is no cone, and the reaction is that of the model's last joint.
+    """
+    if options.joint != JOINT or is_shoulder(model):
+        return options
+    return replace(options, has_glenoid_cone=False, joint=model.joints[-1].name)
 
 
 def effort_weights(model: Model, options: RedundancyOptions) -> Array:

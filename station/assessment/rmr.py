@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, decimate, differentiate
-from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
+from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
 from solver.redundancy.left_out import without_forces
 from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
+from solver.redundancy.options import options_for
 from solver.suit.suited_model import SuitedModel
 from station.assessment.effort import read_effort
 from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
@@ -73,13 +74,18 @@ class SolvedMotion:
 def solve_muscles(
     inputs: MuscleInputs, cut: MotionCut, options: RedundancyOptions, progress: Progress = silent
 ) -> SolvedMotion:
-    """Solve every frame. An effort file overrules the weights of the options."""
+    """Solve every frame. An effort file overrules the weights of the options.
+
+    The cone belongs to the joint GlenoHumeral or, in a model with the markers of a glenoid and without that joint, to
+    the first joint whose reaction is wanted. A model without both has no cone.
+    """
     suited = suited_model_of(inputs.model)
     model = model_of(inputs.model, ignore_forces=inputs.ignore_forces) if suited is None else suited.model
     whole_model, model = model, without_forces(model, inputs.left_out)
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
-    ensure_joint_and_markers(model, options)
+    options = _with_cone_joint(model, options)
+    ensure_joints_and_markers(model, options)
     whole = differentiate(motion_of(inputs.motion, model), cut.cutoff_hz, cut.start, cut.end)
     kinematics = decimate(whole, cut.every)
     loads = loads_of(inputs.external_loads, model, kinematics.time)
@@ -91,21 +97,29 @@ def solve_muscles(
     suit = {} if suited is None else {"suit": _describe_suit(suited)}
     effect = effect_of(whole_model, model, inputs.left_out, kinematics, loads, solution)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
-    notes = inputs.hashes() | suit | left_out | _notes(kinematics, options, solution)
+    notes = inputs.hashes() | suit | left_out | _notes(model, kinematics, options, solution)
     return SolvedMotion(model, options, solution, notes, effect)
 
 
-def ensure_joint_and_markers(model: Model, options: RedundancyOptions) -> None:
-    """Raise ModelError, naming the options, for a model without the joint or without the markers of the glenoid."""
-    obstacles = []
-    if options.joint not in (joints := [joint.name for joint in model.joints]):
-        obstacles.append(f"has no joint {options.joint}: name one with --joint ({', '.join(joints)})")
+def ensure_joints_and_markers(model: Model, options: RedundancyOptions) -> None:
+    """Raise ModelError, naming the options, for a model without the joints or without the markers of the glenoid."""
+    obstacles, joints = [], [joint.name for joint in model.joints]
+    unknown = [name for name in dict.fromkeys((options.joint, *options.reactions.joints)) if name not in joints]
+    if unknown:
+        obstacles.append(f"has no joint {', '.join(unknown)}: name some of its own with --joint ({', '.join(joints)})")
     markers = {marker.name for marker in model.markers}
     lacking = [name for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER) if name not in markers]
     if options.has_glenoid_cone and lacking:
         obstacles.append(f"has no marker {', '.join(lacking)}: add the markers of the glenoid, or give --no-glenoid")
     if obstacles:
         raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}", SolverCode.UNSUPPORTED)
+
+
+def _with_cone_joint(model: Model, options: RedundancyOptions) -> RedundancyOptions:
+    is_lacking = options.joint not in {joint.name for joint in model.joints}
+    if is_lacking and options.reactions.joints and is_shoulder(model):
+        return replace(options, joint=options.reactions.joints[0])
+    return options_for(model, options)
 
 
 def _describe_suit(suited: SuitedModel) -> str:
@@ -117,7 +131,9 @@ def _describe_suit(suited: SuitedModel) -> str:
     return f"cord {suited.suit.stiffness:g} N/m from {suited.suit.reference_rest_length:g} m, {', '.join(described)}"
 
 
-def _notes(kinematics: Kinematics, options: RedundancyOptions, solution: MotionSolution) -> dict[str, str]:
+def _notes(
+    model: Model, kinematics: Kinematics, options: RedundancyOptions, solution: MotionSolution
+) -> dict[str, str]:
     """Single lines without an equals sign, which separates key and value in OpenSim files."""
     weights = {
         "muscles": options.muscle_weight,
@@ -125,6 +141,8 @@ def _notes(kinematics: Kinematics, options: RedundancyOptions, solution: MotionS
         "unweighted": options.unweighted_coordinates,
         "single": dict(options.weights),
     }
+    reactions = options.reactions
+    described = f"{', '.join(reactions.joints)} on {reactions.on} in {reactions.axes}" if reactions.joints else "none"
     glenoid = (
         f"reaction kept inside, aspect {options.glenoid_aspect:g}" if options.has_glenoid_cone else "not constrained"
     )
@@ -135,7 +153,8 @@ def _notes(kinematics: Kinematics, options: RedundancyOptions, solution: MotionS
         "interval_s": f"{kinematics.interval:.10g}",
         "exponent": str(options.exponent),
         "weights": json.dumps(weights),
-        "joint": options.joint,
+        "joint": options.joint if is_shoulder(model, options.joint) else "none",
+        "reactions": described,
         "glenoid": glenoid,
         "paths": options.path_mode,
         "free_coordinates": ", ".join(options.free_coordinates) or "none",

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from solver.model import Actuator, CoordinateActuator
 from solver.motion import write_table
+from solver.multibody.joint_reactions import JointReactions
 from solver.muscle import MuscleOutcome
+from solver.redundancy.glenoid import is_shoulder
 from station.assessment.rmr import STATUS, SolvedMotion
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
@@ -81,15 +83,30 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
     for actuator, values in zip(model.actuators, solution.reserves.T, strict=True):
         unit = reserve_unit(solved, actuator)
         yield Column(f"reserve_{_suffix(unit)}.{actuator.name}", unit, values)
-    yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", solution.reaction[:, :3])
-    yield from _columns([f"reaction_force_n.{axis}" for axis in "xyz"], "N", solution.reaction[:, 3:])
-    yield from _columns(["contact_m.along_edge", "contact_m.across"], "m", solution.contact)
+    if is_shoulder(model, solved.options.joint):
+        yield from _columns([f"reaction_moment_n_m.{axis}" for axis in "xyz"], "N m", solution.reaction[:, :3])
+        yield from _columns([f"reaction_force_n.{axis}" for axis in "xyz"], "N", solution.reaction[:, 3:])
+        yield from _columns(["contact_m.along_edge", "contact_m.across"], "m", solution.contact)
+    yield from _joint_columns(solution.joint_reactions)
     yield Column("effort", "1", solution.effort)
     yield Column("equality_residual", "rad/s² or m/s²", solution.equality_residual)
     yield Column("cone_slack_n", "N", solution.cone_slack)
     yield Column("status", "code", np.array([float(STATUS.index(outcome)) for outcome in solution.outcomes]))
     unconverged = (solution.muscle_outcomes != MuscleOutcome.CONVERGED).sum(axis=1)
     yield Column("muscles_not_converged", "1", unconverged.astype(float))
+
+
+def _joint_columns(reactions: JointReactions) -> Iterator[Column]:
+    """Moment, force and point of every joint, by OpenSim's label."""
+    parts = (
+        ("moment_n_m", "N m", reactions.moment),
+        ("force_n", "N", reactions.force),
+        ("point_m", "m", reactions.point),
+    )
+    for place, label in enumerate(reactions.labels):
+        for quantity, unit, values in parts:
+            names = [f"reaction_{quantity}.{label}.{axis}" for axis in "xyz"]
+            yield from _columns(names, unit, values[:, place])
 
 
 def reserve_unit(solved: SolvedMotion, actuator: Actuator) -> str:

@@ -117,8 +117,7 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
             MM * half for half in glenoid_cone(solved.model, solved.options.glenoid_aspect, solved.options.joint).rim
         )
     except ModelError:
-        axis.text(0.5, 0.5, "the model has no markers of the glenoid", ha="center", transform=axis.transAxes)
-        axis.set_axis_off()
+        _joint_forces(axis, solved)
         return
     is_held = solved.options.has_glenoid_cone
     rim = Ellipse(
@@ -137,6 +136,23 @@ def _glenoid(page: Page, solved: SolvedMotion) -> None:
     axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axis.set_xlabel("from its centre towards the edge marker [mm]")
     axis.set_ylabel("across [mm]")
+
+
+def _joint_forces(axis: Axes, solved: SolvedMotion) -> None:
+    """In place of the glenoid, in a model that has none: the size of the forces of the requested joints."""
+    reactions = solved.solution.joint_reactions
+    if not reactions.labels:
+        axis.text(0.5, 0.5, "the model has no markers of the glenoid", ha="center", transform=axis.transAxes)
+        axis.set_axis_off()
+        return
+    axis.set_title("joint reactions", loc="left")
+    for place, (name, shade) in enumerate(
+        zip(solved.options.reactions.joints, (*SHADES, LINE, MARK, WARM) * 9, strict=False)
+    ):
+        axis.plot(solved.solution.time, np.linalg.norm(reactions.force[:, place], axis=1), color=shade, label=name)
+    axis.legend(fontsize=7.5)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel("[N]")
 
 
 def _draw_path(page: Page, axis: Axes, solved: SolvedMotion) -> None:

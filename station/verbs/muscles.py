@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import Condition, End, Freedom, Paths, Start, print_message
+from station.verbs.options import Axes, Condition, End, Freedom, Paths, Side, Start, print_message
 
 if TYPE_CHECKING:
     from station.assessment.rmr import SolvedMotion
@@ -51,14 +51,17 @@ def rmr(
     effort: Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")] = None,
     exponent: EffortExponent = 2,
     glenoid: Annotated[
-        bool, typer.Option("--glenoid/--no-glenoid", help="Keep the joint reaction inside the glenoid.")
+        bool,
+        typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid."),
     ] = True,
     no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
     glenoid_aspect: Annotated[
         float, typer.Option(min=0.1, max=10.0, help="Width ratio of the glenoid, across to along the edge.")
     ] = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Coordinates without tracked acceleration: a,b")] = "",
-    joint: Annotated[str, typer.Option(help="Joint of the reaction.")] = "GlenoHumeral",
+    joint: Annotated[str, typer.Option(help="Joints whose reactions are wanted besides the glenoid's: a,b")] = "",
+    reaction_on: Annotated[Side, typer.Option(help="Body that the joints' reactions act on.")] = "child",
+    reaction_in: Annotated[Axes, typer.Option(help="Body in whose axes they are given.")] = "ground",
     paths: Paths = "opensim",
     cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 3.0,
     start: Start = None,
@@ -69,6 +72,7 @@ def rmr(
     """Solve the muscle-redundancy problem of a motion: activations, muscle forces and joint reaction."""
     from rich.console import Console
 
+    from solver.multibody.joint_reactions import ReactionRequest
     from solver.redundancy.motion import RedundancyOptions
     from station.assessment.compilation import compilation_shown
     from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles
@@ -79,7 +83,8 @@ def rmr(
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     free = tuple(name for name in free_coordinates.split(",") if name)
-    options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, joint=joint)
+    wanted = ReactionRequest(tuple(name for name in joint.split(",") if name), reaction_on, reaction_in)
+    options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2)
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, tuple(leave_out or ()))
     cut = MotionCut(cutoff_hz or None, start, end, every)

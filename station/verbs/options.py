@@ -36,6 +36,8 @@ Format = Literal["table", "json"]
 FormatOption = Annotated[Format, typer.Option("--format", help="Table for people or JSON for programs.")]
 PathMode = Literal["opensim", "geodesic"]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
+Side = Literal["child", "parent"]
+Axes = Literal["ground", "child", "parent"]
 
 
 def _path_mode(text: str) -> PathMode:

@@ -33,6 +33,7 @@ TYPES = {
     "Kinematics",
     "Model",
     "MotionSolution",
+    "ReactionRequest",
     "Recording",
     "RedundancyOptions",
     "SessionFit",

@@ -215,6 +215,32 @@ def test_a_model_that_lacks_something_is_told_of_and_drawn(lacking: str, tmp_pat
     assert (tmp_path / "page.png").stat().st_size > 10_000
 
 
+def test_reactions_of_several_joints_are_columns_beside_the_glenoid_s(station, motion: Path, tmp_path: Path) -> None:
+    words = ("rmr", "--motion", motion, "--every", 100, "--output", tmp_path / "out.csv", "--joint", "elbow,rc")
+    assert station(*words, "--reaction-on", "parent", "--reaction-in", "child").code == 0
+    table = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert {"reaction_force_n.x", "contact_m.across"} <= set(table.columns)
+    for label in ("elbow_on_humerus_in_ulna", "rc_on_radius_in_hand"):
+        names = [f"reaction_{part}.{label}.{axis}" for part in ("moment_n_m", "force_n", "point_m") for axis in "xyz"]
+        assert np.isfinite(table[names]).all(axis=None)
+    text = (tmp_path / "out.csv").read_text()
+    assert "reactions=elbow, rc on parent in child" in text and "joint=GlenoHumeral" in text
+
+
+def test_a_model_without_a_shoulder_is_solved_without_cone_and_drawn(
+    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renamed = tuple(replace(joint, name=f"{joint.name}_r") for joint in MODEL.joints)
+    monkeypatch.setattr(sources, "bundled_model", lambda: replace(MODEL, joints=renamed, markers=()))
+    words = ("rmr", "--every", 100, "--output", tmp_path / "out.csv", "--joint", "elbow_r")
+    assert station(*words, "--plot", tmp_path / "out.png").code == 0
+    text = (tmp_path / "out.csv").read_text()
+    assert "glenoid=not constrained" in text and "joint=none" in text
+    columns = pd.read_csv(tmp_path / "out.csv", comment="#").columns
+    assert "reaction_force_n.x" not in columns and "reaction_force_n.elbow_r_on_ulna_in_ground.y" in columns
+    assert len(np.unique(matplotlib.image.imread(tmp_path / "out.png")[::3, ::3].sum(axis=2))) > 50
+
+
 def test_the_verb_prints_its_filter_and_counts_what_it_could_not_solve(station, motion: Path, tmp_path: Path) -> None:
     words = ("rmr", "--motion", motion, "--every", 100, "--output", tmp_path / "out.sto")
     ran = station(*words, "--plot", tmp_path / "out.png", "--glenoid-aspect", 0.8)

@@ -1,0 +1,203 @@
+"""Joint reactions against OpenSim's JointReaction: all kinds of joints and loads, both sides, all axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver.errors import SolverCode
+from solver.model import CoordinateLock, Model
+from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.external_loads import load_wrenches
+from solver.multibody.joint_reactions import Axes, JointReactions, ReactionRequest, Side, joint_reactions
+from solver.multibody.postures import postures
+from solver.osim.loads import read_external_loads
+from solver.paths import evaluate_paths
+from tests.solver.oracle.test_joints import FUNCTIONS
+from tests.solver.oracle.test_loads import written
+from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, random_states, read_back, vec3
+from tests.solver.references import relative_difference
+from tests.solver.refusals import raises_refusal
+
+pytestmark = pytest.mark.oracle
+
+Array = NDArray[np.float64]
+TENSION, EFFORT = 130.0, 17.0  # N of the muscle, N or N m of the actuator
+KINDS = ("PinJoint", "BallJoint", "FreeJoint", "UniversalJoint", "WeldJoint")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reactions_of_every_joint_are_those_of_opensim(kind: str, tmp_path: Path) -> None:
+    osim = model_with(getattr(opensim, kind))
+    add_actuator(osim)
+    assert_as_in_opensim(osim, tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["point", "distance", "line", "weld"])
+@pytest.mark.parametrize("ends", [("ground", "lower"), ("lower", "upper"), ("lower", "third")])
+def test_a_constraint_beside_the_joints_carries_its_share(kind: str, ends: tuple[str, str], tmp_path: Path) -> None:
+    osim = model_with(opensim.FreeJoint)
+    third = opensim.Body("third", 0.7, vec3(0.01, 0.02, 0.0), opensim.Inertia(0.004, 0.005, 0.006))
+    osim.addBody(given(third))
+    places = vec3(0.1, -0.1, 0.0), vec3(0.1, 0.3, 0.0), vec3(0.0, 0.05, 0.1), vec3(0.2, 0.0, 0.1)
+    hinge = opensim.BallJoint("third_joint", frame_of(osim, "upper"), places[0], places[1], third, places[2], places[3])
+    osim.addJoint(given(hinge))
+    osim.finalizeConnections()
+    osim.addConstraint(given(constraint(kind, *(frame_of(osim, end) for end in ends))))
+    add_actuator(osim)
+    assert_as_in_opensim(osim, tmp_path)
+
+
+def constraint(kind: str, one: Any, two: Any) -> Any:
+    held = vec3(0.1, 0.2, -0.1), vec3(0.05, -0.1, 0.2)
+    if kind == "distance":
+        return opensim.ConstantDistanceConstraint(one, held[0], two, held[1], 0.3)
+    if kind == "line":
+        return opensim.PointOnLineConstraint(one, vec3(0.3, -2.0, 0.4), held[0], two, held[1])
+    if kind == "weld":
+        return opensim.WeldConstraint("weld", one, held[0], vec3(0.3, -0.2, 0.4), two, held[1], vec3(-0.1, 0.5, 0.2))
+    return opensim.PointConstraint(one, held[0], two, held[1])
+
+
+def test_a_coupled_coordinate_and_a_lock_load_their_joints(tmp_path: Path) -> None:
+    osim = model_with(opensim.UniversalJoint)
+    coupler = opensim.CoordinateCouplerConstraint()
+    coupler.setFunction(given(FUNCTIONS["polynomial"]()))
+    coupler.setIndependentCoordinateNames(opensim.ArrayStr("first_coord_1", 1))
+    coupler.setDependentCoordinateName("second_coord_0")
+    osim.addConstraint(given(coupler))
+    osim.getJointSet().get("first").upd_coordinates(0).set_locked(True)
+    add_actuator(osim)
+    assert_as_in_opensim(osim, tmp_path)
+
+
+def test_force_elements_load_the_joints_that_they_cross(tmp_path: Path) -> None:
+    osim = model_with(opensim.BallJoint)
+    frames = frame_of(osim, "ground"), frame_of(osim, "lower")
+    stiffness, damping = (vec3(40, 30, 20), vec3(3, 2, 1)), (vec3(2, 3, 4), vec3(0.1, 0.2, 0.3))
+    osim.addForce(given(opensim.BushingForce("bushing", *frames, *stiffness, *damping)))
+    add_actuator(osim)
+    assert_as_in_opensim(osim, tmp_path)
+
+
+def test_external_loads_count(tmp_path: Path) -> None:
+    osim = model_with(opensim.FreeJoint)
+    add_actuator(osim)
+    ours = read_back(osim, tmp_path)
+    file = written(tmp_path, 20, [("pull", "grip", "twist", "lower", "upper", "lower")])
+    assert_as_in_opensim(osim, tmp_path, ours, file)
+
+
+def test_an_unknown_joint_is_refused_with_the_names_of_the_joints(tmp_path: Path) -> None:
+    ours = read_back(model_with(), tmp_path)
+    with raises_refusal(SolverCode.UNKNOWN_NAME, "elbow; it has first, second"):
+        reactions(ours, *random_states(ours), "child", "ground", joints=("elbow",))
+
+
+def assert_as_in_opensim(osim: Any, folder: Path, ours: Model | None = None, loads: Path | None = None) -> None:
+    ours = ours or read_back(osim, folder)
+    q, u = random_states(ours)
+    for lock in ours.constraints:
+        if isinstance(lock, CoordinateLock):
+            q[:, lock.coordinate], u[:, lock.coordinate] = lock.value, 0.0
+    time = np.linspace(0.1, 0.9, len(q))
+    for side in get_args(Side):
+        for axes in get_args(Axes):
+            found = reactions(ours, q, u, side, axes, loads=loads, time=time)
+            labels, expected = opensims(osim, q, u, side, axes, loads, time)
+            assert list(found.labels) == labels
+            for name, values in expected.items():
+                assert relative_difference(getattr(found, name), values) < 1e-9, (side, axes, name)
+
+
+def reactions(
+    model: Model,
+    q: Array,
+    u: Array,
+    side: Side,
+    axes: Axes,
+    *,
+    joints: tuple[str, ...] = (),
+    loads: Path | None = None,
+    time: Array | None = None,
+) -> JointReactions:
+    """Under a tension of the muscle and an effort of the actuator."""
+    state = postures(model, q, u)
+    equations, paths = equations_of_motion(model, state, model.joints[0].name), evaluate_paths(model, state)
+    wrenches = TENSION * paths.wrench_per_tension[:, 0]
+    forces = TENSION * paths.mobility_per_tension[:, 0]
+    for actuator in model.actuators:
+        forces[:, actuator.coordinate] += EFFORT
+    if loads is not None and time is not None:
+        wrenches = wrenches + load_wrenches(read_external_loads(loads, model, time), state)
+    joints = joints or tuple(joint.name for joint in model.joints)
+    return joint_reactions(model, state, equations, wrenches, forces, ReactionRequest(joints, side, axes))
+
+
+def add_actuator(osim: Any) -> None:
+    actuator = opensim.CoordinateActuator("second_coord_0")
+    actuator.setName("actuator")
+    actuator.setOptimalForce(1.0)
+    osim.addForce(given(actuator))
+
+
+def opensims(
+    osim: Any, q: Array, u: Array, side: str, axes: str, loads: Path | None, time: Array
+) -> tuple[list[str], dict[str, Array]]:
+    """Labels and values of all joints as the analysis has them, which writes eight digits only."""
+    osim = osim.clone()
+    if loads is not None:
+        osim.addModelComponent(given(opensim.ExternalLoads(str(loads), True)))
+    state = osim.initSystem()
+    for index in range(osim.getActuators().getSize()):
+        actuator = opensim.ScalarActuator.safeDownCast(osim.getActuators().get(index))
+        actuator.overrideActuation(state, True)
+        actuator.setOverrideActuation(state, EFFORT if actuator.getName() == "actuator" else TENSION)
+    coordinates = osim.getCoordinateSet()
+    rows: dict[str, list[Any]] = {"force": [], "moment": [], "point": []}
+    for moment, values, speeds in zip(time, q, u, strict=True):
+        state.setTime(float(moment))
+        for index, (value, speed) in enumerate(zip(values, speeds, strict=True)):
+            if not coordinates.get(index).getLocked(state):
+                coordinates.get(index).setValue(state, float(value), False)
+                coordinates.get(index).setSpeedValue(state, float(speed))
+        osim.realizeAcceleration(state)
+        for name, row in zip(
+            rows,
+            zip(*(reaction(osim, joint, state, side, axes) for joint in joints_of(osim)), strict=True),
+            strict=True,
+        ):
+            rows[name].append(row)
+    labels = []
+    for joint in joints_of(osim):
+        on, seen = (frame.findBaseFrame().getName() for frame in (frame_on(joint, side), axes_of(osim, joint, axes)))
+        labels.append(f"{joint.getName()}_on_{on}_in_{seen}")
+    return labels, {name: np.array(values) for name, values in rows.items()}
+
+
+def reaction(osim: Any, joint: Any, state: Any, side: str, axes: str) -> tuple[Array, Array, Array]:
+    """Force, moment and point, by the lines of the analysis."""
+    ground, seen, frame = osim.getGround(), axes_of(osim, joint, axes), frame_on(joint, side)
+    on_child = side == "child"
+    found = (joint.calcReactionOnChildExpressedInGround if on_child else joint.calcReactionOnParentExpressedInGround)(
+        state
+    )
+    moment, force = (ground.expressVectorInAnotherFrame(state, found.get(k), seen) for k in (0, 1))
+    point = ground.findStationLocationInAnotherFrame(state, frame.getPositionInGround(state), seen)
+    return force.to_numpy(), moment.to_numpy(), point.to_numpy()
+
+
+def joints_of(osim: Any) -> list[Any]:
+    return [osim.getJointSet().get(index) for index in range(osim.getJointSet().getSize())]
+
+
+def frame_on(joint: Any, side: str) -> Any:
+    return joint.getChildFrame() if side == "child" else joint.getParentFrame()
+
+
+def axes_of(osim: Any, joint: Any, axes: str) -> Any:
+    return osim.getGround() if axes == "ground" else frame_on(joint, axes).findBaseFrame()
