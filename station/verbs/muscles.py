@@ -36,6 +36,15 @@ IgnoreForces = Annotated[
 LeaveOut = Annotated[
     list[str] | None, typer.Option(help="Leave out this spring, ligament or contact of the model; may be repeated.")
 ]
+EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
+CutoffHz = Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")]
+Glenoid = Annotated[
+    bool, typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid.")
+]
+GlenoidAspect = Annotated[
+    float, typer.Option(min=0.1, max=10.0, help="Width ratio of the glenoid, across to along the edge.")
+]
+Joints = Annotated[str, typer.Option(help="Joints whose reactions are wanted besides the glenoid's: a,b")]
 ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]
 
 
@@ -48,22 +57,17 @@ def rmr(
     ignore_forces: IgnoreForces = False,
     leave_out: LeaveOut = None,
     external_loads: ExternalLoads = None,
-    effort: Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")] = None,
+    effort: EffortFile = None,
     exponent: EffortExponent = 2,
-    glenoid: Annotated[
-        bool,
-        typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid."),
-    ] = True,
+    glenoid: Glenoid = True,
     no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
-    glenoid_aspect: Annotated[
-        float, typer.Option(min=0.1, max=10.0, help="Width ratio of the glenoid, across to along the edge.")
-    ] = 1.0,
+    glenoid_aspect: GlenoidAspect = 1.0,
     free_coordinates: Annotated[str, typer.Option(help="Coordinates without tracked acceleration: a,b")] = "",
-    joint: Annotated[str, typer.Option(help="Joints whose reactions are wanted besides the glenoid's: a,b")] = "",
+    joint: Joints = "",
     reaction_on: Annotated[Side, typer.Option(help="Body that the joints' reactions act on.")] = "child",
     reaction_in: Annotated[Axes, typer.Option(help="Body in whose axes they are given.")] = "ground",
     paths: Paths = "opensim",
-    cutoff_hz: Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")] = 3.0,
+    cutoff_hz: CutoffHz = 3.0,
     start: Start = None,
     end: End = None,
     every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
@@ -82,8 +86,8 @@ def rmr(
     ensure_writable(output)
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
-    free = tuple(name for name in free_coordinates.split(",") if name)
-    wanted = ReactionRequest(tuple(name for name in joint.split(",") if name), reaction_on, reaction_in)
+    free = _names(free_coordinates)
+    wanted = ReactionRequest(_names(joint), reaction_on, reaction_in)
     options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2)
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, tuple(leave_out or ()))
@@ -108,6 +112,10 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 
         draw_solved(plot, solved)
         print(plot)
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    return tuple(name for name in listed.split(",") if name)
 
 
 def _print_conditions(solved: SolvedMotion) -> None:
