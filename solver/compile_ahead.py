@@ -1,7 +1,9 @@
 """Compile the kernels of an assessment before it needs them: `python -m solver.compile_ahead`.
 
 The machine code is kept on disk (compiled.py), so this can be done once after an installation, or in a second process
-while trials are recorded. stdout has one line of JSON per kernel: how many are ready, and how many there are.
+while trials are recorded. A second process beside one that needs the kernels now begins with the last ones
+(--last-first), so that both together take half the time. stdout has one line of JSON per kernel: how many are ready,
+and how many there are.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ from solver.personalisation.estimate import estimate_body
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.elimination import eliminate
 from solver.redundancy.frames import solve_frames
+from solver.redundancy.sequence import FrameSequence, solve_sequence
 from solver.stream.fixed_lag import smooth_window
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.assessment import assess
@@ -68,6 +71,7 @@ KERNELS: tuple[Any, ...] = (
 
 SKIN_MARKERS = ("ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "EpL", "EpM")
 WITH_PARENT = "--with-parent"
+LAST_FIRST = "--last-first"
 NICENESS = 2
 """The parent has priority, but finally waits for this process: with 5 on a busy machine, for minutes."""
 FRAMES_APART = 300
@@ -84,6 +88,14 @@ def compile_ahead() -> None:
     path_lines(model, postures(model, motion.kinematics.positions[:1], motion.kinematics.speeds[:1]))
     observed = _estimate_a_body(model, motion.kinematics.positions[:: FRAMES_APART // 3])
     _stream(model, observed)
+
+
+def compile_last_first() -> None:
+    """Compile the solver of the redundancy problem, on a problem of one frame that needs no model, then the rest."""
+    one, equation, no_cone = np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 3, 1))
+    problem = FrameSequence(one, equation, equation, no_cone, np.eye(1, 3)[None], rise=one, fall=one)
+    solve_sequence(problem, progress=lambda *_: None, workers=1)
+    compile_ahead()
 
 
 def _estimate_a_body(model: Model, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,7 +148,7 @@ def main() -> None:
     if WITH_PARENT in sys.argv[1:]:
         _follow_parent()
     with CompilationCount(_print_count):
-        compile_ahead()
+        compile_last_first() if LAST_FIRST in sys.argv[1:] else compile_ahead()
     _print_count(count_ready(), len(KERNELS))
 
 

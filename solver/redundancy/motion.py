@@ -298,8 +298,11 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         interval=kinematics.interval,
         weights=effort_weights(model, options),
         time_constants=np.array(
-            [[muscle.activation_time_constant, muscle.deactivation_time_constant] for muscle in model.muscles]
-        ).T,
+            [
+                [muscle.activation_time_constant for muscle in model.muscles],
+                [muscle.deactivation_time_constant for muscle in model.muscles],
+            ]
+        ),
         acceleration_matrix=matrix,
         acceleration_target=(kinematics.accelerations - maps.acceleration_at_rest)[:, tracked],
         tracked=tracked,

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 
 from station.progress import Progress
@@ -88,17 +88,23 @@ class CompilationAhead:
 
 @contextmanager
 def compilation_shown(progress: Progress) -> Iterator[None]:
-    """Show compilation in this process as a separate stage, instead of a warning per kernel."""
-    from solver.compile_ahead import KERNELS, CompilationCount  # the compiler behind it takes long to import
+    """Show compilation in this process as a separate stage, instead of a warning per kernel.
+
+    When it begins, a second process starts with the last kernels. This one loads them if they are ready by then.
+    """
+    # the compiler behind it takes long to import
+    from solver.compile_ahead import KERNELS, LAST_FIRST, CompilationCount
 
     has_begun = False
 
     def report(ready: int, total: int) -> None:
         nonlocal has_begun
+        if not has_begun:
+            others.enter_context(CompilationAhead((*COMMAND, LAST_FIRST)))
         has_begun = True
         progress(STAGE, min(ready, total - 1), total)
 
-    with CompilationCount(report):
+    with ExitStack() as others, CompilationCount(report):
         yield
     if has_begun:
         progress(STAGE, len(KERNELS), len(KERNELS))

@@ -14,8 +14,9 @@ COMMAND = (sys.executable, "-m", "solver.compile_ahead")
 
 ASSESS_AFTERWARDS = """
 import sys
+from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from solver.compile_ahead import KERNELS, count_ready, main
+from solver.compile_ahead import KERNELS, LAST_FIRST, count_ready, main
 
 def signatures():
     return {
@@ -24,17 +25,17 @@ def signatures():
         for value in vars(module).values() if isinstance(value, Dispatcher) and value.signatures
     }
 
+file = Path(sys.argv.pop())
+sys.argv.append(LAST_FIRST)
 main()
 before = signatures()
 assert count_ready() == len(KERNELS) == 13, before
+assert all(len(kernel.signatures) == 1 for kernel in KERNELS), before
 
-import numpy as np
-from pathlib import Path
 from fitting.cuffs.cuffs_file import read_cuffs
 from station.assessment.assess import assess_cuffs
 from station.assessment.assessment_inputs import AssessmentInputs
 
-file = Path(sys.argv[1])
 assess_cuffs(read_cuffs(file), AssessmentInputs(file), most_frames=3, most_rest_lengths=4, draws=2)
 after = signatures()
 assert after == before, {name: after[name] for name in after if after[name] != before.get(name)}

@@ -8,7 +8,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from solver.compile_ahead import KERNELS
+import pytest
+
+from solver.compile_ahead import KERNELS, LAST_FIRST
 from station.assessment.compilation import CompilationAhead, compilation_shown
 from station.progress import silent
 
@@ -56,7 +58,9 @@ def test_what_is_no_count_is_not_believed() -> None:
         assert not ahead.wait()
 
 
-def test_the_second_process_ends_with_the_station(monkeypatch) -> None:
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[str]]:
+    """Processes that are started."""
     started: list[subprocess.Popen[str]] = []
 
     class Kept(subprocess.Popen):
@@ -65,21 +69,29 @@ def test_the_second_process_ends_with_the_station(monkeypatch) -> None:
             started.append(self)
 
     monkeypatch.setattr(subprocess, "Popen", Kept)
+    return started
+
+
+def test_the_second_process_ends_with_the_station(started: list[subprocess.Popen[str]]) -> None:
     with _ahead("import sys; sys.stdin.read()", []):
         (child,) = started
         assert child.poll() is None
     assert child.returncode is not None
 
 
-def test_what_is_compiled_in_this_process_is_a_stage_and_no_warning(capsys) -> None:
+def test_what_is_compiled_in_this_process_is_a_stage_and_no_warning(capsys, started) -> None:
     shown: Shown = []
     with compilation_shown(lambda *count: shown.append(count)):
+        assert not started
         logging.getLogger("solver.compiled").warning("compiling %s", "a kernel")
+        (second,) = started
+        assert second.args[-1] == LAST_FIRST
     (first, last) = shown
     assert first[0] == last[0] == "compiling the solver"
     assert first[1] < first[2]
     assert last[1] == last[2] == len(KERNELS)
     assert capsys.readouterr().err == ""
+    assert second.returncode is not None
 
 
 def test_where_nothing_is_compiled_there_is_no_stage() -> None:
