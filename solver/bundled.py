@@ -137,6 +137,7 @@ class _TableReader:
             curves=MillardCurves(minimum=0.0),
             tendon=None if row.get("has_rigid_tendon", False) else MillardTendon(),
             fiber_damping=shared["fiber_damping"],
+            min_control=0.01,
         )
 
     def path_point(self, row: Table) -> AnyPathPoint:

@@ -30,6 +30,7 @@ class SolverCode(StrEnum):
     NO_MUSCLES = "model_unusable.no_muscles"
     SINGULAR = "model_unusable.singular"
     WRONG_GLENOID = "model_unusable.wrong_glenoid"
+    NOT_BALANCED = "model_unusable.not_balanced"
     NEGATIVE_WEIGHT = "model_unusable.negative_weight"
     NOT_WRITABLE = "model_unusable.not_writable"
     NO_MARKERS = "model_unusable.no_markers_in_common"

@@ -178,6 +178,7 @@ class Muscle:
 
     tendon          its force-length curve, for elastic tendons (solver/tendons); None for a tendon that stays rigid
     fiber_damping   damping force at the greatest velocity, over the greatest isometric force; with elastic tendons only
+    min_control, max_control  limits of the activation in static optimisation
     """
 
     name: str
@@ -193,6 +194,8 @@ class Muscle:
     curves: Curves
     tendon: TendonCurve | None = None
     fiber_damping: float = 0.0
+    min_control: float = 0.0
+    max_control: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from solver.errors import SolverCode, SolverError
 from solver.model import Model
 
 Array = NDArray[np.float64]
+Derivatives = Literal["differences", "splines"]
 
 
 class MotionError(SolverError):
@@ -29,11 +31,13 @@ class Motion:
     names        of the coordinates, in the model's order
     time         (frames,) [s], evenly spaced
     coordinates  (frames, coordinates) [rad], translations [m]
+    missing      names of the coordinates without data, which keep their default values
     """
 
     names: tuple[str, ...]
     time: Array
     coordinates: Array
+    missing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,6 +48,7 @@ class Kinematics:
     positions     q (frames, coordinates) [rad or m]
     speeds        u [rad/s or m/s];  accelerations [rad/s² or m/s²]
     cutoff        of the low-pass filter [Hz], None where none was used
+    derivatives   by central differences (differentiate) or by splines (motion_splines.py), which use different filters
 
     The published convention is kept: u is dq/dt also for the scapula, whose speeds in the model are components of an
     angular velocity. Over a slow arm raise the two differ by up to 0.1 rad/s; published activations compare only so.
@@ -55,6 +60,7 @@ class Kinematics:
     speeds: Array
     accelerations: Array
     cutoff: float | None
+    derivatives: Derivatives = "differences"
 
     def __repr__(self) -> str:
         frames, coordinates = self.positions.shape
@@ -66,22 +72,27 @@ class Kinematics:
         """As results state it."""
         if self.cutoff is None:
             return "none"
-        return f"Butterworth low-pass at {self.cutoff:g} Hz, order 4, forwards and backwards"
+        order = {"differences": 4, "splines": 3}[self.derivatives]
+        return f"Butterworth low-pass at {self.cutoff:g} Hz, order {order}, forwards and backwards"
 
 
-def read_motion(path: Path, model: Model) -> Motion:
+def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Motion:
     """Read the model's coordinates from an OpenSim .mot or .sto, or from a .csv in radians and metres.
 
-    Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. Raises
-    MotionError, which names the file and the missing or malformed part.
+    A column has the name of its coordinate, or the path of its value as OpenSim 4 writes it
+    (/jointset/hip_r/hip_flexion_r/value).
+    Angles are converted to radians if the header has inDegrees=yes. Columns without a coordinate are ignored. A
+    coordinate without a column is refused; with_defaults it keeps its default value, as in OpenSim, unless all are
+    missing. Raises MotionError, which names the file and the missing or malformed part.
     """
     names = model.coordinate_names
     columns, table, in_degrees = read_table(path)
+    columns = [_coordinate_of(column) for column in columns]
     if "time" not in columns:
         sentence = f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it"
         raise MotionError(sentence, SolverCode.MISSING_COLUMN)
-    missing = [name for name in names if name not in columns]
-    if missing:
+    missing = tuple(name for name in names if name not in columns)
+    if missing and (not with_defaults or len(missing) == len(names)):
         raise MotionError(
             f"{path.name} should have a column for each of the model's {len(names)} coordinates and lacks "
             f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model",
@@ -89,9 +100,12 @@ def read_motion(path: Path, model: Model) -> Motion:
         )
     time = table[:, columns.index("time")]
     _ensure_even_time(path, time)
-    scale = [np.pi / 180 if in_degrees and c.motion == "rotation" else 1.0 for c in model.coordinates]
-    coordinates = table[:, [columns.index(name) for name in names]] * scale
-    return Motion(names=names, time=time, coordinates=coordinates)
+    coordinates = np.tile(model.default_coordinates, (len(time), 1))
+    for index, coordinate in enumerate(model.coordinates):
+        if coordinate.name not in missing:
+            is_angle = in_degrees and coordinate.motion == "rotation"
+            coordinates[:, index] = table[:, columns.index(coordinate.name)] * (np.pi / 180 if is_angle else 1.0)
+    return Motion(names=names, time=time, coordinates=coordinates, missing=missing)
 
 
 def differentiate(
@@ -106,17 +120,23 @@ def differentiate(
     positions = motion.coordinates if cutoff is None else _smooth(motion.coordinates, cutoff, 1 / interval)
     speeds = np.gradient(positions, interval, axis=0)
     accelerations = np.gradient(speeds, interval, axis=0)
-    tolerance = interval / 1e3
-    kept = np.ones(len(motion.time), dtype=bool)
-    kept &= motion.time >= (-np.inf if start is None else start - tolerance)
-    kept &= motion.time <= (np.inf if end is None else end + tolerance)
+    kept = frames_between(motion.time, start, end)
+    return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
+
+
+def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:
+    """(frames,) whether a frame lies between start and end [s], None for no limit. Raises MotionError if none does."""
+    tolerance = (time[-1] - time[0]) / (len(time) - 1) / 1e3
+    kept = np.ones(len(time), dtype=bool)
+    kept &= time >= (-np.inf if start is None else start - tolerance)
+    kept &= time <= (np.inf if end is None else end + tolerance)
     if not kept.any():
         raise MotionError(
-            f"the motion lasts from {motion.time[0]:g} to {motion.time[-1]:g} s and has no frame between {start} and "
-            f"{end} s; choose other limits",
+            f"the motion lasts from {time[0]:g} to {time[-1]:g} s and has no frame between {start} and {end} s; choose "
+            "other limits",
             SolverCode.NO_FRAMES,
         )
-    return Kinematics(motion.time[kept], interval, positions[kept], speeds[kept], accelerations[kept], cutoff)
+    return kept
 
 
 def decimate(kinematics: Kinematics, every: int) -> Kinematics:
@@ -173,7 +193,7 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
             raise MotionError(sentence, SolverCode.MALFORMED_TABLE)
         first = ends[0] + 1
         header = {line.replace(" ", "").lower() for line in lines[:first]}
-        in_degrees = "indegrees=yes" in header
+        in_degrees = "indegrees=yes" in header or (path.suffix == ".mot" and _is_of_simm(header))
     rows = [line.replace(",", " ").split() for line in lines[first:] if line.strip() and line[0] != "#"]
     if len(rows) < 3:
         sentence = f"{path.name} should have a row of names and at least two frames and has {len(rows)} rows"
@@ -195,6 +215,17 @@ def read_table(path: Path) -> tuple[list[str], Array, bool]:
         sentence = f"{path.name} should hold finite numbers and frame {frame} does not; fill or cut the gap"
         raise MotionError(sentence, SolverCode.NOT_FINITE)
     return rows[0], table, in_degrees
+
+
+def _is_of_simm(header: set[str]) -> bool:
+    """Whether it is that of a motion file of SIMM, as OpenSim 1 wrote it: without a version and in degrees."""
+    return not any(line.startswith(("version=", "indegrees=")) for line in header)
+
+
+def _coordinate_of(column: str) -> str:
+    """Name of the coordinate of a column: OpenSim 4 writes /jointset/JOINT/COORDINATE/value into tables of states."""
+    parts = column.split("/")
+    return parts[-2] if len(parts) > 2 and parts[-1] == "value" else column
 
 
 def _ensure_even_time(path: Path, time: Array) -> None:

@@ -23,7 +23,7 @@ from solver.errors import SolverError
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.extras import with_extras
-from station.verbs import bench, cuffs, files, kinematics, live, muscles, study, whole
+from station.verbs import bench, cuffs, files, inverse_dynamics, kinematics, live, muscles, study, whole
 from station.verbs.options import print_message
 
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
@@ -35,7 +35,15 @@ STAGES = {
     "Recordings": (files.info, files.replay, files.recover, files.import_, files.export),
     "Cuff parameters": (whole.judge, cuffs.fit),
     "Body and motion": (kinematics.scale, kinematics.ik),
-    "Suit and muscles": (muscles.rmr, muscles.validate, muscles.emg, muscles.assess, muscles.optimise, muscles.sweep),
+    "Suit and muscles": (
+        inverse_dynamics.id_,
+        muscles.rmr,
+        muscles.validate,
+        muscles.emg,
+        muscles.assess,
+        muscles.optimise,
+        muscles.sweep,
+    ),
     "Many sessions": (study.plan, study.catalogue, study.study),
     "Report": (whole.report, whole.verify),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from numpy import float64
@@ -24,14 +25,16 @@ from solver.suit.suited_model import CORD, CUFF_NAMES, SuitedModel
 BUNDLED = "bundled"
 
 
-def model_of(name: str, *, ignore_forces: bool = False) -> Model:
+def model_of(name: str, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
     """The model of an .osim file, or the "bundled" one; ignore_forces leaves out forces that the solver lacks.
+
+    actuators are files with a ForceSet that is added to that of an .osim file.
 
     Raises ModelError for a model that already has the suit of `station export --osim`.
     """
     if name == BUNDLED:
         return bundled_model()
-    model = read_osim(Path(name), ignore_forces=ignore_forces)
+    model = read_osim(Path(name), ignore_forces=ignore_forces, actuators=actuators)
     if CORD in {force.name for force in model.forces} and {*CUFF_NAMES} <= {body.name for body in model.bodies}:
         raise ModelError(
             f"{Path(name).name} already has the suit of `station export --osim`; give the model without the suit",
@@ -40,14 +43,14 @@ def model_of(name: str, *, ignore_forces: bool = False) -> Model:
     return model
 
 
-def suited_model_of(name: str) -> SuitedModel | None:
-    """A model with the suit of `station export --osim`; None for any other model."""
-    return None if name == BUNDLED else read_suited(Path(name))
+def suited_model_of(name: str, actuators: Sequence[Path] = ()) -> SuitedModel | None:
+    """A model with the suit of `station export --osim`; None for any other model. actuators as in model_of."""
+    return None if name == BUNDLED else read_suited(Path(name), actuators)
 
 
-def motion_of(path: Path | None, model: Model) -> Motion:
-    """The motion of a file, or the bundled raise of the arm."""
-    return simulate_arm_raise(model) if path is None else read_motion(path, model)
+def motion_of(path: Path | None, model: Model, *, with_defaults: bool = False) -> Motion:
+    """The motion of a file, or the bundled raise of the arm; with_defaults as in read_motion."""
+    return simulate_arm_raise(model) if path is None else read_motion(path, model, with_defaults=with_defaults)
 
 
 def loads_of(path: Path | None, model: Model, time: NDArray[float64]) -> tuple[ExternalForce, ...]:

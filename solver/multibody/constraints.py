@@ -19,6 +19,17 @@ from solver.multibody.rotations import rotate
 Array = NDArray[np.float64]
 
 
+def is_held(model: Model) -> NDArray[np.bool_]:
+    """(coordinates,) whether a lock, a prescription or a coupler determines the coordinate."""
+    held = np.zeros(len(model.coordinates), dtype=bool)
+    for constraint in model.constraints:
+        if isinstance(constraint, CoordinateLock | CoordinatePrescription):
+            held[constraint.coordinate] = True
+        elif isinstance(constraint, CoordinateCoupler):
+            held[constraint.dependent] = True
+    return held
+
+
 def constraint_rows(model: Model, state: Postures) -> tuple[Array, Array]:
     """G (frames, rows, coordinates) and b (frames, rows)."""
     frames, count = state.coordinates.shape

@@ -13,10 +13,36 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from solver.errors import SolverCode
 from solver.osim.document import Element
 
 GROUND_NAME = "ground"
 GROUND_PATH = "/ground"
+
+
+OPENSIM_2, AFTER_OPENSIM_3, PRESENT_LAYOUT, LONGEST_VERSION = 20000, 30500, 30517, 9
+
+
+def is_earlier(document: Element) -> bool:
+    """Whether OpenSim 2 or 3 wrote the document."""
+    version = document.attributes.get("Version", "")
+    number = int(version) if version.isdecimal() and len(version) <= LONGEST_VERSION else 0
+    if number < OPENSIM_2 or AFTER_OPENSIM_3 <= number < PRESENT_LAYOUT:
+        advice = (
+            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")'
+        )
+        if number >= AFTER_OPENSIM_3:
+            advice = "OpenSim 4.6 does not open most models of these development versions; save it with a released one"
+        raise document.refusal(
+            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected one of OpenSim 2, 3 or 4; {advice}",
+            SolverCode.WRONG_DOCUMENT,
+        )
+    return number < PRESENT_LAYOUT
+
+
+def force_set_as_version_4(force_set: Element) -> Element:
+    """A <ForceSet> of an OpenSim 2 or 3 document as one of OpenSim 4."""
+    return _upgraded(force_set)
 
 
 def as_version_4(model: Element) -> Element:

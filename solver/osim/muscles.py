@@ -29,6 +29,7 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
     has_flat_fibers = element.tag in ("DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated")
     steepest = np.pi / 2 if has_flat_fibers else element.number("maximum_pennation_angle", repr(float(np.arccos(0.1))))
     is_schutte = element.tag == "Schutte1993Muscle_Deprecated"
+    least, greatest = _control_limits(element)
     fastest = 1.0 / _time_scale(element) if is_schutte else element.positive("max_contraction_velocity", "10")
     return Muscle(
         name=element.name,
@@ -44,9 +45,12 @@ def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface])
         curves=_CURVES[element.tag](element),
         tendon=_tendon(element),
         fiber_damping=_fiber_damping(element),
+        min_control=least,
+        max_control=greatest,
     )
 
 
+LARGEST_CONTROL = 100.0  # of a muscle; greater ones, and infinite ones, stand for no limit
 LEAST_FIBER_DAMPING, LEAST_ACTIVE_FORCE = 0.001, 0.1
 
 MILLARD_OPTIONS = {
@@ -83,6 +87,16 @@ _THELEN = {
     "Flen": "strongest",
     "fv_linear_extrap_threshold": "linear_beyond",
 }
+
+
+def _control_limits(element: Element) -> tuple[float, float]:
+    """Least and greatest control. The default of muscles with a least activation is 0.01, whatever that is."""
+    has_least = element.tag in ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
+    least = max(0.0, element.number("min_control", "0.01" if has_least else "0", may_be_infinite=True))
+    greatest = min(element.number("max_control", "1", may_be_infinite=True), LARGEST_CONTROL)
+    if not least < greatest:
+        raise element.refusal(f"has a min_control of {least:g}, expected one below its max_control of {greatest:g}")
+    return least, greatest
 
 
 def _time_constants(element: Element) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,11 +12,12 @@ from scipy.constants import g
 
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, Model, WrapSurface
+from solver.osim.added_forces import with_force_sets
 from solver.osim.components import with_components_in_sets
 from solver.osim.constraints import ensure_known_constraint, read_constraint, read_held_coordinate
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
-from solver.osim.earlier_versions import as_version_4
+from solver.osim.earlier_versions import as_version_4, is_earlier
 from solver.osim.force_elements import ForceContext
 from solver.osim.force_set import FORCES, ensure_known_force, read_force_set
 from solver.osim.frames import INERT, Names, OffsetFrame
@@ -24,21 +26,22 @@ from solver.osim.obstacles import Obstacles
 from solver.osim.paths import read_surface
 
 
-def read_osim(path: str | Path, *, ignore_forces: bool = False) -> Model:
+def read_osim(path: str | Path, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
     """The model in an .osim file. Raises ModelError, with file and line, for anything the solver does not reproduce.
 
     ignore_forces leaves out forces and controllers that the solver does not have (Model.left_out names them, and
-    Model.lacking the forces).
+    Model.lacking the forces). actuators are files with a ForceSet each, whose forces are added to those of the model.
     """
-    return read_osim_model(read_document(Path(path)), ignore_forces=ignore_forces)
+    return read_osim_model(read_document(Path(path)), ignore_forces=ignore_forces, actuators=actuators)
 
 
-def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
+def read_osim_model(document: Element, *, ignore_forces: bool = False, actuators: Sequence[Path] = ()) -> Model:
     """read_osim for the root element of a document."""
     if document.tag != "OpenSimDocument":
         raise document.refusal("is not an OpenSim document; give an .osim file", SolverCode.WRONG_DOCUMENT)
     model = document.child("Model")
-    model = with_defaults(as_version_4(model) if _is_earlier(document) else model)
+    model = with_defaults(as_version_4(model) if is_earlier(document) else model)
+    model = with_force_sets(model, [read_document(path) for path in actuators])
     model = with_components_in_sets(model)
     ignored = _unsupported_forces(model) if ignore_forces else []
     left_out = _switched_off(model) + ignored
@@ -49,27 +52,7 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False) -> Model:
     return replace(_model(model), left_out=names, lacking=lacking)
 
 
-OPENSIM_2, AFTER_OPENSIM_3, PRESENT_LAYOUT, LONGEST_VERSION = 20000, 30500, 30517, 9
-
-
 MASSLESS = 2e-14  # kg; OpenSim sets the inertia of such a body to zero
-
-
-def _is_earlier(document: Element) -> bool:
-    """Whether OpenSim 2 or 3 wrote the document."""
-    version = document.attributes.get("Version", "")
-    number = int(version) if version.isdecimal() and len(version) <= LONGEST_VERSION else 0
-    if number < OPENSIM_2 or AFTER_OPENSIM_3 <= number < PRESENT_LAYOUT:
-        advice = (
-            'open the model in OpenSim 4 and save it, or in Python: opensim.Model("old.osim").printToXML("new.osim")'
-        )
-        if number >= AFTER_OPENSIM_3:
-            advice = "OpenSim 4.6 does not open most models of these development versions; save it with a released one"
-        raise document.refusal(
-            f"has the version {version[:LONGEST_VERSION] or 'none'}, expected one of OpenSim 2, 3 or 4; {advice}",
-            SolverCode.WRONG_DOCUMENT,
-        )
-    return number < PRESENT_LAYOUT
 
 
 def _model(element: Element) -> Model:

@@ -11,8 +11,8 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.functions.coordinate import polynomial
 from solver.model import Coordinate, Model, Placement
+from solver.osim.earlier_versions import PRESENT_LAYOUT
 from solver.osim.path_writer import add_path, add_path_point
-from solver.osim.reader import PRESENT_LAYOUT
 from solver.osim.writer import add_axes, add_body, add_joint
 from solver.osim.xml_elements import add, add_values, objects_of
 from solver.suit.cord import direction_to_joint

@@ -7,6 +7,7 @@ is not solved as a body: its quasi-static equilibrium gives its force, as in an 
 from __future__ import annotations
 
 import posixpath
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -25,9 +26,9 @@ Array = NDArray[np.float64]
 SETS = ("BodySet", "JointSet", "ForceSet")
 
 
-def read_suited(path: str | Path) -> SuitedModel | None:
+def read_suited(path: str | Path, actuators: Sequence[Path] = ()) -> SuitedModel | None:
     """The suited model in a file of ours, None where the file wears none. ModelError, with the line, where the suit was
-    changed into one that no suit of ours is, or the bare model cannot be read.
+    changed into one that no suit of ours is, or the bare model cannot be read. actuators as in read_osim.
     """
     document = read_document(Path(path))
     element = document.find("Model")
@@ -50,7 +51,7 @@ def read_suited(path: str | Path) -> SuitedModel | None:
         reference_rest_length=rest_length,
     )
     return SuitedModel(
-        bare=read_osim_model(replace(document, children=[_bare(element)])),
+        bare=read_osim_model(replace(document, children=[_bare(element)]), actuators=actuators),
         suit=suit,
         waist=_spring(element, "waist"),
         arm=_spring(element, "arm"),

@@ -36,9 +36,10 @@ AT_BOUND = 1e-9  # distance of an activation from its bound
 def solve_frames(problem: SequenceProblem, start: WarmStart, work: FrameWorkspace, solution: SequenceSolution) -> None:
     """Solve every frame of every scenario and fill solution; start is read, and left as the next frame needs it.
 
-    Activations a in [0, 1] change no faster than first-order activation dynamics allow. Where the code is INFEASIBLE, a
-    is the point of least violation.
+    Activations a change no faster than first-order activation dynamics allow. Where the code is INFEASIBLE, a is the
+    point of least violation.
     """
+    widest = problem.widest
     for scenario in range(problem.t.shape[0]):
         (lower, upper), guess = start.bounds[scenario], start.multipliers[scenario]
         for k in range(problem.t.shape[1]):
@@ -54,21 +55,21 @@ def solve_frames(problem: SequenceProblem, start: WarmStart, work: FrameWorkspac
                 upper,
                 problem.exponent,
             )
-            code = _solve_frame(frame, work, a, v)
+            code = _solve_frame(frame, widest, work, a, v)
             solution.codes[scenario, k] = code
             if code in (SOLVED, BEYOND_RATE):
-                _set_rate_bounds(problem.rise, problem.fall, a, lower, upper)
+                _set_rate_bounds(problem.rise, problem.fall, widest, a, lower, upper)
                 copy(v, guess)
             else:
-                _set_widest_bounds(lower, upper)
+                _set_widest_bounds(widest, lower, upper)
 
 
 @compiled
-def _solve_frame(problem: FrameProblem, work: FrameWorkspace, a: Array, v: Array) -> int:
-    """Solve within the bounds; if infeasible, within 0 and 1, which stay in lower and upper; else least violation."""
+def _solve_frame(problem: FrameProblem, widest: Array, work: FrameWorkspace, a: Array, v: Array) -> int:
+    """Solve within the bounds; if infeasible, within the widest, which stay in lower and upper; else violate least."""
     for attempt in range(2):
         if attempt:
-            _set_widest_bounds(problem.lower, problem.upper)
+            _set_widest_bounds(widest, problem.lower, problem.upper)
         code = _solve(problem, work, a, v)
         if code != INFEASIBLE:
             return BEYOND_RATE if attempt and code == SOLVED else code
@@ -137,15 +138,17 @@ def _round_to_bounds(problem: FrameProblem, interior: Array, a: Array) -> None:
 
 
 @compiled
-def _set_widest_bounds(lower: Array, upper: Array) -> None:
+def _set_widest_bounds(widest: Array, lower: Array, upper: Array) -> None:
     for i in range(len(lower)):
-        lower[i], upper[i] = 0.0, 1.0
+        lower[i], upper[i] = widest[0, i], widest[1, i]
 
 
 @compiled
-def _set_rate_bounds(rise: Array, fall: Array, a: Array, lower: Array, upper: Array) -> None:
+def _set_rate_bounds(rise: Array, fall: Array, widest: Array, a: Array, lower: Array, upper: Array) -> None:
     """Activations that one interval at no and at full excitation leads to (Thelen 2003)."""
+    _set_widest_bounds(widest, lower, upper)
     for i in range(len(a)):
-        pace = 0.5 + 1.5 * a[i]
-        lower[i] = max(a[i] - fall[i] * a[i] * pace, 0.0)
-        upper[i] = min(a[i] + rise[i] * (1.0 - a[i]) / pace, 1.0)
+        if rise[i] < np.inf:
+            pace = 0.5 + 1.5 * a[i]
+            lower[i] = max(a[i] - fall[i] * a[i] * pace, lower[i])
+            upper[i] = min(a[i] + rise[i] * (1.0 - a[i]) / pace, upper[i])

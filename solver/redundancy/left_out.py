@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.dynamics import equations_of_motion
-from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.force_element import total_loads
 from solver.multibody.postures import Postures, jacobians, postures
 
@@ -52,17 +50,6 @@ def forces_of(model: Model, kinematics: Kinematics, name: str) -> Array:
             q, u = state.coordinates[:, force.coordinate], state.speeds[:, force.coordinate]
             forces[:, force.coordinate] += force.at(q, u)
     return forces
-
-
-def needed_forces(model: Model, kinematics: Kinematics, loads: Sequence[ExternalForce] = ()) -> Array:
-    """(frames, coordinates) what muscles, actuators and constraints together give in a motion under loads [N, N m]:
-    inverse dynamics, M u̇ + c − Jᵀ f.
-    """
-    state = postures(model, kinematics.positions, kinematics.speeds)
-    equations = equations_of_motion(model, state, model.joints[0].name)
-    inertial: Array = np.einsum("fij,fj->fi", equations.mass_matrix, kinematics.accelerations)
-    needed = inertial + equations.bias_force
-    return needed - _generalised(model, state, load_wrenches(loads, state)) if loads else needed
 
 
 def reserve_forces(model: Model, reserves: Array) -> Array:

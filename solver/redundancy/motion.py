@@ -22,21 +22,24 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
 from solver.motion import Kinematics, MotionError
+from solver.multibody.constraints import is_held
 from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion
 from solver.multibody.external_loads import ExternalForce, load_wrenches
 from solver.multibody.joint_reactions import JointReactions, is_bypassed
 from solver.multibody.postures import Postures, postures
 from solver.multibody.rotations import each_frame
-from solver.muscle import MuscleForces, MuscleOutcome, join_outcomes, muscle_forces
+from solver.muscle import MuscleForces, MuscleOutcome, join_outcomes
 from solver.paths import PathMode, PathState, evaluate_paths
+from solver.redundancy.balance import ensure_balanced
 from solver.redundancy.glenoid import JOINT, cone_rows, contact_points, glenoid_cone
-from solver.redundancy.options import Exponent, Solver, effort_weights
+from solver.redundancy.options import Exponent, Solver, activation_limits, effort_weights
 from solver.redundancy.options import RedundancyOptions as RedundancyOptions  # noqa: PLC0414 (as FrameOutcome)
 from solver.redundancy.reachability import idle_controls, is_met
 from solver.redundancy.reactions import SolvedForces, reaction_on_parent, solved_reactions
 from solver.redundancy.response_maps import ResponseMaps, response_maps
 from solver.redundancy.sequence import SOLVERS, FrameSequence, RunSolver, solve_runs
 from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (part of this module's interface)
+from solver.static_forces import MuscleForceModel, modelled_forces
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,11 +73,14 @@ class RedundancyProblem:
     weights         (controls,);  reserves come after the muscles
     time_constants  (2, muscles) of activation and deactivation [s]
     acceleration_matrix  A (frames, tracked, controls);  acceleration_target  q̈ − q̈₀ (frames, tracked) [rad/s², m/s²]
-    tracked         (coordinates,) whether the acceleration is tracked
+    tracked         (coordinates,) whether the acceleration is tracked: not of free ones, nor where a lock or a coupler
+                    determines it
     reaction_matrix A_F (frames, 6, controls);  reaction_at_rest  F₀ (frames, 6) moment [N m], force [N] in ground
     cone            (frames, k, 3) rows that turn the force into (s, v); k = 3, or 0 without the glenoid
     solver, exponent  as in RedundancyOptions
     control_limits  (2, actuators) least and greatest control; None is no limits
+    has_activation_dynamics  False where every frame is solved by itself
+    activation_limits  (2, muscles) least and greatest activation; None is 0 and 1
     """
 
     time: Array
@@ -90,6 +96,8 @@ class RedundancyProblem:
     solver: Solver = "interior_point"
     control_limits: Array | None = None
     exponent: Exponent = 2
+    has_activation_dynamics: bool = True
+    activation_limits: Array | None = None
 
     def effort_of(self, controls: Array) -> Array:
         """Terms of the effort of x (…, controls), or of its muscles alone: w aᵖ, then w r² of the actuators."""
@@ -216,11 +224,20 @@ def solve_motion(
     """Solve all frames of a motion under loads, sampled at its frames; progress(done, total) counts frames.
 
     Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
-    MotionError where the model cannot be evaluated in any frame.
+    or neither muscles nor actuators can balance a tracked coordinate, MotionError where the model cannot be evaluated
+    in any frame.
     """
     options = options or RedundancyOptions()
-    mechanics = evaluate_motion(model, kinematics, loads=loads, joint=options.joint, path_mode=options.path_mode)
+    mechanics = evaluate_motion(
+        model,
+        kinematics,
+        loads=loads,
+        joint=options.joint,
+        path_mode=options.path_mode,
+        muscle_force_model=options.muscle_force_model,
+    )
     problem = build_redundancy(model, mechanics, options)
+    ensure_balanced(model, problem.acceleration_matrix, mechanics.equations.mobility, problem.tracked)
     solution = solve_redundancy(problem, progress=progress)
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
     tensions = mechanics.forces.active * activations + mechanics.forces.passive
@@ -254,6 +271,7 @@ def evaluate_motion(
     loads: Sequence[ExternalForce] = (),
     joint: str = JOINT,
     path_mode: PathMode = "opensim",
+    muscle_force_model: MuscleForceModel = "rigid_tendon",
 ) -> Mechanics:
     """Evaluate a motion; `paths` are those of another model with the same geometry, if already computed.
 
@@ -261,7 +279,7 @@ def evaluate_motion(
     """
     state = postures(model, kinematics.positions, kinematics.speeds, kinematics.time)
     paths = paths or evaluate_paths(model, state, mode=path_mode)
-    forces = muscle_forces(model, paths.lengths, paths.speeds)
+    forces = modelled_forces(model, paths.lengths, paths.speeds, muscle_force_model)
     equations = equations_of_motion(model, state, joint)
     maps = response_maps(model, state, equations, paths, forces, load_wrenches(loads, state) if loads else None)
     is_finite = maps.is_finite
@@ -282,7 +300,7 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
     if not model.muscles:
         raise ModelError(f"the model {model.name} should have muscles and has none; use another", SolverCode.NO_MUSCLES)
     kinematics, maps = mechanics.kinematics, mechanics.maps
-    tracked = np.ones(len(model.coordinates), dtype=bool)
+    tracked = ~is_held(model)
     tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
     matrix, reaction_matrix = maps.acceleration_per_control[:, tracked], maps.reaction_per_control
     is_idle = idle_controls(matrix, reaction_matrix)
@@ -314,6 +332,8 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
         .reshape(-1, 2)
         .T,
         exponent=options.exponent,
+        has_activation_dynamics=options.has_activation_dynamics,
+        activation_limits=activation_limits(model) if options.has_muscle_limits else None,
     )
 
 
@@ -335,6 +355,8 @@ def solve_redundancy(
     reaction_at_rest = problem.reaction_at_rest + loads.reaction
     cone = problem.cone / CONE_FORCE_SCALE
     rise, fall = problem.interval / problem.time_constants
+    if not problem.has_activation_dynamics:
+        rise, fall = np.full((2, len(rise)), np.inf)
     sequence = FrameSequence(
         weights=problem.weights,
         matrix=problem.acceleration_matrix,
@@ -345,10 +367,11 @@ def solve_redundancy(
         fall=fall,
         limits=problem.control_limits,
         exponent=problem.exponent,
+        activation_limits=problem.activation_limits,
     )
     solve_run = solve_run or SOLVERS[problem.solver]
     controls, outcomes = solve_runs(solve_run, sequence, problem.is_finite, progress, workers)
-    controls[..., : len(rise)].clip(0, 1, out=controls[..., : len(rise)])
+    controls[..., : len(rise)].clip(*sequence.widest_activations, out=controls[..., : len(rise)])
     size = np.linalg.norm(target, axis=-1)
     residual = np.subtract(each_frame(problem.acceleration_matrix, controls), target, out=target)
     reaction = reaction_at_rest + each_frame(problem.reaction_matrix, controls)

@@ -65,7 +65,8 @@ class FrameByFrame:
         if self._multipliers.shape[1] != rows:
             self._multipliers = np.zeros((scenarios, rows))
         frame = slice(0, 1)
-        reduced = reduction.problem(frame, sequence.target, sequence.cone_offset, sequence.rise, sequence.fall)
+        widest = sequence.widest_activations
+        reduced = reduction.problem(frame, sequence.target, sequence.cone_offset, sequence.rise, sequence.fall, widest)
         start = WarmStart(np.stack(self._bounds(), axis=1), self._multipliers)
         solution = SequenceSolution(
             a=np.empty((scenarios, 1, muscles)),

@@ -14,6 +14,7 @@ from solver.model import Model, ModelError
 from solver.multibody.joint_reactions import ReactionRequest
 from solver.paths import PathMode
 from solver.redundancy.glenoid import JOINT, is_shoulder
+from solver.static_forces import MuscleForceModel
 
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
@@ -44,6 +45,9 @@ class RedundancyOptions:
                             squares
     path_mode               wrapping as in OpenSim or over geodesics (docs/paths.md)
     solver                  interior_point, compiled for this problem, or clarabel, its reference
+    has_activation_dynamics  bounds of the activations follow from those of the previous frame
+    muscle_force_model      rigid_tendon, or without passive forces: active, opensim_static (static_forces.py)
+    has_muscle_limits       activations stay within Muscle.min_control and max_control, else within 0 and 1
     """
 
     has_glenoid_cone: bool = True
@@ -58,6 +62,31 @@ class RedundancyOptions:
     path_mode: PathMode = "opensim"
     exponent: Exponent = 2
     solver: Solver = "interior_point"
+    has_activation_dynamics: bool = True
+    muscle_force_model: MuscleForceModel = "rigid_tendon"
+    has_muscle_limits: bool = False
+
+
+def static_optimisation(options: RedundancyOptions) -> RedundancyOptions:
+    """The options with the assumptions of OpenSim's StaticOptimization: every frame by itself, without activation
+    dynamics, passive muscle forces and the glenoid, with the limits of the muscles and a weight of 1 for all controls.
+    """
+    return replace(
+        options,
+        has_glenoid_cone=False,
+        muscle_weight=1.0,
+        reserve_weight=1.0,
+        unweighted_coordinates=(),
+        has_activation_dynamics=False,
+        muscle_force_model="opensim_static",
+        has_muscle_limits=True,
+    )
+
+
+def activation_limits(model: Model) -> Array:
+    """(2, muscles) least and greatest activation in the model's file."""
+    limits = [[muscle.min_control, muscle.max_control] for muscle in model.muscles]
+    return np.array(limits).reshape(-1, 2).T
 
 
 def options_for(model: Model, options: RedundancyOptions) -> RedundancyOptions:

@@ -40,7 +40,9 @@ class SequenceProblem(NamedTuple):
     """The problems of all frames and scenarios, which share q, M, R and the exponent and differ in t.
 
     q (n,), M (frames, m, n), R (frames, m, m), t (scenarios, frames, m)
-    rise, fall  (n,) interval between frames over the time constants of activation and deactivation
+    rise, fall  (n,) interval between frames over the time constants of activation and deactivation; infinite where the
+                unknown may take any value within its bounds in every frame
+    widest      (2, n) least and greatest a in any frame
     """
 
     q: Array
@@ -50,6 +52,7 @@ class SequenceProblem(NamedTuple):
     equalities: int
     rise: Array
     fall: Array
+    widest: Array
     exponent: int
 
 

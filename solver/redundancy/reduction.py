@@ -55,8 +55,10 @@ class Reduction:
     free_per_effort: Array
     free_per_acceleration: Array
 
-    def problem(self, frames: slice, acceleration: Array, ray: Array, rise: Array, fall: Array) -> SequenceProblem:
-        """The problems of these frames with b (scenarios, frames, tracked), c (scenarios, frames, k), rise and fall."""
+    def problem(
+        self, frames: slice, acceleration: Array, ray: Array, rise: Array, fall: Array, widest: Array
+    ) -> SequenceProblem:
+        """The problems of these frames with b (scenarios, frames, tracked), c (scenarios, frames, k), and bounds."""
         t = each_frame(self.per_acceleration[frames], acceleration)
         t[..., self.equalities :] -= ray
         return SequenceProblem(
@@ -67,6 +69,7 @@ class Reduction:
             equalities=self.equalities,
             rise=rise,
             fall=fall,
+            widest=widest,
             exponent=self.exponent,
         )
 

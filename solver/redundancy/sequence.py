@@ -68,9 +68,11 @@ class FrameSequence:
     weights     w (controls,);  matrix A (frames, tracked, controls);  target b (scenarios, frames, tracked)
     cone_matrix C (frames, k, controls);  cone_offset c (scenarios, frames, k); k = 3, or 0 where there is no cone;
                 both scaled so that 1e-8 is small
-    rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation
+    rise, fall  (muscles,) interval between frames over the time constants of activation and deactivation; infinite
+                without activation dynamics
     limits      (2, actuators) least and greatest control, infinite without a limit; None for no limits
     exponent    p of the activations
+    activation_limits  (2, muscles) least and greatest activation; None for 0 and 1
     """
 
     weights: Array
@@ -82,6 +84,14 @@ class FrameSequence:
     fall: Array
     limits: Array | None = None
     exponent: int = 2
+    activation_limits: Array | None = None
+
+    @property
+    def widest_activations(self) -> Array:
+        """(2, muscles)."""
+        if self.activation_limits is not None:
+            return self.activation_limits
+        return np.repeat([[0.0], [1.0]], len(self.rise), axis=1)
 
     def cut(self, frames: slice) -> FrameSequence:
         """These frames alone."""
@@ -118,10 +128,10 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
     """x (scenarios, frames, controls) and outcomes; x is the point of least violation where INFEASIBLE.
 
     By the compiled solver, or by Clarabel if the problem does not have the structure that reduction.py needs, as with
-    limits of actuators.
+    actuators that are limited on one side.
     """
     if sequence.limits is not None and np.isfinite(sequence.limits).any():
-        return solve_sequence_with_clarabel(sequence, progress)
+        return _solve_limited(sequence, progress, workers)
     from solver.redundancy.reduction import reduce_frames  # the compiler behind it takes long to import
 
     sequence = replace(sequence, weights=determined(sequence.weights, sequence.matrix, sequence.cone_matrix))
@@ -185,6 +195,36 @@ def solve_frame_with_clarabel(
     return _solve_frame(problem, widest_bounds(sequence, len(sequence.target)))
 
 
+def _solve_limited(sequence: FrameSequence, progress: Progress, workers: int | None) -> tuple[Array, Outcomes]:
+    """With limits of actuators, which the compiled solver bounds as activations without dynamics if there are two.
+
+    The effort of an activation has the exponent of all, that of a control is a square: with cubes Clarabel solves.
+    """
+    muscles, limits = len(sequence.rise), np.asarray(sequence.limits)
+    is_limited = np.isfinite(limits)
+    is_bounded = is_limited.all(axis=0)
+    is_fit = is_bounded & (limits[0] < limits[1]) | ~is_limited.any(axis=0)
+    if sequence.exponent != 2 or not is_fit.all():
+        return solve_sequence_with_clarabel(sequence, progress)
+    actuators = muscles + np.concatenate([np.flatnonzero(is_bounded), np.flatnonzero(~is_bounded)])
+    order = np.concatenate([np.arange(muscles), actuators])
+    without_dynamics = np.full(int(is_bounded.sum()), np.inf)
+    ordered = replace(
+        sequence,
+        weights=sequence.weights[order],
+        matrix=sequence.matrix[:, :, order],
+        cone_matrix=sequence.cone_matrix[:, :, order],
+        rise=np.concatenate([sequence.rise, without_dynamics]),
+        fall=np.concatenate([sequence.fall, without_dynamics]),
+        limits=None,
+        activation_limits=np.concatenate([sequence.widest_activations, limits[:, is_bounded]], axis=1),
+    )
+    found, outcomes = solve_sequence(ordered, progress, workers)
+    controls = np.empty_like(found)
+    controls[..., order] = found
+    return controls, outcomes
+
+
 class _Share:
     """The scenarios of one worker, their warm start, and the views that it fills.
 
@@ -196,9 +236,10 @@ class _Share:
     ) -> None:
         self.sequence, self.reduction, self.scenarios = sequence, reduction, scenarios
         self.controls, self.codes = controls, codes
-        muscles, count = len(sequence.rise), len(codes)
+        count = len(codes)
         self.start = WarmStart(
-            bounds=np.tile([[0.0], [1.0]], (count, 1, muscles)), multipliers=np.zeros((count, reduction.rows.shape[1]))
+            bounds=np.tile(sequence.widest_activations, (count, 1, 1)),
+            multipliers=np.zeros((count, reduction.rows.shape[1])),
         )
 
     def solve(self, frames: slice) -> None:
@@ -207,7 +248,8 @@ class _Share:
 
         sequence, reduction = self.sequence, self.reduction
         b, c = sequence.target[self.scenarios, frames], sequence.cone_offset[self.scenarios, frames]
-        problem = reduction.problem(frames, b, c, sequence.rise, sequence.fall)
+        widest = sequence.widest_activations
+        problem = reduction.problem(frames, b, c, sequence.rise, sequence.fall, widest)
         muscles, (scenarios, count, rows) = len(problem.q), problem.t.shape
         solution = SequenceSolution(
             a=np.empty((scenarios, count, muscles)),
@@ -248,21 +290,23 @@ def _reachable_rows(matrix: Array) -> tuple[Array, Array]:
 def widest_bounds(sequence: FrameSequence, scenarios: int) -> tuple[Array, Array]:
     muscles, controls = len(sequence.rise), len(sequence.weights)
     lower, upper = np.full((scenarios, controls), -np.inf), np.full((scenarios, controls), np.inf)
-    lower[:, :muscles], upper[:, :muscles] = 0.0, 1.0
+    lower[:, :muscles], upper[:, :muscles] = sequence.widest_activations
     if sequence.limits is not None:
         lower[:, muscles:], upper[:, muscles:] = sequence.limits
     return lower, upper
 
 
 def _reachable_bounds(sequence: FrameSequence, controls: Array, outcomes: Outcomes) -> tuple[Array, Array]:
-    """Bounds of activations after one interval at full or no excitation; 0 and 1 after an unsolved frame."""
+    """Bounds of activations after one interval at full or no excitation; the widest after an unsolved frame."""
     lower, upper = widest_bounds(sequence, len(controls))
-    muscles = len(sequence.rise)
+    if not np.isfinite(sequence.rise).all():
+        return lower, upper
+    muscles, (least, greatest) = len(sequence.rise), sequence.widest_activations
     a = controls[:, :muscles].clip(0, 1)
     pace = 0.5 + 1.5 * a
     is_known = np.array([outcome in _KNOWN for outcome in outcomes])[:, None]
-    lower[:, :muscles] = np.where(is_known, np.fmax(a - sequence.fall * a * pace, 0), 0)
-    upper[:, :muscles] = np.where(is_known, np.fmin(a + sequence.rise * (1 - a) / pace, 1), 1)
+    lower[:, :muscles] = np.where(is_known, np.fmax(a - sequence.fall * a * pace, least), least)
+    upper[:, :muscles] = np.where(is_known, np.fmin(a + sequence.rise * (1 - a) / pace, greatest), greatest)
     return lower, upper
 
 

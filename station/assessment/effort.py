@@ -48,19 +48,13 @@ class EffortWeights(_Table):
     reserves: dict[str, ReserveTable] = Field(default_factory=dict)
 
     def applied(self, model: Model, options: RedundancyOptions) -> tuple[Model, RedundancyOptions]:
-        """The model with these reserves and the options with these weights. Raises ModelError for an unknown name."""
+        """The model with these reserves, the options with the weights in the file. ModelError for an unknown name."""
         if "unweighted_coordinates" in self.model_fields_set:
             for name in self.unweighted_coordinates:
                 model.coordinate_index(name)
         reserves = {name: Reserve(**table.model_dump()) for name, table in self.reserves.items()}
-        weighted = replace(
-            options,
-            muscle_weight=self.muscle_weight,
-            reserve_weight=self.reserve_weight,
-            unweighted_coordinates=self.unweighted_coordinates,
-            weights=self.weights,
-        )
-        return with_reserves(model, reserves), weighted
+        given = {name: getattr(self, name) for name in self.model_fields_set - {"reserves"}}
+        return with_reserves(model, reserves), replace(options, **given)
 
 
 def read_effort(path: Path) -> EffortWeights:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.inverse_dynamics import inverse_dynamics
 from solver.model import Model
 from solver.motion import Kinematics
 from solver.multibody.external_loads import ExternalForce
-from solver.redundancy.left_out import forces_of, needed_forces, reserve_forces
+from solver.redundancy.left_out import forces_of, reserve_forces
 from solver.redundancy.motion import MotionSolution
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ def effect_of(
     reserves: dict[str, tuple[float, float]] = {}
     if without.lacking:
         given = _rms(reserve_forces(without, solution.reserves)[is_solved])
-        needed = _rms(needed_forces(without, kinematics, loads)[is_solved])
+        needed = _rms(inverse_dynamics(without, kinematics, loads)[is_solved])
         share = given / _greatest_of_its_unit(model, np.maximum(given, needed))
         order = [k for k in np.argsort(-share) if share[k] > LEAST_SHARE]
         reserves = {model.coordinate_names[k]: (float(given[k]), float(needed[k])) for k in order}

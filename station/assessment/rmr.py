@@ -5,56 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
-from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.glenoid import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER, is_shoulder
 from solver.redundancy.left_out import without_forces
 from solver.redundancy.motion import FrameOutcome, MotionSolution, RedundancyOptions, solve_motion
 from solver.redundancy.options import options_for
 from solver.suit.suited_model import SuitedModel
 from station.assessment.effort import read_effort
+from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import note_unconverged
 from station.progress import Progress, silent
-from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
 from station.versions import solving_versions
 
 STATUS = tuple(FrameOutcome)
 """The status of a frame in a table is the index of its outcome."""
-
-
-@dataclass(frozen=True)
-class MotionCut:
-    """The part of a motion that is solved, times in seconds; cutoff_hz of the low-pass filter, None for no filter."""
-
-    cutoff_hz: float | None = 3.0
-    start: float | None = None
-    end: float | None = None
-    every: int = 1
-
-
-@dataclass(frozen=True)
-class MuscleInputs:
-    """The files of the problem; a motion of None and the model "bundled" are those of the solver.
-
-    ignore_forces leaves out forces and controllers of the model that the solver does not have, and left_out passive
-    forces by name that it has.
-    """
-
-    motion: Path | None = None
-    model: str = "bundled"
-    external_loads: Path | None = None
-    effort: Path | None = None
-    ignore_forces: bool = False
-    left_out: tuple[str, ...] = ()
-
-    def hashes(self) -> dict[str, str]:
-        """Role → "name SHA-256", or a name alone for what comes with the station."""
-        effort = {} if self.effort is None else {"effort": named_hash(self.effort)}
-        return named_hashes(self.model, self.motion, self.external_loads) | effort
 
 
 @dataclass(frozen=True)
@@ -79,25 +46,19 @@ def solve_muscles(
     The cone belongs to the joint GlenoHumeral or, in a model with the markers of a glenoid and without that joint, to
     the first joint whose reaction is wanted. A model without both has no cone.
     """
-    suited = suited_model_of(inputs.model)
-    model = model_of(inputs.model, ignore_forces=inputs.ignore_forces) if suited is None else suited.model
-    whole_model, model = model, without_forces(model, inputs.left_out)
+    given = read_given_motion(inputs, cut, is_assembled=cut.derivatives == "splines")
+    model = without_forces(given.model, inputs.left_out)
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
     options = _with_cone_joint(model, options)
     ensure_joints_and_markers(model, options)
-    whole = differentiate(motion_of(inputs.motion, model), cut.cutoff_hz, cut.start, cut.end)
-    kinematics = decimate(whole, cut.every)
-    loads = loads_of(inputs.external_loads, model, kinematics.time)
-    if suited is not None:
-        loads += suited.loads(whole, cut.every)
     solution = solve_motion(
-        model, kinematics, options, lambda done, total: progress("solving muscles", done, total), loads
+        model, given.kinematics, options, lambda done, total: progress("solving muscles", done, total), given.loads
     )
-    suit = {} if suited is None else {"suit": _describe_suit(suited)}
-    effect = effect_of(whole_model, model, inputs.left_out, kinematics, loads, solution)
+    suit = {} if given.suited is None else {"suit": _describe_suit(given.suited)}
+    effect = effect_of(given.model, model, inputs.left_out, given.kinematics, given.loads, solution)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
-    notes = inputs.hashes() | suit | left_out | _notes(model, kinematics, options, solution)
+    notes = inputs.hashes() | suit | left_out | given.notes | _notes(model, options, solution)
     return SolvedMotion(model, options, solution, notes, effect)
 
 
@@ -131,9 +92,7 @@ def _describe_suit(suited: SuitedModel) -> str:
     return f"cord {suited.suit.stiffness:g} N/m from {suited.suit.reference_rest_length:g} m, {', '.join(described)}"
 
 
-def _notes(
-    model: Model, kinematics: Kinematics, options: RedundancyOptions, solution: MotionSolution
-) -> dict[str, str]:
+def _notes(model: Model, options: RedundancyOptions, solution: MotionSolution) -> dict[str, str]:
     """Single lines without an equals sign, which separates key and value in OpenSim files."""
     weights = {
         "muscles": options.muscle_weight,
@@ -149,8 +108,8 @@ def _notes(
     return {
         "made_by": "station rmr",
         "versions": ", ".join(f"{name} {version}" for name, version in solving_versions().items()),
-        "filter": kinematics.filter,
-        "interval_s": f"{kinematics.interval:.10g}",
+        "activation_dynamics": "yes" if options.has_activation_dynamics else "no",
+        "muscle_forces": options.muscle_force_model,
         "exponent": str(options.exponent),
         "weights": json.dumps(weights),
         "joint": options.joint if is_shoulder(model, options.joint) else "none",

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
-from station.verbs.options import Axes, Condition, End, Freedom, Paths, Side, Start, print_message
+from station.verbs.options import (
+    Axes,
+    Condition,
+    End,
+    Freedom,
+    Paths,
+    Side,
+    Start,
+    print_message,
+    print_motion_notes,
+)
 
 if TYPE_CHECKING:
     from station.assessment.rmr import SolvedMotion
@@ -37,7 +47,6 @@ LeaveOut = Annotated[
     list[str] | None, typer.Option(help="Leave out this spring, ligament or contact of the model; may be repeated.")
 ]
 EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
-CutoffHz = Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")]
 Glenoid = Annotated[
     bool, typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid.")
 ]
@@ -46,6 +55,21 @@ GlenoidAspect = Annotated[
 ]
 Joints = Annotated[str, typer.Option(help="Joints whose reactions are wanted besides the glenoid's: a,b")]
 ExternalLoads = Annotated[Path | None, typer.Option(help="OpenSim's ExternalLoads (.xml).")]
+Actuators = Annotated[
+    list[Path] | None,
+    typer.Option(help="OpenSim file of a ForceSet (.xml) that is added to the model, as residuals; may be repeated."),
+]
+StaticOptimisation = Annotated[
+    bool,
+    typer.Option(
+        "--static-optimisation",
+        help="As OpenSim's: no activation dynamics, no passive muscle forces, no glenoid, all weights 1.",
+    ),
+]
+MotionCutoff = Annotated[
+    float | None,
+    typer.Option(min=0.0, help="Low-pass filter of the motion; 0: none. Default: 3, or 6 with --static-optimisation."),
+]
 
 
 def rmr(
@@ -57,7 +81,9 @@ def rmr(
     ignore_forces: IgnoreForces = False,
     leave_out: LeaveOut = None,
     external_loads: ExternalLoads = None,
+    actuators: Actuators = None,
     effort: EffortFile = None,
+    static_optimisation: StaticOptimisation = False,
     exponent: EffortExponent = 2,
     glenoid: Glenoid = True,
     no_no_glenoid: Annotated[bool, typer.Option("--no-no-glenoid", hidden=True)] = False,
@@ -67,7 +93,7 @@ def rmr(
     reaction_on: Annotated[Side, typer.Option(help="Body that the joints' reactions act on.")] = "child",
     reaction_in: Annotated[Axes, typer.Option(help="Body in whose axes they are given.")] = "ground",
     paths: Paths = "opensim",
-    cutoff_hz: CutoffHz = 3.0,
+    cutoff_hz: MotionCutoff = None,
     start: Start = None,
     end: End = None,
     every: Annotated[int, typer.Option(min=1, help="Solve every N-th frame.")] = 1,
@@ -78,20 +104,28 @@ def rmr(
 
     from solver.multibody.joint_reactions import ReactionRequest
     from solver.redundancy.motion import RedundancyOptions
+    from solver.redundancy.options import static_optimisation as as_static_optimisation
     from station.assessment.compilation import compilation_shown
-    from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles
+    from station.assessment.given_motion import MotionCut, MuscleInputs
+    from station.assessment.rmr import solve_muscles
     from station.assessment.rmr_table import ensure_writable
     from station.progress import progress_bars
 
     ensure_writable(output)
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
+    if actuators and model == "bundled":
+        raise typer.BadParameter("--actuators needs an .osim file as --model")
     free = _names(free_coordinates)
     wanted = ReactionRequest(_names(joint), reaction_on, reaction_in)
     options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2)
-    inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, tuple(leave_out or ()))
-    cut = MotionCut(cutoff_hz or None, start, end, every)
+    added, left_out = tuple(actuators or ()), tuple(leave_out or ())
+    inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)
+    cutoff = 3.0 if cutoff_hz is None else cutoff_hz
+    if static_optimisation:
+        options, cutoff = as_static_optimisation(options), 6.0 if cutoff_hz is None else cutoff_hz
+    cut = MotionCut(cutoff or None, start, end, every, "splines" if static_optimisation else "differences")
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         solved = solve_muscles(inputs, cut, options, progress)
     _print_conditions(solved)
@@ -119,11 +153,11 @@ def _names(listed: str) -> tuple[str, ...]:
 
 
 def _print_conditions(solved: SolvedMotion) -> None:
-    """Filter, forces that were left out, and frames and muscles without a converged solution."""
+    """The notes, forces that were left out, and frames and muscles without a converged solution."""
     from station.assessment.left_out import describe_left_out
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
 
-    print_message(f"filter: {solved.notes['filter']}")
+    print_motion_notes(solved.notes)
     for sentence in (
         *describe_left_out(solved.model, solved.left_out),
         *describe_unsolved(solved.solution),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -79,6 +80,13 @@ def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -
         print(json.dumps({**result.to_json(), "path": path}, indent=2, ensure_ascii=False))
     elif path is not None:
         print(path)
+
+
+def print_motion_notes(notes: Mapping[str, str]) -> None:
+    """Print the filter of a motion, and its coordinates without data, to stderr."""
+    print_message(f"filter: {notes['filter']}")
+    if "without_data" in notes:
+        print_message(f"Coordinates without data: {notes['without_data']}. They keep their default values.")
 
 
 def print_message(message: str) -> None:

@@ -1,5 +1,7 @@
 """Motions: files read in the unit their header states, the published filter, and sentences for what is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,27 @@ def test_angles_follow_the_header_and_translations_stay_metres(tmp_path, degrees
     motion = read_motion(path, model("thorax_tx", "shoulder_elv"))
     np.testing.assert_allclose(motion.coordinates[1], [0.6, half_turn])
     np.testing.assert_allclose(motion.time, [0, 0.01, 0.02])
+
+
+def test_a_motion_file_of_simm_is_in_degrees_and_columns_may_be_paths_of_states(tmp_path):
+    path = tmp_path / "raise.mot"
+    text = MOT.format(degrees="yes").replace("version=1\n", "").replace("inDegrees=yes\n", "name raise\n")
+    path.write_text(text.replace("shoulder_elv", "/jointset/shoulder/shoulder_elv/value"))
+    motion = read_motion(path, model("thorax_tx", "shoulder_elv"))
+    np.testing.assert_allclose(motion.coordinates[1], [0.6, np.pi])
+
+
+def test_a_coordinate_without_a_column_keeps_its_default_on_request_but_not_all_of_them(tmp_path):
+    path = tmp_path / "raise.mot"
+    path.write_text(MOT.format(degrees="no"))
+    body = model("shoulder_elv", "elbow_flexion")
+    elbow = replace(body.coordinates[1], default=0.7)
+    body = replace(body, coordinates=(body.coordinates[0], elbow))
+    motion = read_motion(path, body, with_defaults=True)
+    assert motion.missing == ("elbow_flexion",)
+    np.testing.assert_allclose(motion.coordinates, [[90.0, 0.7], [180.0, 0.7], [0.0, 0.7]])
+    with raises_refusal(SolverCode.MISSING_COLUMN):
+        read_motion(path, model("hip", "knee"), with_defaults=True)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".sto", ".mot"])

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.inverse_dynamics import inverse_dynamics
 from solver.motion import Kinematics
-from solver.redundancy.left_out import needed_forces
 from tests.solver.oracle.test_force_elements import lay
 from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back
 from tests.solver.references import relative_difference
@@ -36,4 +36,4 @@ def test_needed_forces_are_opensim_s_inverse_dynamics(tmp_path: Path) -> None:
             coordinate.setValue(state, float(value), False)
             coordinate.setSpeedValue(state, float(speed))
         theirs.append(solver.solve(state, opensim.Vector(rates.tolist())).to_numpy())
-    assert relative_difference(needed_forces(ours, motion), np.array(theirs)) < 1e-10
+    assert relative_difference(inverse_dynamics(ours, motion), np.array(theirs)) < 1e-10

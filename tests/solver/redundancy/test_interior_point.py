@@ -167,3 +167,31 @@ def test_progress_counts_frames_to_the_last():
 
 def test_every_outcome_of_a_problem_is_one_of_a_frame():
     assert {outcome.name for outcome in ConicOutcome} < {outcome.name for outcome in FrameOutcome}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_limited_actuators_and_activations_are_solved_as_by_clarabel(seed):
+    sequence = random_sequence(seed, reach=0.6)
+    free = solve_sequence(sequence, silent)[0][..., 10:12]
+    least, greatest = free.min(axis=(0, 1)), free.max(axis=(0, 1))
+    inner = np.full((2, 5), [[-np.inf], [np.inf]])
+    inner[:, :2] = least - 0.1 * (greatest - least), greatest - 0.1 * (greatest - least)
+    activations = np.repeat([[0.01], [0.8]], 10, axis=1)
+    limited = replace(sequence, limits=inner, activation_limits=activations)
+    ours, outcomes = solve_sequence(limited, silent)
+    theirs, expected = solve_sequence_with_clarabel(limited, silent)
+    np.testing.assert_array_equal(outcomes, expected)
+    is_solved = outcomes == FrameOutcome.SOLVED
+    np.testing.assert_allclose(ours[is_solved], theirs[is_solved], atol=1e-4)
+    assert ours[is_solved][:, :10].min(initial=1.0) >= 0.01 - 1e-12
+    assert (ours[is_solved][:, 10:12] <= inner[1, :2] + 1e-9).all()
+
+
+def test_without_activation_dynamics_every_frame_is_solved_by_itself():
+    sequence = random_sequence(3, frames=6)
+    still = replace(sequence, rise=np.full(10, np.inf), fall=np.full(10, np.inf))
+    together = solve_sequence(still, silent)[0]
+    alone = [solve_sequence(still.cut(slice(i, i + 1)), silent)[0][:, 0] for i in range(6)]
+    np.testing.assert_allclose(together, np.stack(alone, axis=1), atol=1e-9)
+    with_clarabel = solve_sequence_with_clarabel(still, silent)[0]
+    np.testing.assert_allclose(together, with_clarabel, atol=1e-4)

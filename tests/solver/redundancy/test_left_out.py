@@ -10,12 +10,13 @@ from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.forces.coordinate_force import CoordinateSpring
 from solver.forces.path_force import PathSpring
+from solver.inverse_dynamics import inverse_dynamics
 from solver.motion import decimate, differentiate
 from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.external_loads import ExternalForce
 from solver.multibody.postures import postures
 from solver.raise_arm import simulate_arm_raise
-from solver.redundancy.left_out import forces_of, needed_forces, reserve_forces, without_forces
+from solver.redundancy.left_out import forces_of, reserve_forces, without_forces
 from tests.solver.refusals import raises_refusal
 
 BARE = bundled_model()
@@ -48,10 +49,10 @@ def test_the_thorax_s_actuators_give_what_is_needed_to_carry_the_body_and_a_load
     still = replace(MOTION, speeds=0 * MOTION.speeds, accelerations=0 * MOTION.accelerations)
     frames, vertical = len(still.time), BARE.coordinate_index("ground_thorax_ty")
     weight = 9.80665 * sum(body.mass for body in BARE.bodies)
-    assert abs(needed_forces(BARE, still)[:, vertical] - weight).max() < 1e-9
+    assert abs(inverse_dynamics(BARE, still)[:, vertical] - weight).max() < 1e-9
     up = np.tile([0.0, 50.0, 0.0], (frames, 1))
     pull = ExternalForce("pull", BARE.body_index("hand"), 0, up, 0 * up, BARE.body_index("hand"), 0 * up)
-    assert abs(needed_forces(BARE, still, [pull])[:, vertical] - (weight - 50.0)).max() < 1e-9
+    assert abs(inverse_dynamics(BARE, still, [pull])[:, vertical] - (weight - 50.0)).max() < 1e-9
 
 
 def test_reserve_forces_are_by_coordinate() -> None:

@@ -14,8 +14,9 @@ from solver.bundled import bundled_model
 from solver.forces.path_force import PathSpring
 from solver.osim.writer import osim_document
 from solver.redundancy.motion import RedundancyOptions
+from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.left_out import describe_left_out
-from station.assessment.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles
+from station.assessment.rmr import SolvedMotion, solve_muscles
 from tests.station.command import Ran
 
 MODEL = bundled_model()

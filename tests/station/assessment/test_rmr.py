@@ -18,8 +18,9 @@ from solver.muscle import MuscleOutcome
 from solver.raise_arm import simulate_arm_raise
 from solver.redundancy.motion import RedundancyOptions
 from station import sources
+from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unconverged, describe_unsolved
-from station.assessment.rmr import MotionCut, MuscleInputs, SolvedMotion, solve_muscles
+from station.assessment.rmr import SolvedMotion, solve_muscles
 from station.assessment.rmr_table import solved_columns, write_solved
 from station.report.rmr_figures import draw_solved
 from tests.solver.redundancy.test_reachability import with_a_singular_elbow, with_locks
@@ -208,7 +209,10 @@ def test_a_page_and_its_parts_are_drawn(which: str, request: pytest.FixtureReque
 @pytest.mark.parametrize("lacking", ["markers", "actuators"])
 def test_a_model_that_lacks_something_is_told_of_and_drawn(lacking: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(sources, "bundled_model", lambda: replace(MODEL, **{lacking: ()}))
-    solved = solve_muscles(MuscleInputs(), CUT, RedundancyOptions(has_glenoid_cone=False))
+    thorax = tuple(
+        name for name in MODEL.coordinate_names if name.startswith("ground_thorax") and lacking == "actuators"
+    )
+    solved = solve_muscles(MuscleInputs(), CUT, RedundancyOptions(has_glenoid_cone=False, free_coordinates=thorax))
     assert np.isnan(solved.solution.contact).all() == (lacking == "markers")
     assert bool(describe_unsolved(solved.solution)) == (lacking == "actuators")
     draw_solved(tmp_path / "page.png", solved)

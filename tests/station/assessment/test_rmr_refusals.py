@@ -13,8 +13,9 @@ import pytest
 from solver.bundled import bundled_model
 from solver.osim.writer import osim_document
 from solver.redundancy.motion import FrameOutcome, RedundancyOptions
+from station.assessment.given_motion import MotionCut, MuscleInputs
 from station.assessment.outcomes import describe_unsolved
-from station.assessment.rmr import MotionCut, MuscleInputs, solve_muscles
+from station.assessment.rmr import solve_muscles
 from tests.station.command import Ran, assert_one_sentence
 
 Station = Callable[..., Ran]

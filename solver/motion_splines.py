@@ -1,0 +1,130 @@
+"""Speeds and accelerations of a motion by splines, with the low-pass filter of OpenSim's tools.
+
+InverseDynamicsTool and AnalyzeTool extend the motion at both ends by odd reflection over half its length, filter it
+forwards and backwards, and fit a natural spline of degree 5 through the samples of every coordinate. The speeds are the
+slopes of these splines. The accelerations are their curvatures in inverse dynamics; static optimisation takes the
+slopes of further splines through the speeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
+from solver.errors import SolverCode
+from solver.model import Model
+from solver.motion import Kinematics, Motion, MotionError, frames_between
+
+Array = NDArray[np.float64]
+Accelerations = Literal["curvatures", "slopes_of_speeds"]
+HALF_ORDER = 3
+LEAST_FRAMES = 2 * HALF_ORDER
+FILTER_ORDER = 3
+
+
+def differentiate_by_splines(
+    motion: Motion,
+    cutoff: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    accelerations: Accelerations = "curvatures",
+) -> Kinematics:
+    """Filter a motion at `cutoff` [Hz], take speeds and accelerations from splines, keep the frames from start to end.
+
+    Raises MotionError for a motion of fewer than LEAST_FRAMES frames, a cutoff above half the frame rate, or no frame.
+    """
+    frames = len(motion.time)
+    if frames < LEAST_FRAMES:
+        sentence = f"splines need at least {LEAST_FRAMES} frames and the motion has {frames}; give a longer motion"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
+    interval = float(motion.time[-1] - motion.time[0]) / (frames - 1)
+    time, positions = motion.time, motion.coordinates
+    if cutoff is not None:
+        time, positions = _padded(motion, frames // 2)
+        positions = _low_pass(positions, cutoff, interval)
+    spline = _natural_spline(time, positions)
+    speeds, curvatures = spline(motion.time, nu=1), spline(motion.time, nu=2)
+    if accelerations == "slopes_of_speeds":
+        curvatures = _natural_spline(time, spline(time, nu=1))(motion.time, nu=1)
+    kept = frames_between(motion.time, start, end)
+    return Kinematics(
+        time=motion.time[kept],
+        interval=interval,
+        positions=spline(motion.time)[kept],
+        speeds=speeds[kept],
+        accelerations=curvatures[kept],
+        cutoff=cutoff,
+        derivatives="splines",
+    )
+
+
+def held_by_constraints(model: Model, kinematics: Kinematics, names: Sequence[str] | None = None) -> Kinematics:
+    """With locked and prescribed coordinates at their values, and coupled ones at those that their leaders determine.
+
+    names are the coordinates that may change; by default all. The leaders of a coupled coordinate keep their motion.
+    """
+    moved = tuple(part.copy() for part in (kinematics.positions, kinematics.speeds, kinematics.accelerations))
+    for constraint in model.constraints:
+        if not isinstance(constraint, CoordinateLock | CoordinatePrescription | CoordinateCoupler):
+            continue
+        held = constraint.dependent if isinstance(constraint, CoordinateCoupler) else constraint.coordinate
+        if names is None or model.coordinate_names[held] in names:
+            for part, values in zip(moved, _required(constraint, kinematics.time, moved), strict=True):
+                part[:, held] = values
+    return replace(kinematics, positions=moved[0], speeds=moved[1], accelerations=moved[2])
+
+
+def _required(
+    constraint: CoordinateLock | CoordinatePrescription | CoordinateCoupler, time: Array, motion: tuple[Array, ...]
+) -> Sequence[Array | float]:
+    """Value, speed and acceleration of the coordinate that it determines; motion as those of all."""
+    if isinstance(constraint, CoordinatePrescription):
+        return constraint.function.derivatives(time)
+    if isinstance(constraint, CoordinateLock):
+        return constraint.value, 0.0, 0.0
+    total = np.zeros((3, len(time)))
+    for leader, function in zip(constraint.independents, constraint.functions, strict=True):
+        position, speed, acceleration = (part[:, leader] for part in motion)
+        value, slope, curvature = function.derivatives(position)
+        total += value, slope * speed, slope * acceleration + curvature * speed**2
+    return tuple(total)
+
+
+def _padded(motion: Motion, count: int) -> tuple[Array, Array]:
+    """Time and coordinates, extended by `count` frames at both ends by odd reflection."""
+    extended = [
+        np.concatenate([2 * part[:1] - part[count:0:-1], part, 2 * part[-1:] - part[-2 : -count - 2 : -1]])
+        for part in (motion.time, motion.coordinates)
+    ]
+    return extended[0], extended[1]
+
+
+def _low_pass(positions: Array, cutoff: float, interval: float) -> Array:
+    """Butterworth of order 3, forwards and backwards; each pass leaves its first three samples as they are."""
+    from scipy import signal  # half a second to import
+
+    if not 0 < cutoff < 0.5 / interval:
+        raise MotionError(
+            f"the cutoff should lie between 0 and {0.5 / interval:g} Hz, half the motion's rate, and is {cutoff:g} Hz",
+            SolverCode.WRONG_CUTOFF,
+        )
+    b, a = signal.butter(FILTER_ORDER, 2 * cutoff * interval)
+    for _ in range(2):
+        before, rest = positions[:FILTER_ORDER], positions[FILTER_ORDER:]
+        states = [signal.lfiltic(b, a, first[::-1], first[::-1]) for first in before.T]
+        filtered, _ = signal.lfilter(b, a, rest, axis=0, zi=np.column_stack(states))
+        positions = np.concatenate([before, filtered])[::-1]
+    return positions
+
+
+def _natural_spline(time: Array, values: Array) -> Any:
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    flat = [(order, np.zeros(values.shape[1])) for order in range(HALF_ORDER, 2 * HALF_ORDER - 1)]
+    ends_are_flat: Any = (flat, flat)
+    return make_interp_spline(time, values, k=2 * HALF_ORDER - 1, bc_type=ends_are_flat)

@@ -1,0 +1,98 @@
+"""A motion with its model and loads, from files: what `station rmr` and `station id` start from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from solver.model import Model
+from solver.motion import Derivatives, Kinematics, Motion, decimate, differentiate
+from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
+from solver.multibody.external_loads import ExternalForce
+from solver.suit.suited_model import SuitedModel
+from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
+
+
+@dataclass(frozen=True)
+class MotionCut:
+    """The part of a motion that is solved, times in seconds; cutoff_hz of the low-pass filter, None for no filter."""
+
+    cutoff_hz: float | None = 3.0
+    start: float | None = None
+    end: float | None = None
+    every: int = 1
+    derivatives: Derivatives = "differences"
+
+
+@dataclass(frozen=True)
+class MuscleInputs:
+    """The files of the problem; a motion of None and the model "bundled" are those of the solver.
+
+    ignore_forces leaves out forces and controllers of the model that the solver does not have, and left_out passive
+    forces by name that it has. actuators are files with a ForceSet, which are added to the model of an .osim file.
+    """
+
+    motion: Path | None = None
+    model: str = "bundled"
+    external_loads: Path | None = None
+    effort: Path | None = None
+    ignore_forces: bool = False
+    left_out: tuple[str, ...] = ()
+    actuators: tuple[Path, ...] = ()
+
+    def hashes(self) -> dict[str, str]:
+        """Role → "name SHA-256", or a name alone for what comes with the station."""
+        added = {} if self.effort is None else {"effort": named_hash(self.effort)}
+        if self.actuators:
+            added["actuators"] = ", ".join(named_hash(path) for path in self.actuators)
+        return named_hashes(self.model, self.motion, self.external_loads) | added
+
+
+@dataclass(frozen=True)
+class GivenMotion:
+    """The model, with its suit if it has one, and motion and loads in the frames that are solved.
+
+    missing  coordinates without data: at their default, or where a constraint holds them
+    """
+
+    model: Model
+    suited: SuitedModel | None
+    kinematics: Kinematics
+    loads: tuple[ExternalForce, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """Filter and frames, for the header of a result."""
+        missing = {"without_data": ", ".join(self.missing)} if self.missing else {}
+        return {
+            **missing,
+            "filter": self.kinematics.filter,
+            "derivatives": self.kinematics.derivatives,
+            "interval_s": f"{self.kinematics.interval:.10g}",
+        }
+
+
+def read_given_motion(inputs: MuscleInputs, cut: MotionCut, *, is_assembled: bool = False) -> GivenMotion:
+    """Read all files but the effort's. is_assembled: constraints hold all coordinates, not those without data alone."""
+    suited = suited_model_of(inputs.model, inputs.actuators)
+    if suited is None:
+        model = model_of(inputs.model, ignore_forces=inputs.ignore_forces, actuators=inputs.actuators)
+    else:
+        model = suited.model
+    motion = motion_of(inputs.motion, model, with_defaults=True)
+    held = model.coordinate_names if is_assembled else motion.missing
+    whole = held_by_constraints(model, _differentiate(motion, cut, is_assembled=is_assembled), held)
+    kinematics = decimate(whole, cut.every)
+    loads = loads_of(inputs.external_loads, model, kinematics.time)
+    if suited is not None:
+        loads += suited.loads(whole, cut.every)
+    return GivenMotion(model, suited, kinematics, loads, motion.missing)
+
+
+def _differentiate(motion: Motion, cut: MotionCut, *, is_assembled: bool) -> Kinematics:
+    """By splines as OpenSim's tools, whose accelerations differ: AnalyzeTool fits splines to the speeds."""
+    if cut.derivatives == "differences":
+        return differentiate(motion, cut.cutoff_hz, cut.start, cut.end)
+    accelerations: Accelerations = "slopes_of_speeds" if is_assembled else "curvatures"
+    return differentiate_by_splines(motion, cut.cutoff_hz, cut.start, cut.end, accelerations)
