@@ -11,6 +11,13 @@ Array = NDArray[np.float64]
 Order = NDArray[np.int64]
 
 SMALLEST_PIVOT = 1e-14
+LANES = 32
+"""Numbers that a compiled loop treats at once; the rest of a row takes as long again."""
+
+
+def padded(columns: int) -> int:
+    """The next multiple of LANES: a width for the rows of a matrix that is worked on row by row."""
+    return -(-columns // LANES) * LANES
 
 
 @compiled
@@ -71,6 +78,28 @@ def rows_times_rows(M: Array, inverse: Array, R: Array, weighted: Array, product
             weighted[j] = M[i, j] * inverse[j]
         for j in range(i + 1):
             product[i, j] = product[j, i] = dot(weighted, M[j]) + R[i, j]
+
+
+@compiled
+def invert_part(matrix: Array, count: int, pivot: Array) -> None:
+    """By Gauss and Jordan, in place, of a symmetric matrix whose first part A of `count` rows is positive definite:
+
+        ( A  Bᵀ )   becomes   (    A⁻¹      A⁻¹ Bᵀ   )
+        ( B  C  )             ( −B A⁻¹   C − B A⁻¹ Bᵀ )
+
+    pivot (columns,) is working memory. Where A is singular, the result is huge or not finite.
+    """
+    for k in range(count):
+        inverse = 1.0 / matrix[k, k]
+        for j in range(len(pivot)):
+            pivot[j] = matrix[k, j] * inverse  # a copy: the compiler vectorises only what cannot overlap
+        for i in range(len(matrix)):
+            row, share = matrix[i], matrix[i, k]
+            for j in range(len(pivot)):
+                row[j] -= share * pivot[j]
+            matrix[i, k] = -share * inverse
+        copy(pivot, matrix[k])
+        matrix[k, k] = inverse
 
 
 @compiled

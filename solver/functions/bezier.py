@@ -12,15 +12,15 @@ from solver.compiled import compiled, compiled_for_python
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
-NEWTON_STEPS = 3  # from between two nodes; each squares the error
-LAST_STEP = 1e-7  # of s: the error after a step of this size is of the order of its square
+NEWTON_STEPS = 4  # from between two nodes; each squares the error, and two are usually enough
+LAST_STEP = 1e-8  # of s: the error after a step of this size is of the order of its square
 CONVERGED, NOT_CONVERGED = 0, 1
 """Outcome codes."""
 
 
 @compiled_for_python
-def evaluate_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array, codes: Codes) -> None:
-    """Turn values (n,) of x into those of y: corners (corners, 2, 6), nodes_x and nodes_s as in fibre.py.
+def evaluate_chain(corners: Array, nodes: Array, values: Array, codes: Codes) -> None:
+    """Turn values (n,) of x into those of y: corners (corners, 2, 6) and nodes as in BezierChain.
 
     codes (n,) is set to NOT_CONVERGED where the last step of Newton's method is still large, else left as it is.
     """
@@ -28,15 +28,10 @@ def evaluate_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array
     for i in range(len(values)):
         x = values[i]
         inside = min(max(x, first[0, 0]), last[0, 5])
-        corner, s = _locate(nodes_x, nodes_s, inside)
-        X, Y = corners[corner]
-        step = inf
-        for _ in range(NEWTON_STEPS):
-            step = (_point(X, s) - inside) / _slope(X, s)
-            s -= step
-        if not abs(step) <= LAST_STEP:
+        corner, s, is_near = _locate(corners, nodes, inside)
+        if not is_near:
             codes[i] = NOT_CONVERGED
-        y = _point(Y, s)
+        y = _point(corners[corner, 1], s)
         if x < first[0, 0]:
             y += (x - first[0, 0]) * (first[1, 1] - first[1, 0]) / (first[0, 1] - first[0, 0])
         elif x > last[0, 5]:
@@ -45,7 +40,7 @@ def evaluate_chain(corners: Array, nodes_x: Array, nodes_s: Array, values: Array
 
 
 @compiled
-def value_and_slope(corners: Array, nodes_x: Array, nodes_s: Array, x: float) -> tuple[float, float]:
+def value_and_slope(corners: Array, nodes: Array, x: float) -> tuple[float, float]:
     """y of one x and dy/dx; beyond the ends of the chain a straight line."""
     first, last = corners[0], corners[-1]
     if x < first[0, 0]:
@@ -54,26 +49,26 @@ def value_and_slope(corners: Array, nodes_x: Array, nodes_s: Array, x: float) ->
     if x > last[0, 5]:
         slope = (last[1, 5] - last[1, 4]) / (last[0, 5] - last[0, 4])
         return last[1, 5] + (x - last[0, 5]) * slope, slope
-    corner, s = _locate(nodes_x, nodes_s, x)
-    X, Y = corners[corner]
-    for _ in range(NEWTON_STEPS):
-        s -= (_point(X, s) - x) / _slope(X, s)
-    return _point(Y, s), _slope(Y, s) / _slope(X, s)
+    corner, s, _ = _locate(corners, nodes, x)
+    return _point(corners[corner, 1], s), _slope(corners[corner, 1], s) / _slope(corners[corner, 0], s)
 
 
 @compiled
-def _locate(nodes_x: Array, nodes_s: Array, x: float) -> tuple[int, float]:
-    """The corner in which x lies, and s on the line between the two nodes about it."""
-    low, high = 0, len(nodes_x) - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if nodes_x[middle] <= x:
-            low = middle
-        else:
-            high = middle
-    share = (x - nodes_x[low]) / (nodes_x[high] - nodes_x[low])
-    corner = int(nodes_s[low])
-    return corner, nodes_s[low] + share * (nodes_s[high] - nodes_s[low]) - corner
+def _locate(corners: Array, nodes: Array, x: float) -> tuple[int, float, bool]:
+    """The corner in which x lies, its s there, and whether Newton's method has converged to it."""
+    corner, intervals, step = 0, nodes.shape[1] - 1, inf
+    while corner < len(corners) - 1 and x >= corners[corner + 1, 0, 0]:
+        corner += 1
+    X = corners[corner, 0]
+    place = (x - X[0]) / (X[5] - X[0]) * intervals
+    node = min(int(place), intervals - 1) if place > 0.0 else 0  # 0 if x is not a number
+    s = nodes[corner, node] + (place - node) * (nodes[corner, node + 1] - nodes[corner, node])
+    for _ in range(NEWTON_STEPS):
+        step = (_point(X, s) - x) / _slope(X, s)
+        s -= step
+        if abs(step) <= LAST_STEP:
+            break
+    return corner, s, abs(step) <= LAST_STEP
 
 
 @compiled

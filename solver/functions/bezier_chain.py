@@ -12,28 +12,27 @@ Codes = NDArray[np.int8]
 Knot = tuple[float, float, float]
 """x, y and slope."""
 
-_NODES = 512  # in each corner
+INTERVALS = 512  # in each corner
 
 
 @dataclass(frozen=True, eq=False)
 class BezierChain:
     """A chain of Bézier corners (X(s), Y(s)), s in [0, 1], with X increasing.
 
-    corners            (corners, 2, 6) control points (x, y)
-    nodes_x, nodes_s   points to start the search for s from: X and number of the corner + s
+    corners  (corners, 2, 6) control points (x, y)
+    nodes    (corners, intervals + 1) s at evenly spaced X of each corner, to start the search from
     """
 
     corners: Array
-    nodes_x: Array
-    nodes_s: Array
+    nodes: Array
 
 
 def chain(*knots: Knot, curviness: tuple[float, ...]) -> BezierChain:
     """The chain of corners between knots (x, y, slope)."""
     corners = np.array([_corner(a, b, c) for a, b, c in zip(knots[:-1], knots[1:], curviness, strict=True)])
-    s = np.linspace(0.0, len(corners), _NODES * len(corners) + 1)
-    index = np.minimum(s.astype(int), len(corners) - 1)
-    return BezierChain(corners, _bezier(corners[index, 0].T, s - index), s)
+    s, shares = np.linspace(0.0, 1.0, 4 * INTERVALS + 1), np.linspace(0.0, 1.0, INTERVALS + 1)
+    nodes = [np.interp(x[0] + shares * (x[5] - x[0]), _bezier(x, s), s) for x in corners[:, 0]]
+    return BezierChain(corners, np.array(nodes))
 
 
 def evaluate(chain: BezierChain, x: Array, codes: Codes | None) -> Array:
@@ -42,7 +41,7 @@ def evaluate(chain: BezierChain, x: Array, codes: Codes | None) -> Array:
 
     values = np.array(x, dtype=float, order="C")
     codes = np.zeros(values.shape, np.int8) if codes is None else codes
-    evaluate_chain(chain.corners, chain.nodes_x, chain.nodes_s, values.reshape(-1), codes.reshape(-1))
+    evaluate_chain(chain.corners, chain.nodes, values.reshape(-1), codes.reshape(-1))
     return values
 
 

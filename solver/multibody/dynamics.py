@@ -80,18 +80,17 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     """
     joint = model.joint(reaction_joint)
     point = points_in_ground(state, joint.parent, joint.frame_in_parent.translation)
-    mass_matrix, bias_force, per_acceleration, reaction_bias = _terms(model, state, joint.child, point)
     jacobian, bias = constraint_rows(model, state)
-
-    inverse = _inverse(mass_matrix, f"the mass matrix of {model.name}, where a moving body may lack mass,")
-    inverse_times = inverse @ np.swapaxes(jacobian, 1, 2)
-    stiffness = _pseudo_inverse(jacobian @ inverse_times)
-    gain = inverse_times @ stiffness
-    mobility = inverse - gain @ np.swapaxes(inverse_times, 1, 2)
+    terms = _terms(model, state, joint.child, point, jacobian)
+    _mark_singular(terms, model)
+    stiffness = _pseudo_inverse(terms.compliance)
+    gain = terms.inverse_times @ stiffness
+    mobility = terms.inverse - gain @ np.swapaxes(terms.inverse_times, 1, 2)
+    bias_force, per_acceleration = terms.bias_force, terms.reaction_per_acceleration
     acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
 
     return EquationsOfMotion(
-        mass_matrix=mass_matrix,
+        mass_matrix=terms.mass_matrix,
         bias_force=bias_force,
         constraint_jacobian=jacobian,
         constraint_bias=bias,
@@ -104,7 +103,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
         reaction_body=joint.child,
         reaction_point=point,
         reaction_per_acceleration=per_acceleration,
-        reaction_unloaded=reaction_bias - rotate(per_acceleration, acceleration),
+        reaction_unloaded=terms.reaction_bias - rotate(per_acceleration, acceleration),
     )
 
 
@@ -183,17 +182,20 @@ def multipliers(equations: EquationsOfMotion, generalised_force: Array) -> Array
     return equations.multipliers_unloaded + rotate(equations.multiplier_per_force, generalised_force)
 
 
-def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsTerms:
-    """M, c, and the reaction about point (frames, 3) that carries the body `child` and those beyond it."""
+def _terms(model: Model, state: Postures, child: int, point: Array, jacobian: Array) -> DynamicsTerms:
+    """M, c, inverses with G, and the reaction about point (frames, 3) that carries `child` and the bodies beyond it."""
     from solver.multibody.masses import (
         DynamicsTerms,  # the compiler behind it takes a third of a second to import
         mass_matrix_and_bias,
     )
 
-    frames, count = state.coordinates.shape
+    frames, rows, count = jacobian.shape
     terms = DynamicsTerms(
         mass_matrix=np.zeros((frames, count, count)),
         bias_force=np.zeros((frames, count)),
+        inverse=np.empty((frames, count, count)),
+        inverse_times=np.empty((frames, count, rows)),
+        compliance=np.empty((frames, rows, rows)),
         reaction_per_acceleration=np.zeros((frames, 6, count)),
         reaction_bias=np.zeros((frames, 6)),
     )
@@ -201,7 +203,7 @@ def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsT
         q, u = state.coordinates[:, passive.coordinate], state.speeds[:, passive.coordinate]
         terms.bias_force[:, passive.coordinate] -= passive.at(q, u)
     gravity, carried = np.array(model.gravity), _carried(model, child)
-    mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, terms)
+    mass_matrix_and_bias(tables_of(model), gravity, state.poses, state.screws, carried, point, jacobian, terms)
     if model.forces:
         wrenches, on_coordinates = total_loads(model, state)
         beyond = tables_of(model).moves.T @ wrenches  # of each coordinate
@@ -212,15 +214,19 @@ def _terms(model: Model, state: Postures, child: int, point: Array) -> DynamicsT
     return terms
 
 
-def _inverse(matrix: Array, term: str) -> Array:
-    inverse = _inverse_by_frame(matrix)
-    magnified = np.abs(matrix).max(axis=(1, 2), initial=0.0) * np.abs(inverse).max(axis=(1, 2), initial=0.0)
-    is_singular = magnified > _SINGULAR
-    if is_singular.all() and len(matrix):
-        sentence = f"{term} cannot be inverted: it is singular in all of {len(matrix)} postures"
-        raise ModelError(sentence, SolverCode.SINGULAR)
-    inverse[is_singular] = np.nan
-    return inverse
+def _mark_singular(terms: DynamicsTerms, model: Model) -> None:
+    """NaN in frames in which the mass matrix is singular. ModelError if that is so in all frames."""
+    largest = np.abs(terms.mass_matrix).max(axis=(1, 2), initial=0.0)
+    with np.errstate(invalid="ignore"):  # infinite inverses times zero
+        magnified = largest * np.abs(terms.inverse).max(axis=(1, 2), initial=0.0)
+    is_singular = np.isfinite(largest) & ~(magnified <= _SINGULAR)
+    if is_singular.all() and len(largest):
+        raise ModelError(
+            f"the mass matrix of {model.name}, where a moving body may lack mass, cannot be inverted: it is singular "
+            f"in all of {len(largest)} postures",
+            SolverCode.SINGULAR,
+        )
+    terms.inverse[is_singular], terms.inverse_times[is_singular], terms.compliance[is_singular] = np.nan, np.nan, np.nan
 
 
 def _pseudo_inverse(matrix: Array) -> Array:

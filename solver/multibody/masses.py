@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled, compiled_for_python
+from solver.dense import LANES, invert_part
 from solver.multibody.joints import product
 from solver.multibody.tables import Indices, Record, Records, Tables
 from solver.vectors import Vector, add, cross, dot, read, scale, subtract, turn, write
@@ -35,30 +36,44 @@ INERTIA = np.dtype(
 
 
 class DynamicsTerms(NamedTuple):
-    """Terms of the equations of motion, and of the reaction that carries some of the bodies.
+    """Terms of the equations of motion, with constraints G, and of the reaction that carries some of the bodies.
 
     mass_matrix  M (frames, coordinates, coordinates);  bias_force  c (frames, coordinates)
+    inverse      M⁻¹ (frames, coordinates, coordinates), huge or not finite where M is singular
+    inverse_times  M⁻¹ Gᵀ (frames, coordinates, rows);  compliance  G M⁻¹ Gᵀ (frames, rows, rows)
     reaction_per_acceleration  R_a (frames, 6, coordinates);  reaction_bias  R_b (frames, 6)
     """
 
     mass_matrix: Array
     bias_force: Array
+    inverse: Array
+    inverse_times: Array
+    compliance: Array
     reaction_per_acceleration: Array
     reaction_bias: Array
 
 
 @compiled_for_python
 def mass_matrix_and_bias(
-    tables: Tables, gravity: Array, poses: Records, screws: Array, carried: Indices, point: Array, terms: DynamicsTerms
+    tables: Tables,
+    gravity: Array,
+    poses: Records,
+    screws: Array,
+    carried: Indices,
+    point: Array,
+    jacobian: Array,
+    terms: DynamicsTerms,
 ) -> None:
     """Add to the terms what the bodies contribute in their poses (frames, bodies) of POSE, with screws (frames,
-    coordinates, 6) as in postures.Postures.
+    coordinates, 6) as in postures.Postures, and fill the inverses, with G (frames, rows, coordinates).
 
     The reaction is that on the bodies `carried` (bodies,), 1 or 0, about `point` (frames, 3): R_b − R_a u̇ is minus the
     rate of change of their momentum, as in dynamics.EquationsOfMotion.
     """
     bodies, moves = tables.bodies, tables.moves
     inertias, columns = np.zeros(1, INERTIA), np.empty((screws.shape[1], 3, 3))
+    size = screws.shape[1] + jacobian.shape[1]
+    system = np.empty((size + 1, size + -size % LANES))  # and a row of working memory
     for frame in range(len(poses)):
         for body in range(len(bodies)):
             inertia = inertias[0]  # taken from the array in every frame: a record alone does not keep its memory
@@ -69,6 +84,7 @@ def mass_matrix_and_bias(
                 lever = subtract(read(inertia["center"]), read(point[frame]))
                 per_acceleration, bias = terms.reaction_per_acceleration[frame], terms.reaction_bias[frame]
                 _add_to_reaction(moves[body], inertia, columns, lever, per_acceleration, bias)
+        _invert(jacobian[frame], system, terms, frame)
 
 
 @compiled
@@ -130,3 +146,25 @@ def _add_to_reaction(
     for i in range(3):
         reaction_bias[i] -= moment[i]
         reaction_bias[3 + i] -= force[i]
+
+
+@compiled
+def _invert(jacobian: Array, system: Array, terms: DynamicsTerms, frame: int) -> None:
+    """The inverses of a frame, from its mass matrix M: part by part of ( M  Gᵀ ; G  0 )."""
+    mass_matrix, rows = terms.mass_matrix[frame], len(jacobian)
+    count = len(mass_matrix)
+    system[:] = 0.0
+    for i in range(count):
+        for j in range(count):
+            system[i, j] = mass_matrix[i, j]
+        for j in range(rows):
+            system[i, count + j] = system[count + j, i] = jacobian[j, i]
+    invert_part(system[:-1], count, system[-1])
+    for i in range(count):
+        for j in range(count):
+            terms.inverse[frame, i, j] = system[i, j]
+        for j in range(rows):
+            terms.inverse_times[frame, i, j] = system[i, count + j]
+    for i in range(rows):
+        for j in range(rows):
+            terms.compliance[frame, i, j] = -system[count + i, count + j]

@@ -84,12 +84,13 @@ def _fill_triangle(problem: Unreduced, frame: int, triangle: Triangle) -> None:
 @compiled
 def _eliminate_free(triangle: Triangle, row: int, into: int) -> None:
     """A row of the cone with f from the upper rows, which are solved for it."""
-    reduced = triangle.others[into]
-    copy(triangle.others[row], reduced)
+    others, sums = triangle.others, triangle.sums
+    copy(others[row], sums)
     for k in range(triangle.free.shape[1]):
-        factor, upper = triangle.free[row, k], triangle.others[k]
-        for j in range(len(reduced)):
-            reduced[j] -= factor * upper[j]
+        factor = triangle.free[row, k]
+        for j in range(len(sums)):
+            sums[j] -= factor * others[k, j]
+    copy(sums, others[into])
 
 
 @compiled

@@ -9,29 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.compiled import compiled
-from solver.dense import dot
+from solver.dense import copy, dot
 
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-9  # of the longest column
-LANES = 32
-"""Numbers that a compiled loop treats at once; the rest of a row takes as long again."""
 
 
 class Triangle(NamedTuple):
-    """A matrix in two parts: the columns of the free unknowns (rows, free), and the others (rows, width), padded with
-    zeros to a multiple of LANES. Only as many rows as the reflector has are reflected; sums (width,) is working memory.
+    """A matrix in two parts: the columns of the free unknowns (rows, free), and the others (rows, width), with zeros up
+    to the width dense.padded. Only as many rows as the reflector has are reflected; sums (width,) is working memory.
     """
 
     free: Array
     others: Array
     reflector: Array
     sums: Array
-
-
-def padded(columns: int) -> int:
-    """Width of Triangle.others for so many columns."""
-    return -(-columns // LANES) * LANES
 
 
 @compiled
@@ -60,7 +53,7 @@ def triangularise(triangle: Triangle, weighted: int) -> int:
         _reflect(others, rank, reflector, sums)
         rank += 1
     if rank >= count:
-        _solve(free, others)
+        _solve(free, others, sums)
         for i in range(count, rank):
             own = others[i, :weighted]
             _divide(others[i], sqrt(dot(own, own)))
@@ -73,9 +66,8 @@ def _longest_column(rows: Array, first: int, end: int, triangle: Triangle) -> tu
     squares, longest, most = triangle.sums[: rows.shape[1]], 0, 0.0
     _clear(squares)
     for i in range(first, len(triangle.reflector)):
-        row = rows[i]
         for j in range(len(squares)):
-            squares[j] += row[j] * row[j]
+            squares[j] += rows[i, j] * rows[i, j]
     for j in range(end):
         if squares[j] > most:
             longest, most = j, squares[j]
@@ -100,26 +92,26 @@ def _reflect(rows: Array, first: int, reflector: Array, sums: Array) -> None:
     shadow, own = sums[: rows.shape[1]], reflector[first:]
     _clear(shadow)
     for i in range(first, len(reflector)):
-        factor, row = reflector[i], rows[i]
+        factor = reflector[i]
         for j in range(len(shadow)):
-            shadow[j] += factor * row[j]
+            shadow[j] += factor * rows[i, j]
     scale = 2.0 / dot(own, own)
     for i in range(first, len(reflector)):
-        factor, row = scale * reflector[i], rows[i]
+        factor = scale * reflector[i]
         for j in range(len(shadow)):
-            row[j] -= factor * shadow[j]
+            rows[i, j] -= factor * shadow[j]
 
 
 @compiled
-def _solve(free: Array, others: Array) -> None:
-    """Back substitution with the triangle of the free columns."""
+def _solve(free: Array, others: Array, sums: Array) -> None:
+    """Back substitution with the triangle of the free columns; a row is copied, so that it cannot overlap others."""
     for k in range(free.shape[1] - 1, -1, -1):
-        row = others[k]
-        _divide(row, free[k, k])
+        _divide(others[k], free[k, k])
+        copy(others[k], sums)
         for i in range(k):
-            above, factor = others[i], free[i, k]
-            for j in range(len(row)):
-                above[j] -= factor * row[j]
+            factor = free[i, k]
+            for j in range(len(sums)):
+                others[i, j] -= factor * sums[j]
 
 
 @compiled

@@ -22,10 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.dense import padded
 from solver.frozen import read_only
 from solver.multibody.rotations import each_frame
 from solver.redundancy.elimination import ReducedRows, Unreduced, eliminate
-from solver.redundancy.householder import Triangle, padded
+from solver.redundancy.householder import Triangle
 from solver.redundancy.problem import SequenceProblem
 
 Array = NDArray[np.float64]

@@ -199,5 +199,4 @@ def _thelen_tendon(strain: float, stretch: float) -> tuple[float, float]:
 @compiled
 def _chain(tables: FiberTables, i: int, curve: int, x: float) -> tuple[float, float]:
     first, last = tables.corner_range[i, curve]
-    begin, end = tables.node_range[i, curve]
-    return value_and_slope(tables.corners[first:last], tables.nodes_x[begin:end], tables.nodes_s[begin:end], x)
+    return value_and_slope(tables.corners[first:last], tables.nodes[first:last], x)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.functions.bezier_chain import BezierChain
+from solver.functions.bezier_chain import INTERVALS, BezierChain
 from solver.functions.fibre import DeGrooteFreglyCurves, MillardCurves, SchutteCurves, ThelenCurves
 from solver.functions.tendon import DeGrooteFreglyTendon, MillardTendon, ThelenTendon
 from solver.model import Model, ModelError, Muscle
@@ -29,8 +29,8 @@ class FiberTables(NamedTuple):
     scales     (n, 7) optimal length [m], slack length [m], height [m], greatest isometric force [N], fastest velocity
                [optimal lengths/s], damping, shortest normalised length
     shapes     (n, 7) figures of the closed curves, as _shapes gives them
-    corners    (corners, 2, 6) of all Bézier chains, nodes_x and nodes_s (nodes,) as BezierChain
-    first_corner, first_node  (n, 4, 2) where a muscle's chain begins and ends: ACTIVE, VELOCITY, PASSIVE, TENDON
+    corners    (corners, 2, 6) of all Bézier chains, with nodes (corners, intervals + 1) as BezierChain
+    corner_range  (n, 4, 2) where a muscle's chain begins and ends: ACTIVE, VELOCITY, PASSIVE, TENDON
     """
 
     muscle: NDArray[np.int64]
@@ -38,10 +38,8 @@ class FiberTables(NamedTuple):
     scales: Array
     shapes: Array
     corners: Array
-    nodes_x: Array
-    nodes_s: Array
+    nodes: Array
     corner_range: NDArray[np.int64]
-    node_range: NDArray[np.int64]
 
 
 def elastic_muscles(model: Model) -> NDArray[np.int64]:
@@ -76,10 +74,8 @@ def fiber_tables(model: Model) -> FiberTables:
         scales=np.array([_scales(muscle) for muscle in muscles]),
         shapes=np.array([_shapes(muscle) for muscle in muscles]),
         corners=stack.joined("corners", (0, 2, 6)),
-        nodes_x=stack.joined("nodes_x", (0,)),
-        nodes_s=stack.joined("nodes_s", (0,)),
-        corner_range=np.ascontiguousarray(ranges[:, :, 0]),
-        node_range=np.ascontiguousarray(ranges[:, :, 1]),
+        nodes=stack.joined("nodes", (0, INTERVALS + 1)),
+        corner_range=ranges,
     )
 
 
@@ -88,17 +84,17 @@ class _ChainStack:
 
     def __init__(self) -> None:
         self._chains: list[BezierChain] = []
-        self._ranges: dict[int, tuple[tuple[int, int], tuple[int, int]]] = {}
-        self._corners = self._nodes = 0
+        self._ranges: dict[int, tuple[int, int]] = {}
+        self._corners = 0
 
-    def range_of(self, chain: BezierChain | None) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Begin and end of its corners, and of its nodes."""
+    def range_of(self, chain: BezierChain | None) -> tuple[int, int]:
+        """Begin and end of its corners."""
         if chain is None:
-            return (0, 0), (0, 0)
+            return 0, 0
         if id(chain) not in self._ranges:
-            corners, nodes = self._corners + len(chain.corners), self._nodes + len(chain.nodes_x)
-            self._ranges[id(chain)] = (self._corners, corners), (self._nodes, nodes)
-            self._corners, self._nodes = corners, nodes
+            end = self._corners + len(chain.corners)
+            self._ranges[id(chain)] = self._corners, end
+            self._corners = end
             self._chains.append(chain)
         return self._ranges[id(chain)]
 

@@ -79,3 +79,7 @@ def test_thelens_force_goes_on_straight_beyond_its_end_and_never_pushes() -> Non
 def test_thelens_passive_force_is_one_at_its_strain() -> None:
     assert np.allclose(THELEN.passive_force_length(np.array([0.7, 1.0, 1.6])), [0.0, 0.0, 1.0])
     assert THELEN.active_force_length(np.array([1.0])) == 1.0
+
+
+def test_a_length_that_is_not_a_number_has_no_force() -> None:
+    assert np.isnan(CURVES.active_force_length(np.array([np.nan, np.nan]))).all()
