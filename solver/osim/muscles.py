@@ -79,7 +79,7 @@ MILLARD_OPTIONS = {
         "curviness": "passive_curviness",
     },
 }
-_THELEN = {
+THELEN_OPTIONS = {
     "FmaxMuscleStrain": "passive_strain",
     "KshapeActive": "active_shape",
     "KshapePassive": "passive_shape",
@@ -147,7 +147,7 @@ def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
 def _thelen_curves(element: Element) -> Curves:
     given = {
         name: element.positive(option, above=1.0 if name == "strongest" else 0.0)
-        for option, name in _THELEN.items()
+        for option, name in THELEN_OPTIONS.items()
         if element.find(option)
     }
     return ThelenCurves(**given)

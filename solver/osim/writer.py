@@ -1,42 +1,35 @@
 """Write a Model as an OpenSim 4 document, with all digits, so that the reader returns the same model.
 
-Tendons are written as rigid, so that OpenSim's tools compute with the muscles that our results are for. Unsupported
-parts are refused by name: muscles other than Millard's, and constraints other than joined points and locks.
+Tendons are written as rigid, so that OpenSim's tools compute with the muscles that our results are for. What no class
+of OpenSim has is refused by name: functions by pieces that are none of its splines, and moving points in offset frames.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.errors import SolverCode
 from solver.functions.coordinate import Function
-from solver.functions.fibre import MillardCurves
 from solver.model import (
     GROUND,
     NO_COORDINATE,
     BallMotion,
     Body,
-    Constraint,
     Coordinate,
-    CoordinateLock,
     Joint,
     Marker,
     Model,
-    ModelError,
-    Muscle,
     Placement,
-    PointConstraint,
     ScapulothoracicMotion,
     WrapSurface,
 )
+from solver.osim.constraint_writer import add_constraint
 from solver.osim.force_writer import add_force
 from solver.osim.function_writer import add_function
-from solver.osim.muscles import MILLARD_OPTIONS
-from solver.osim.path_writer import add_whole_path
+from solver.osim.muscle_writer import add_muscle
 from solver.osim.xml_elements import VERSION, add, add_offset_frame, add_values, angles_of, frame_of, objects_of
 
 Array = NDArray[np.float64]
@@ -57,12 +50,9 @@ def osim_document(model: Model) -> Xml.Element:
     for joint in model.joints:
         _add_joint(objects_of(written, "JointSet"), model, joint)
     for constraint in model.constraints:
-        if isinstance(constraint, CoordinateLock):
-            _lock(written, model.coordinate_names[constraint.coordinate], constraint.value)
-            continue
-        _add_constraint(objects_of(written, "ConstraintSet"), model, constraint)
+        add_constraint(written, model, constraint)
     for muscle in model.muscles:
-        _add_muscle(objects_of(written, "ForceSet"), model, muscle)
+        add_muscle(objects_of(written, "ForceSet"), model, muscle)
     for force in (*model.actuators, *model.coordinate_forces, *model.forces):
         add_force(written, model, force)
     for marker in model.markers:
@@ -101,13 +91,27 @@ def add_joint(
     return made
 
 
-def add_axes(joint: Xml.Element, axes: Array, drivers: Sequence[str], functions: Sequence[Function]) -> None:
-    """A CustomJoint's six axes (6, 3), the coordinate that drives each, "" for none, and how far it moves."""
+def add_axes(
+    joint: Xml.Element,
+    axes: Array,
+    drivers: Sequence[str],
+    functions: Sequence[Function],
+    coupled: Collection[str] = (),
+) -> None:
+    """A CustomJoint's six axes (6, 3), the coordinate that drives each, "" for none, and how far it moves.
+
+    coupled  coordinates that are neither angles nor distances; OpenSim takes one for such by its LinearFunction
+    """
     transform = add(joint, "SpatialTransform")
     for name, axis, driver, function in zip(AXES, axes, drivers, functions, strict=True):
         made = add(transform, "TransformAxis", name)
         add_values(made, coordinates=driver, axis=axis)
-        add_function(made, function, f"{joint.get('name')}.{name}")
+        holder = made
+        if driver in coupled:
+            multiplier = add(made, "MultiplierFunction", "function")
+            holder = add(multiplier, "function")
+            add_values(multiplier, scale=1.0)
+        add_function(holder, function, f"{joint.get('name')}.{name}")
 
 
 def _add_surfaces(owner: Xml.Element, model: Model, body: int) -> None:
@@ -123,6 +127,8 @@ def _add_surface(objects: Xml.Element, surface: WrapSurface) -> None:
     add_values(made, quadrant=surface.quadrant, active=str(surface.is_active).lower())
     if surface.kind == "ellipsoid":
         add_values(made, dimensions=surface.dimensions)
+    elif surface.kind == "torus":
+        add_values(made, inner_radius=surface.dimensions[0], outer_radius=surface.dimensions[1])
     else:
         add_values(made, radius=surface.dimensions[0])
     if surface.kind == "cylinder":
@@ -151,51 +157,5 @@ def _add_joint(objects: Xml.Element, model: Model, joint: Joint) -> None:
     else:
         made = add_joint(objects, "CustomJoint", joint.name, sides, coordinates)
         drivers = ["" if index == NO_COORDINATE else model.coordinates[index].name for index in motion.coordinate]
-        add_axes(made, motion.axes, drivers, motion.functions)
-
-
-def _lock(written: Xml.Element, name: str, value: float) -> None:
-    """A lock is a property of its coordinate, at the default value."""
-    coordinate = next(node for node in written.iter("Coordinate") if node.get("name") == name)
-    coordinate.remove(coordinate.find("default_value"))  # type: ignore[arg-type]
-    add_values(coordinate, default_value=value, locked="true")
-
-
-def _add_constraint(objects: Xml.Element, model: Model, constraint: Constraint) -> None:
-    if not isinstance(constraint, PointConstraint):
-        raise ModelError(
-            f"the writer of .osim supports only point constraints and locks, and {model.name} has {constraint.name}",
-            SolverCode.NOT_WRITABLE,
-        )
-    add_values(
-        add(objects, "PointConstraint", constraint.name),
-        socket_body_1=frame_of(model.bodies, constraint.body_1),
-        socket_body_2=frame_of(model.bodies, constraint.body_2),
-        location_body_1=constraint.location_1,
-        location_body_2=constraint.location_2,
-    )
-
-
-def _add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
-    made = add(objects, "Millard2012EquilibriumMuscle", muscle.name)
-    add_whole_path(made, model, muscle.path, muscle.name)
-    add_values(
-        made,
-        max_isometric_force=muscle.max_isometric_force,
-        optimal_fiber_length=muscle.optimal_fiber_length,
-        tendon_slack_length=muscle.tendon_slack_length,
-        pennation_angle_at_optimal=muscle.pennation_at_optimal,
-        maximum_pennation_angle=muscle.maximum_pennation,
-        max_contraction_velocity=muscle.max_contraction_velocity,
-        activation_time_constant=muscle.activation_time_constant,
-        deactivation_time_constant=muscle.deactivation_time_constant,
-        ignore_tendon_compliance="true",
-    )
-    if not isinstance(muscle.curves, MillardCurves):
-        raise ModelError(
-            f"the writer of .osim supports only Millard's muscles, and {model.name} has {muscle.name}",
-            SolverCode.NOT_WRITABLE,
-        )
-    for tag, options in MILLARD_OPTIONS.items():
-        curve = add(made, tag, f"{muscle.name}_{tag}")
-        add_values(curve, **{option: getattr(muscle.curves, field) for option, field in options.items()})
+        coupled = {coordinate.name for coordinate in coordinates if coordinate.motion == "coupled"}
+        add_axes(made, motion.axes, drivers, motion.functions, coupled)

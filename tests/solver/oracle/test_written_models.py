@@ -1,13 +1,22 @@
-"""Forces that the solver writes: OpenSim opens the file, and both have the same accelerations as before."""
+"""Forces, muscles and constraints that the solver writes: OpenSim opens the file, with the same accelerations."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from solver.constraint import (
+    ConstantDistanceConstraint,
+    CoordinateCoupler,
+    PointOnLineConstraint,
+)
+from solver.functions.coordinate import polynomial
+from solver.functions.fibre import DeGrooteFreglyCurves, SchutteCurves, ThelenCurves
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from tests.solver.oracle.test_actuators import ADDED
@@ -124,3 +133,32 @@ def test_opensim_opens_the_forces_that_are_written(kind: str, tmp_path: Path) ->
 
 def again_parts(model: Any) -> tuple[Any, ...]:
     return model.forces, model.actuators, model.coordinate_forces
+
+
+@pytest.mark.parametrize("curves", [ThelenCurves(), DeGrooteFreglyCurves(1.2, 0.5), SchutteCurves()])
+def test_opensim_opens_the_muscles_that_are_written(curves: Any, tmp_path: Path) -> None:
+    read = read_back(model_with(), tmp_path)
+    steepest = read.muscles[0].maximum_pennation if isinstance(curves, ThelenCurves) else np.pi / 2
+    muscle = replace(read.muscles[0], curves=curves, maximum_pennation=steepest, fiber_damping=0.0)
+    assert_opensim_opens(replace(read, muscles=(muscle,)), tmp_path)
+
+
+PLACES = (1, 2, np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.1, 0.0]))
+CONSTRAINTS = {
+    "distance": ConstantDistanceConstraint("held", *PLACES, 0.4),
+    "line": PointOnLineConstraint("held", 0, 2, *PLACES[2:], np.array([0.6, 0.0, 0.8])),
+    "coupler": CoordinateCoupler("held", 1, (0,), (polynomial([0.1, 2.0, 0.3]),)),
+    "coupler of two": CoordinateCoupler("held", 1, (0, 3), (polynomial([0.1, 2.0]), polynomial([0.0, 3.0]))),
+}
+
+
+@pytest.mark.parametrize("kind", CONSTRAINTS)
+def test_opensim_opens_the_constraints_that_are_written(kind: str, tmp_path: Path) -> None:
+    read = read_back(model_with(opensim.PlanarJoint), tmp_path)
+    assert_opensim_opens(replace(read, constraints=(CONSTRAINTS[kind],)), tmp_path)
+
+
+def assert_opensim_opens(model: Any, folder: Path) -> None:
+    file = folder / "written.osim"
+    Xml.ElementTree(osim_document(model)).write(file, encoding="utf-8")
+    assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()
