@@ -31,21 +31,17 @@ cache_logger = logging.getLogger("solver.cache")  # apart, because a progress ba
 def compiled(function: Function) -> Function:
     """The function as code for other compiled functions; division by zero gives inf or NaN, as in C.
 
-    It cannot be called from Python: without the wrapper that it would need, it compiles in half the time. Without
-    _unliteral, it would be compiled once more for each constant argument.
+    It cannot be called from Python: without the wrapper that it would need, it compiles in half the time. It neither
+    allocates nor returns an array: in a function that does, numba counts the references to every view of an array,
+    which takes longer than arithmetic with three components (docs/decisions/0050-no-reference-counts.md).
+    Without _unliteral, it would be compiled once more for each constant argument.
     """
-    options: dict[str, Any] = {
-        "error_model": "numpy",
-        "nogil": True,
-        "no_cpython_wrapper": True,
-        "no_cfunc_wrapper": True,
-        "pipeline_class": LinkedCompiler,
-    }
-    linked: Any = njit(**options)(function)
-    if hasattr(linked, "get_call_template"):  # not with NUMBA_DISABLE_JIT
-        find_template = linked.get_call_template
-        linked.get_call_template = lambda types, names: find_template([_unliteral(kind) for kind in types], names)
-    return cast(Function, linked)
+    return _linked(function, counts_references=False)
+
+
+def compiled_with_allocation(function: Function) -> Function:
+    """Like compiled, but the function may allocate arrays, and return them to a function that may, too."""
+    return _linked(function, counts_references=True)
 
 
 def compiled_for_python(function: Function) -> Function:
@@ -59,6 +55,22 @@ def compiled_for_python(function: Function) -> Function:
     except RuntimeError:  # numba found no folder
         kernel._cache = _NoCache(function)
     return cast(Function, kernel)
+
+
+def _linked(function: Function, *, counts_references: bool) -> Function:
+    options: dict[str, Any] = {
+        "error_model": "numpy",
+        "nogil": True,
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+        "pipeline_class": LinkedCompiler,
+        "_nrt": counts_references,
+    }
+    linked: Any = njit(**options)(function)
+    if hasattr(linked, "get_call_template"):  # not with NUMBA_DISABLE_JIT
+        find_template = linked.get_call_template
+        linked.get_call_template = lambda types, names: find_template([_unliteral(kind) for kind in types], names)
+    return cast(Function, linked)
 
 
 _unliteral: Any = unliteral  # without types

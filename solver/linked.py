@@ -10,7 +10,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from numba.core import codegen, compiler, compiler_machinery
+from numba.core import codegen, compiler, compiler_machinery, types
 from numba.core.typed_passes import AnnotateTypes, NativeLowering
 
 _Library: Any = codegen.JITCodeLibrary  # all of these are without types
@@ -52,9 +52,19 @@ class _ChooseLibrary(_Pass):  # type: ignore[misc]
         super().__init__()
 
     def run_pass(self, state: Any) -> bool:
+        if not state.flags.nrt and _has_array(state.return_type):
+            name = state.func_id.func_qualname
+            raise TypeError(f"{name} returns an array, but is compiled without counts of the references to arrays")
         state.library = _LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True  # the lowering asks for no address of the function
         return True
+
+
+def _has_array(returned: Any) -> bool:
+    """Whether an array is in the type of a returned value: its caller would release a reference that nobody counted."""
+    if isinstance(returned, types.BaseTuple):
+        return any(_has_array(part) for part in returned)
+    return isinstance(returned, types.Array)
 
 
 @_register_pass(mutates_CFG=False, analysis_only=False)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled
+from solver.compiled import compiled, compiled_with_allocation
 from solver.inverse_kinematics.linearise import (
     ConstraintTable,
     LeastSquares,
@@ -71,7 +71,7 @@ class IkWorkspace(NamedTuple):
     has_curvature: NDArray[np.bool_]
 
 
-@compiled
+@compiled_with_allocation
 def solve_frame(
     problem: Problem, seen: Array, value: Array, most_rounds: int, q: Array, work: IkWorkspace
 ) -> tuple[int, int]:
@@ -104,7 +104,7 @@ def solve_frame(
     return NOT_CONVERGED, most_rounds
 
 
-@compiled
+@compiled_with_allocation
 def share_weights(problem: Problem, seen: Array, share: Array) -> bool:
     """Weights over the sum of those of the visible markers; False where nothing at all is to be met."""
     total = 0.0
@@ -137,7 +137,7 @@ def _linearise(problem: Problem, seen: Array, value: Array, q: Array, work: IkWo
     fill_constraint_rows(problem.skeleton, problem.constraints, q, pose, system)
 
 
-@compiled
+@compiled_with_allocation
 def _keep_curvature(problem: Problem, q: Array, work: IkWorkspace) -> None:
     """Second-order part of the Hessian of the Lagrangian, beyond Gauss–Newton. It changes little between steps and
     frames, so it is kept until steps no longer shrink well.
@@ -153,7 +153,7 @@ def _keep_curvature(problem: Problem, q: Array, work: IkWorkspace) -> None:
     work.has_curvature[0] = True
 
 
-@compiled
+@compiled_with_allocation
 def _take_step(
     problem: Problem, seen: Array, value: Array, damping: float, q: Array, work: IkWorkspace
 ) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled, compiled_for_python
+from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def _advance(step: Array, drive: Array, mean: Array, cov: Array, room: Array, ot
                 cov[i, j] += other[i, k] * step[j, k]
 
 
-@compiled
+@compiled_with_allocation
 def _return(step: Array, ahead: Array, covs: Array, gains: Array, errors: Array, means: Array, spread: Array) -> None:
     """Backwards: r and N gather what later observations add."""
     frames, order = ahead.shape

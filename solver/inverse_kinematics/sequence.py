@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled, compiled_for_python
+from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
 from solver.inverse_kinematics.frame import NO_MARKERS, SOLVED, IkWorkspace, Problem, solve_frame
 from solver.inverse_kinematics.linearise import Targets, evaluate_cost, evaluate_gap
 from solver.inverse_kinematics.skeleton import evaluate_pose, point_in_ground
@@ -65,7 +65,7 @@ def solve_frames(
             q[:] = near
 
 
-@compiled
+@compiled_with_allocation
 def _search_starts(
     problem: Problem,
     seen: Array,
@@ -93,7 +93,7 @@ def _search_starts(
             q[:] = tried
 
 
-@compiled
+@compiled_with_allocation
 def _is_held(work: IkWorkspace) -> NDArray[np.bool_]:
     """(coordinates,) whether anything depends on a coordinate; after a frame was solved."""
     held = np.zeros(len(work.system.gradient), dtype=np.bool_)

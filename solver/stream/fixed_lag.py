@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.compiled import compiled, compiled_for_python
+from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
 from solver.stream.lag_window import START_SD, FilterState, Window
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _advance(step: Array, drive: Array, mean: Array, cov: Array, room: Array) ->
                 cov[i, j] += room[i, m] * step[j, m]
 
 
-@compiled
+@compiled_with_allocation
 def _update(error: Array, mean: Array, cov: Array, gain: Array, room: Array) -> None:
     """Mean and covariance after an observation of q; error is (observed − predicted, its variance)."""
     for i in range(3):
@@ -116,7 +116,7 @@ def _update(error: Array, mean: Array, cov: Array, gain: Array, room: Array) -> 
             cov[i, j] = room[i, j] - 0.5 * (gain[i] * room[0, j] + gain[j] * room[0, i])
 
 
-@compiled
+@compiled_with_allocation
 def _smooth_first(filtered: _Filtered, steps: Array, last: int, step: Array, state: Array, spread: Array) -> None:
     """Backwards from the frame before `last` to the first: r and N gather what later observations add."""
     ahead, covs, gains, errors = filtered

@@ -6,7 +6,7 @@ by a rule that need not converge. The rule is kept, so that the lengths are the 
 
 from __future__ import annotations
 
-from math import acos, atan2, cos, isnan, pi, radians, sin, sqrt
+from math import acos, atan2, cos, inf, pi, radians, sin, sqrt, tan
 
 from solver.compiled import compiled
 from solver.vectors import (
@@ -28,7 +28,7 @@ from solver.wrapping.sphere import nearest_pair
 
 AXIS = (0.0, 0.0, 1.0)
 PIECE = 0.002
-SMOOTH_ENOUGH = radians(0.1)
+STEEPEST_KINK = tan(radians(0.1))
 MOST_ADJUSTMENTS = 100
 OVERSHOOT = 1.5
 ALONG_THE_AXIS = 5e-7
@@ -155,45 +155,56 @@ def _spiral(
     """The tangent points after at most `adjustments` steps along the axis, which make the tangents continue into the
     spiral, and the length of the spiral.
     """
-    rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
-    pieces, step, first, last = 0, 0.0, r1, r1
+    arc, z1, z2 = radius * angle, r1[2], r2[2]
+    pieces, step, low, high = 0, 0.0, inf, 0.0
+    out_1, out_2, share_1, share_2, chord = 0.0, 0.0, 0.0, 0.0, 0.0
+    rise = z2 - z1
     for _ in range(adjustments):
-        if not length / PIECE >= 2.0:
-            break
-        if int(length / PIECE) != pieces:
-            pieces = int(length / PIECE)
+        square = arc * arc + rise * rise
+        if not low <= square < high:
+            pieces = int(sqrt(square) / PIECE)
+            if pieces < 2:
+                break
+            low, high = (pieces * PIECE) ** 2, ((pieces + 1) * PIECE) ** 2
             step = 1.0 / pieces
-            first, last = _turned(r1, step * angle), _turned(r1, (1.0 - step) * angle)
-        r1, has_moved_1 = _adjust(start, r1, (first[0], first[1], r1[2] + step * rise))
+            out_1, share_1, chord = _seen_from_above(start, r1, _turned(r1, step * angle))
+            out_2, share_2, chord = _seen_from_above(end, r2, _turned(r1, (1.0 - step) * angle))
+        piece = step * rise
+        z1, has_moved_1 = _adjust(start[2], z1, z1 + piece, out_1, chord, share_1)
         # As OpenSim does: the spiral already starts at the moved r1, its rise is still the old one.
-        r2, has_moved_2 = _adjust(end, r2, (last[0], last[1], r1[2] + (1.0 - step) * rise))
+        z2, has_moved_2 = _adjust(end[2], z2, z1 + (rise - piece), out_2, chord, share_2)
         if not (has_moved_1 or has_moved_2):
             break
-        rise, length = r2[2] - r1[2], _spiral_length(radius * angle, r2[2] - r1[2])
+        rise = z2 - z1
     else:
         if adjustments > 0:
             code[0] = NOT_CONVERGED
-    return r1, r2, length
+    return (r1[0], r1[1], z1), (r2[0], r2[1], z2), sqrt(arc * arc + rise * rise)
 
 
 @compiled
-def _spiral_length(arc: float, rise: float) -> float:
-    return sqrt(arc * arc + rise * rise)
+def _seen_from_above(point: Vector, tangent: Vector, spiral: Vector) -> tuple[float, float, float]:
+    """Across the axis: the distance from `point` to its tangent point; where the line from `point` to the next point of
+    the spiral is nearest to the tangent point (0 at `point`, 1 at the spiral); the length of the spiral's first chord.
+    """
+    x, y = tangent[0] - point[0], tangent[1] - point[1]
+    u, v = spiral[0] - point[0], spiral[1] - point[1]
+    chord_x, chord_y = spiral[0] - tangent[0], spiral[1] - tangent[1]
+    return sqrt(x * x + y * y), (x * u + y * v) / (u * u + v * v), sqrt(chord_x * chord_x + chord_y * chord_y)
 
 
 @compiled
-def _adjust(point: Vector, tangent: Vector, spiral: Vector) -> tuple[Vector, bool]:
-    """Slide `tangent` along the axis if the path from `point` to `spiral` has a kink there."""
-    arriving, leaving = unit(subtract(tangent, point))[2], unit(subtract(spiral, tangent))[2]
-    # The angles differ by at least as much as their cosines, which spares most of the arc cosines.
-    is_kinked = abs(arriving - leaving) > 1.001 * SMOOTH_ENOUGH or abs(acos(arriving) - acos(leaving)) > SMOOTH_ENOUGH
-    if not is_kinked:
+def _adjust(point: float, tangent: float, spiral: float, out: float, chord: float, share: float) -> tuple[float, bool]:
+    """Slide a tangent point along the axis if the path from `point` over it to `spiral` has a kink there.
+
+    All three are heights on the axis; out, share and chord as of _seen_from_above.
+    """
+    up, on = tangent - point, spiral - tangent
+    across, ahead = up * chord - on * out, up * on + out * chord
+    if not abs(across) > STEEPEST_KINK * ahead or spiral == point:
         return tangent, False
-    low, high = (tangent[0], tangent[1], point[2]), (tangent[0], tangent[1], spiral[2])
-    _, _, straight = nearest_on_lines(point, spiral, low, high)
-    if isnan(straight[2]):
-        return tangent, False
-    return along(tangent, OVERSHOOT, subtract(straight, tangent)), True
+    straight = point + share * (spiral - point)
+    return tangent + OVERSHOOT * (straight - tangent), True
 
 
 @compiled

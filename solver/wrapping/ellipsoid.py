@@ -9,13 +9,9 @@ from __future__ import annotations
 
 from math import acos, cos, pi, sin, sqrt
 
-import numpy as np
-
 from solver.compiled import compiled
 from solver.vectors import (
     ORIGIN,
-    SMALLEST_LENGTH,
-    Array,
     Vector,
     add,
     along,
@@ -23,12 +19,12 @@ from solver.vectors import (
     distance,
     divide,
     dot,
-    read,
     scale,
     subtract,
     unit,
 )
-from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid, closest_to_each
+from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid
+from solver.wrapping.fan import Fan, fan_direction
 from solver.wrapping.path_tables import AXIAL, MIDPOINT, Codes
 from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WrapResult, pierces, side
 from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
@@ -37,7 +33,6 @@ SAME_DIRECTION = 1e-4
 ALL_FAN = 0.7073
 ALL_AXIAL = 0.9
 FADE = 0.3
-BLADES = 300
 CHORD = 0.001
 MOST_CHORDS = 499
 
@@ -45,14 +40,9 @@ Plane = tuple[Vector, float]
 """Normal ν and offset o of the points x with ν·x + o = 0."""
 
 
-def allocate_fan() -> Array:
-    """Working memory of _fan_direction: starts and ends of its blades, and the multipliers of the ends."""
-    return np.empty((7, BLADES - 2))
-
-
 @compiled
 def wrap_ellipsoid(
-    start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int, fan: Array, code: Codes
+    start: Vector, end: Vector, radii: Vector, method: int, axis: int, allowed: int, fan: Fan, code: Codes
 ) -> WrapResult:
     """Wrap the segment from start to end over an ellipsoid with these semi-axes [m] along the axes of its frame.
 
@@ -87,7 +77,7 @@ def wrap_ellipsoid(
 
 @compiled
 def _passing_point(
-    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, work: Array, code: Codes
+    r1: Vector, r2: Vector, direction: Vector, a: Vector, method: int, work: Fan, code: Codes
 ) -> tuple[Vector, float, bool]:
     """c for the segment that pierces the ellipsoid at r1 and r2; the weight of the fan in it; whether the segment
     crosses between r1 and r2 the plane normal to the axis that it is most parallel to.
@@ -110,31 +100,12 @@ def _passing_point(
         alignment = ALL_FAN + max(fade, 0.0) * (alignment - ALL_FAN)
     if alignment >= ALL_AXIAL:
         return axial, 0.0, True
-    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), _fan_direction(r1, inner, a, work, code)), ANY_AXIS, code)
+    fan = closest_on_ellipsoid(a, add(along(r1, 0.5, inner), fan_direction(r1, inner, a, work, code)), ANY_AXIS, code)
     if alignment <= ALL_FAN:
         return fan, 1.0, True
     weight = (alignment - ALL_FAN) / (ALL_AXIAL - ALL_FAN)
     blend = add(scale(weight, axial), scale(1.0 - weight, fan))
     return closest_on_ellipsoid(a, blend, ANY_AXIS, code), 1.0 - weight, True
-
-
-@compiled
-def _fan_direction(r1: Vector, inner: Vector, a: Vector, work: Array, code: Codes) -> Vector:
-    """Mean direction from points of the segment inside the ellipsoid to their closest points on it."""
-    handles, blades = work[:3], work[3:6]
-    for axis in range(3):
-        for i in range(BLADES - 2):
-            handles[axis, i] = r1[axis] + (i + 1) / BLADES * inner[axis]
-    closest_to_each(a, handles, work[6], blades, code)
-    for i in range(BLADES - 2):  # a loop without a sum: the compiler takes several steps at once
-        x, y, z = blades[0, i] - handles[0, i], blades[1, i] - handles[1, i], blades[2, i] - handles[2, i]
-        length = sqrt(x * x + y * y + z * z)
-        inverse = 1.0 / length if length >= SMALLEST_LENGTH else 0.0
-        blades[0, i], blades[1, i], blades[2, i] = inverse * x, inverse * y, inverse * z
-    total = ORIGIN
-    for i in range(BLADES - 2):
-        total = add(total, read(blades[:, i]))
-    return unit(total)
 
 
 @compiled

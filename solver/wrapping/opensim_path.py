@@ -32,7 +32,6 @@ from solver.wrapping.path_tables import (
     SPHERE,
     TORUS,
     Indices,
-    PathTables,
     Record,
     Records,
 )
@@ -78,13 +77,6 @@ def wrap_path(
         if len(wraps) > 1:
             work.code[0] = NOT_CONVERGED
     return count, length
-
-
-@compiled
-def points_and_wraps(tables: PathTables, path: int) -> tuple[Records, Records]:
-    """Path points and wraps of one path."""
-    points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
-    return points, tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
 
 
 @compiled

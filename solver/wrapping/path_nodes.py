@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
 from solver.vectors import Array, write
-from solver.wrapping.opensim_path import place_in_ground, points_and_wraps, wrap_path
+from solver.wrapping.opensim_path import place_in_ground, wrap_path
 from solver.wrapping.path_tables import CONVERGED, Indices, PathTables, Records
 from solver.wrapping.workspace import WrapWorkspace
 
@@ -37,7 +37,8 @@ def place_path_nodes(
     """Wrap every path in every frame: poses (frames, bodies) of BODY, changes (frames, points) of CHANGE."""
     for frame in range(len(poses)):
         for path in range(results.counts.shape[1]):
-            points, wraps = points_and_wraps(tables, path)
+            points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
+            wraps = tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
             work.code[0] = CONVERGED
             count, _ = wrap_path(points, wraps, poses[frame], changes[frame], work)
             results.counts[frame, path] = count

@@ -36,6 +36,8 @@ def pierces(direction: Vector, start: Vector, radius_squared: float) -> tuple[bo
     """
     a = dot(direction, direction)
     b = 2.0 * dot(direction, start)
+    if not 0.0 < -b < 2.0 * a:  # the middle between both
+        return False, nan, nan
     c = dot(start, start) - radius_squared
     discriminant = b * b - 4.0 * a * c
     if discriminant < 0.0:

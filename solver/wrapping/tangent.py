@@ -12,7 +12,7 @@ reduce |e|² is kept, and one that does is doubled until it no longer does and t
 from __future__ import annotations
 
 from solver.compiled import compiled
-from solver.vectors import Vector, along, divide, dot, subtract, unit
+from solver.vectors import Vector, along, divide, dot, multiply, scale, subtract, unit
 from solver.wrapping.path_tables import NOT_CONVERGED, Codes
 
 ON_THE_SURFACE = 1e-4
@@ -39,51 +39,44 @@ def tangent_point(guess: Vector, p: Vector, a: Vector, normal: Vector, offset: f
     """
     if abs(level(p, a)) < ON_THE_SURFACE:
         return p
-    aa = (a[0] * a[0], a[1] * a[1], a[2] * a[2])
+    weights = (1.0 / (a[0] * a[0]), 1.0 / (a[1] * a[1]), 1.0 / (a[2] * a[2]))
+    m = scale(2.0, multiply(weights, p))
+    p_direction = unit(p)
     r = guess
-    d = -dot(_gradient(r, aa), r)
+    d = -2.0 * dot(multiply(weights, r), r)
     damping = 0.01
-    e = _residuals(r, d, p, a, aa, normal, offset)
+    e = _residuals(r, d, m, weights, normal, offset)
     for _ in range(MOST_ITERATIONS):
         now = _square(e)
         if not now > SMALL_ENOUGH:
             break
-        n, m = _gradient(r, aa), _gradient(p, aa)
+        n = scale(2.0, multiply(weights, r))
         descent = _descent(normal, n, m, e)
-        step_scale = _step_scale(r, p) / SHORTENING
+        step_scale = _step_scale(r, p, p_direction) / SHORTENING
         step = (0.0, 0.0, 0.0, 0.0)
         before = now
         for _ in range(MOST_TRIALS):
             step = _damped_step(normal, n, m, descent, damping, step_scale)
-            r, d = _moved(r, d, step, 1.0)
-            before, now = now, _square(_residuals(r, d, p, a, aa, normal, offset))
+            r, d = along(r, 1.0, (step[0], step[1], step[2])), d + step[3]
+            e = _residuals(r, d, m, weights, normal, offset)
+            before, now = now, _square(e)
             damping *= 4.0
             if not now >= before:
                 break
         damping /= 8.0
-        stretch = 0.5
-        for _ in range(MOST_TRIALS):
-            if not now <= before:
-                break
-            stretch *= 2.0
-            r, d = _moved(r, d, step, stretch)
-            before, now = now, _square(_residuals(r, d, p, a, aa, normal, offset))
-        r, d = _moved(r, d, step, -stretch)
-        e = _residuals(r, d, p, a, aa, normal, offset)
+        factor = _factor_along(r, step, m, weights, normal, e, before, now)
+        r, d = along(r, factor, (step[0], step[1], step[2])), d + factor * step[3]
+        e = _residuals(r, d, m, weights, normal, offset)
     if not _square(e) <= SMALL_ENOUGH:
         code[0] = NOT_CONVERGED
     return r
 
 
 @compiled
-def _gradient(r: Vector, aa: Vector) -> Vector:
-    return (2.0 * r[0] / aa[0], 2.0 * r[1] / aa[1], 2.0 * r[2] / aa[2])
-
-
-@compiled
-def _residuals(r: Vector, d: float, p: Vector, a: Vector, aa: Vector, normal: Vector, offset: float) -> Four:
-    n = _gradient(r, aa)
-    return dot(normal, r) + offset, level(r, a), dot(n, r) + d, dot(n, p) + d
+def _residuals(r: Vector, d: float, m: Vector, weights: Vector, normal: Vector, offset: float) -> Four:
+    """e, with the weights 1 / a² and m = 2 p / a²."""
+    square = dot(multiply(weights, r), r)
+    return dot(normal, r) + offset, square - 1.0, 2.0 * square + d, dot(m, r) + d
 
 
 @compiled
@@ -92,15 +85,39 @@ def _square(e: Four) -> float:
 
 
 @compiled
-def _step_scale(r: Vector, p: Vector) -> float:
+def _step_scale(r: Vector, p: Vector, p_direction: Vector) -> float:
     """Below 1 where p, r and the centre are nearly collinear: the tangent point hardly moves there."""
-    cosine = dot(unit(subtract(p, r)), unit(p))
-    return 1.0 - cosine**100.0 if cosine > 0.1 else 1.0
+    cosine = dot(unit(subtract(p, r)), p_direction)
+    if not cosine > 0.1:
+        return 1.0
+    fourth = cosine * cosine * cosine * cosine
+    sixteenth = fourth * fourth * fourth * fourth
+    return 1.0 - fourth * sixteenth * sixteenth * sixteenth * sixteenth * sixteenth * sixteenth
 
 
 @compiled
-def _moved(r: Vector, d: float, step: Four, factor: float) -> tuple[Vector, float]:
-    return along(r, factor, (step[0], step[1], step[2])), d + factor * step[3]
+def _factor_along(
+    r: Vector, step: Four, m: Vector, weights: Vector, normal: Vector, e: Four, before: float, now: float
+) -> float:
+    """How far to go on along the step: further by 1, 2, 4 … steps while |e|² decreases, then back by the last.
+
+    Along a line e is a polynomial of second order.
+    """
+    s = (step[0], step[1], step[2])
+    weighted = multiply(weights, s)
+    plane, surface, curvature, outside = dot(normal, s), 2.0 * dot(weighted, r), dot(weighted, s), dot(m, s) + step[3]
+    touching = 2.0 * surface + step[3]
+    factor, stretch = 0.0, 0.5
+    for _ in range(MOST_TRIALS):
+        if not now <= before:
+            break
+        stretch *= 2.0
+        factor += stretch
+        bend = factor * factor * curvature
+        e0, e1 = e[0] + factor * plane, e[1] + (factor * surface + bend)
+        e2, e3 = e[2] + (factor * touching + 2.0 * bend), e[3] + factor * outside
+        before, now = now, e0 * e0 + e1 * e1 + e2 * e2 + e3 * e3
+    return factor - stretch
 
 
 @compiled
@@ -128,13 +145,14 @@ def _damped_step(normal: Vector, n: Vector, m: Vector, descent: Four, damping: f
     h21 = normal[2] * normal[1] + 5.0 * n[2] * n[1] + m[2] * m[1]
     h30, h31, h32 = 2.0 * n[0] + m[0], 2.0 * n[1] + m[1], 2.0 * n[2] + m[2]
 
-    l10, l20, l30 = h10 / h00, h20 / h00, h30 / h00
-    d1 = h11 - l10 * h10
+    i0 = 1.0 / h00
+    l10, l20, l30 = h10 * i0, h20 * i0, h30 * i0
+    i1 = 1.0 / (h11 - l10 * h10)
     t21, t31 = h21 - l20 * h10, h31 - l30 * h10
-    l21, l31 = t21 / d1, t31 / d1
-    d2 = h22 - l20 * h20 - l21 * t21
+    l21, l31 = t21 * i1, t31 * i1
+    i2 = 1.0 / (h22 - l20 * h20 - l21 * t21)
     t32 = h32 - l30 * h20 - l31 * t21
-    l32 = t32 / d2
+    l32 = t32 * i2
     d3 = h33 - l30 * h30 - l31 * t31 - l32 * t32
 
     y0 = descent[0]
@@ -142,7 +160,7 @@ def _damped_step(normal: Vector, n: Vector, m: Vector, descent: Four, damping: f
     y2 = descent[2] - l20 * y0 - l21 * y1
     y3 = descent[3] - l30 * y0 - l31 * y1 - l32 * y2
     x3 = y3 / d3
-    x2 = y2 / d2 - l32 * x3
-    x1 = y1 / d1 - l21 * x2 - l31 * x3
-    x0 = y0 / h00 - l10 * x1 - l20 * x2 - l30 * x3
+    x2 = y2 * i2 - l32 * x3
+    x1 = y1 * i1 - l21 * x2 - l31 * x3
+    x0 = y0 * i0 - l10 * x1 - l20 * x2 - l30 * x3
     return step_scale * x0, step_scale * x1, step_scale * x2, step_scale * x3

@@ -20,7 +20,7 @@ from solver.vectors import (
     subtract,
     turn,
 )
-from solver.wrapping.opensim_path import place_in_ground, points_and_wraps, to_ground, wrap_path
+from solver.wrapping.opensim_path import place_in_ground, to_ground, wrap_path
 from solver.wrapping.path_tables import CONVERGED, Indices, PathResults, PathTables, Records
 from solver.wrapping.workspace import WrapWorkspace
 
@@ -34,16 +34,7 @@ def evaluate_wrapped_paths(
     poses (frames, bodies) of BODY, changes (frames, points) of CHANGE, rates (frames, coordinates)
     """
     for frame in range(len(poses)):
-        bodies, u = poses[frame], rates[frame]
-        for path in range(results.lengths.shape[1]):
-            points, wraps = points_and_wraps(tables, path)
-            work.code[0] = CONVERGED
-            count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes[frame], work)
-            results.codes[frame, path] = work.code[0]
-            results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
-            _apply_tensions(
-                bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
-            )
+        _evaluate_frame(tables, poses[frame], changes[frame], rates[frame], work, results, frame)
 
 
 @compiled
@@ -75,6 +66,28 @@ def apply_tension(bodies: Records, nodes: Records, k: int, force: Vector, wrench
     if nodes[k]["coordinate"] >= 0:
         slide = turn(bodies[body]["rotation"], read(nodes[k]["slope"]))
         mobility[nodes[k]["coordinate"]] += dot(slide, force)
+
+
+@compiled
+def _evaluate_frame(
+    tables: PathTables,
+    bodies: Records,
+    changes: Records,
+    u: Array,
+    work: WrapWorkspace,
+    results: PathResults,
+    frame: int,
+) -> None:
+    for path in range(results.lengths.shape[1]):
+        points = tables.points[tables.first_point[path] : tables.first_point[path + 1]]
+        wraps = tables.wraps[tables.first_wrap[path] : tables.first_wrap[path + 1]]
+        work.code[0] = CONVERGED
+        count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes, work)
+        results.codes[frame, path] = work.code[0]
+        results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
+        _apply_tensions(
+            bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
+        )
 
 
 @compiled

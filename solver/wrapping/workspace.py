@@ -6,17 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.vectors import Array
-from solver.wrapping.ellipsoid import allocate_fan
+from solver.wrapping.fan import Fan, allocate_fan
 from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Records
 
 
 class WrapWorkspace(NamedTuple):
-    """nodes of a path (NODE) and their sequence along it; the fan of ellipsoid.py; code (1,), the path's outcome."""
+    """nodes of a path (NODE) and their sequence along it; working memory of the fan; code (1,), the path's outcome."""
 
     nodes: Records
     sequence: Indices
-    fan: Array
+    fan: Fan
     code: Codes
 
 

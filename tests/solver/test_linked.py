@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from numba import njit
 
-from solver.compiled import compiled
+from solver.compiled import compiled, compiled_with_allocation
 
 
 def _spread(x: Any, out: Any) -> float:
@@ -63,3 +64,25 @@ def test_constant_arguments_are_not_compiled_once_more() -> None:
 
 def _power(x: float, exponent: int) -> float:
     return float(x**exponent)
+
+
+def test_a_function_without_counts_of_references_returns_no_array() -> None:
+    def piece(x: Any) -> Any:
+        return 1.0, x[1:]
+
+    kernel = _kernel(compiled(lambda x, out: piece_of(x)[0]), compiled)
+    piece_of: Any = compiled(piece)
+    with pytest.raises(TypeError, match="piece returns an array"):
+        kernel(np.ones(3), np.empty(3))
+
+
+def test_an_array_allocated_by_an_inner_function_lives_in_the_kernel() -> None:
+    @compiled_with_allocation
+    def doubled(x: Any) -> Any:
+        return 2.0 * x
+
+    @njit(error_model="numpy")
+    def kernel(x: Any) -> Any:
+        return doubled(x)
+
+    assert (kernel(np.ones(3)) == 2.0).all()
