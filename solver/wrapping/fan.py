@@ -24,8 +24,8 @@ from solver.wrapping.segment import ROUND_OFF
 SPACINGS = 300
 BLADES = SPACINGS - 2
 NODES = 64
-SMALLEST_TERM = 1e-10
-"""Of a coefficient of the series of a direction. Lengths change by less than a hundredth of it, in m."""
+SMALLEST_TERM = 1e-12
+"""Of a coefficient of the series, relative to the mean of the blades."""
 SMALLEST = 1e-300
 SHALLOW = 1e-4
 """Of f in the middle of the segment: below, round-off in OpenSim's blades is seen in its results."""
@@ -94,7 +94,7 @@ def _sum_by_nodes(r1: Vector, inner: Vector, a: Vector, fan: Fan) -> tuple[bool,
         if left + right == BLADES:
             for i in range(NODES):
                 nodes[6, i] = fan.last_terms[i]
-            return norm(_sum_at_nodes(a, fan)) < SMALLEST_TERM, total
+            return BLADES * norm(_sum_at_nodes(a, fan)) < SMALLEST_TERM * norm(total), total
         for i in range(NODES):
             nodes[3, i] -= nodes[5, i]
     return False, total
