@@ -30,8 +30,8 @@ SMALLEST = 1e-300
 SHALLOW = 1e-4
 """Of f in the middle of the segment: below, round-off in OpenSim's blades is seen in its results."""
 NEAR_STOP = 0.8 * STOP
-UNCERTAIN = 0.1
-"""Of ln f: how near to its end a blade is computed by itself."""
+UNCERTAIN = 0.02, 1e-3
+"""Of ln f, in all and per 2ᵏ after k steps: how near to STOP a blade is computed by itself."""
 
 
 class Fan(NamedTuple):
@@ -40,8 +40,8 @@ class Fan(NamedTuple):
     positions     (nodes,)
     weights       (blades + 1, nodes) row i gives the sum over the first i blades of a function known at the nodes
     last_terms    (nodes,) gives the sum of the last two coefficients of the Chebyshev series
-    depths        (nodes,) ln(s (1 − s)), to which ln f is nearly linear
-    blade_depths  (blades + 1,) the same at multiples of 1/300
+    logits        (nodes,) ln(s / (1 − s)), to which ln f is nearly linear
+    blade_logits  (blades + 1,) the same at multiples of 1/300
     at_nodes      (10, nodes) working memory
     at_blades     (7, blades) working memory
     """
@@ -49,8 +49,8 @@ class Fan(NamedTuple):
     positions: Array
     weights: Array
     last_terms: Array
-    depths: Array
-    blade_depths: Array
+    logits: Array
+    blade_logits: Array
     at_nodes: Array
     at_blades: Array
 
@@ -83,8 +83,6 @@ def _sum_by_nodes(r1: Vector, inner: Vector, a: Vector, fan: Fan) -> tuple[bool,
             break
         next_left = _ended_blades(left, BLADES - right, steps, 1, r1, inner, a, fan)
         next_right = _ended_blades(right, BLADES - next_left, steps, -1, r1, inner, a, fan)
-        if min(next_left, next_right) < 0:
-            break
         if steps > 0 and next_left + next_right > left + right:
             low, high = fan.weights[next_left], fan.weights[BLADES - next_right]
             for i in range(NODES):
@@ -141,30 +139,25 @@ def _newton_step(t: float, x: float, y: float, z: float, a: Vector) -> tuple[flo
 
 @compiled
 def _ended_blades(ended: int, most: int, steps: int, sense: int, r1: Vector, inner: Vector, a: Vector, fan: Fan) -> int:
-    """How many blades from one end of the segment (sense 1: r1; −1: the other one) end after these steps.
-
-    −1 if they reach beyond the middle, where ln f is not linear to the depths.
-    """
+    """How many blades from one end of the segment (sense 1: r1; −1: the other one) end after these steps."""
     f, origin, skipped = fan.at_nodes[4], 0 if sense > 0 else NODES - 1, 0 if sense > 0 else 1
     node = 0
     while node < NODES and f[origin + sense * node] < STOP:
         node += 1
     if node in (0, NODES):
         return ended if node == 0 else most
-    if node >= NODES // 2:
-        return -1
     lowest, next_lowest = log(max(f[origin + sense * (node - 1)], SMALLEST)), log(f[origin + sense * node])
-    spacing = fan.depths[node] - fan.depths[node - 1]
-    bound = fan.depths[node - 1] + (log(STOP) - lowest) / (next_lowest - lowest) * spacing
+    spacing = fan.logits[node] - fan.logits[node - 1]
+    bound = fan.logits[node - 1] + (log(STOP) - lowest) / (next_lowest - lowest) * spacing
     count = max(ended, int(SPACINGS * fan.positions[node - 1]) - skipped)
-    while count < most and fan.blade_depths[count + skipped] < bound:
+    while count < most and fan.blade_logits[count + skipped] < bound:
         count += 1
-    margin = UNCERTAIN * spacing / (next_lowest - lowest)
+    margin = (UNCERTAIN[0] + UNCERTAIN[1] * 2**steps) * spacing / (next_lowest - lowest)
     while (
-        count < most and fan.blade_depths[count + skipped] - bound < margin and _ends(count, steps, sense, r1, inner, a)
+        count < most and fan.blade_logits[count + skipped] - bound < margin and _ends(count, steps, sense, r1, inner, a)
     ):
         count += 1
-    while count > ended and bound - fan.blade_depths[count - 1 + skipped] < margin:
+    while count > ended and bound - fan.blade_logits[count - 1 + skipped] < margin:
         if _ends(count - 1, steps, sense, r1, inner, a):
             break
         count -= 1
@@ -233,5 +226,5 @@ def _node_tables() -> tuple[Array, Array, Array, Array, Array]:
     positions, blades = 0.5 - 0.5 * np.cos(angles), np.arange(1, BLADES + 1) / SPACINGS
     at_blades = np.cos(np.outer(np.arccos(2.0 * blades - 1.0), degrees)) @ terms
     weights = np.vstack([np.zeros(NODES), at_blades.cumsum(axis=0)])
-    depths, multiples = np.log(positions * (1 - positions)), np.arange(1, SPACINGS) / SPACINGS
-    return positions, weights, terms[-2:].sum(axis=0), depths, np.log(multiples * (1 - multiples))
+    logits, multiples = np.log(positions / (1 - positions)), np.arange(1, SPACINGS) / SPACINGS
+    return positions, weights, terms[-2:].sum(axis=0), logits, np.log(multiples / (1 - multiples))
