@@ -8,7 +8,7 @@ for the other ones that machine code is never run (docs/decisions/0015-linking-o
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import Any, cast
 
 from numba.core import codegen, compiler, compiler_machinery, types
 from numba.core.typed_passes import AnnotateTypes, NativeLowering
@@ -63,7 +63,7 @@ class _ChooseLibrary(_Pass):  # type: ignore[misc]
 def _has_array(returned: Any) -> bool:
     """Whether an array is in the type of a returned value: its caller would release a reference that nobody counted."""
     if isinstance(returned, types.BaseTuple):
-        return any(_has_array(part) for part in returned)
+        return any(_has_array(part) for part in tuple(cast(Any, returned)))
     return isinstance(returned, types.Array)
 
 
