@@ -26,11 +26,13 @@ class MuscleOutcome(StrEnum):
 
     PATH_NOT_CONVERGED   as PathOutcome.NOT_CONVERGED
     CURVE_NOT_CONVERGED  Newton's method on a curve of the fibre reached its limit of steps; its last point is used
+    FIBER_NOT_CONVERGED  the balance of the fibre and its elastic tendon did not converge; its last point is used
     """
 
     CONVERGED = "converged"
     PATH_NOT_CONVERGED = "path_not_converged"
     CURVE_NOT_CONVERGED = "curve_not_converged"
+    FIBER_NOT_CONVERGED = "fiber_not_converged"
 
 
 _OUTCOME_OF_CODE = np.array([MuscleOutcome.CONVERGED, MuscleOutcome.CURVE_NOT_CONVERGED], dtype=object)

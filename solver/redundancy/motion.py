@@ -37,12 +37,16 @@ from solver.redundancy.options import RedundancyOptions as RedundancyOptions  # 
 from solver.redundancy.reachability import idle_controls, is_met
 from solver.redundancy.reactions import SolvedForces, reaction_on_parent, solved_reactions
 from solver.redundancy.response_maps import ResponseMaps, response_maps
+from solver.redundancy.scenarios import LoadResponse as LoadResponse  # noqa: PLC0414 (part of the interface)
+from solver.redundancy.scenarios import ScenarioSolutions as ScenarioSolutions  # noqa: PLC0414 (as LoadResponse)
 from solver.redundancy.sequence import SOLVERS, FrameSequence, RunSolver, solve_runs
 from solver.redundancy.sequence import FrameOutcome as FrameOutcome  # noqa: PLC0414 (part of this module's interface)
 from solver.static_forces import MuscleForceModel, modelled_forces
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from solver.tendons.evaluation import ElasticForces
 
 Array = NDArray[np.float64]
 CONE_FORCE_SCALE = 1e3  # N; brings the cone's rows to the size of activations
@@ -115,37 +119,6 @@ class RedundancyProblem:
         return is_finite
 
 
-@dataclass(frozen=True, eq=False)
-class LoadResponse:
-    """Changes by additional loads at x = 0, per scenario and frame.
-
-    acceleration  (scenarios, frames, coordinates) [rad/s², m/s²]
-    reaction      (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
-    """
-
-    acceleration: Array
-    reaction: Array
-
-
-@dataclass(frozen=True, eq=False)
-class ScenarioSolutions:
-    """x (scenarios, frames, controls), NaN where infeasible or not finite, with outcomes and residuals.
-
-    In INFEASIBLE frames residual, reaction and slack are those of the point of least violation, in NOT_FINITE ones NaN.
-
-    outcomes           (scenarios, frames) of FrameOutcome
-    equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
-    reaction           (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
-    cone_slack         (scenarios, frames) s − |v| [N], negative outside; infinite without the glenoid
-    """
-
-    controls: Array
-    outcomes: NDArray[np.object_]
-    equality_residual: Array
-    reaction: Array
-    cone_slack: Array
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionSolution:
     """Activations and forces in a motion. In INFEASIBLE frames activations, forces and reserves are NaN, and reaction,
@@ -166,6 +139,7 @@ class MotionSolution:
     outcomes           (frames,) of FrameOutcome
     muscle_outcomes    (frames, muscles) of MuscleOutcome: whether path and force of each muscle converged
     joint_reactions    of the options' reactions; NaN in frames that are INFEASIBLE or NOT_FINITE
+    fibers             their lengths and forces with elastic tendons; None with rigid ones
     """
 
     muscles: tuple[str, ...]
@@ -182,6 +156,7 @@ class MotionSolution:
     outcomes: tuple[FrameOutcome, ...]
     muscle_outcomes: NDArray[np.object_]
     joint_reactions: JointReactions
+    fibers: ElasticForces | None = None
 
     @property
     def unsolved(self) -> int:
@@ -224,8 +199,8 @@ def solve_motion(
     """Solve all frames of a motion under loads, sampled at its frames; progress(done, total) counts frames.
 
     Raises ModelError where a free coordinate, the joint or, with the cone, a glenoid marker is not in the model,
-    or neither muscles nor actuators can balance a tracked coordinate, MotionError where the model cannot be evaluated
-    in any frame.
+    neither muscles nor actuators can balance a tracked coordinate, or tendons should be elastic and cannot be;
+    MotionError where the model cannot be evaluated in any frame.
     """
     options = options or RedundancyOptions()
     mechanics = evaluate_motion(
@@ -238,9 +213,16 @@ def solve_motion(
     )
     problem = build_redundancy(model, mechanics, options)
     ensure_balanced(model, problem.acceleration_matrix, mechanics.equations.mobility, problem.tracked)
-    solution = solve_redundancy(problem, progress=progress)
+    muscle_outcomes = mechanics.muscle_outcomes
+    if options.tendons == "elastic":
+        from solver.redundancy.elastic import solve_elastic  # the compiler behind it takes long to import
+
+        solution, fibers = solve_elastic(model, mechanics, options, progress)
+        muscle_outcomes[~fibers.is_converged] = MuscleOutcome.FIBER_NOT_CONVERGED
+    else:
+        solution, fibers = solve_redundancy(problem, progress=progress), None
     activations, controls = np.split(solution.controls[0], [len(model.muscles)], axis=1)
-    tensions = mechanics.forces.active * activations + mechanics.forces.passive
+    tensions = fibers.tension if fibers else mechanics.forces.active * activations + mechanics.forces.passive
     reserves = controls * [actuator.optimal_force for actuator in model.actuators]
     solved = SolvedForces(tensions, reserves, tuple(loads))
     reaction = solution.reaction[0]
@@ -251,7 +233,7 @@ def solve_motion(
         time=kinematics.time,
         activations=activations,
         muscle_forces=tensions,
-        passive_forces=mechanics.forces.passive,
+        passive_forces=fibers.passive if fibers else mechanics.forces.passive,
         reserves=reserves,
         reaction=reaction,
         contact=_contact(model, mechanics.state, options, reaction),
@@ -259,8 +241,9 @@ def solve_motion(
         equality_residual=solution.equality_residual[0],
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
-        muscle_outcomes=mechanics.muscle_outcomes,
+        muscle_outcomes=muscle_outcomes,
         joint_reactions=solved_reactions(model, mechanics, solved, options.reactions),
+        fibers=fibers,
     )
 
 

@@ -19,6 +19,7 @@ from solver.static_forces import MuscleForceModel
 Array = NDArray[np.float64]
 Solver = Literal["interior_point", "clarabel"]
 Exponent = Literal[2, 3]
+Tendons = Literal["rigid", "elastic"]
 
 UNWEIGHTED_COORDINATES = (
     *(f"ground_thorax_{axis}" for axis in ("rot_x", "rot_y", "rot_z", "tx", "ty", "tz")),
@@ -48,6 +49,7 @@ class RedundancyOptions:
     has_activation_dynamics  bounds of the activations follow from those of the previous frame
     muscle_force_model      rigid_tendon, or without passive forces: active, opensim_static (static_forces.py)
     has_muscle_limits       activations stay within Muscle.min_control and max_control, else within 0 and 1
+    tendons                 rigid, or elastic where the model's file has them so (docs/tendons.md)
     """
 
     has_glenoid_cone: bool = True
@@ -65,6 +67,7 @@ class RedundancyOptions:
     has_activation_dynamics: bool = True
     muscle_force_model: MuscleForceModel = "rigid_tendon"
     has_muscle_limits: bool = False
+    tendons: Tendons = "rigid"
 
 
 def static_optimisation(options: RedundancyOptions) -> RedundancyOptions:

@@ -37,6 +37,11 @@ class ElasticForces:
     is_shortest: NDArray[np.bool_]
     is_converged: NDArray[np.bool_]
 
+    @property
+    def elastic(self) -> NDArray[np.int64]:
+        """Indices of the muscles with elastic tendons."""
+        return np.flatnonzero(~np.isnan(self.tendon_strain).all(axis=0))
+
 
 def elastic_forces(
     model: Model,

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from solver.model import Model
 from solver.muscle import MuscleOutcome
 from solver.redundancy.motion import FrameOutcome, MotionSolution
+
+if TYPE_CHECKING:
+    from solver.tendons.evaluation import ElasticForces  # the compiler behind it takes long to import
 
 IN_THE_GLENOID = " and keep the joint reaction inside the glenoid"
 """Further part of the sentence of an infeasible frame, with the glenoid constraint."""
@@ -25,6 +31,7 @@ MUSCLE_SENTENCES = {
         "the path reached the limit of iterations, as in OpenSim, and its last point is used; compare with geodesics"
     ),
     MuscleOutcome.CURVE_NOT_CONVERGED: "the force did not converge on the curve of the fibre; its last point is used",
+    MuscleOutcome.FIBER_NOT_CONVERGED: "fibre and elastic tendon did not come into balance; the last point is used",
 }
 UNSOLVED, UNCONVERGED = tuple(FRAME_SENTENCES), tuple(MUSCLE_SENTENCES)
 
@@ -63,6 +70,24 @@ def note_unconverged(solution: MotionSolution) -> str:
         if solution.frames_with(outcome).any()
     ]
     return "; ".join(notes) or MuscleOutcome.CONVERGED
+
+
+def describe_tendons(model: Model, fibers: ElasticForces | None) -> str:
+    """Which are elastic, with their strain, and fibres that were held at their least length."""
+    if fibers is None:
+        return "rigid"
+    tendons = [model.muscles[index].tendon for index in fibers.elastic]
+    strains = sorted({tendon.strain for tendon in tendons if tendon is not None})
+    described = (
+        f"elastic in {len(tendons)} of {len(model.muscles)} muscles, strain at the greatest isometric force "
+        f"{' to '.join(f'{strain:g}' for strain in strains[:1] + strains[1:][-1:])}"
+    )
+    held = np.flatnonzero(fibers.is_shortest.any(axis=0))
+    if not len(held):
+        return described
+    names = " ".join(model.muscle_names[index] for index in held)
+    frames = int(fibers.is_shortest.any(axis=1).sum())
+    return f"{described}; fibre held at its least length in {frames} frames of {names}"
 
 
 def muscles_with(solution: MotionSolution, outcome: MuscleOutcome) -> list[str]:

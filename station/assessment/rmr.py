@@ -16,7 +16,7 @@ from solver.suit.suited_model import SuitedModel
 from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
-from station.assessment.outcomes import note_unconverged
+from station.assessment.outcomes import describe_tendons, note_unconverged
 from station.progress import Progress, silent
 from station.versions import solving_versions
 
@@ -58,7 +58,8 @@ def solve_muscles(
     suit = {} if given.suited is None else {"suit": _describe_suit(given.suited)}
     effect = effect_of(given.model, model, inputs.left_out, given.kinematics, given.loads, solution)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
-    notes = inputs.hashes() | suit | left_out | given.notes | _notes(model, options, solution)
+    tendons = {"tendons": describe_tendons(model, solution.fibers)}
+    notes = inputs.hashes() | suit | left_out | given.notes | tendons | _notes(model, options, solution)
     return SolvedMotion(model, options, solution, notes, effect)
 
 

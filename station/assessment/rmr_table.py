@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from station.exit_code import WRONG_USAGE
 from station.messages.codes import InputCode
 from station.messages.message import Message
 from station.whole_file import drafted
+
+if TYPE_CHECKING:
+    from solver.tendons.evaluation import ElasticForces  # the compiler behind it takes long to import
 
 Array = NDArray[np.float64]
 
@@ -80,6 +84,8 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
     yield from _columns(muscles, "1", solution.activations)
     yield from _columns([f"force_n.{name}" for name in muscles], "N", solution.muscle_forces)
     yield from _columns([f"passive_force_n.{name}" for name in muscles], "N", solution.passive_forces)
+    if solution.fibers is not None:
+        yield from _fibers(muscles, solution.fibers)
     for actuator, values in zip(model.actuators, solution.reserves.T, strict=True):
         unit = reserve_unit(solved, actuator)
         yield Column(f"reserve_{_suffix(unit)}.{actuator.name}", unit, values)
@@ -118,6 +124,13 @@ def reserve_unit(solved: SolvedMotion, actuator: Actuator) -> str:
 
 def _columns(names: list[str] | tuple[str, ...], unit: str, values: Array) -> Iterator[Column]:
     return (Column(name, unit, column) for name, column in zip(names, values.T, strict=True))
+
+
+def _fibers(muscles: tuple[str, ...], fibers: ElasticForces) -> Iterator[Column]:
+    """Of the muscles with elastic tendons."""
+    chosen = fibers.elastic
+    yield from _columns([f"fiber_length_m.{muscles[i]}" for i in chosen], "m", fibers.fiber_lengths[:, chosen])
+    yield from _columns([f"tendon_strain.{muscles[i]}" for i in chosen], "1", fibers.tendon_strain[:, chosen])
 
 
 def _stack(columns: tuple[Column, ...]) -> Array:

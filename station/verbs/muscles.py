@@ -14,9 +14,11 @@ from station.verbs.options import (
     Condition,
     End,
     Freedom,
+    MotionCutoff,
     Paths,
     Side,
     Start,
+    Tendons,
     print_message,
     print_motion_notes,
 )
@@ -66,10 +68,6 @@ StaticOptimisation = Annotated[
         help="As OpenSim's: no activation dynamics, no passive muscle forces, no glenoid, all weights 1.",
     ),
 ]
-MotionCutoff = Annotated[
-    float | None,
-    typer.Option(min=0.0, help="Low-pass filter of the motion; 0: none. Default: 3, or 6 with --static-optimisation."),
-]
 
 
 def rmr(
@@ -93,6 +91,7 @@ def rmr(
     reaction_on: Annotated[Side, typer.Option(help="Body that the joints' reactions act on.")] = "child",
     reaction_in: Annotated[Axes, typer.Option(help="Body in whose axes they are given.")] = "ground",
     paths: Paths = "opensim",
+    tendons: Tendons = "rigid",
     cutoff_hz: MotionCutoff = None,
     start: Start = None,
     end: End = None,
@@ -119,7 +118,7 @@ def rmr(
     free = _names(free_coordinates)
     wanted = ReactionRequest(_names(joint), reaction_on, reaction_in)
     options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
-    options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2)
+    options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2, tendons=tendons)
     added, left_out = tuple(actuators or ()), tuple(leave_out or ())
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)
     cutoff = 3.0 if cutoff_hz is None else cutoff_hz
@@ -158,6 +157,8 @@ def _print_conditions(solved: SolvedMotion) -> None:
     from station.assessment.outcomes import describe_unconverged, describe_unsolved
 
     print_motion_notes(solved.notes)
+    if solved.solution.fibers is not None:
+        print_message(f"tendons: {solved.notes['tendons']}")
     for sentence in (
         *describe_left_out(solved.model, solved.left_out),
         *describe_unsolved(solved.solution),

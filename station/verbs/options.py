@@ -57,6 +57,14 @@ Paths = Annotated[
         help="Muscle paths over surfaces: as in OpenSim, or geodesic (docs/paths.md).",
     ),
 ]
+MotionCutoff = Annotated[
+    float | None,
+    typer.Option(min=0.0, help="Low-pass filter of the motion; 0: none. Default: 3, or 6 with --static-optimisation."),
+]
+Tendons = Annotated[
+    Literal["rigid", "elastic"],
+    typer.Option(help="Tendons: all rigid, or elastic where the model has them so (docs/tendons.md)."),
+]
 SIMULATED_DATA = "simulated data: the devices report that they are simulated"
 Seed = Annotated[int, typer.Option(help="Seed of all random numbers of the simulated bench.")]
 

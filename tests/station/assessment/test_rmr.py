@@ -146,6 +146,21 @@ def test_the_exponent_of_the_effort_is_chosen_and_stored(station, tmp_path: Path
     assert station("rmr", "--exponent", "4", "--output", tmp_path / "out.csv").code == 2
 
 
+def test_elastic_tendons_are_chosen_and_stored_with_their_fibres(station, tmp_path: Path) -> None:
+    tables = {}
+    for tendons in ("rigid", "elastic"):
+        out = tmp_path / f"{tendons}.csv"
+        ran = station("rmr", "--from", "1", "--to", "1.05", "--tendons", tendons, "--output", out)
+        assert ran.code == 0
+        tables[tendons] = pd.read_csv(out, comment="#")
+        note = next(line for line in out.read_text().splitlines() if line.startswith("# tendons="))
+        assert note == "# tendons=rigid" or note.startswith("# tendons=elastic in 19 of 33 muscles, strain")
+    further = sorted(set(tables["elastic"]) - set(tables["rigid"]))
+    assert len(further) == 2 * 19 and {"fiber_length_m.BIC_long", "tendon_strain.BIC_long"} < set(further)
+    assert 0.001 < tables["elastic"]["tendon_strain.BIC_long"].max() < 0.049
+    assert station("rmr", "--tendons", "loose", "--output", tmp_path / "out.csv").code == 2
+
+
 @pytest.mark.oracle
 def test_opensim_reads_the_sto(infeasible: SolvedMotion, tmp_path: Path) -> None:
     opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
