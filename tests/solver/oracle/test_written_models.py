@@ -143,10 +143,10 @@ def test_opensim_opens_the_muscles_that_are_written(curves: Any, tmp_path: Path)
     assert_opensim_opens(replace(read, muscles=(muscle,)), tmp_path)
 
 
-PLACES = (1, 2, np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.1, 0.0]))
+PLACES = (0, 2, np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.1, 0.0]))
 CONSTRAINTS = {
     "distance": ConstantDistanceConstraint("held", *PLACES, 0.4),
-    "line": PointOnLineConstraint("held", 0, 2, *PLACES[2:], np.array([0.6, 0.0, 0.8])),
+    "line": PointOnLineConstraint("held", *PLACES, np.array([0.6, 0.0, 0.8])),
     "coupler": CoordinateCoupler("held", 1, (0,), (polynomial([0.1, 2.0, 0.3]),)),
     "coupler of two": CoordinateCoupler("held", 1, (0, 3), (polynomial([0.1, 2.0]), polynomial([0.0, 3.0]))),
 }
