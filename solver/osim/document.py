@@ -18,6 +18,7 @@ from solver.model import ModelError
 Array = NDArray[np.float64]
 DEEPEST, MOST_ELEMENTS = 100, 500_000
 
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
 
 
@@ -140,13 +141,15 @@ class Element:
 
 
 def as_utf8(raw: bytes) -> bytes:
-    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1.
+    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, and without its comments.
 
-    OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares.
+    OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares, and a comment ends at
+    its first --> even if another begins within it.
     """
     declared = re.match(rb"<\?xml[^>]*encoding=[\"']([^\"']+)", raw)
     if raw.startswith(BYTE_ORDER_MARKS) or (declared and declared[1].lower() not in (b"utf-8", b"utf8")):
         return raw
+    raw = _COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), raw)
     try:
         raw.decode("utf-8")
     except UnicodeDecodeError:

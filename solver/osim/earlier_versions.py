@@ -185,13 +185,24 @@ def _joint(body: Element) -> Element:
         sockets.reverse()
     ends = [_element(joint, tag, text=frame.name) for tag, frame in zip(sockets, frames, strict=True)]
     coordinates = _element(joint, "coordinates", children=joint.objects("CoordinateSet"))
-    kept = [child for child in joint.children if child.tag == "SpatialTransform" or child.tag.endswith("_x_y_z")]
+    kept = [child for child in joint.children if child.tag not in _JOINT_LAYOUT]
     name = joint.name or f"{body.name}_joint"
     return replace(
         joint,
         attributes={"name": name},
         children=[*ends, _element(joint, "frames", children=frames), coordinates, *kept],
     )
+
+
+_JOINT_LAYOUT = (
+    "parent_body",
+    "location_in_parent",
+    "orientation_in_parent",
+    "location",
+    "orientation",
+    "CoordinateSet",
+    "reverse",
+)
 
 
 def _two_frames(element: Element) -> Element:

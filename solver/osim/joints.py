@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -50,6 +51,11 @@ def read_joint_frames(element: Element, names: Names) -> tuple[OffsetFrame, Offs
 def read_joint(element: Element, parent: OffsetFrame, child: OffsetFrame, names: Names) -> Joint:
     """The joint. Adds its coordinates to the names."""
     motion = _motion(element, names.coordinates)
+    known = [coordinate.name for coordinate in names.coordinates]
+    twice = sorted({name for name in known if known.count(name) > 1})
+    if twice:
+        sentence = f"has a coordinate of a name that the model already has: {', '.join(twice)}; rename one"
+        raise element.refusal(sentence, SolverCode.UNSUPPORTED)
     return Joint(element.name, parent.body, child.body, parent.placement, child.placement, motion)
 
 
@@ -87,10 +93,7 @@ def _add_coordinates(element: Element, coordinates: list[Coordinate], kinds: lis
 
 
 def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
-    axes = element.child("SpatialTransform").children
-    expected = [f"{kind}{number}" for kind in ("rotation", "translation") for number in (1, 2, 3)]
-    if [axis.name for axis in axes] != expected:
-        raise element.refusal(f"has not the six axes {', '.join(expected)} in this order")
+    axes = _six_axes(element.child("SpatialTransform"))
     directions = np.array([axis.numbers("axis", 3, "1 0 0") for axis in axes])
     drivers = [axis.word("coordinates", "") for axis in axes]
     functions = tuple(_axis_function(axis, driver) for axis, driver in zip(axes, drivers, strict=True))
@@ -116,6 +119,22 @@ def _custom(element: Element, coordinates: list[Coordinate]) -> AxisMotion:
         coordinate=np.array([first + order.index(name) if name else NO_COORDINATE for name in drivers]),
         functions=functions,
     )
+
+
+def _six_axes(transform: Element) -> list[Element]:
+    """The axes in OpenSim's order. One that the file does not list is x, y or z, and nothing moves along it."""
+    names = [f"{kind}{number}" for kind in ("rotation", "translation") for number in (1, 2, 3)]
+    listed = {axis.name: axis for axis in transform.children}
+    if not set(names).issuperset(listed) or len(listed) < len(transform.children):
+        raise transform.refusal(f"should list its axes {', '.join(names)} at most once, and no others")
+
+    directions = (
+        replace(transform, tag="axis", children=[], pieces=[axis]) for axis in 2 * ("1 0 0", "0 1 0", "0 0 1")
+    )
+    return [
+        listed.get(name) or replace(transform, tag="TransformAxis", attributes={"name": name}, children=[direction])
+        for name, direction in zip(names, directions, strict=True)
+    ]
 
 
 def _axis_function(axis: Element, driver: str) -> Function:

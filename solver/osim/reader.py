@@ -13,7 +13,7 @@ from scipy.constants import g
 from solver.errors import SolverCode
 from solver.model import GROUND, Body, Marker, Model, WrapSurface
 from solver.osim.added_forces import with_force_sets
-from solver.osim.components import with_components_in_sets
+from solver.osim.components import with_components_in_sets, with_own_names
 from solver.osim.constraints import ensure_known_constraint, read_constraint, read_held_coordinate
 from solver.osim.defaults import with_defaults
 from solver.osim.document import Element, read_document
@@ -42,7 +42,7 @@ def read_osim_model(document: Element, *, ignore_forces: bool = False, actuators
     model = document.child("Model")
     model = with_defaults(as_version_4(model) if is_earlier(document) else model)
     model = with_force_sets(model, [read_document(path) for path in actuators])
-    model = with_components_in_sets(model)
+    model = with_own_names(with_components_in_sets(model), "JointSet")
     ignored = _unsupported_forces(model) if ignore_forces else []
     left_out = _switched_off(model) + ignored
     if left_out:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -30,3 +31,27 @@ def test_a_model_of_an_earlier_version_is_the_one_that_opensim_opens(
     assert ours.muscles[0].pennation_at_optimal == muscle.get_pennation_angle_at_optimal() == 0.1
     marker = theirs.getMarkerSet().get("m")
     np.testing.assert_allclose(ours.markers[0].location, marker.get_location().to_numpy())
+
+
+@pytest.mark.parametrize("lacking", [("rotation2",), ("translation3",), ("rotation2", "translation3")])
+def test_an_axis_that_the_file_does_not_list_stands_still(tmp_path: Path, lacking: tuple[str, ...]) -> None:
+    file = tmp_path / "earlier.osim"
+    text = opensim_3_document()
+    for name in lacking:
+        text, count = re.subn(rf'<TransformAxis name="{name}">.*?</TransformAxis>', "", text, flags=re.DOTALL)
+        assert count == 1
+    file.write_text(text, encoding="utf-8")
+    assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()
+
+
+def test_a_scapulothoracic_joint_keeps_its_winging(tmp_path: Path) -> None:
+    own = """<thoracic_ellipsoid_radii_x_y_z>0.08 0.2 0.09</thoracic_ellipsoid_radii_x_y_z>
+<scapula_winging_axis_origin>0.03 -0.02</scapula_winging_axis_origin>
+<scapula_winging_axis_direction>0.4</scapula_winging_axis_direction>"""
+    others = "".join(f'<Coordinate name="{name}"/>' for name in ("d", "e", "f"))
+    text = opensim_3_document().replace('<PinJoint name="second">', f'<ScapulothoracicJoint name="second">{own}')
+    text = text.replace("</PinJoint>", "</ScapulothoracicJoint>")
+    text = text.replace('<Coordinate name="c">', f'{others}<Coordinate name="c">')
+    file = tmp_path / "earlier.osim"
+    file.write_text(text, encoding="utf-8")
+    assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()

@@ -44,3 +44,16 @@ def test_a_body_without_a_joint_and_a_loop_are_refused(tmp_path: Path) -> None:
         read(tmp_path, ('<PinJoint name="second">', "<!--"), ("</PinJoint>", "-->"))
     with raises_refusal(SolverCode.UNSUPPORTED):
         read(tmp_path, ("<parent_body>ground</parent_body>", "<parent_body>lower</parent_body>"))
+
+
+def test_joints_of_the_same_name_keep_their_own_frames(tmp_path: Path) -> None:
+    whole, renamed = read(tmp_path), read(tmp_path, ('<PinJoint name="second">', '<PinJoint name="first">'))
+    assert sorted(joint.name for joint in renamed.joints) == ["first", "first_0"]
+    for before, after in zip(whole.joints, renamed.joints, strict=True):
+        np.testing.assert_array_equal(after.frame_in_child.translation, before.frame_in_child.translation)
+        assert (after.parent, after.child) == (before.parent, before.child)
+
+
+def test_coordinates_of_the_same_name_are_refused(tmp_path: Path) -> None:
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="has a coordinate of a name that the model already has: a"):
+        read(tmp_path, ('<Coordinate name="c">', '<Coordinate name="a">'))

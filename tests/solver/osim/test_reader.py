@@ -138,6 +138,12 @@ def test_bodies_carry_mass_and_the_whole_inertia_tensor(file: Path) -> None:
     assert np.array_equal(leaf.inertia, [[7, 0.1, 0.2], [0.1, 8, 0.3], [0.2, 0.3, 1]])
 
 
+def test_a_comment_within_a_comment_keeps_the_lines(file: Path) -> None:
+    with raises_refusal(SolverCode.MALFORMED, "line 8: mass"):
+        _read(file, DOOR.replace("<mass>20<", "<!--\n<!-- kg --><mass>heavy<"))
+    assert _read(file, DOOR.replace("<mass>20<", "<!--\n<!-- kg --><mass>20<")).bodies[1].mass == 20.0
+
+
 def test_credits_in_latin_1_under_a_utf_8_header_are_read(tmp_path: Path) -> None:
     # OpenSim prints the bytes of the credits as it found them, and reads them back
     text = DOOR.replace('<Model name="door">', '<Model name="door"><credits>F. M\xfcller \x96 A. Ren\xe9</credits>')
