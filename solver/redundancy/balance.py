@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import Model, ModelError
+from solver.model import CoordinateActuator, Model, ModelError
 
 Array = NDArray[np.float64]
 
@@ -24,8 +24,12 @@ def ensure_balanced(model: Model, matrix: Array, mobility: Array, tracked: NDArr
     """Raise ModelError that names tracked coordinates out of balance, with A (frames, tracked, controls) and P (frames,
     coordinates, coordinates).
 
-    Coordinates in which P has no column beside round-off are held by a constraint and need no actuator.
+    Coordinates in which P has no column beside round-off are held by a constraint and need no actuator. Nothing is
+    computed where each coordinate has an actuator, whose column of A is that of P.
     """
+    actuators = [one for one in model.actuators if isinstance(one, CoordinateActuator) and one.optimal_force]
+    if {one.coordinate for one in actuators}.issuperset(np.flatnonzero(tracked).tolist()):
+        return
     frames = np.flatnonzero(np.isfinite(mobility).all(axis=(1, 2)) & np.isfinite(matrix).all(axis=(1, 2)))
     if not len(frames):
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,11 @@ class GlenoidCone:
         """Half the glenoid's width [m] along the edge's direction and across it, in the plane through its centre."""
         along = self.distance * float(np.tan(self.half_angle))
         return along, self.aspect * along
+
+    @cached_property
+    def frame(self) -> Array:
+        """(3, 3) axis, edge and the direction across both, as rows."""
+        return np.vstack([self.axis, self.edge, np.cross(self.axis, self.edge)])
 
 
 @lru_cache(maxsize=32)  # both are frozen
@@ -107,9 +112,8 @@ def cone_rows(cone: GlenoidCone, rotation_to_ground: Array) -> Array:
     rotation_to_ground (frames, 3, 3) of the scapula; s = tan θ (d·F) and v the parts of F across the axis d, that
     across the edge's direction over the aspect.
     """
-    across = np.cross(cone.axis, cone.edge) / cone.aspect
-    rows = np.vstack([np.tan(cone.half_angle) * cone.axis, cone.edge, across])
-    return rows @ np.swapaxes(rotation_to_ground, -1, -2)
+    sizes = np.array([[np.tan(cone.half_angle)], [1.0], [1.0 / cone.aspect]])
+    return (sizes * cone.frame) @ np.swapaxes(rotation_to_ground, -1, -2)
 
 
 def contact_points(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -> Array:
@@ -117,8 +121,7 @@ def contact_points(cone: GlenoidCone, rotation_to_ground: Array, force: Array) -
 
     In metres from the glenoid's centre, along the edge's direction and across it; NaN where the reaction points away.
     """
-    plane = np.vstack([cone.axis, cone.edge, np.cross(cone.axis, cone.edge)])
-    depth, along, across = np.einsum("fij,fj->if", plane @ np.swapaxes(rotation_to_ground, -1, -2), force)
+    depth, along, across = np.einsum("fij,fj->if", cone.frame @ np.swapaxes(rotation_to_ground, -1, -2), force)
     scale = cone.distance / np.where(depth > 0, depth, np.nan)
     return np.stack([scale * along, scale * across], axis=-1)
 

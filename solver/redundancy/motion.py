@@ -285,7 +285,9 @@ def build_redundancy(model: Model, mechanics: Mechanics, options: RedundancyOpti
     kinematics, maps = mechanics.kinematics, mechanics.maps
     tracked = ~is_held(model)
     tracked[[model.coordinate_index(name) for name in options.free_coordinates]] = False
-    matrix, reaction_matrix = maps.acceleration_per_control[:, tracked], maps.reaction_per_control
+    matrix, reaction_matrix = maps.acceleration_per_control, maps.reaction_per_control
+    if not tracked.all():  # else not a copy
+        matrix = matrix[:, tracked]
     is_idle = idle_controls(matrix, reaction_matrix)
     is_idle[:, : len(model.muscles)] = False
     if is_idle.any():

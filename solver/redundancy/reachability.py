@@ -27,18 +27,25 @@ def idle_controls(matrix: Array, reaction_matrix: Array) -> NDArray[np.bool_]:
 
 def is_met(matrix: Array, residual: Array, size: Array) -> NDArray[np.bool_]:
     """(scenarios, frames) whether no x reduces the residual A x − b (scenarios, frames, rows); size is |b|."""
-    lengths = np.linalg.norm(matrix, axis=1, keepdims=True)
-    along = np.swapaxes(matrix / np.where(lengths > 0, lengths, 1.0), 1, 2)
+    lengths = np.sqrt(_squares(matrix))
+    shares = 1.0 / np.where(lengths > 0, lengths, 1.0)
     unmet = np.empty(residual.shape[:2])
     for start in range(0, len(matrix), FRAMES_AT_ONCE):
         part = slice(start, start + FRAMES_AT_ONCE)
-        products = along[part] @ np.moveaxis(residual[:, part], 0, 2)
+        products = np.swapaxes(matrix[part], 1, 2) @ residual[:, part].transpose(1, 2, 0)
+        products *= shares[part, :, None]
         unmet[:, part] = np.abs(products, out=products).max(axis=1, initial=0.0).T
     met: NDArray[np.bool_] = unmet <= UNMET_LIMIT * (1.0 + size)
     return met
 
 
 def _is_round_off(matrix: Array) -> NDArray[np.bool_]:
-    lengths = np.linalg.norm(matrix, axis=1)
-    is_short: NDArray[np.bool_] = lengths <= ROUND_OFF * lengths.max(axis=1, keepdims=True, initial=0.0)
+    squares = _squares(matrix)
+    is_short: NDArray[np.bool_] = squares <= ROUND_OFF**2 * squares.max(axis=1, keepdims=True, initial=0.0)
     return is_short
+
+
+def _squares(matrix: Array) -> Array:
+    """Squared lengths (frames, controls) of the columns, without an intermediate array."""
+    squares: Array = np.einsum("fij,fij->fj", matrix, matrix)
+    return squares

@@ -40,7 +40,7 @@ Progress = Callable[[int, int], None]
 RunSolver = Callable[["FrameSequence", Progress, "int | None"], tuple[Array, Outcomes]]
 
 RANK_TOLERANCE = 1e-9
-FRAMES_AT_ONCE = 100  # between two reports of progress
+FRAMES_AT_ONCE, SOLUTIONS_AT_ONCE = 100, 1000  # at least, between two reports of progress
 PROCESSORS = os.cpu_count() or 1
 
 
@@ -151,8 +151,9 @@ def solve_sequence(sequence: FrameSequence, progress: Progress, workers: int | N
     progress(0, frames)
     with ThreadPoolExecutor(workers) as pool:
         spread = pool.map if workers > 1 else map  # a single scenario needs no thread
-        for start in range(0, frames, FRAMES_AT_ONCE):
-            end = min(start + FRAMES_AT_ONCE, frames)
+        step = max(FRAMES_AT_ONCE, SOLUTIONS_AT_ONCE // max(scenarios, 1))
+        for start in range(0, frames, step):
+            end = min(start + step, frames)
             list(spread(_Share.solve, shares, [slice(start, end)] * workers))
             progress(end, frames)
     outcomes: Outcomes = OUTCOME_OF_CODE[codes]
@@ -276,7 +277,9 @@ def _count_from(progress: Progress, start: int, frames: int, done: int, _: int) 
 
 def determined(weights: Array, matrix: Array, cone_matrix: Array) -> Array:
     """w, but 1 for a control without effect in these frames: without a weight its value would be undetermined."""
-    is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
+    is_moving = matrix[:1].any(axis=(0, 1)) | cone_matrix[:1].any(axis=(0, 1))
+    if not is_moving.all():  # in the first frame, as usual
+        is_moving = matrix.any(axis=(0, 1)) | cone_matrix.any(axis=(0, 1))
     return np.where(is_moving, weights, np.maximum(weights, 1.0))
 
 
