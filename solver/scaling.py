@@ -21,6 +21,7 @@ from solver.model import (
     AxisMotion,
     Body,
     Constraint,
+    CoordinateCoupler,
     Joint,
     Model,
     ModelError,
@@ -87,7 +88,7 @@ def scale_skeleton(model: Model, scaling: Scaling) -> Model:
         model,
         joints=tuple(_joint(joint, factors) for joint in model.joints),
         markers=tuple(replace(marker, location=marker.location * factors[marker.body]) for marker in model.markers),
-        constraints=tuple(_constraint(constraint, factors, scaling) for constraint in model.constraints),
+        constraints=tuple(_constraint(model, constraint, factors, scaling) for constraint in model.constraints),
     )
 
 
@@ -183,11 +184,13 @@ def _surface(surface: WrapSurface, s: Array) -> WrapSurface:
     return replace(surface, placement=moved(surface.placement, s), dimensions=surface.dimensions * grown)
 
 
-def _constraint(constraint: Constraint, factors: Factors, scaling: Scaling) -> Constraint:
+def _constraint(model: Model, constraint: Constraint, factors: Factors, scaling: Scaling) -> Constraint:
     """Frames of a weld are scaled as OpenSim's are. Distances and lines have no rule for scaling."""
     if isinstance(constraint, ConstantDistanceConstraint | PointOnLineConstraint):
         sentence = f"{constraint.name} keeps a distance or a line, which the solver cannot scale; remove the constraint"
         raise ModelError(sentence, SolverCode.UNSUPPORTED)
+    if isinstance(constraint, CoordinateCoupler):
+        return _coupler(model, constraint, factors)
     if not isinstance(constraint, PointConstraint | WeldConstraint):
         return constraint
     if isinstance(constraint, PointConstraint) and not scaling.scales_joined_points:
@@ -197,6 +200,21 @@ def _constraint(constraint: Constraint, factors: Factors, scaling: Scaling) -> C
         location_1=constraint.location_1 * factors[constraint.body_1],
         location_2=constraint.location_2 * factors[constraint.body_2],
     )
+
+
+def _coupler(model: Model, coupler: CoordinateCoupler, factors: Factors) -> CoordinateCoupler:
+    """As in OpenSim, a distance that follows other coordinates grows with the body from which it is measured."""
+    if model.coordinates[coupler.dependent].motion != "translation":
+        return coupler
+    parent = next(joint.parent for joint in model.joints if coupler.dependent in joint.motion.coordinates)
+    if np.ptp(factors[parent]) > ALIKE:
+        raise ModelError(
+            f"{coupler.name} couples a distance, which OpenSim scales only by one factor for all directions; give "
+            f"{model.bodies[parent].name} equal factors",
+            SolverCode.UNSUPPORTED,
+        )
+    functions = tuple(scaled(function, float(factors[parent, 0])) for function in coupler.functions)
+    return replace(coupler, functions=functions)
 
 
 @lru_cache(maxsize=2)  # many models are scaled from one; they are frozen

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver.errors import SolverCode
 from solver.osim.reader import read_osim
 from tests.solver.oracle.two_bodies import difference_to, opensim
 from tests.solver.osim.opensim_3 import opensim_3_document
+from tests.solver.refusals import raises_refusal
 
 pytestmark = pytest.mark.oracle
 
@@ -55,3 +57,16 @@ def test_a_scapulothoracic_joint_keeps_its_winging(tmp_path: Path) -> None:
     file = tmp_path / "earlier.osim"
     file.write_text(text, encoding="utf-8")
     assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()
+
+
+def test_a_coordinate_that_moves_no_axis_leaves_opensim_without_accelerations(tmp_path: Path) -> None:
+    # where this fails, OpenSim has mended it, and the solver can read it
+    file = tmp_path / "earlier.osim"
+    idle = '<Coordinate name="b"/><Coordinate name="idle"/>'
+    file.write_text(opensim_3_document().replace('<Coordinate name="b"/>', idle), encoding="utf-8")
+    model = opensim.Model(str(file))
+    state = model.initSystem()
+    model.realizeAcceleration(state)
+    assert np.isnan([c.getAccelerationValue(state) for c in model.getCoordinateSet()]).all()
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="idle, which moves no axis"):
+        read_osim(file)

@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
-from solver.constraint import WeldConstraint
+from solver.constraint import Constraint, CoordinateCoupler, WeldConstraint
+from solver.errors import SolverCode
 from solver.model import AnyPathPoint, AxisMotion, Model, MovingPathPoint, ScapulothoracicMotion
 from solver.osim.reader import read_osim
 from solver.osim.writer import osim_document
 from solver.scaling import Scaling, scale_model, scale_skeleton
+from tests.solver.oracle.test_constraints import coupler
 from tests.solver.oracle.two_bodies import frame_of, given, model_with, opensim, read_back, vec3
+from tests.solver.refusals import raises_refusal
 
 pytestmark = pytest.mark.oracle
 
@@ -61,20 +64,42 @@ def test_the_frames_of_a_weld_are_scaled(tmp_path: Path) -> None:
     ends = [(frame_of(model, "ground"), vec3(0.1, 0.2, -0.1)), (frame_of(model, "lower"), vec3(0.05, -0.1, 0.2))]
     weld = opensim.WeldConstraint("weld", *ends[0], vec3(0.3, -0.2, 0.4), *ends[1], vec3(0.0, 0.0, 0.0))
     model.addConstraint(given(weld))
-    ours = read_back(model, tmp_path)
-    scales, scale = opensim.ScaleSet(), opensim.Scale()
-    scale.setSegmentName("lower")
-    scale.setScaleFactors(vec3(1.1, 0.9, 1.2))
-    scale.setApply(True)
-    scales.cloneAndAppend(scale)
-    model.scale(model.initSystem(), scales, True)
-    theirs = read_back(model, tmp_path).constraints[0]
-    found = scale_skeleton(ours, Scaling({"lower": [1.1, 0.9, 1.2]})).constraints[0]
+    found, theirs = scaled_constraints(model, "lower", (1.1, 0.9, 1.2), tmp_path)
     assert isinstance(theirs, WeldConstraint)
     assert isinstance(found, WeldConstraint)
     for name in ("location_1", "location_2", "rotation_1", "rotation_2"):
         np.testing.assert_allclose(getattr(found, name), getattr(theirs, name), atol=1e-15)
     assert not np.allclose(found.location_2, [0.05, -0.1, 0.2])
+
+
+@pytest.mark.parametrize("dependent", ["first_coord_1", "second_coord_0"])  # a distance, an angle
+def test_a_coupled_distance_is_scaled(dependent: str, tmp_path: Path) -> None:
+    model = model_with(opensim.PlanarJoint)
+    model.addConstraint(coupler(["first_coord_0"], dependent, opensim.Sine(0.3, 1.5, 0.2)))
+    found, theirs = scaled_constraints(model, "ground", (1.2, 1.2, 1.2), tmp_path)
+    assert isinstance(theirs, CoordinateCoupler)
+    assert isinstance(found, CoordinateCoupler)
+    x = np.linspace(-1.0, 1.0, 5)
+    for one, other in zip(found.functions[0].derivatives(x), theirs.functions[0].derivatives(x), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-14)
+    if dependent == "first_coord_1":
+        with raises_refusal(SolverCode.UNSUPPORTED, naming="couples a distance"):
+            scaled_constraints(model, "ground", (1.2, 1.1, 1.2), tmp_path)
+
+
+def scaled_constraints(
+    model: Any, body: str, factors: tuple[float, float, float], folder: Path
+) -> tuple[Constraint, Constraint]:
+    """The only constraint of the model as scaled by the solver, and by OpenSim, where one body is scaled."""
+    ours = read_back(model, folder)
+    found = scale_skeleton(ours, Scaling({body: factors})).constraints[0]
+    scales, scale = opensim.ScaleSet(), opensim.Scale()
+    scale.setSegmentName(body)
+    scale.setScaleFactors(vec3(*factors))
+    scale.setApply(True)
+    scales.cloneAndAppend(scale)
+    model.scale(model.initSystem(), scales, True)
+    return found, read_back(model, folder).constraints[0]
 
 
 def places_of(point: AnyPathPoint) -> np.ndarray:
