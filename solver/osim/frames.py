@@ -67,9 +67,7 @@ class Names:
         """The frame named by a socket of the component at the path `owner`, by an absolute or relative path."""
         name = element.child(socket).text
         path = posixpath.normpath(posixpath.join(owner, name))
-        component = self._components.get(path)
-        is_frame = component is not None and component.tag in _FRAMES and path not in self._being_placed
-        if path not in self.frames and not is_frame:
+        if not self._is_frame(path):
             raise element.child(socket).refusal(
                 f"of {element.tag} {element.name} names an unknown frame {name}", SolverCode.UNKNOWN_NAME
             )
@@ -79,8 +77,8 @@ class Names:
         """The frame in a property that is a name or path rather than a socket: a body's name, or a frame's path."""
         name = element.child(tag).text
         for path in (posixpath.normpath(posixpath.join("/", name)), f"/bodyset/{name}"):
-            if path in self.frames:
-                return self.frames[path]
+            if self._is_frame(path):
+                return self._placed(path)
         raise element.refusal(f"names an unknown body {name}", SolverCode.UNKNOWN_NAME)
 
     def body(self, element: Element, tag: str) -> int:
@@ -102,6 +100,12 @@ class Names:
             if coordinate.name == name:
                 return index
         raise element.refusal(f"names an unknown coordinate {name}", SolverCode.UNKNOWN_NAME)
+
+    def _is_frame(self, path: str) -> bool:
+        """Whether there is a frame of that path whose place does not depend on itself."""
+        component = self._components.get(path)
+        is_frame = component is not None and component.tag in _FRAMES and path not in self._being_placed
+        return path in self.frames or is_frame
 
     def _placed(self, path: str) -> OffsetFrame:
         if path not in self.frames:

@@ -32,6 +32,8 @@ def add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
         optimal_fiber_length=muscle.optimal_fiber_length,
         tendon_slack_length=muscle.tendon_slack_length,
         pennation_angle_at_optimal=muscle.pennation_at_optimal,
+        min_control=muscle.min_control,
+        max_control=muscle.max_control,
         ignore_tendon_compliance=not isinstance(muscle.curves, _ALWAYS_ELASTIC),
     )
     if isinstance(muscle.curves, SchutteCurves):
