@@ -28,8 +28,11 @@ Array = NDArray[np.float64]
 
 
 def read_path(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Path:
+    points = element.objects("PathPointSet")
+    if len(points) < 2:
+        raise element.refusal(f"has {len(points)} points, expected at least 2: its ends", SolverCode.WRONG_PATH)
     return Path(
-        points=tuple(_point(point, names) for point in element.objects("PathPointSet")),
+        points=tuple(_point(point, names) for point in points),
         wraps=tuple(_wrap(wrap, surfaces) for wrap in element.objects("PathWrapSet")),
     )
 

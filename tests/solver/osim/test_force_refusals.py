@@ -13,7 +13,14 @@ from tests.solver.refusals import raises_refusal
 
 BOTH = "<socket_body1>/bodyset/leaf</socket_body1><socket_body2>/bodyset/leaf</socket_body2>"
 ENDS = "<bodyA>leaf</bodyA><bodyB>ground</bodyB>"
+POINT = "<PathPoint name='p'><socket_parent_frame>/ground</socket_parent_frame></PathPoint>"
+PATH = f"<GeometryPath><PathPointSet><objects>{POINT}{POINT}</objects></PathPointSet></GeometryPath>"
 UNREADABLE = [
+    (
+        "<PathActuator name='f'>" + PATH.replace(POINT, "", 1) + "</PathActuator>",
+        SolverCode.WRONG_PATH,
+        "GeometryPath has 1 points, expected at least 2",
+    ),
     ("<PointActuator name='f'/>", SolverCode.MALFORMED, "PointActuator f has no <body>"),
     ("<PointActuator name='f'><body>wall</body></PointActuator>", SolverCode.UNKNOWN_NAME, "unknown body wall"),
     (
@@ -49,12 +56,12 @@ UNREADABLE = [
     ),
     ("<PathSpring name='f'/>", SolverCode.MALFORMED, "PathSpring f has no <GeometryPath>"),
     (
-        "<PathSpring name='f'><GeometryPath/><resting_length>-1</resting_length></PathSpring>",
+        "<PathSpring name='f'>" + PATH + "<resting_length>-1</resting_length></PathSpring>",
         SolverCode.NOT_POSITIVE,
         "<resting_length> of 0 or above",
     ),
     (
-        "<Blankevoort1991Ligament name='f'><GeometryPath/></Blankevoort1991Ligament>",
+        "<Blankevoort1991Ligament name='f'>" + PATH + "</Blankevoort1991Ligament>",
         SolverCode.NOT_POSITIVE,
         "slack_length",
     ),
