@@ -36,6 +36,7 @@ COSINES = tuple(cos(k * STEP) for k in range(PLANES))
 SINES = tuple(sin(k * STEP) for k in range(PLANES))
 NEARLY_AS_SHORT = 2.0  # ratio of two detours below which they do not decide which geodesic is shorter
 NEAR_CENTRE = 0.5  # of the unit sphere
+REFINEMENTS = 2
 FAR, FORBIDDEN = 1e9, 1e6  # above any detour
 ROUND_OFF = 1e-6
 OFF_MIDDLE = 0.15**0.5  # nodes of Gauss and Legendre's quadrature with three points, from the middle of 0 to 1
@@ -62,10 +63,11 @@ def shortest_planes(
     if dot(p, p) <= 1.0 or dot(q, q) <= 1.0 or not pierces(subtract(q, p), p, 1.0)[0]:
         return nan, nan
     pencil = _pencil(p, q)
-    if pencil[3] < NEAR_CENTRE:
+    away, products = pencil[3], _products_across(size, pencil)
+    if away < NEAR_CENTRE:
         _set_detours(size, pencil, distance(start, end), detours)
     else:
-        _set_square_heights(size, pencil, detours)
+        _set_square_heights(away, products, detours)
     first, second, least, next_least = 0.0, nan, FAR, FAR  # 0 where all are as long: between the poles of a spheroid
     for k in range(PLANES):
         before, here, behind = detours[k - 1], detours[k], detours[(k + 1) % PLANES]
@@ -78,6 +80,8 @@ def shortest_planes(
             first, second, least, next_least = angle, first, here, least
         elif here < next_least:
             second, next_least = angle, here
+    if away >= NEAR_CENTRE:
+        first = _least_height(away, products, first)
     return first, (second if next_least <= NEARLY_AS_SHORT * least else nan)
 
 
@@ -106,15 +110,36 @@ def _pencil(p: Vector, q: Vector) -> Pencil:
 
 
 @compiled
-def _set_square_heights(size: Vector, pencil: Pencil, detours: Array) -> None:
-    """Squares of the heights of the circles' tops above the line [m²], to which the detours are nearly proportional."""
-    towards, across, along_line, away, _, _ = pencil
-    x, y, u = multiply(size, towards), multiply(size, across), unit(multiply(size, along_line))
+def _products_across(size: Vector, pencil: Pencil) -> Vector:
+    """Products xx, xy and yy of the directions towards the foot and across, at right angles to the line [m²]."""
+    x, y, u = multiply(size, pencil[0]), multiply(size, pencil[1]), unit(multiply(size, pencil[2]))
     x, y = along(x, -dot(x, u), u), along(y, -dot(y, u), u)
-    xx, xy, yy = dot(x, x), dot(x, y), dot(y, y)
+    return dot(x, x), dot(x, y), dot(y, y)
+
+
+@compiled
+def _set_square_heights(away: float, products: Vector, detours: Array) -> None:
+    """Squares of the heights of the circles' tops above the line [m²], to which the detours are nearly proportional."""
+    xx, xy, yy = products
     for k in range(PLANES):
         height = sqrt(1.0 - away * away * SINES[k] * SINES[k]) - away * COSINES[k]
         detours[k] = (height * _norm(xx, xy, yy, COSINES[k], SINES[k])) ** 2
+
+
+@compiled
+def _least_height(away: float, products: Vector, angle: float) -> float:
+    """Improve the angle of a least height, by Newton's method for the derivative of its logarithm."""
+    xx, xy, yy = products
+    for _ in range(REFINEMENTS):
+        c, s = cos(angle), sin(angle)
+        radius = sqrt(1.0 - away * away * s * s)
+        square = c * c * xx + 2.0 * c * s * xy + s * s * yy
+        share = (c * s * (yy - xx) + (c * c - s * s) * xy) / square
+        bend = ((c * c - s * s) * (yy - xx) - 4.0 * c * s * xy) / square - 2.0 * share * share
+        slope, bend = share + away * s / radius, bend + away * c / radius**3
+        step = -slope / bend if bend > 0.0 else 0.0
+        angle += min(max(step, -0.5 * STEP), 0.5 * STEP)
+    return angle
 
 
 @compiled

@@ -38,7 +38,7 @@ GUESS = 1e-4  # accuracy of a guessed geodesic (series.py)
 MOST_STEPS = 30
 SINGULAR = 1e-14
 FIRST, LAST = 1.0, -1.0  # ends of a contact: sense in which the straight segment there grows as the end moves along t
-LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 1e-4, 1e-7  # in radii of the surface, or rad
+LONGEST_STEP, EXACT_FROM, LAST_STEP = 0.3, 3e-4, 1e-7  # in radii of the surface, or rad
 
 
 @compiled
