@@ -164,7 +164,11 @@ def opensim_values(path: Path, model: Model, q: Array, u: Array, acceleration: A
     osim = _without_left_out(path, model)
     state = osim.initSystem()
     coordinates = [osim.getCoordinateSet().get(name) for name in model.coordinate_names]
-    muscles = [osim.getMuscles().get(name) for name in model.muscle_names]
+    by_name = {muscle.getName(): muscle for muscle in osim.getMuscleList()}  # also those outside of the ForceSet
+    muscles = [by_name[name] for name in model.muscle_names]
+    for muscle in muscles:
+        muscle.overrideActuation(state, True)
+        muscle.setOverrideActuation(state, 0.0)
     for index in range(osim.getActuators().getSize()):
         actuator = opensim.ScalarActuator.safeDownCast(osim.getActuators().get(index))
         if actuator is not None:
