@@ -32,7 +32,7 @@ from station.assessment.assessment_inputs import worn_cuffs
 from station.fit import SessionError, fit_session_folder
 from station.messages.message import Message
 from station.messages.setup_codes import FolderCode
-from station.sources import BUNDLED, model_of, motion_of
+from station.sources import BUNDLED, loads_of, model_of, motion_of
 
 File = Path | str
 
@@ -83,13 +83,20 @@ def load_motion(model: Model, path: File | None = None, cutoff_hz: float | None 
     return decimate(differentiate(recorded, cutoff_hz), every)
 
 
-def solve_motion(model: Model, kinematics: Kinematics, options: RedundancyOptions | None = None) -> MotionSolution:
+def solve_motion(
+    model: Model,
+    kinematics: Kinematics,
+    options: RedundancyOptions | None = None,
+    external_loads: File | None = None,
+) -> MotionSolution:
     """Solve the muscle-redundancy problem of every frame: activations, forces and joint reactions.
 
     Equations: Belli et al. 2023 (solver/redundancy/motion.py). A frame that cannot be solved has its outcome and NaN. A
-    model without a shoulder has no glenoid constraint. Raises ModelError, MotionError.
+    model without a shoulder has no glenoid constraint. external_loads: OpenSim's ExternalLoads (.xml). Raises
+    ModelError, MotionError.
     """
-    return solve(model, kinematics, options_for(model, options or RedundancyOptions()))
+    loads = loads_of(None if external_loads is None else Path(external_loads), model, kinematics.time)
+    return solve(model, kinematics, options_for(model, options or RedundancyOptions()), loads=loads)
 
 
 def open_stream(
@@ -132,18 +139,20 @@ def assess(
     draws: int = 200,
     most_frames: int | None = None,
     options: RedundancyOptions | None = None,
+    external_loads: File | None = None,
 ) -> Assessment:
     """Assess a suit with these cuffs in a motion: muscle effort over the rest length of the cord, in four conditions.
 
     The conditions are rigid cuffs, migration, compliance, and both. Default: the bundled model and motion. draws:
-    number of draws of the cuffs from the covariance of their fit; most_frames: limit of the frames that are solved.
-    Raises NotIdentified, ModelError, SuitError.
+    number of draws of the cuffs from the covariance of their fit; most_frames: limit of the frames that are solved;
+    external_loads: OpenSim's ExternalLoads (.xml). Raises NotIdentified, ModelError, SuitError.
     """
     model = model or load_model()
     kinematics = kinematics or load_motion(model)
     every = 1 if most_frames is None else math.ceil(len(kinematics.time) / most_frames)
     worn = _worn(cuffs)
-    motion = LoadedMotion(model, kinematics, options=options or RedundancyOptions())
+    loads = loads_of(None if external_loads is None else Path(external_loads), model, kinematics.time)
+    motion = LoadedMotion(model, kinematics, loads, options or RedundancyOptions())
     return assess_suit(motion, read_suit(Path(suit)), worn, every=every, draws=DrawSettings(count=draws))
 
 

@@ -95,7 +95,7 @@ def assessment_table(assessment: Assessment, total: TotalUncertainty | None = No
     reference = f"cost at {assessment.reference_rest_length:.2f} m"
     table = Table(caption="± is half of the 95 % interval of " + ("the cuffs' fit" if total is None else "all sources"))
     table.add_column("condition", no_wrap=True)
-    for heading in ("arm cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]"):
+    for heading in ("cuff", reference, "best rest length [m]", "cost there", "90 % width [cm]"):
         table.add_column(heading)
     for curve in assessment.curves:
         figures = curve.figures if total is None else total.figures[curve.condition, curve.cuff]

@@ -60,6 +60,12 @@ def _ensure_can_be_written(root: Xml.Element, model: Model, suit: Suit) -> None:
             "OpenSim 4; open the model in OpenSim 4 and save it",
             SolverCode.SUIT_NOT_WRITABLE,
         )
+    if suit.is_straight:
+        raise SuitError(
+            "the suit's cord should run over a guide to become a file's exotendon, and is straight; add "
+            "[exotendon.shoulder]",
+            SolverCode.SUIT_NOT_WRITABLE,
+        )
     if suit.damping:
         raise SuitError(
             f"the suit's cord should have no damping to become a PathSpring, whose dissipation grows with the stretch, "

@@ -104,6 +104,7 @@ class Assessment:
     scenarios       number of scenarios that were solved
     outcomes        each FrameOutcome but SOLVED that occurs → (frame, scenario) pairs that ended so
     muscle_outcomes each MuscleOutcome but CONVERGED that occurs → frames in which a muscle ended so
+    has_glenoid_cone  whether the joint reaction was kept inside a glenoid
     """
 
     muscles: tuple[str, ...]
@@ -120,6 +121,7 @@ class Assessment:
     scenarios: int
     outcomes: Mapping[FrameOutcome, int]
     muscle_outcomes: Mapping[MuscleOutcome, int]
+    has_glenoid_cone: bool = True
 
     def __repr__(self) -> str:
         rows = self.to_dataframe().to_string(index=False, float_format="{:.4g}".format)
@@ -198,6 +200,7 @@ def assess(
         scenarios=sum(len(effort.muscles) for effort in everything),
         outcomes=_outcomes(everything),
         muscle_outcomes=_muscle_outcomes(suited),
+        has_glenoid_cone=suited.motion.options.has_glenoid_cone,
     )
 
 

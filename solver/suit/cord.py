@@ -32,7 +32,7 @@ class CordLine:
     """The cord over a motion, in ground [m], and the rotations of the bodies that carry the cuffs.
 
     anchors            (frames, 2, 3) waist and arm, cuffs unloaded and in place
-    shoulder           (frames, 3)
+    shoulder           (frames, 3); of a straight cord a point of it between the anchors, where no force acts
     anchors_to_ground  (frames, 2, 3, 3)
     interval           between frames [s]
     """
@@ -74,7 +74,7 @@ def cord_line(suit: Suit, model: Model, postures: Postures, interval: float) -> 
     holding = [model.body_index(suit.waist.body), model.body_index(suit.arm.body)]
     return CordLine(
         anchors=np.stack([waist, arm], axis=1),
-        shoulder=shoulder,
+        shoulder=0.5 * (waist + arm) if suit.is_straight else shoulder,
         anchors_to_ground=postures.rotation_to_ground[:, holding],
         interval=interval,
     )
@@ -89,12 +89,13 @@ def with_migration(suit: Suit, line: CordLine, cuffs: Cuffs) -> CordLine:
     if suit.migration_direction == "cord":
         span = line.shoulder[:, None] - line.anchors
         reach = np.linalg.norm(span, axis=-1, keepdims=True)
-        _ensure_below_the_shoulder(migration, reach.min(axis=(0, 2)))
+        _ensure_before_the_bend(suit, migration, reach.min(axis=(0, 2)))
         direction = span / reach
     else:
         in_body = np.array([direction_to_joint(point) for point in (suit.waist, suit.arm)])
         direction = rotate(line.anchors_to_ground, in_body)
-    return replace(line, anchors=line.anchors + migration[:, None] * direction)
+    anchors = line.anchors + migration[:, None] * direction
+    return replace(line, anchors=anchors, shoulder=anchors.mean(axis=1) if suit.is_straight else line.shoulder)
 
 
 def direction_to_joint(point: SuitPoint) -> Array:
@@ -165,12 +166,13 @@ def _ensure_springs(cuffs: Cuffs) -> None:
             )
 
 
-def _ensure_below_the_shoulder(migration: Array, reach: Array) -> None:
+def _ensure_before_the_bend(suit: Suit, migration: Array, reach: Array) -> None:
     """Migration and, of all frames the shortest, distance to the shoulder point, each (2,) [m] of waist and arm."""
+    bend = "the middle of the cord" if suit.is_straight else f"the {suit.names['shoulder']} point"
     for part, slipped, nearest in zip(("waist", "arm"), migration, reach, strict=True):
         if slipped >= nearest:
             raise SuitError(
-                f"the {part} cuff should slip by less than {nearest:.3g} m, its distance to the shoulder point, and "
+                f"the {suit.names[part]} cuff should slip by less than {nearest:.3g} m, its distance to {bend}, and "
                 f"has a migration of {slipped:g} m; check it",
                 SolverCode.CUFF_BEYOND_SHOULDER,
             )
@@ -197,7 +199,7 @@ def _equilibrium(reach: Array, cord_stiffness: float, rest_length: Array, cuff_s
         softest = float(cuff_stiffness.min())
         raise SuitError(
             f"the cuffs should come to rest within {EQUILIBRIUM_RESIDUAL:g} N and {largest:.3g} N remain: one of "
-            f"{softest:g} N/m is drawn over the shoulder point; check the cuffs' stiffness and the rest lengths",
+            f"{softest:g} N/m is drawn beyond the bend or middle of the cord; check the cuffs and the rest lengths",
             SolverCode.CUFFS_NOT_AT_REST,
         )
     return travel

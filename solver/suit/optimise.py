@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
+from solver.errors import SolverCode
 from solver.suit.scenarios import (
     Condition,
     LoadedMotion,
@@ -87,6 +88,8 @@ def optimise_suit(
     Muscles are solved in every draws.every-th frame, 50 draws of the cuffs by default; motions are not drawn. Raises as
     prepare_suited_motion, and if the cord never pulls. A candidate that cannot be solved has infinite cost.
     """
+    if suit.is_straight and "shoulder" in free:
+        raise SuitError("a straight cord has no shoulder point to move; free another point", SolverCode.SUIT)
     draws, (waist, arm) = draws or DrawSettings(count=50), cuffs
     decimated = prepare_suited_motion(motion, suit, draws.every)
     decimated.ensure_pulls()

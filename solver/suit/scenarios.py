@@ -33,6 +33,7 @@ from solver.redundancy.motion import (
     evaluate_motion,
     solve_redundancy,
 )
+from solver.redundancy.options import options_for
 from solver.suit.cord import CordLine, SuitForces, cord_line, suit_forces, with_migration
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
@@ -184,8 +185,9 @@ def prepare_suited_motion(motion: LoadedMotion, suit: Suit, every: int = 1) -> S
     """Evaluate the motion with the suit on the model; muscles are to be solved in every N-th frame.
 
     Raises SuitError if the suit does not fit the model, MotionError if the motion leaves the range of a joint.
-    ensure_pulls raises for a cord that is always slack.
+    ensure_pulls raises for a cord that is always slack. A model without a shoulder has no glenoid cone.
     """
+    motion = replace(motion, options=options_for(motion.model, motion.options))
     model, kinematics, options = motion.model, motion.kinematics, motion.options
     ensure_fits(suit, model)
     _ensure_within_ranges(model, kinematics)

@@ -1,6 +1,8 @@
-"""A passive suit on a model: a cord from the waist over the shoulder to the arm, on two compliant cuffs.
+"""A passive suit on a model: a cord between two compliant cuffs, over a guide or straight.
 
-The waist cuff is anchored to the thorax: the model has no pelvis. The forces on the bodies are in cord.py.
+Cuffs and guide are called by their places in the bundled suit: waist and arm, and shoulder. On a leg, "arm" is the
+end at the fitted cuff, as the shank, and "waist" the other end, as the heel; Suit.names has the words for messages. The
+bundled waist cuff is anchored to the thorax: the model has no pelvis. The forces on the bodies are in cord.py.
 """
 
 from __future__ import annotations
@@ -68,6 +70,8 @@ class Suit:
     migration_direction  where a cuff slips to: towards the shoulder point along the "cord", or along the "bone"
     rate                 how rates of cuffs and cord are taken: "backward" (as published) or "central" difference
     groups               name of a group of muscles → its muscles
+    is_straight          the cord has no guide: shoulder is not used
+    names                waist, shoulder and arm → what these places are called in messages and in the report
     """
 
     waist: SuitPoint
@@ -81,6 +85,13 @@ class Suit:
     migration_direction: MigrationDirection = "cord"
     rate: Rate = "backward"
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    is_straight: bool = False
+    names: Mapping[str, str] = field(default_factory=lambda: {part: part for part in PARTS})
+
+    @property
+    def line(self) -> tuple[SuitPoint, ...]:
+        """Where the cord meets the suit, in the order of the cord."""
+        return (self.waist, self.arm) if self.is_straight else (self.waist, self.shoulder, self.arm)
 
 
 def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
@@ -96,18 +107,19 @@ def read_suit(path: Path = BUNDLED_SUIT) -> Suit:
     except ValidationError as error:
         raise SuitError(f"{path}: {describe_error(error)}; correct it", SolverCode.SUIT_KEY) from error
     cord, lengths = table.exotendon, table.rest_lengths_m
+    points = {part: (getattr(cord, part) or cord.waist).point() for part in PARTS}
     return Suit(
-        waist=cord.waist.point(),
-        shoulder=cord.shoulder.point(),
-        arm=cord.arm.point(),
+        **points,
         stiffness=cord.stiffness_n_per_m,
         damping=cord.damping_n_s_per_m,
-        masses=tuple(getattr(table.masses, part).mass() for part in PARTS),
+        masses=tuple(_mass_of(getattr(table.masses, part), points[part]) for part in PARTS),
         rest_lengths=np.linspace(lengths.first, lengths.last, lengths.count),
         reference_rest_length=table.reference_rest_length_m,
         migration_direction=table.migration_direction,
         rate=table.rate,
         groups=table.groups,
+        is_straight=cord.shoulder is None,
+        names={part: getattr(table.names, part) for part in PARTS},
     )
 
 
@@ -119,6 +131,7 @@ def suit_toml(suit: Suit) -> str:
         f"rest_lengths_m = {{ first = {first!r}, last = {last!r}, count = {len(suit.rest_lengths)} }}",
         f'migration_direction = "{suit.migration_direction}"',
         f'rate = "{suit.rate}"',
+        f"names = {{ {', '.join(f'{part} = {_quoted(suit.names[part])}' for part in PARTS)} }}",
         "",
         "[exotendon]",
         f"stiffness_n_per_m = {float(suit.stiffness)!r}",
@@ -126,6 +139,8 @@ def suit_toml(suit: Suit) -> str:
     ]
     for part in PARTS:
         point = getattr(suit, part)
+        if part == "shoulder" and suit.is_straight:
+            continue
         lines += ["", f"[exotendon.{part}]", f"body = {_quoted(point.body)}", f"point_m = {point.location.tolist()}"]
     for part, cuff_mass in zip(PARTS, suit.masses, strict=True):
         lines += ["", f"[masses.{part}]", f"body = {_quoted(cuff_mass.body)}", f"mass_kg = {cuff_mass.mass!r}"]
@@ -168,6 +183,11 @@ def with_suit_masses(model: Model, suit: Suit) -> Model:
     return model
 
 
+def _mass_of(table: _MassTable | None, point: SuitPoint) -> SuitMass:
+    """A part without a table has no mass."""
+    return SuitMass(point.body, 0.0, point.location, np.zeros(3)) if table is None else table.mass()
+
+
 def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
@@ -176,6 +196,7 @@ Number = Annotated[validation.Number, Field(gt=-BEYOND_MEASURE, lt=BEYOND_MEASUR
 NonNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
 Vector = tuple[Number, Number, Number]
+Name = Annotated[str, Field(min_length=1, max_length=40)]
 
 
 class _PointTable(Section):
@@ -200,14 +221,20 @@ class _CordTable(Section):
     stiffness_n_per_m: Positive
     damping_n_s_per_m: NonNegative
     waist: _PointTable
-    shoulder: _PointTable
+    shoulder: _PointTable | None = None
     arm: _PointTable
 
 
 class _MassesTable(Section):
-    waist: _MassTable
-    shoulder: _MassTable
-    arm: _MassTable
+    waist: _MassTable | None = None
+    shoulder: _MassTable | None = None
+    arm: _MassTable | None = None
+
+
+class _NamesTable(Section):
+    waist: Name = "waist"
+    shoulder: Name = "shoulder"
+    arm: Name = "arm"
 
 
 class _RestLengthsTable(Section):
@@ -228,7 +255,8 @@ class _SuitTable(Section):
     reference_rest_length_m: Positive
     rest_lengths_m: _RestLengthsTable
     exotendon: _CordTable
-    masses: _MassesTable
+    masses: _MassesTable = Field(default_factory=_MassesTable)
+    names: _NamesTable = Field(default_factory=_NamesTable)
     migration_direction: MigrationDirection = "cord"
     rate: Rate = "backward"
     groups: dict[str, Annotated[tuple[str, ...], Field(min_length=1)]] = Field(default_factory=dict)

@@ -13,7 +13,6 @@ from typing import Any
 from fitting.cuffs.wearable_cuff import WearableCuff
 from fitting.results.seal import Standing
 from recordings.manifest import DataOrigin
-from solver.redundancy.motion import RedundancyOptions
 from solver.suit.assessment import Assessment, assess
 from solver.suit.scenarios import LoadedMotion
 from solver.suit.uncertainty import DrawSettings
@@ -63,7 +62,7 @@ class AssessedSuit:
     emg are measured reductions, inputs the names and hashes of the files, cuffs_standing the check of the cuffs file,
     subject the wearer whose body and motion were assessed, None without one; total the results for drawn people and
     donning the spread between donnings that they have, None without a budget of uncertainty; postures: for the picture
-    of the body.
+    of the body, suit_names: what its places are called.
     """
 
     cuffs: tuple[WearableCuff, ...]
@@ -73,6 +72,7 @@ class AssessedSuit:
     inputs: dict[str, str]
     cuffs_standing: Standing
     postures: list[dict[str, Any]]
+    suit_names: dict[str, str]
     subject: dict[str, Any] | None = None
     total: TotalUncertainty | None = None
     donning: DonningSources | None = None
@@ -111,7 +111,7 @@ def assess_cuffs(
     case = read_case(inputs, most_rest_lengths, progress)
     model, kinematics, suit = case.model, case.kinematics, case.suit
     emg, worn = inputs.read_emg(model, suit), worn_cuffs(cuffs, inputs.chosen)
-    options = RedundancyOptions(path_mode=inputs.paths)
+    options = inputs.read_options(model)
     beside = None
     other = None if case.subject else inputs.read_other_motion(model)
     if other is not None:  # the shorter one first: a fault of its motion is reported at once
@@ -142,7 +142,9 @@ def assess_cuffs(
         cord = compare_cord(case.subject, suit, {cuff.name: cuff for cuff in worn}, assessment.waist_cuff)
         subject = plain_subject(case.subject, case.spread, cord)
         hashes |= subject_inputs(inputs.subject, case.subject)
-    return AssessedSuit(fits, assessment, beside, emg, hashes, standing, drawn, subject, total, donning)
+    return AssessedSuit(
+        fits, assessment, beside, emg, hashes, standing, drawn, dict(suit.names), subject, total, donning
+    )
 
 
 def _report_other(progress: Progress, stage: str, done: int, total: int) -> None:
@@ -206,6 +208,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
         plain["total_uncertainty"] = plain_total(assessed.total, assessed.donning)
     plain["emg"] = plain_emg(assessed.emg)
     plain["postures"] = assessed.postures
+    plain["suit_names"] = assessed.suit_names
     if assessed.subject is not None:
         plain["subject"] = assessed.subject
     plain["inputs"] = assessed.inputs

@@ -90,6 +90,8 @@ class AssessmentInputsEntry(StrictEntry):
     cuffs: str
     subject: str | None = None
     budget: str | None = None
+    effort: str | None = None
+    cutoff_hz: str | None = None
 
 
 class AssessedFindingEntry(StrictEntry):
@@ -143,6 +145,9 @@ class AssessmentDocument(AssessedMotionEntry):
     postures: Annotated[list[PostureEntry], Field(description="for the picture of the body")] = Field(
         default_factory=list
     )
+    suit_names: Annotated[
+        dict[str, str] | None, Field(description="what waist, shoulder and arm are called in the suit's file")
+    ] = None
 
 
 _BY_CONDITION: dict[str, TypeAdapter[Any]] = {

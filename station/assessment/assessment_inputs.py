@@ -18,7 +18,9 @@ from solver.motion import Kinematics, MotionError, differentiate, read_motion
 from solver.multibody.external_loads import ExternalForce
 from solver.paths import PathMode
 from solver.point_mass import with_point_mass
+from solver.redundancy.options import RedundancyOptions
 from solver.suit.suit import BUNDLED_SUIT, Suit, read_suit
+from station.assessment.effort import read_effort
 from station.assessment.emg import MeasuredReduction, read_emg
 from station.checksums import standing_of
 from station.errors import StationError
@@ -28,6 +30,8 @@ from station.messages.message import Message
 from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes
 
 RIGID = "rigid"
+CUTOFF_HZ = 3.0
+"""Of the published study; gait needs about 6."""
 HELD_MASS = 2.0  # kg in the hand, if both the assessed and the other motion are the bundled one
 
 
@@ -50,6 +54,8 @@ class AssessmentInputs:
     paths   path mode of the muscles (docs/paths.md)
     external_loads  OpenSim file of external loads on the motion
     subject folder of the wearer's own pose and motion trials, which then give body and motion
+    effort  weights and reserves
+    cutoff_hz  of the low-pass filter of the motion, None for no filter
     """
 
     cuffs: Path
@@ -62,12 +68,20 @@ class AssessmentInputs:
     paths: PathMode = "opensim"
     external_loads: Path | None = None
     subject: Path | None = None
+    effort: Path | None = None
+    cutoff_hz: float | None = CUTOFF_HZ
 
     def read_model(self) -> Model:
-        return model_of(self.model)
+        """With the reserves of the effort."""
+        model = model_of(self.model)
+        return model if self.effort is None else read_effort(self.effort).applied(model, RedundancyOptions())[0]
+
+    def read_options(self, model: Model) -> RedundancyOptions:
+        options = RedundancyOptions(path_mode=self.paths)
+        return options if self.effort is None else read_effort(self.effort).applied(model, options)[1]
 
     def read_motion(self, model: Model) -> Kinematics:
-        return differentiate(motion_of(self.motion, model))
+        return differentiate(motion_of(self.motion, model), self.cutoff_hz)
 
     def read_loads(self, model: Model, kinematics: Kinematics) -> tuple[ExternalForce, ...]:
         return loads_of(self.external_loads, model, kinematics.time)
@@ -86,7 +100,7 @@ class AssessmentInputs:
     def read_other_motion(self, model: Model) -> tuple[str, Model, Kinematics] | None:
         """Name, model and kinematics of the other motion; by default the bundled raise, or that with a mass."""
         if self.beside is not None:
-            return self.beside.name, model, differentiate(read_motion(self.beside, model))
+            return self.beside.name, model, differentiate(read_motion(self.beside, model), self.cutoff_hz)
         try:
             kinematics = differentiate(motion_of(None, model))
             if self.motion is not None:
@@ -99,8 +113,10 @@ class AssessmentInputs:
 
     def hashes(self) -> dict[str, str]:
         """Role → "name SHA-256", or a name alone for a file of the station."""
-        files = {"cuffs": self.cuffs, "suit": self.suit, "emg": self.emg, "beside": self.beside}
+        files = {"cuffs": self.cuffs, "suit": self.suit, "emg": self.emg, "beside": self.beside, "effort": self.effort}
         named = {role: named_hash(path) for role, path in files.items() if path}
+        if self.cutoff_hz != CUTOFF_HZ:
+            named["cutoff_hz"] = "none" if self.cutoff_hz is None else f"{self.cutoff_hz:g}"
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 

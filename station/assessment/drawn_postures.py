@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.path_lines import path_lines
 from solver.skeleton import BoneKind, bone_lines, skeleton
-from solver.suit.suit import Suit, SuitPoint
+from solver.suit.suit import PARTS, Suit, SuitPoint
 from station.assessment.number_entry import KnownNumberEntry, StrictEntry
 
 Array = NDArray[np.float64]
@@ -39,32 +39,42 @@ class BoneEntry(StrictEntry):
 
 
 class PostureEntry(StrictEntry):
-    """Body and suit at one time of the motion. Elevation of the arm is from the direction of gravity."""
+    """Body and suit at one time of the motion. Elevation of the arm, or of another limb with the arm cuff, is from the
+    direction of gravity. chosen_by is what is least, middle and greatest in the three postures.
+    """
 
     time_s: KnownNumberEntry
     elevation_deg: KnownNumberEntry
+    cord_length_m: KnownNumberEntry | None = None
+    chosen_by: Literal["elevation", "cord_length"] = "elevation"
     bones: list[BoneEntry]
     muscles_m: dict[str, LineEntry]
     cord_m: LineEntry
-    cuffs_m: dict[str, LineEntry] = Field(description="rings of the waist and the arm cuff about their bodies")
+    cuffs_m: dict[str, LineEntry] = Field(description="rings of waist and arm cuff about their bodies, if they weigh")
 
 
 def plain_postures(model: Model, kinematics: Kinematics, suit: Suit, times: Array) -> list[Plain]:
-    """Of the postures at times (n,) [s]: with the lowest arm, at the middle elevation, with the highest arm."""
+    """Of the postures at times (n,) [s]: with the lowest arm, at the middle elevation, with the highest arm. Of a suit
+    on another limb: with the shortest cord, at the middle length, with the longest cord.
+    """
     positions = kinematics.positions[np.searchsorted(kinematics.time, times).clip(max=len(kinematics.time) - 1)]
-    elevation = arm_elevation(model, suit, postures(model, positions, np.zeros_like(positions)))
-    lowest, highest = int(np.argmin(elevation)), int(np.argmax(elevation))
-    middle = int(np.argmin(np.abs(elevation - (elevation[lowest] + elevation[highest]) / 2)))
-    frames = [lowest, middle, highest]
+    whole = postures(model, positions, np.zeros_like(positions))
+    elevation = arm_elevation(model, suit, whole)
+    length = np.linalg.norm(np.diff(_cord(model, whole, suit), axis=1), axis=-1).sum(axis=1)
+    is_arm = suit.names["arm"] == "arm"
+    frames = _least_middle_greatest(elevation if is_arm else length)
     state = postures(model, positions[frames], np.zeros_like(positions[frames]))
     bones, muscles = skeleton(model), path_lines(model, state)
     lines = bone_lines(bones, state)
-    cord = np.stack([_in_ground(model, state, point) for point in (suit.waist, suit.shoulder, suit.arm)], axis=1)
-    rings = {part: _ring(model, state, getattr(suit, part)) for part in ("waist", "arm")}
+    cord = _cord(model, state, suit)
+    worn = {part for part, mass in zip(PARTS, suit.masses, strict=True) if mass.mass > 0.0} | {"arm"}
+    rings = {part: _ring(model, state, getattr(suit, part)) for part in ("waist", "arm") if part in worn}
     return [
         {
             "time_s": _number(float(times[frame])),
             "elevation_deg": _number(float(np.degrees(elevation[frame]))),
+            "cord_length_m": _number(float(length[frame])),
+            "chosen_by": "elevation" if is_arm else "cord_length",
             "bones": [
                 {"kind": bone.kind, "line_m": _line(line[shown])} for bone, line in zip(bones, lines, strict=True)
             ],
@@ -86,6 +96,17 @@ def arm_elevation(model: Model, suit: Suit, state: Postures) -> Array:
     along = state.rotation_to_ground[:, body] @ ((ends[0] if ends else suit.arm.location) - start)
     cosine = along @ model.gravity / (np.linalg.norm(along, axis=1) * np.linalg.norm(model.gravity))
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _least_middle_greatest(values: Array) -> list[int]:
+    """Indices of the least value, of that nearest to the mean of both ends, and of the greatest."""
+    least, greatest = int(np.argmin(values)), int(np.argmax(values))
+    return [least, int(np.argmin(np.abs(values - (values[least] + values[greatest]) / 2))), greatest]
+
+
+def _cord(model: Model, state: Postures, suit: Suit) -> Array:
+    """(frames, points, 3) in ground."""
+    return np.stack([_in_ground(model, state, point) for point in suit.line], axis=1)
 
 
 def _in_ground(model: Model, state: Postures, point: SuitPoint) -> Array:

@@ -49,6 +49,7 @@ def findings(assessment: Assessment, total: TotalUncertainty | None = None) -> l
         *_reserves(assessment),
         *_unsolved_frames(assessment),
         *_unconverged_muscles(assessment),
+        *([] if assessment.has_glenoid_cone else [Message(AssessmentCode.NO_GLENOID)]),
     ]
 
 
@@ -167,7 +168,9 @@ def _cord_and_migration(assessment: Assessment) -> Iterator[Finding]:
         if curve.condition == "shift" and lost is not None and per_metre is not None:
             figures: Figures = {
                 "cuff": str(curve.cuff),
-                "cuffs": f"{curve.cuff} and the waist cuff" if assessment.waist_cuff else str(curve.cuff),
+                "cuffs": f"{curve.cuff} and the {assessment.waist_cuff} cuff"
+                if assessment.waist_cuff
+                else str(curve.cuff),
                 "lost_percent": 100 * lost,
                 "percent_per_cm": per_metre,
             }

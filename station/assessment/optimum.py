@@ -52,7 +52,7 @@ def optimise_file(
     model = inputs.read_model()
     kinematics, suit = inputs.read_motion(model), inputs.read_suit()
     optimised = optimise_suit(
-        LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics)),
+        LoadedMotion(model, kinematics, inputs.read_loads(model, kinematics), inputs.read_options(model)),
         suit,
         (waists[0] if waists else None, arms[0]),
         condition,
@@ -109,7 +109,8 @@ def _plain(tried: SuitCandidate) -> dict[str, Any]:
 
 
 def _cord(suit: Suit) -> dict[str, Any]:
-    points = {f"{part}_point_m": [known(float(x)) for x in getattr(suit, part).location] for part in PARTS}
+    parts = [part for part in PARTS if part != "shoulder" or not suit.is_straight]
+    points = {f"{part}_point_m": [known(float(x)) for x in getattr(suit, part).location] for part in parts}
     return {
         "rest_length_m": known(suit.reference_rest_length),
         "stiffness_n_per_m": known(suit.stiffness),

@@ -34,7 +34,7 @@ class BodyDrawing:
         state = postures(self._model, q, np.zeros_like(q))
         bones = zip(self._bones, bone_lines(self._bones, state), strict=True)
         suit = self._suit
-        parts = () if suit is None else (suit.waist, suit.shoulder, suit.arm)
+        parts = () if suit is None else suit.line
         cord = [points_in_ground(state, self._model.body_index(part.body), part.location)[0] for part in parts]
         return {
             "bones": [[bone.kind, _in_mm(line[0])] for bone, line in bones],

@@ -16,7 +16,7 @@ def drawn_body(setup: LiveSetup) -> tuple[Model, Suit | None]:
     """The suit is None if the model lacks one of its bodies. Raises SolverError for what cannot be read."""
     model, suit = read_model(setup.subject.model_osim), _suit(setup.suit_toml)
     bodies = {body.name for body in model.bodies}
-    return model, suit if bodies >= {part.body for part in (suit.waist, suit.shoulder, suit.arm)} else None
+    return model, suit if bodies >= {part.body for part in suit.line} else None
 
 
 def read_model(osim: str) -> Model:

@@ -64,8 +64,8 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.INFEASIBLE: (
         _UNSOLVED + "are infeasible: no activations between 0 and 1 and controls within their limits give the "
-        "accelerations and keep the joint reaction inside the glenoid; their effort is unknown, and with it every "
-        "figure that includes it. Use a lighter load, or leave out that part of the motion."
+        "accelerations and keep the reaction of a shoulder inside its glenoid; their effort is unknown, and with it "
+        "every figure that includes it. Use a lighter load, or leave out that part of the motion."
     ),
     AssessmentCode.NOT_CONVERGED: (
         _UNSOLVED + "did not converge: the solver stopped before its residuals were small; efforts that include them "
@@ -81,6 +81,7 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.CURVE_NOT_CONVERGED: (
         _UNCONVERGED + "force of at least one muscle did not converge on a curve of the fibre; its last point is used."
     ),
+    AssessmentCode.NO_GLENOID: "No joint reaction was constrained: the model has no glenoid.",
     InputCode.UNKNOWN_CUFF: (
         "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff"
     ),

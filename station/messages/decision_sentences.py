@@ -24,7 +24,7 @@ DECISIONS: Mapping[StrEnum, str] = {
         "{relevant_points:g} points more with {first_percent} %, the two are equivalent with {equivalent_percent} %, "
         "and {rival} saves more with {second_percent} %."
     ),
-    DecisionCode.ONLY_CUFF: "{at}, {leading} is the only arm cuff; there is no other to compare it with.",
+    DecisionCode.ONLY_CUFF: "{at}, {leading} is the only cuff; there is no other to compare it with.",
     DecisionCode.UNKNOWN: (
         "{at}, no decision: only {people:.0f} of {drawn:.0f} drawn people have a solution for every cuff."
     ),

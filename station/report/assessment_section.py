@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from solver.suit.suit import PARTS
 from station.assessment.assessment_file import read_activations
 from station.assessment.assessment_json import ACTIVATIONS_FILE, CURVE_KEYS
 from station.report.body_figure import body_figure
@@ -34,11 +35,13 @@ Plain = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class AssessmentSection:
-    """names of the files that went in; the cuffs worn; rows of the table, of the motion beside, None without one;
-    findings that are not among the limits; the first page's figures, and the others.
+    """names of the files that went in; places: what waist, shoulder and arm are called; the cuffs worn; rows of the
+    table, of the motion beside, None without one; findings that are not among the limits; the first page's figures,
+    and the others.
     """
 
     names: Mapping[str, str]
+    places: Mapping[str, str]
     cuffs: Plain
     rows: list[dict[str, Any]]
     beside: list[dict[str, Any]] | None
@@ -53,6 +56,7 @@ def assessment_section(
     beside = assessment.get("beside")
     return AssessmentSection(
         names={role: without_hash(what) for role, what in assessment["inputs"].items()},
+        places=places_of(assessment),
         cuffs=assessment.get("cuffs", {}),  # an assessment of an older station has none
         rows=_rows(assessment),
         beside=_rows(beside) if beside else None,
@@ -60,6 +64,11 @@ def assessment_section(
         overview=overview,
         pictures=pictures,
     )
+
+
+def places_of(assessment: Plain) -> Mapping[str, str]:
+    """What waist, shoulder and arm are called in the suit; an assessment of an older station has the bundled names."""
+    return assessment.get("suit_names") or {part: part for part in PARTS}
 
 
 def effort_figures(assessment: Plain) -> list[PlannedFigure]:
@@ -76,7 +85,7 @@ def effort_figures(assessment: Plain) -> list[PlannedFigure]:
 
 def suit_figures(assessment: Plain, folder: Path) -> list[PlannedFigure]:
     """Muscle effort of every arm cuff, activations and their change if they are in the folder, and EMG."""
-    waist = "waist and " if assessment["waist_cuff"] else ""
+    waist = f"{places_of(assessment)['waist']} and " if assessment["waist_cuff"] else ""
     what = "Effort over the rest length of the cord"
     arms = _arms(assessment)
     figures = [
@@ -109,7 +118,7 @@ def _body_figures(assessment: Plain, activations: pd.DataFrame, at: str) -> Iter
     if known and assessment.get("postures"):
         cuff = min(known, key=known.__getitem__)
         caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}"
-        plan = partial(body_figure, assessment["postures"], activations, cuff)
+        plan = partial(body_figure, assessment["postures"], activations, cuff, places_of(assessment))
         yield PlannedFigure(plan, caption, is_wide=True, is_printed=True)
 
 

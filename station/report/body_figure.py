@@ -25,7 +25,10 @@ WIDTH, TITLE = THIRD, 17.0
 """Of a panel and of its title's line [px]."""
 MARGIN = 0.06
 """Around muscles and suit, of both sides together [m]."""
-POSTURES = ("lowest arm", "middle", "highest arm")
+POSTURES = {
+    "elevation": ("lowest arm", "middle", "highest arm"),
+    "cord_length": ("shortest cord", "middle", "longest cord"),
+}
 
 
 @dataclass(frozen=True)
@@ -39,26 +42,40 @@ class ViewDirection:
 VIEWS = (ViewDirection("from behind", 145.0), ViewDirection("from the front", 35.0))
 
 
-def body_figure(postures: Sequence[Plain], activations: pd.DataFrame, cuff: str) -> Chart:
+def body_figure(
+    postures: Sequence[Plain], activations: pd.DataFrame, cuff: str, places: Mapping[str, str] | None = None
+) -> Chart:
     """A column per posture, seen from behind and from the front.
 
     Colours are the activation with the suit (this arm cuff, migration and compliance) less that with a slack cord.
+    places: what waist and arm are called.
     """
     ends = [[_ends(posture, view) for view in VIEWS] for posture in postures]
     extent = np.max([high - low for column in ends for low, high in column], axis=0) + MARGIN
     size = WIDTH, WIDTH * extent[1] / extent[0] + TITLE
     columns = []
-    for posture, column, name in zip(postures, ends, POSTURES, strict=True):
+    for posture, column, name in zip(postures, ends, _names(postures), strict=True):
         changes = activation_changes(activations, cuff, posture["time_s"]["value"])
         panels = []
         for view, (low, high) in zip(VIEWS, column, strict=True):
-            title = f"{name} ({posture['elevation_deg']['value']:.0f}°), {view.name}"
-            marks = (*_legend(), *_marks(posture, changes, view))
+            title = f"{name}, {view.name}"
+            marks = (*_legend(), *_marks(posture, changes, view, places or {}))
             (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
             limits = (float(left), float(right)), (float(bottom), float(top))
             panels.append(Panel(marks, "", "", title, (), (), *limits, *size, is_picture=True))
         columns.append(tuple(panels))
     return Chart(tuple(columns), has_one_legend=True)
+
+
+def _names(postures: Sequence[Plain]) -> Iterator[str]:
+    """Of the postures, with the figure by which they were chosen; files without one have the elevation of the arm."""
+    by = postures[0].get("chosen_by", "elevation")
+    for name, posture in zip(POSTURES[by], postures, strict=True):
+        is_length = by == "cord_length"
+        shown = (
+            f"{posture['cord_length_m']['value']:.3f} m" if is_length else f"{posture['elevation_deg']['value']:.0f}°"
+        )
+        yield f"{name} ({shown})"
 
 
 def activation_changes(activations: pd.DataFrame, cuff: str, time: float) -> dict[str, float]:
@@ -89,7 +106,9 @@ def _legend() -> Iterator[Line]:
         yield Line(values([]), values([]), colour, label)
 
 
-def _marks(posture: Plain, changes: Mapping[str, float], view: ViewDirection) -> Iterator[Line]:
+def _marks(
+    posture: Plain, changes: Mapping[str, float], view: ViewDirection, places: Mapping[str, str]
+) -> Iterator[Line]:
     """Bones, then muscles from the farthest to the nearest, then cord and cuffs."""
     for bone in posture["bones"]:
         across, up, _ = _seen(bone["line_m"], view)
@@ -102,7 +121,7 @@ def _marks(posture: Plain, changes: Mapping[str, float], view: ViewDirection) ->
         yield Line(across, up, colour, width=width, title=f"{name}: {change:+.3f}".replace("-", "−"))
     for part, ring in posture["cuffs_m"].items():
         across, up, _ = _seen(ring, view)
-        yield Line(across, up, "cord", width=CORD, title=f"{part} cuff")
+        yield Line(across, up, "cord", width=CORD, title=f"{places.get(part, part)} cuff")
     across, up, _ = _seen(posture["cord_m"], view)
     yield Line(across, up, "cord", width=CORD, title="cord")
 

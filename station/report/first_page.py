@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from fitting.cuffs.wearable_cuff import QUANTITIES
+from solver.suit.suit import BUNDLED_SUIT as BUNDLED
 from station.messages.codes import AssessmentCode
 from station.report.cuff_section import Cuffs
 from station.report.located import LocatedFloat
 from station.report.number_texts import Shown, saving
+from station.sources import named_hash
 
 Plain = Mapping[str, Any]
 
@@ -105,7 +107,7 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
 
 def _limits_of_assessment(assessment: Plain) -> Iterator[str]:
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
-    if not assessment.get("subject"):
+    if not assessment.get("subject") and assessment["inputs"]["suit"] in (named_hash(BUNDLED), BUNDLED.name):
         yield BUNDLED_SUIT
 
 

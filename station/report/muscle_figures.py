@@ -142,9 +142,11 @@ def activation_figure(activations: pd.DataFrame, cuff: str) -> Chart:
 
 
 def shown_muscles(activations: pd.DataFrame) -> list[str]:
-    """The published study's muscles, or the first eight, without those that are at rest throughout."""
+    """The published study's muscles, or the eight with the largest activation, without those at rest throughout."""
     muscles = [name for name in activations.columns if name not in NOT_MUSCLES]
-    named = [name for name in NAMED_MUSCLES if name in muscles] or muscles[:8]
+    greatest = {name: float(activations[name].max()) for name in muscles}
+    largest = sorted(muscles, key=lambda name: -greatest[name])[: len(NAMED_MUSCLES)]
+    named = [name for name in NAMED_MUSCLES if name in muscles] or [name for name in muscles if name in largest]
     return [name for name in named if float(activations[name].max()) >= LEAST_SHOWN]
 
 

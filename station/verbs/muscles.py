@@ -48,6 +48,13 @@ IgnoreForces = Annotated[
 LeaveOut = Annotated[
     list[str] | None, typer.Option(help="Leave out this spring, ligament or contact of the model; may be repeated.")
 ]
+Donnings = Annotated[
+    list[Path] | None,
+    typer.Option(help="Session folder with more donnings of cuffs, for their spread; may be repeated."),
+]
+Subject = Annotated[
+    Path | None, typer.Option(help="Session folder with the wearer's pose and motion trials and subject.toml.")
+]
 EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
 Glenoid = Annotated[
     bool, typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid.")
@@ -273,22 +280,19 @@ def assess(
     suit: Annotated[Path | None, typer.Option(help="Default: the bundled exotendon suit.")] = None,
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
-    cuff: Annotated[list[str] | None, typer.Option(help="Assess this arm cuff; may be repeated. Default: all.")] = None,
+    effort: EffortFile = None,
+    cutoff_hz: CutoffHz = 3.0,
+    cuff: Annotated[list[str] | None, typer.Option(help="Assess this cuff; may be repeated. Default: all.")] = None,
     emg: Annotated[Path | None, typer.Option(help="Measured EMG: a CSV of muscle,reduction_percent,sd.")] = None,
     beside: Annotated[Path | None, typer.Option(help="Another motion for comparison.")] = None,
-    subject: Annotated[
-        Path | None, typer.Option(help="Session folder with the wearer's pose and motion trials and subject.toml.")
-    ] = None,
+    subject: Subject = None,
     draws: Annotated[
         int, typer.Option(min=0, help="Number of draws from the covariance of the cuffs; 0 for no intervals.")
     ] = 200,
     people: People = None,
     budget: Budget = None,
     indices: Indices = None,
-    donnings: Annotated[
-        list[Path] | None,
-        typer.Option(help="Session folder with more donnings of cuffs, for their spread; may be repeated."),
-    ] = None,
+    donnings: Donnings = None,
     scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler for the people, tcp://…")] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of processes for the people. Default: this one, with all cores.")
@@ -312,9 +316,8 @@ def assess(
     if indices is not None and indices & (indices - 1):
         raise typer.BadParameter(f"--indices should be a power of two, as 128, and is {indices}")
     chosen = tuple(cuff or ())
-    inputs = AssessmentInputs(
-        cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, chosen, paths, external_loads, subject
-    )
+    files = (cuffs, motion, suit or BUNDLED_SUIT, model, emg, beside, chosen, paths, external_loads, subject, effort)
+    inputs = AssessmentInputs(*files, cutoff_hz or None)
     with (
         progress_bars(Console(stderr=True)) as progress,
         compilation_shown(progress),
@@ -335,7 +338,9 @@ def optimise(
     suit: Annotated[Path | None, typer.Option(help="Initial suit; default: the bundled exotendon suit.")] = None,
     model: BundledOrOsim = "bundled",
     external_loads: ExternalLoads = None,
-    cuff: Annotated[str | None, typer.Option(help="The arm cuff; optional if there is only one.")] = None,
+    effort: EffortFile = None,
+    cutoff_hz: CutoffHz = 3.0,
+    cuff: Annotated[str | None, typer.Option(help="The cuff; optional if there is only one.")] = None,
     condition: Annotated[Condition, typer.Option(help="Effects of the cuffs.")] = "both",
     free: Annotated[
         list[Freedom] | None,
@@ -357,6 +362,7 @@ def optimise(
 
     chosen = (cuff,) if cuff else ()
     inputs = AssessmentInputs(cuffs, motion, suit or BUNDLED_SUIT, model, chosen=chosen, external_loads=external_loads)
+    inputs = replace(inputs, effort=effort, cutoff_hz=cutoff_hz or None)
     freedoms: Any = tuple(freedom.value for freedom in free or ())
     with progress_bars(Console(stderr=True)) as progress, compilation_shown(progress):
         optimised = optimise_file(inputs, output, condition, freedoms, draws, progress)

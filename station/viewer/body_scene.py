@@ -39,7 +39,7 @@ class BodyScene:
         state = postures(self._model, coordinates, np.zeros_like(coordinates))
         bones, muscles = bone_lines(self._bones, state), path_lines(self._model, state)
         suit = self._suit
-        parts = () if suit is None else (suit.waist, suit.shoulder, suit.arm)
+        parts = () if suit is None else suit.line
         places = [points_in_ground(state, self._model.body_index(part.body), part.location) for part in parts]
         cord = np.stack(places, axis=1) if places else None
         for frame, time_ns in enumerate(times_ns):

@@ -111,7 +111,7 @@ def test_what_a_suit_file_leaves_out_is_as_published(tmp_path):
             "waist.inertia_kg_m2.0 is -1, expected a number of",
         ),
         ("mass_kg = 0.2", "mass_kg = 'light'", "masses.waist.mass_kg is 'light', expected a number"),
-        ("[masses.arm]", "[masses.leg]", "masses.arm is missing"),
+        ("[masses.arm]", "[masses.leg]", "masses.leg"),
         ("[masses.waist]", "[[masses.waist]]", "masses.waist is"),
         ("[exotendon]", "[exotendon", "cannot be read"),
         ('"cord"', '"sideways"', "migration_direction is 'sideways', expected 'cord' or 'bone'"),
