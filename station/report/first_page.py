@@ -107,7 +107,8 @@ def _limits_of_cuffs(cuffs: Cuffs) -> Iterator[str]:
 
 def _limits_of_assessment(assessment: Plain) -> Iterator[str]:
     yield from (text for code, text in _coded(assessment) if code in LIMITING)
-    if not assessment.get("subject") and assessment["inputs"]["suit"] in (named_hash(BUNDLED), BUNDLED.name):
+    suit = assessment.get("inputs", {}).get("suit")
+    if not assessment.get("subject") and suit in (None, named_hash(BUNDLED)):
         yield BUNDLED_SUIT
 
 

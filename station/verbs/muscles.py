@@ -55,6 +55,7 @@ Donnings = Annotated[
 Subject = Annotated[
     Path | None, typer.Option(help="Session folder with the wearer's pose and motion trials and subject.toml.")
 ]
+CutoffHz = Annotated[float, typer.Option(min=0.0, help="Low-pass filter of the motion; 0 for none.")]
 EffortFile = Annotated[Path | None, typer.Option(help="Weights and reserves (.toml).")]
 Glenoid = Annotated[
     bool, typer.Option("--glenoid/--no-glenoid", help="Keep the reaction of a shoulder inside its glenoid.")

@@ -50,7 +50,7 @@ INDICES = {
             "At 0.74 m, undecided: tube has the least mean effort; compared with hand it saves at least 2 points more "
             "with 50 %, the two are equivalent with 50 %, and hand saves more with < 1 %.",
         ),
-        ({"hand": LOW}, DecisionCode.ONLY_CUFF, "At 0.74 m, hand is the only arm cuff; there is no other to compare"),
+        ({"hand": LOW}, DecisionCode.ONLY_CUFF, "At 0.74 m, hand is the only cuff; there is no other to compare"),
         (
             {"hand": LOW * np.nan, "tube": LOW},
             DecisionCode.UNKNOWN,
