@@ -23,7 +23,7 @@ from solver.errors import SolverError
 from station.errors import StationError
 from station.exit_code import DONE, FAILED, INTERRUPTED
 from station.extras import with_extras
-from station.verbs import bench, cuffs, files, inverse_dynamics, kinematics, live, muscles, study, whole
+from station.verbs import bench, cuffs, files, inverse_dynamics, kinematics, live, muscles, study, sweep, whole
 from station.verbs.options import print_message
 
 ROOTS = (StationError, DeviceError, RecordingError, FitError, SolverError, PlainDataError)
@@ -42,7 +42,7 @@ STAGES = {
         muscles.emg,
         muscles.assess,
         muscles.optimise,
-        muscles.sweep,
+        sweep.sweep,
     ),
     "Many sessions": (study.plan, study.catalogue, study.study),
     "Report": (whole.report, whole.verify),

@@ -1,4 +1,4 @@
-"""Verbs on suit and muscles: rmr, validate, emg, assess, optimise, sweep."""
+"""Verbs on suit and muscles: rmr, validate, emg, assess, optimise."""
 
 from __future__ import annotations
 
@@ -374,32 +374,3 @@ def optimise(
         print_message(f"the search stopped at the limit of {name}; a better suit may exist beyond it")
     if SearchOutcome.NOT_CONVERGED in (optimised.fitted.outcome, optimised.robust.outcome):
         print_message("the search did not converge within its limit of iterations; free fewer parameters of the suit")
-
-
-def sweep(
-    plan: Annotated[Path, typer.Argument(help="The plan of the sweep (.toml); docs/sweep.md has an example.")],
-    output: Annotated[Path, typer.Option(help="Output folder for sweep.parquet; finished cases in it are kept.")],
-    scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler, tcp://…; default: this computer.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this computer, without --scheduler.")] = 2,
-) -> None:
-    """Assess many suits, models, motions and cuffs in one table; an interrupted sweep is continued."""
-    from functools import partial
-
-    from rich.console import Console
-
-    from station.dask_cluster import connected
-    from station.progress import progress_bars
-    from station.sweep.cluster import solve_on
-    from station.sweep.plan import read_plan
-    from station.sweep.run import run_sweep
-
-    read = read_plan(plan)
-    with progress_bars(Console(stderr=True)) as progress, connected(scheduler, workers) as client:
-        swept = run_sweep(read, output, partial(solve_on, client), progress)
-    print_message(f"{swept.cases} cases, {swept.found_finished} of them from an earlier run")
-    if swept.failed:
-        print_message(f"{swept.failed} cases failed; the column error has the reasons")
-    if swept.unsolved:
-        print_message(f"{swept.unsolved} cases have frames without a solution; the column unsolved counts them")
-    print(swept.table)
-    raise typer.Exit(LOSSY if swept.failed or swept.unsolved else DONE)
