@@ -107,7 +107,7 @@ def test_the_effort_with_the_best_rest_length_is_given_if_it_is_known() -> None:
     assert finding.figures == {"cuff": "hand", "effort": 0.7852, "at_m": 0.692}
 
 
-@pytest.mark.parametrize(("waist", "cuffs"), [(None, "hand"), ("belt", "hand and the waist cuff")])
+@pytest.mark.parametrize(("waist", "cuffs"), [(None, "hand"), ("belt", "hand and the belt cuff")])
 def test_the_cost_of_migration_is_given_for_cuffs_that_migrate(waist: str | None, cuffs: str) -> None:
     migrated = with_figures(curve("hand", 0.83, "shift"), cord_force_lost=0.2, cost_per_migration=3.2)
     finding = one(findings(assessment(migrated, waist_cuff=waist)), AssessmentCode.MIGRATION_COST)
