@@ -56,6 +56,36 @@ def test_limits_of_muscles_and_actuators_are_those_of_opensim(tmp_path: Path) ->
     assert_equal(solved, opensims(step, solved))
 
 
+def test_a_file_of_opensim_2_with_forces_at_a_point_and_torques_is_read_as_by_opensim(tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    axes = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
+    limits = "<min_control> -infinity </min_control><max_control> infinity </max_control>"
+    at_point = "".join(
+        f'<PointActuator name="F{name}"><isDisabled> false </isDisabled>{limits}<body> pelvis </body><point> -0.07 0 0 '
+        f"</point><point_is_global> false </point_is_global><direction> {axis} </direction><force_is_global> true "
+        "</force_is_global><optimal_force> 400 </optimal_force></PointActuator>"
+        for name, axis in axes.items()
+    )
+    torques = "".join(
+        f'<TorqueActuator name="M{name}"><isDisabled> false </isDisabled>{limits}<bodyA> pelvis </bodyA><bodyB> ground '
+        f"</bodyB><torque_is_global> true </torque_is_global><axis> {axis} </axis><optimal_force> 300 </optimal_force>"
+        "</TorqueActuator>"
+        for name, axis in axes.items()
+    )
+    reserves = "".join(
+        f'<CoordinateActuator name="{name}_reserve"><coordinate> {name} </coordinate></CoordinateActuator>'
+        for name in LEG
+    )
+    default = '<CoordinateActuator name="default"><optimal_force> 6 </optimal_force></CoordinateActuator>'
+    step.actuators.write_text(
+        f'<OpenSimDocument Version="20302"><ForceSet name="old"><defaults>{default}</defaults><objects>{at_point}'
+        f"{torques}{reserves}</objects></ForceSet></OpenSimDocument>"
+    )
+    solved = solve(step)
+    assert [one.optimal_force for one in solved.model.actuators] == [400.0] * 3 + [300.0] * 3 + [6.0] * 5
+    assert_equal(solved, opensims(step, solved))
+
+
 def assert_equal(solved: SolvedMotion, theirs: Controls) -> None:
     solution: MotionSolution = solved.solution
     assert solution.unsolved == 0
