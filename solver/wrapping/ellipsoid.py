@@ -19,6 +19,7 @@ from solver.vectors import (
     distance,
     divide,
     dot,
+    multiply,
     scale,
     subtract,
     unit,
@@ -27,7 +28,7 @@ from solver.wrapping.closest import ANY_AXIS, closest_on_ellipsoid
 from solver.wrapping.fan import Fan, fan_direction
 from solver.wrapping.path_tables import AXIAL, MIDPOINT, Codes
 from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WrapResult, pierces, side
-from solver.wrapping.tangent import ON_THE_SURFACE, level, tangent_point
+from solver.wrapping.tangent import ON_THE_SURFACE, tangent_point
 
 SAME_DIRECTION = 1e-4
 ALL_FAN = 0.7073
@@ -51,15 +52,17 @@ def wrap_ellipsoid(
     fan            as of allocate_fan()
     code           (1,) set to NOT_CONVERGED where an iteration reaches its limit of rounds
     """
-    factor = 3.0 / (radii[0] + radii[1] + radii[2])
-    p1, p2, a = scale(factor, start), scale(factor, end), scale(factor, radii)
-    if level(p1, a) < -ON_THE_SURFACE or level(p2, a) < -ON_THE_SURFACE:
+    inverse = (1.0 / radii[0], 1.0 / radii[1], 1.0 / radii[2])
+    on_sphere_1, on_sphere_2 = multiply(inverse, start), multiply(inverse, end)
+    if dot(on_sphere_1, on_sphere_1) - 1.0 < -ON_THE_SURFACE or dot(on_sphere_2, on_sphere_2) - 1.0 < -ON_THE_SURFACE:
         return INSIDE_RADIUS, ORIGIN, ORIGIN, 0.0
-    backwards = subtract(p1, p2)
-    is_pierced, l1, l2 = pierces(divide(backwards, a), divide(p2, a), 1.0)
-    if abs(dot(unit(p1), unit(p2)) - 1.0) < SAME_DIRECTION or not is_pierced:
+    is_pierced, l1, l2 = pierces(subtract(on_sphere_1, on_sphere_2), on_sphere_2, 1.0)
+    if not is_pierced or abs(dot(unit(start), unit(end)) - 1.0) < SAME_DIRECTION:
         return NO_WRAP, ORIGIN, ORIGIN, 0.0
 
+    factor = 3.0 / (radii[0] + radii[1] + radii[2])
+    p1, p2, a = scale(factor, start), scale(factor, end), scale(factor, radii)
+    backwards = subtract(p1, p2)
     r1, r2 = along(p2, l1, backwards), along(p2, l2, backwards)
     c, fan_weight, crosses_between = _passing_point(r1, r2, unit(backwards), a, method, fan, code)
     if method != AXIAL or crosses_between:

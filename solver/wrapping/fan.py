@@ -169,9 +169,8 @@ def _ends(blade: int, steps: int, sense: int, r1: Vector, inner: Vector, a: Vect
     """Whether a blade, counted from one end, ends after these steps."""
     s = (blade + 1) / SPACINGS if sense > 0 else (BLADES - blade) / SPACINGS
     x, y, z = along(r1, s, inner)
-    t = 0.0
-    f, step = _newton_step(t, x, y, z, a)
-    for _ in range(steps):
+    t, f, step = 0.0, 0.0, 0.0
+    for _ in range(steps + 1):
         t -= step
         f, step = _newton_step(t, x, y, z, a)
     return f < STOP

@@ -56,13 +56,18 @@ def wrap_path(
     nodes, sequence = work.nodes, work.sequence
     count = place_path_points(points, wraps, changes, nodes, sequence)
     length = inf
-    is_swapped = False
+    is_swapped, changes_so_far = False, 0
     for sweep in range(MOST_SWEEPS if len(wraps) > 1 else 1):
         first_action, second_action = NO_WRAP, NO_WRAP
         for position in range(len(wraps)):
             k = 1 - position if is_swapped and position < 2 else position
-            node = len(points) + 2 * k
-            count, action = _wrap_over_surface(wraps[k], node, len(wraps), bodies, work, count)
+            if sweep > 0 and work.seen[k] == changes_so_far:  # the same segments as in the sweep before
+                continue
+            node, before = len(points) + 2 * k, count
+            count, action, is_wrapped = _wrap_over_surface(wraps[k], node, len(wraps), bodies, work, count)
+            if is_wrapped or count != before:
+                changes_so_far += 1
+            work.seen[k] = changes_so_far
             if position == 0:
                 first_action = action
             elif position == 1:
@@ -72,6 +77,7 @@ def wrap_path(
             break
         if sweep == 0 and len(wraps) > 1 and first_action == NO_WRAP and second_action == INSIDE_RADIUS:
             is_swapped = True
+            changes_so_far += 1
             count = _remove_tangent_points(len(points), sequence, count)
     else:
         if len(wraps) > 1:
@@ -126,10 +132,10 @@ def place_path_points(points: Records, wraps: Records, changes: Records, nodes: 
 @compiled
 def _wrap_over_surface(
     wrap: Record, node: int, surfaces: int, bodies: Records, work: WrapWorkspace, count: int
-) -> tuple[int, int]:
+) -> tuple[int, int, bool]:
     """Wrap the path over one surface again, if the wrap is mandatory or the length increase is the least.
 
-    Returns the number of nodes of the path, and the last wrap action of the surface.
+    Returns the number of nodes of the path, the last wrap action of the surface, and whether the path runs over it.
     """
     nodes, sequence = work.nodes, work.sequence
     count = _remove_tangent_points(node, sequence, count)
@@ -156,7 +162,7 @@ def _wrap_over_surface(
         write(nodes[node + 1]["location"], r2)
         nodes[node + 1]["on_surface"] = on_surface
         count = _insert_tangent_points(node, sequence, count, behind)
-    return count, last_action
+    return count, last_action, behind >= 0
 
 
 @compiled
@@ -187,6 +193,8 @@ def _wrap_segment(
         action, r1, r2, length = wrap_torus(p1, p2, size[0], size[1], axis, allowed, surfaces, work.code)
     else:
         action, r1, r2, length = wrap_cylinder(p1, p2, size[0], size[2], axis, allowed, surfaces, work.code)
+    if action <= NO_WRAP:
+        return action, ORIGIN, ORIGIN, 0.0
     rotation, translation = wrap["rotation"], read(wrap["translation"])
     return action, add(turn(rotation, r1), translation), add(turn(rotation, r2), translation), length
 

@@ -11,14 +11,26 @@ from solver.wrapping.path_tables import NODE, Codes, Indices, PathTables, Record
 
 
 class WrapWorkspace(NamedTuple):
-    """nodes of a path (NODE) and their sequence along it; working memory of the fan; code (1,), the path's outcome."""
+    """Working memory of one path at a time.
+
+    nodes     (NODE) its path points and tangent points
+    sequence  of the nodes along the path
+    seen      (wraps,) how often the path had changed when it was last wrapped over a surface
+    fan       of an ellipsoid
+    code      (1,) the path's outcome
+    """
 
     nodes: Records
     sequence: Indices
+    seen: Indices
     fan: Fan
     code: Codes
 
 
 def allocate_wrap(tables: PathTables) -> WrapWorkspace:
-    longest = int((np.diff(tables.first_point) + 2 * np.diff(tables.first_wrap)).max(initial=0))
-    return WrapWorkspace(np.zeros(longest, NODE), np.zeros(longest, np.int64), allocate_fan(), np.zeros(1, np.int8))
+    wraps = np.diff(tables.first_wrap)
+    longest = int((np.diff(tables.first_point) + 2 * wraps).max(initial=0))
+    seen = np.zeros(int(wraps.max(initial=0)), np.int64)
+    return WrapWorkspace(
+        np.zeros(longest, NODE), np.zeros(longest, np.int64), seen, allocate_fan(), np.zeros(1, np.int8)
+    )
