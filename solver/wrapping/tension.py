@@ -20,8 +20,8 @@ from solver.vectors import (
     subtract,
     turn,
 )
-from solver.wrapping.opensim_path import place_in_ground, to_ground, wrap_path
-from solver.wrapping.path_tables import CONVERGED, Indices, PathResults, PathTables, Records
+from solver.wrapping.opensim_path import place_in_ground, wrap_path
+from solver.wrapping.path_tables import CONVERGED, Indices, PathResults, PathTables, Record, Records
 from solver.wrapping.workspace import WrapWorkspace
 
 
@@ -35,37 +35,6 @@ def evaluate_wrapped_paths(
     """
     for frame in range(len(poses)):
         _evaluate_frame(tables, poses[frame], changes[frame], rates[frame], work, results, frame)
-
-
-@compiled
-def path_speed(bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int) -> float:
-    """Lengthening speed [m/s] of the path through the first `count` nodes of the sequence, at speeds u."""
-    speed = 0.0
-    if count == 0:
-        return speed
-    first = sequence[0]
-    place, velocity = place_in_ground(bodies, nodes, first), _velocity(bodies, rates, nodes, first)
-    for k in range(1, count):
-        node = sequence[k]
-        next_place, next_velocity = place_in_ground(bodies, nodes, node), _velocity(bodies, rates, nodes, node)
-        apart, parting = subtract(next_place, place), subtract(next_velocity, velocity)
-        length = norm(apart)
-        speed += dot(parting, apart) / length if length >= SMALLEST_LENGTH else norm(parting)
-        place, velocity = next_place, next_velocity
-    return speed
-
-
-@compiled
-def apply_tension(bodies: Records, nodes: Records, k: int, force: Vector, wrench: Array, mobility: Array) -> None:
-    """Add a force at a node to the wrenches (bodies, 6), and to the force on a coordinate that moves the node."""
-    body = nodes[k]["body"]
-    moment = cross(to_ground(bodies, body, read(nodes[k]["location"])), force)
-    for i in range(3):
-        wrench[body, i] += moment[i]
-        wrench[body, 3 + i] += force[i]
-    if nodes[k]["coordinate"] >= 0:
-        slide = turn(bodies[body]["rotation"], read(nodes[k]["slope"]))
-        mobility[nodes[k]["coordinate"]] += dot(slide, force)
 
 
 @compiled
@@ -84,34 +53,56 @@ def _evaluate_frame(
         work.code[0] = CONVERGED
         count, results.lengths[frame, path] = wrap_path(points, wraps, bodies, changes, work)
         results.codes[frame, path] = work.code[0]
-        results.speeds[frame, path] = path_speed(bodies, u, work.nodes, work.sequence, count)
-        _apply_tensions(
-            bodies, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
+        results.speeds[frame, path] = _pull(
+            bodies, u, work.nodes, work.sequence, count, results.wrenches[frame, path], results.mobilities[frame, path]
         )
 
 
 @compiled
-def _velocity(bodies: Records, rates: Array, nodes: Records, k: int) -> Vector:
-    """Velocity of a node in ground, which a coordinate may move in its body."""
-    body = bodies[nodes[k]["body"]]
-    arm = turn(body["rotation"], read(nodes[k]["location"]))
-    velocity = add(read(body["origin_velocity"]), cross(read(body["angular_velocity"]), arm))
-    if nodes[k]["coordinate"] >= 0:
-        slide = turn(body["rotation"], read(nodes[k]["slope"]))
-        velocity = add(velocity, scale(rates[nodes[k]["coordinate"]], slide))
-    return velocity
+def _pull(
+    bodies: Records, rates: Array, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array
+) -> float:
+    """Add the forces of a tension of 1 N, which act between different bodies along the straight segments; returns the
+    lengthening speed [m/s] at speeds u.
+    """
+    speed = 0.0
+    if count == 0:
+        return speed
+    start, place = nodes[sequence[0]], place_in_ground(bodies, nodes, sequence[0])
+    point, velocity = _point_and_velocity(bodies, rates, start)
+    for k in range(1, count):
+        end, next_place = nodes[sequence[k]], place_in_ground(bodies, nodes, sequence[k])
+        next_point, next_velocity = _point_and_velocity(bodies, rates, end)
+        apart, parting = subtract(next_place, place), subtract(next_velocity, velocity)
+        length = norm(apart)
+        speed += dot(parting, apart) / length if length >= SMALLEST_LENGTH else norm(parting)
+        if start["body"] != end["body"]:
+            force = scale(1.0 / length, apart)
+            _apply_force(bodies, start, point, force, wrench, mobility)
+            _apply_force(bodies, end, next_point, scale(-1.0, force), wrench, mobility)
+        start, place, point, velocity = end, next_place, next_point, next_velocity
+    return speed
 
 
 @compiled
-def _apply_tensions(
-    bodies: Records, nodes: Records, sequence: Indices, count: int, wrench: Array, mobility: Array
-) -> None:
-    """Add the forces of a tension of 1 N: only between different bodies, along the straight segments."""
-    for k in range(count - 1):
-        start, end = sequence[k], sequence[k + 1]
-        if nodes[start]["body"] == nodes[end]["body"]:
-            continue
-        apart = subtract(place_in_ground(bodies, nodes, end), place_in_ground(bodies, nodes, start))
-        force = scale(1.0 / norm(apart), apart)
-        apply_tension(bodies, nodes, start, force, wrench, mobility)
-        apply_tension(bodies, nodes, end, scale(-1.0, force), wrench, mobility)
+def _point_and_velocity(bodies: Records, rates: Array, node: Record) -> tuple[Vector, Vector]:
+    """Latest place and velocity of a node in ground, which a coordinate may move in its body."""
+    body = bodies[node["body"]]
+    arm = turn(body["rotation"], read(node["location"]))
+    velocity = add(read(body["origin_velocity"]), cross(read(body["angular_velocity"]), arm))
+    if node["coordinate"] >= 0:
+        slide = turn(body["rotation"], read(node["slope"]))
+        velocity = add(velocity, scale(rates[node["coordinate"]], slide))
+    return add(arm, read(body["origin"])), velocity
+
+
+@compiled
+def _apply_force(bodies: Records, node: Record, point: Vector, force: Vector, wrench: Array, mobility: Array) -> None:
+    """Add a force at a node to the wrenches (bodies, 6), and to the force on a coordinate that moves the node."""
+    body, moment = node["body"], cross(point, force)
+    for i in range(3):
+        wrench[body, i] += moment[i]
+        wrench[body, 3 + i] += force[i]
+    if node["coordinate"] >= 0:
+        slide = turn(bodies[body]["rotation"], read(node["slope"]))
+        mobility[node["coordinate"]] += dot(slide, force)
