@@ -48,9 +48,11 @@ def fill_settled(
 ) -> None:
     """Fibres (n,) at path lengths [m] and activations (n,)."""
     for i in range(len(tables.muscle)):
-        path, a, rate, anchor, drift = paths[i], activations[i], start.rate[i], start.anchor[i], start.drift[i]
+        path, rate, anchor, drift = paths[i], start.rate[i], start.anchor[i], start.drift[i]
+        a = max(activations[i], tables.least_activation[i])
         length, force, gain, code = settle_fiber(tables, i, path, a, rate, anchor, drift, start.guess[i])
-        settled.length[i], settled.force[i], settled.gain[i], settled.codes[i] = length, force, gain, code
+        settled.length[i], settled.force[i], settled.codes[i] = length, force, code
+        settled.gain[i] = gain if activations[i] >= a else 0.0
         settled.passive[i] = balance(tables, i, path, a, rate, anchor, drift, length)[3]
 
 

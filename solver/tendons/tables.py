@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 MILLARD, THELEN, DE_GROOTE = 0, 1, 2
 ACTIVE, VELOCITY, PASSIVE, TENDON = 0, 1, 2, 3
 LEAST_LENGTH = 0.01  # of the optimal one, OpenSim's for a fibre without pennation
+LEAST_ACTIVATION = 0.01  # OpenSim's minimum_activation
 LEAST_DE_GROOTE = 0.2  # the length at which its passive force is zero; OpenSim's lower bound
 
 
@@ -29,6 +30,7 @@ class FiberTables(NamedTuple):
     scales     (n, 7) optimal length [m], slack length [m], height [m], greatest isometric force [N], fastest velocity
                [optimal lengths/s], damping, shortest normalised length
     shapes     (n, 7) figures of the closed curves, as _shapes gives them
+    least_activation  (n,) below which the fibre has this one: without damping, nothing else holds a fibre
     corners    (corners, 2, 6) of all Bézier chains, with nodes (corners, intervals + 1) as BezierChain
     corner_range  (n, 4, 2) where a muscle's chain begins and ends: ACTIVE, VELOCITY, PASSIVE, TENDON
     """
@@ -37,6 +39,7 @@ class FiberTables(NamedTuple):
     kind: NDArray[np.int64]
     scales: Array
     shapes: Array
+    least_activation: Array
     corners: Array
     nodes: Array
     corner_range: NDArray[np.int64]
@@ -73,6 +76,7 @@ def fiber_tables(model: Model) -> FiberTables:
         kind=np.array([_kind(muscle) for muscle in muscles]),
         scales=np.array([_scales(muscle) for muscle in muscles]),
         shapes=np.array([_shapes(muscle) for muscle in muscles]),
+        least_activation=np.array([0.0 if muscle.fiber_damping else LEAST_ACTIVATION for muscle in muscles]),
         corners=stack.joined("corners", (0, 2, 6)),
         nodes=stack.joined("nodes", (0, INTERVALS + 1)),
         corner_range=ranges,

@@ -145,6 +145,21 @@ def test_a_slack_tendon_bears_nothing() -> None:
     assert found.is_converged.all()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_resting_fibre_is_held_by_damping_or_by_the_least_activation(kind: str) -> None:
+    """A fibre without either would be as short as it can be, because nothing balances its tendon."""
+    model = model_of(kind)
+    lengths, speeds, activations = course(model)
+    found = [
+        elastic_forces(model, lengths, speeds, np.full_like(activations, a), INTERVAL).fiber_lengths
+        for a in (0.0, 0.01)
+    ]
+    chosen = elastic_muscles(model)
+    is_same = np.array_equal(found[0][:, chosen], found[1][:, chosen])
+    assert np.isfinite(found[0][:, chosen]).all()
+    assert is_same == (kind == "thelen")
+
+
 def test_a_model_without_elastic_tendons_is_refused() -> None:
     lengths = np.full((2, 33), 0.2)
     rigid = replace(BUNDLED, muscles=tuple(replace(muscle, tendon=None) for muscle in BUNDLED.muscles))
