@@ -28,6 +28,7 @@ OUTCOMES = {
 MUSCLE_OUTCOMES = {
     MuscleOutcome.PATH_NOT_CONVERGED: AssessmentCode.PATH_NOT_CONVERGED,
     MuscleOutcome.CURVE_NOT_CONVERGED: AssessmentCode.CURVE_NOT_CONVERGED,
+    MuscleOutcome.FIBER_NOT_CONVERGED: AssessmentCode.FIBER_NOT_CONVERGED,
 }
 
 Finding = Message[AssessmentCode]

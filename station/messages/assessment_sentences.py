@@ -81,6 +81,10 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.CURVE_NOT_CONVERGED: (
         _UNCONVERGED + "force of at least one muscle did not converge on a curve of the fibre; its last point is used."
     ),
+    AssessmentCode.FIBER_NOT_CONVERGED: (
+        _UNCONVERGED + "fibre and elastic tendon of at least one muscle did not come into balance; the last point is "
+        "used."
+    ),
     AssessmentCode.NO_GLENOID: "No joint reaction was constrained: the model has no glenoid.",
     InputCode.UNKNOWN_CUFF: (
         "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff"

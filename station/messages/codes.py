@@ -281,6 +281,7 @@ class AssessmentCode(StrEnum):
     NOT_FINITE = "frames.not_finite"
     PATH_NOT_CONVERGED = "muscles.path_not_converged"
     CURVE_NOT_CONVERGED = "muscles.curve_not_converged"
+    FIBER_NOT_CONVERGED = "muscles.fiber_not_converged"
     NO_GLENOID = "model.no_glenoid"
 
 

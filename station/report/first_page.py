@@ -29,6 +29,7 @@ LIMITING = frozenset(
         AssessmentCode.NOT_FINITE,
         AssessmentCode.PATH_NOT_CONVERGED,
         AssessmentCode.CURVE_NOT_CONVERGED,
+        AssessmentCode.FIBER_NOT_CONVERGED,
     }
 )
 """Findings that limit the result; the others describe it."""
