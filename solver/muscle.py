@@ -108,8 +108,8 @@ def _forces(group: _Group, lengths: Array, lengthening_speeds: Array) -> MuscleF
     is_too_short = along < shortest_pennate * np.cos(steepest)
     shortest = np.maximum(curves.shortest * optimal, shortest_pennate)
     fiber = np.maximum(np.where(is_too_short, shortest_pennate, np.sqrt(height**2 + along**2)), shortest)
-    angle = np.minimum(np.arcsin(np.minimum(height / np.maximum(fiber, 1e-16), 1.0)), steepest)
-    cos_pennation = np.cos(angle)
+    sine = np.minimum(height / np.maximum(fiber, 1e-16), np.sin(steepest))
+    cos_pennation = np.sqrt((1.0 - sine) * (1.0 + sine))
     fiber_speed = lengthening_speeds * cos_pennation
     is_slack = lengths - fiber * cos_pennation < slack - 1e-14
     is_shortest = fiber <= shortest
