@@ -85,7 +85,7 @@ def equations_of_motion(model: Model, state: Postures, reaction_joint: str = "Gl
     _mark_singular(terms, model)
     stiffness = _pseudo_inverse(terms.compliance)
     gain = terms.inverse_times @ stiffness
-    mobility = terms.inverse - gain @ np.swapaxes(terms.inverse_times, 1, 2)
+    mobility = np.subtract(terms.inverse, gain @ np.swapaxes(terms.inverse_times, 1, 2), out=terms.inverse)
     bias_force, per_acceleration = terms.bias_force, terms.reaction_per_acceleration
     acceleration = -rotate(mobility, bias_force) - rotate(gain, bias)
 

@@ -7,12 +7,13 @@ muscle is that to its path's tension of 1 N times its active force.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import CoordinateActuator, Model
+from solver.model import CoordinateActuator, Model, MovingPathPoint
 from solver.multibody.dynamics import EquationsOfMotion, response_to_loads, responses_to
 from solver.multibody.force_element import full_loads
 from solver.multibody.postures import Postures
@@ -70,7 +71,7 @@ def response_maps(
     responses = responses_to(
         equations,
         paths.wrench_per_tension,
-        paths.mobility_per_tension,
+        paths.mobility_per_tension if _has_moving_points(model) else None,  # else zero, and 4 kB per frame to read
         factors=forces.active,
         shares=forces.passive,
         driven=driven,
@@ -88,6 +89,11 @@ def response_maps(
         reaction_at_rest=reaction,
         reaction_per_control=responses.reaction,
     )
+
+
+@lru_cache(maxsize=32)  # a model is frozen
+def _has_moving_points(model: Model) -> bool:
+    return any(isinstance(point, MovingPathPoint) for muscle in model.muscles for point in muscle.path.points)
 
 
 def _set_bodily_actuators(model: Model, state: Postures, equations: EquationsOfMotion, responses: Responses) -> None:
