@@ -146,7 +146,9 @@ def _title(function: Any) -> str:
 
 
 def _parts(function: Any, seen: set[object]) -> Iterator[object]:
-    """What the machine code depends on: the function, the constants it names, the compiled functions it calls."""
+    """What the machine code depends on: the function, the constants it names, the compiled functions it calls
+    and their options.
+    """
     seen.add(function)
     codes = [function.__code__]
     for code in codes:
@@ -159,4 +161,5 @@ def _parts(function: Any, seen: set[object]) -> Iterator[object]:
                 fields = getattr(value, "_fields", None)  # of a NamedTuple
                 yield name, value if isinstance(value, int | float | tuple | np.dtype) else fields
             elif value.py_func not in seen:
+                yield value.targetoptions
                 yield from _parts(value.py_func, seen)

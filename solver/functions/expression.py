@@ -16,13 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.errors import ModelError
+
 Array = NDArray[np.float64]
 
 LONGEST, DEEPEST = 5000, 200
 
 
-class ExpressionError(ValueError):
-    """What an expression has and the parser does not."""
+class ExpressionError(ModelError):
+    """The rest of a sentence about a property of a model: what its expression has that the parser does not know."""
 
 
 @dataclass(frozen=True)

@@ -90,12 +90,16 @@ THELEN_OPTIONS = {
 
 
 def _control_limits(element: Element) -> tuple[float, float]:
-    """Least and greatest control. The default of muscles with a least activation is 0.01, whatever that is."""
+    """Least and greatest control. The default of muscles with a least activation is 0.01, whatever that is.
+
+    A paralysed muscle has a greatest control of 0, and then that default does not hold.
+    """
     has_least = element.tag in ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
-    least = max(0.0, element.number("min_control", "0.01" if has_least else "0", may_be_infinite=True))
     greatest = min(element.number("max_control", "1", may_be_infinite=True), LARGEST_CONTROL)
-    if not least < greatest:
-        raise element.refusal(f"has a min_control of {least:g}, expected one below its max_control of {greatest:g}")
+    default = min(0.01, greatest) if has_least else 0.0
+    least = max(0.0, element.number("min_control", f"{default:g}", may_be_infinite=True))
+    if least > greatest:
+        raise element.refusal(f"has a min_control of {least:g}, expected at most its max_control of {greatest:g}")
     return least, greatest
 
 

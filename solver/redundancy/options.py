@@ -28,6 +28,9 @@ UNWEIGHTED_COORDINATES = (
 )
 
 
+LEAST_RANGE = 1e-6  # of an activation: the interior point needs an interior
+
+
 @dataclass(frozen=True)
 class RedundancyOptions:
     """Weights and constraints of the problem; the defaults are the published ones.
@@ -87,8 +90,10 @@ def static_optimisation(options: RedundancyOptions) -> RedundancyOptions:
 
 
 def activation_limits(model: Model) -> Array:
-    """(2, muscles) least and greatest activation in the model's file."""
-    limits = [[muscle.min_control, muscle.max_control] for muscle in model.muscles]
+    """(2, muscles) least and greatest activation in the model's file, of a paralysed muscle nearly the same."""
+    limits = [
+        [muscle.min_control, max(muscle.max_control, muscle.min_control + LEAST_RANGE)] for muscle in model.muscles
+    ]
     return np.array(limits).reshape(-1, 2).T
 
 

@@ -14,7 +14,8 @@ from solver import compiled
 
 KERNEL = """
 from collections import namedtuple
-from solver.compiled import compiled, compiled_for_python
+from solver.compiled import compiled_for_python
+from solver.compiled import {compiler} as compiled
 FACTOR = {factor}
 Pair = namedtuple("Pair", "{fields}")
 
@@ -34,13 +35,14 @@ def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
 
 
-def _kernel(folder: Path, factor: float = 2.0, more: str = "", fields: str = "x y") -> Any:
+def _kernel(folder: Path, factor: float = 2.0, more: str = "", fields: str = "x y", compiler: str = "compiled") -> Any:
     file = folder / "kernel.py"
     if not file.exists():  # the source as the compiler sees it never changes
         file.write_text(KERNEL, encoding="utf-8")
     module = ModuleType("kernel")
     module.__file__ = str(file)
-    exec(compile(KERNEL.format(factor=factor, more=more, fields=fields), file, "exec"), vars(module))  # noqa: S102
+    source = KERNEL.format(factor=factor, more=more, fields=fields, compiler=compiler)
+    exec(compile(source, file, "exec"), vars(module))  # noqa: S102
     return vars(module)["kernel"]
 
 
@@ -59,7 +61,13 @@ def test_what_is_kept_on_disk_is_not_compiled_again(tmp_path: Path, caplog: pyte
 
 
 @pytest.mark.parametrize(
-    ("change", "expected"), [({"factor": 5.0}, 15.0), ({"more": " + 1.0"}, 7.0), ({"fields": "y x"}, 0.0)]
+    ("change", "expected"),
+    [
+        ({"factor": 5.0}, 15.0),
+        ({"more": " + 1.0"}, 7.0),
+        ({"fields": "y x"}, 0.0),
+        ({"compiler": "compiled_with_allocation"}, 6.0),
+    ],
 )
 def test_a_change_in_what_a_kernel_calls_compiles_it_again(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, change: dict[str, Any], expected: float

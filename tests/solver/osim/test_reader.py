@@ -378,3 +378,10 @@ def test_the_loaded_model_differs_in_the_hand_only() -> None:
     assert heavier == ["hand"]
     assert loaded.bodies[-1].mass == pytest.approx(bare.bodies[-1].mass + 2.0, abs=1e-12)
     assert bare.muscle_names == loaded.muscle_names
+
+
+@pytest.mark.parametrize(("limits", "expected"), [("", (0.01, 1.0)), ("<max_control>0</max_control>", (0.0, 0.0))])
+def test_a_paralysed_muscle_has_no_least_control(file: Path, limits: str, expected: tuple[float, float]) -> None:
+    force = "<max_isometric_force>500"
+    muscle = _read(file, DOOR.replace(force, limits + force)).muscles[0]
+    assert (muscle.min_control, muscle.max_control) == expected

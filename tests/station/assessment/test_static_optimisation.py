@@ -112,3 +112,13 @@ def test_the_verbs_write_moments_and_activations(station: Callable[..., Ran], st
     assert station("id", *common, "--output", tmp_path / "id.parquet").code == 2
     unbalanced = station("rmr", *common, *joint, "--no-glenoid", "--output", output)
     assert_refused(unbalanced, 1, SolverCode.NOT_BALANCED)
+
+
+def test_a_paralysed_muscle_rests_and_every_frame_is_solved(step: Step, tmp_path: Path) -> None:
+    model = tmp_path / "paralysed.osim"
+    force = "<max_isometric_force>"
+    model.write_text(step.model.read_text().replace(force, "<max_control>0</max_control>" + force, 1))
+    solved, able = solve(replace(step, model=model)).solution, solve(step).solution
+    assert solved.unsolved == 0
+    assert solved.activations[:, 0].max() < 1e-5
+    assert able.activations[:, 0].max() > 0.01
