@@ -18,7 +18,7 @@ from solver.model import ModelError
 Array = NDArray[np.float64]
 DEEPEST, MOST_ELEMENTS = 100, 500_000
 
-_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_COMMENT = re.compile(rb"<!--(.*?)-->", re.DOTALL)
 BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of UTF-16
 
 
@@ -141,7 +141,7 @@ class Element:
 
 
 def as_utf8(raw: bytes) -> bytes:
-    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, and without its comments.
+    """The file in its declared encoding, UTF-8, even if single bytes of it are Latin-1, and without malformed comments.
 
     OpenSim writes and reads the names in <credits> byte for byte, whatever the header declares, and a comment ends at
     its first --> even if another begins within it.
@@ -149,12 +149,17 @@ def as_utf8(raw: bytes) -> bytes:
     declared = re.match(rb"<\?xml[^>]*encoding=[\"']([^\"']+)", raw)
     if raw.startswith(BYTE_ORDER_MARKS) or (declared and declared[1].lower() not in (b"utf-8", b"utf8")):
         return raw
-    raw = _COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), raw)
+    raw = _COMMENT.sub(_well_formed, raw)
     try:
         raw.decode("utf-8")
     except UnicodeDecodeError:
         return raw.decode("latin-1").encode("utf-8")
     return raw
+
+
+def _well_formed(comment: re.Match[bytes]) -> bytes:
+    """The comment, or as many line breaks if it holds what XML does not allow in one."""
+    return b"\n" * comment[0].count(b"\n") if b"--" in comment[1] or comment[1].endswith(b"-") else comment[0]
 
 
 def read_document(file: Path) -> Element:

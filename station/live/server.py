@@ -96,6 +96,7 @@ class LiveServer:
             view = _View(connection, self._setup_line)
             with self._lock:
                 self._views.append(view)
+                view.start()
             try:
                 while line := lines.readline(LONGEST_COMMAND):
                     self._on_command(json.loads(line))
@@ -115,6 +116,9 @@ class _View:
         self._dropped = 0
         self._is_over = False
         self._thread = threading.Thread(target=self._send, name="live view sender", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send, once publish() serves the view: after the set-up it misses no update uncounted."""
         self._thread.start()
 
     def offer(self, update: LiveUpdate) -> None:
