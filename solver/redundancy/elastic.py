@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,8 @@ def solve_elastic(
     for frame, is_finite in enumerate(problem.is_finite):
         if is_finite:
             found = solver.solve(frame, forces)
-            for name in ("controls", "outcomes", "equality_residual", "reaction", "cone_slack"):
-                getattr(solution, name)[:, frame] = getattr(found, name)[:, 0]
+            for field in fields(solution):
+                getattr(solution, field.name)[:, frame] = getattr(found, field.name)[:, 0]
         else:
             forces.passive[frame] = np.nan
             solver.restart()
@@ -207,6 +207,7 @@ def _empty_solution(frames: int, controls: int) -> ScenarioSolutions:
         controls=np.full((1, frames, controls), np.nan),
         outcomes=outcomes,
         equality_residual=scalars[0],
+        residual_coordinate=np.zeros((1, frames), dtype=np.intp),
         reaction=np.full((1, frames, 6), np.nan),
         cone_slack=scalars[1],
     )

@@ -134,7 +134,8 @@ class MotionSolution:
     contact            (frames, 2) where it meets the glenoid's plane [m], as glenoid.contact_points; NaN where it does
                        not, or the model has no markers of the glenoid
     effort             (frames,) Σ w aᵖ + Σ w r²
-    equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²], mostly by the constraint
+    equality_residual  (frames,) largest acceleration not produced [rad/s² or m/s²], mostly by the constraint, of the
+                       coordinate with the name residual_coordinates (frames,)
     cone_slack         (frames,) distance of the reaction inside the cone [N], infinite without the glenoid constraint
     outcomes           (frames,) of FrameOutcome
     muscle_outcomes    (frames, muscles) of MuscleOutcome: whether path and force of each muscle converged
@@ -152,6 +153,7 @@ class MotionSolution:
     contact: Array
     effort: Array
     equality_residual: Array
+    residual_coordinates: tuple[str, ...]
     cone_slack: Array
     outcomes: tuple[FrameOutcome, ...]
     muscle_outcomes: NDArray[np.object_]
@@ -239,6 +241,7 @@ def solve_motion(
         contact=_contact(model, mechanics.state, options, reaction),
         effort=problem.effort_of(solution.controls[0]).sum(axis=-1),
         equality_residual=solution.equality_residual[0],
+        residual_coordinates=tuple(model.coordinate_names[index] for index in solution.residual_coordinate[0]),
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
         muscle_outcomes=muscle_outcomes,
@@ -366,7 +369,9 @@ def solve_redundancy(
     controls[outcomes == FrameOutcome.INFEASIBLE] = np.nan
     is_claimed = (outcomes == FrameOutcome.SOLVED) | (outcomes == FrameOutcome.BEYOND_ACTIVATION_RATE)
     outcomes[is_claimed & ~is_met(problem.acceleration_matrix, residual, size)] = FrameOutcome.NOT_CONVERGED
-    return ScenarioSolutions(controls, outcomes, np.abs(residual, out=residual).max(axis=-1), reaction, slack)
+    greatest = np.abs(residual, out=residual).argmax(axis=-1)
+    missed = np.take_along_axis(residual, greatest[..., None], axis=-1)[..., 0]
+    return ScenarioSolutions(controls, outcomes, missed, np.flatnonzero(problem.tracked)[greatest], reaction, slack)
 
 
 def _contact(model: Model, state: Postures, options: RedundancyOptions, reaction: Array) -> Array:

@@ -30,6 +30,7 @@ class ScenarioSolutions:
 
     outcomes           (scenarios, frames) of FrameOutcome
     equality_residual  (scenarios, frames) largest |A x − b| [rad/s² or m/s²], the unreachable part included
+    residual_coordinate  (scenarios, frames) index of the coordinate whose acceleration it is
     reaction           (scenarios, frames, 6) moment [N m], force [N] on the scapula in ground
     cone_slack         (scenarios, frames) s − |v| [N], negative outside; infinite without the glenoid
     """
@@ -37,5 +38,6 @@ class ScenarioSolutions:
     controls: Array
     outcomes: NDArray[np.object_]
     equality_residual: Array
+    residual_coordinate: NDArray[np.intp]
     reaction: Array
     cone_slack: Array

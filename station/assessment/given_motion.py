@@ -10,6 +10,7 @@ from solver.motion import Derivatives, Kinematics, Motion, decimate, differentia
 from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
 from solver.multibody.external_loads import ExternalForce
 from solver.suit.suited_model import SuitedModel
+from station.assessment.motion_checks import motion_checks
 from station.sources import loads_of, model_of, motion_of, named_hash, named_hashes, suited_model_of
 
 
@@ -63,10 +64,11 @@ class GivenMotion:
 
     @property
     def notes(self) -> dict[str, str]:
-        """Filter and frames, for the header of a result."""
+        """Filter, frames and what contradicts the model, for the header of a result."""
         missing = {"without_data": ", ".join(self.missing)} if self.missing else {}
         return {
             **missing,
+            **motion_checks(self.model, self.kinematics),
             "filter": self.kinematics.filter,
             "derivatives": self.kinematics.derivatives,
             "interval_s": f"{self.kinematics.interval:.10g}",

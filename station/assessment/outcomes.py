@@ -101,7 +101,14 @@ def _count(solution: MotionSolution, frames: list[int]) -> str:
 
 
 def _violation(solution: MotionSolution, frames: list[int], *, has_glenoid: bool) -> str:
-    outside = np.maximum(-solution.cone_slack[frames], 0.0)
+    known = [frame for frame in frames if np.isfinite(solution.equality_residual[frame])]
+    if not known:  # forces of elastic tendons that are not finite
+        return ""
+    outside = np.maximum(-solution.cone_slack[known], 0.0)
     leaves = f"leaves it by up to {outside.max():.3g} N and " if has_glenoid else ""
-    missed = solution.equality_residual[frames].max()
-    return f"; the smallest violation {leaves}misses accelerations by up to {missed:.3g} rad/s² or m/s²"
+    worst = max(known, key=lambda frame: float(solution.equality_residual[frame]))
+    missed, coordinate = solution.equality_residual[worst], solution.residual_coordinates[worst]
+    return (
+        f"; the smallest violation {leaves}misses accelerations by up to {missed:.3g} rad/s² or m/s², "
+        f"the most that of {coordinate}"
+    )

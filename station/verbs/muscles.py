@@ -121,8 +121,7 @@ def rmr(
     ensure_writable(output)
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
-    if actuators and model == "bundled":
-        raise typer.BadParameter("--actuators needs an .osim file as --model")
+    _ensure_compatible(actuators, model, tendons, every)
     free = _names(free_coordinates)
     wanted = ReactionRequest(_names(joint), reaction_on, reaction_in)
     options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
@@ -138,6 +137,16 @@ def rmr(
     _print_conditions(solved)
     _write(output, plot, solved)
     raise typer.Exit(LOSSY if solved.solution.unsolved else DONE)
+
+
+def _ensure_compatible(actuators: list[Path] | None, model: str, tendons: str, every: int) -> None:
+    """Refuse options that do not go together."""
+    if actuators and model == "bundled":
+        raise typer.BadParameter("--actuators needs an .osim file as --model")
+    if tendons == "elastic" and every > 1:
+        raise typer.BadParameter(
+            "--tendons elastic needs every frame, because fibre velocities are differences of frames; leave out --every"
+        )
 
 
 def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:

@@ -91,10 +91,14 @@ def print_result(result: TrialResult, format: Format, *, is_kept: bool = True) -
 
 
 def print_motion_notes(notes: Mapping[str, str]) -> None:
-    """Print the filter of a motion, and its coordinates without data, to stderr."""
+    """Print to stderr: the filter of a motion, coordinates without data, and those that contradict the model."""
+    from station.assessment.motion_checks import describe_motion_checks
+
     print_message(f"filter: {notes['filter']}")
     if "without_data" in notes:
         print_message(f"Coordinates without data: {notes['without_data']}. They keep their default values.")
+    for sentence in describe_motion_checks(notes):
+        print_message(sentence)
 
 
 def print_message(message: str) -> None:

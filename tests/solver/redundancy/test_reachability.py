@@ -132,6 +132,9 @@ def test_a_frame_of_lower_rank_takes_no_equation_from_the_others(solver: Solver)
     assert (found.outcomes == FrameOutcome.SOLVED).all()
     np.testing.assert_allclose(found.equality_residual[0], [0.0, 0.5], atol=1e-6)
     np.testing.assert_allclose(found.controls[0, 0], solve_redundancy(whole).controls[0, 0], atol=1e-6)
+    assert found.residual_coordinate[0, 1] == 1
+    behind_a_free_one = replace(both, tracked=np.array([True, False, True]))
+    assert solve_redundancy(behind_a_free_one).residual_coordinate[0, 1] == 2
 
 
 def test_a_posture_without_finite_accelerations_costs_its_frame_alone() -> None:

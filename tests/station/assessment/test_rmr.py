@@ -198,6 +198,19 @@ def test_infeasible_frames_are_told_with_the_smallest_violation(infeasible: Solv
     assert sentence.startswith(f"{lost.sum()} of {len(lost)} frames, the first at {first:g} s: ")
     missed = found.equality_residual[lost].max()
     assert f"misses accelerations by up to {missed:.3g} rad/s²" in sentence
+    worst = np.nanargmax(np.where(lost, found.equality_residual, np.nan))
+    assert sentence.endswith(f"the most that of {found.residual_coordinates[worst]}")
+
+
+def test_infeasible_frames_without_a_residual_do_not_hide_those_that_have_one(infeasible: SolvedMotion) -> None:
+    found = infeasible.solution
+    lost = np.flatnonzero(values(infeasible)["status"] == 2)
+    for unknown in (lost[:1], lost):
+        residual, slack = found.equality_residual.copy(), found.cone_slack.copy()
+        residual[unknown] = slack[unknown] = np.nan
+        sentences = describe_unsolved(replace(found, equality_residual=residual, cone_slack=slack))
+        assert not any("nan" in sentence for sentence in sentences)
+        assert any("misses accelerations" in sentence for sentence in sentences) == (len(unknown) == 1)
 
 
 def test_an_effort_file_changes_weights_and_reserves(infeasible: SolvedMotion) -> None:
