@@ -92,7 +92,13 @@ def read_motion(path: Path, model: Model, *, with_defaults: bool = False) -> Mot
         sentence = f"{path.name} should have a column named time and has {', '.join(columns[:3])}, …; add it"
         raise MotionError(sentence, SolverCode.MISSING_COLUMN)
     missing = tuple(name for name in names if name not in columns)
-    if missing and (not with_defaults or len(missing) == len(names)):
+    if len(missing) == len(names):
+        raise MotionError(
+            f"{path.name} has no coordinate of the model {model.name}, only columns such as {', '.join(columns[:4])}; "
+            f"give a motion of this model, with columns such as {', '.join(names[:3])}, or the model of this motion",
+            SolverCode.MISSING_COLUMN,
+        )
+    if missing and not with_defaults:
         raise MotionError(
             f"{path.name} should have a column for each of the model's {len(names)} coordinates and lacks "
             f"{', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'} or use another model",
@@ -126,17 +132,29 @@ def differentiate(
 
 def frames_between(time: Array, start: float | None, end: float | None) -> NDArray[np.bool_]:
     """(frames,) whether a frame lies between start and end [s], None for no limit. Raises MotionError if none does."""
+    first, last = -np.inf if start is None else start, np.inf if end is None else end
+    ensure_interval(first, last)
     tolerance = (time[-1] - time[0]) / (len(time) - 1) / 1e3
-    kept = np.ones(len(time), dtype=bool)
-    kept &= time >= (-np.inf if start is None else start - tolerance)
-    kept &= time <= (np.inf if end is None else end + tolerance)
+    kept: NDArray[np.bool_] = (time >= first - tolerance) & (time <= last + tolerance)
     if not kept.any():
+        limits = [f"from {first:g} s"] * (start is not None) + [f"to {last:g} s"] * (end is not None)
         raise MotionError(
-            f"the motion lasts from {time[0]:g} to {time[-1]:g} s and has no frame between {start} and {end} s; choose "
-            "other limits",
+            f"the motion lasts from {time[0]:g} to {time[-1]:g} s and has no frame {' '.join(limits)}; choose other "
+            "limits",
             SolverCode.NO_FRAMES,
         )
     return kept
+
+
+def ensure_interval(start: float, end: float) -> None:
+    """Raise MotionError unless start and end [s] are numbers, which may be infinite, in this order."""
+    if np.isnan(start) or np.isnan(end):
+        limit = "start" if np.isnan(start) else "end"
+        sentence = f"the {limit} of the interval is not a number; give a time in seconds"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
+    if start > end:
+        sentence = f"the start {start:g} s should be before the end {end:g} s; exchange them"
+        raise MotionError(sentence, SolverCode.NO_FRAMES)
 
 
 def decimate(kinematics: Kinematics, every: int) -> Kinematics:

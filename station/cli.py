@@ -11,9 +11,11 @@ import os
 import re
 import sys
 from importlib.metadata import version
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from rich.markup import escape
+from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from documents.plain_data import PlainDataError
 from drivers.errors import DeviceError
@@ -62,6 +64,17 @@ app = typer.Typer(
 )
 
 
+class Verb(TyperCommand):
+    """A command with help texts that rich does not parse: "[s]" is a unit, not a style."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.help = escape(self.help or "")
+        for parameter in self.params:
+            if isinstance(parameter, TyperOption | TyperArgument):
+                parameter.help = escape(parameter.help or "")
+
+
 def _show_version(is_requested: bool) -> None:
     if is_requested:
         print(f"cuffstation {version('cuffstation')}")
@@ -79,7 +92,7 @@ def _station(
 for stage, verbs in STAGES.items():
     for verb in verbs:
         name = verb.__name__.rstrip("_")
-        app.command(name, rich_help_panel=stage)(with_extras(verb, name))
+        app.command(name, cls=Verb, rich_help_panel=stage)(with_extras(verb, name))
 
 
 def main() -> NoReturn:

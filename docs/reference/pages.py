@@ -41,7 +41,7 @@ def command_line() -> str:
             if word in EXTRAS_OF_VERB:
                 page += [f"Needs the extras {', '.join(f'`{extra}`' for extra in EXTRAS_OF_VERB[word])}.", ""]
             parameters = inspect.signature(verb, eval_str=True).parameters.values()
-            rows = [_parameter(parameter) for parameter in parameters]
+            rows = [_parameter(one) for one in parameters if get_args(one.annotation)]  # not the context
             page += _table(("argument or option", "value", "default", "meaning"), rows)
     page += ["## Exit codes", "", "| code | meaning |", "|---|---|"]
     page += ["| 0 | done |", "| 1 | failed |", "| 2 | wrong usage |"]

@@ -46,7 +46,7 @@ class Element:
         return ModelError(f"{self.file.name}, line {self.line}: {title} {complaint}", code)
 
     def unsupported(self, kind: str, supported: str) -> ModelError:
-        complaint = f"is a {kind} that the solver does not support; replace it ({supported}) or remove it"
+        complaint = f"is a {kind} that the solver does not support; remove it, or replace it by one of {supported}"
         return self.refusal(complaint, SolverCode.UNSUPPORTED)
 
     def find(self, tag: str) -> Element | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from solver.errors import SolverCode
 from solver.model import Actuator, CoordinateForce, Muscle
 from solver.multibody.force_element import ForceElement
 from solver.osim.actuators import ACTUATORS, read_actuators
@@ -49,4 +50,8 @@ def read_force_set(elements: Sequence[Element], context: ForceContext, obstacles
 def ensure_known_force(element: Element) -> None:
     """Raises ModelError for a class of force that the solver does not have."""
     if element.tag not in FORCES:
-        raise element.unsupported("force", ", ".join(FORCES))
+        raise element.refusal(
+            "is a force that the solver does not support; remove it, or read the model without such forces "
+            "(ignore_forces); docs/osim-files.md lists those that are supported",
+            SolverCode.UNSUPPORTED,
+        )

@@ -53,14 +53,7 @@ class _Data:
                 f"{path.name} should begin with a column time that increases, and does not; check it",
                 SolverCode.MALFORMED_TABLE,
             )
-        first, last = table[[0, -1], 0]
-        slight = 1e-9 * max(1.0, abs(last))
-        if time[0] < first - slight or time[-1] > last + slight:
-            raise MotionError(
-                f"{path.name} should cover the motion, {time[0]:g} to {time[-1]:g} s, and has {first:g} to {last:g} s; "
-                "cut the motion or give longer data",
-                SolverCode.NOT_COVERED,
-            )
+        _ensure_covered(path, table[:, 0], time)
         return _Data(path.name, columns, table, time)
 
     def vectors(self, element: Element, identifier: str) -> Array:
@@ -84,6 +77,19 @@ def _loads(path: Path) -> Element:
     if loads is None:
         raise document.refusal("has no ExternalLoads; give OpenSim's file of external loads", SolverCode.WRONG_DOCUMENT)
     return loads
+
+
+def _ensure_covered(path: Path, given: Array, time: Array) -> None:
+    first, last = given[[0, -1]]
+    slight = 1e-9 * max(1.0, abs(last))
+    covered = time[(time >= first - slight) & (time <= last + slight)]
+    if len(covered) == len(time):
+        return
+    part = f"solve from {covered[0]:g} to {covered[-1]:g} s, or give longer data" if len(covered) else "give other data"
+    raise MotionError(
+        f"{path.name} should cover the motion, {time[0]:g} to {time[-1]:g} s, and has {first:g} to {last:g} s; {part}",
+        SolverCode.NOT_COVERED,
+    )
 
 
 def _is_applied(element: Element) -> bool:

@@ -146,8 +146,8 @@ def _ensure_dynamic(model: Model, options: RedundancyOptions) -> None:
     if has_passive_forces and options.has_activation_dynamics and not options.has_muscle_limits:
         return
     raise ModelError(
-        f"elastic tendons of {model.name} should go with passive forces, activation dynamics and activations of 0 to "
-        "1, and the options of static optimisation have none of them; leave one of both out",
+        f"elastic tendons of {model.name} need activation dynamics, passive muscle forces and activations from 0 to "
+        "1, which static optimisation does not have; solve with rigid tendons, or without static optimisation",
         SolverCode.UNSUPPORTED,
     )
 

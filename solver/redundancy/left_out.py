@@ -35,7 +35,7 @@ def without_forces(model: Model, names: Sequence[str]) -> Model:
         model,
         coordinate_forces=tuple(force for force in model.coordinate_forces if force.name not in names),
         forces=tuple(force for force in model.forces if force.name not in names),
-        left_out=(*model.left_out, *names),
+        left_out=(*model.left_out, *dict.fromkeys(names)),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,7 @@ from solver.redundancy.options import options_for
 from solver.suit.suited_model import SuitedModel
 from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
-from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
+from station.assessment.left_out import MOST_NAMED, NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import describe_tendons, note_unconverged
 from station.progress import Progress, silent
 from station.versions import solving_versions
@@ -50,6 +51,7 @@ def solve_muscles(
     model = without_forces(given.model, inputs.left_out)
     if inputs.effort is not None:
         model, options = read_effort(inputs.effort).applied(model, options)
+    _ensure_distinct_controls(model)
     options = _with_cone_joint(model, options)
     ensure_joints_and_markers(model, options)
     solution = solve_motion(
@@ -74,7 +76,21 @@ def ensure_joints_and_markers(model: Model, options: RedundancyOptions) -> None:
     if options.has_glenoid_cone and lacking:
         obstacles.append(f"has no marker {', '.join(lacking)}: add the markers of the glenoid, or give --no-glenoid")
     if obstacles:
-        raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}", SolverCode.UNSUPPORTED)
+        code = SolverCode.UNKNOWN_NAME if unknown else SolverCode.UNSUPPORTED
+        raise ModelError(f"the model {model.name} {'; and it '.join(obstacles)}", code)
+
+
+def _ensure_distinct_controls(model: Model) -> None:
+    """Raise ModelError where muscles and actuators share a name, because columns are named by them."""
+    names = [*model.muscle_names, *(actuator.name for actuator in model.actuators)]
+    repeated = [name or "(without a name)" for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        more = f" and of {len(repeated) - MOST_NAMED} more" if len(repeated) > MOST_NAMED else ""
+        raise ModelError(
+            f"the model {model.name}, with the actuators added to it, has more than one muscle or actuator of the name "
+            f"{', '.join(repeated[:MOST_NAMED])}{more}; rename all but one, and add a file of actuators once",
+            SolverCode.UNSUPPORTED,
+        )
 
 
 def _with_cone_joint(model: Model, options: RedundancyOptions) -> RedundancyOptions:

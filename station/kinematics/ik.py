@@ -18,7 +18,7 @@ from solver.inverse_kinematics.smoother import SmoothedMotion, SmootherOutcome, 
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
 from solver.inverse_kinematics.uncertainty import PostureUncertainty, estimate_marker_noise, posture_uncertainty
 from solver.model import Model, ModelError
-from solver.motion import MotionError
+from solver.motion import MotionError, ensure_interval
 from solver.osim.ik_setup import IkSetup, ik_setup_document, read_ik_setup
 from solver.personalisation.coverage import check_coverage
 from station.kinematics.checks import Finding, ensure_markers_fit, find_in_markers, find_in_postures
@@ -133,6 +133,7 @@ def _smoothed(model: Model, time: Array, observed: Array, tasks: TrackingTasks, 
 
 def _frames(file: Path, table: MarkerTable, inputs: IkInputs, setup: IkSetup | None) -> NDArray[np.bool_]:
     """(frames,) of the file that are solved. Raises MotionError where there is none."""
+    ensure_interval(inputs.start, inputs.end)
     low, high = setup.time_range if setup else (-math.inf, math.inf)
     kept = (table.time_s >= max(low, inputs.start) - 1e-6) & (table.time_s <= min(high, inputs.end) + 1e-6)
     if not kept.any():

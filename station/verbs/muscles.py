@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from station.exit_code import DONE, FAILED, LOSSY
+from station.verbs.given_options import ensure_effective, names_in
 from station.verbs.options import (
     Axes,
     Condition,
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 CuffsFile = Annotated[Path, typer.Option(help="cuffs.json of `station fit`, or written by hand.")]
 BundledOrMotion = Annotated[Path | None, typer.Option(help="Default: the bundled arm raise.")]
+BundledOrTable = Annotated[
+    Path | None, typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled arm raise.")
+]
 EffortExponent = Annotated[
     int, typer.Option(min=2, max=3, help="Effort: sum of squares (2) or of cubes (3) of the activations.")
 ]
@@ -79,10 +83,9 @@ StaticOptimisation = Annotated[
 
 
 def rmr(
+    context: typer.Context,
     output: Annotated[Path, typer.Option(help="Activations, forces, reserves, joint reaction: .csv, .sto, .parquet.")],
-    motion: Annotated[
-        Path | None, typer.Option(help=".mot, .sto, or .csv in radians and metres. Default: the bundled arm raise.")
-    ] = None,
+    motion: BundledOrTable = None,
     model: BundledOrOsim = "bundled",
     ignore_forces: IgnoreForces = False,
     leave_out: LeaveOut = None,
@@ -122,9 +125,10 @@ def rmr(
     if plot is not None and plot.suffix not in ("", ".png"):
         raise typer.BadParameter(f"--plot should be a .png or a folder and is {plot.name}")
     _ensure_compatible(actuators, model, tendons, every)
-    free = _names(free_coordinates)
-    wanted = ReactionRequest(_names(joint), reaction_on, reaction_in)
-    options = RedundancyOptions(glenoid or no_no_glenoid, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
+    joints, cone = names_in(joint), glenoid or no_no_glenoid
+    ensure_effective(context, joints, has_glenoid_cone=cone, static_optimisation=static_optimisation)
+    free, wanted = names_in(free_coordinates), ReactionRequest(joints, reaction_on, reaction_in)
+    options = RedundancyOptions(cone, free, glenoid_aspect=glenoid_aspect, reactions=wanted)
     options = replace(options, path_mode=paths, exponent=3 if exponent == 3 else 2, tendons=tendons)
     added, left_out = tuple(actuators or ()), tuple(leave_out or ())
     inputs = MuscleInputs(motion, model, external_loads, effort, ignore_forces, left_out, added)
@@ -162,10 +166,6 @@ def _write(output: Path, plot: Path | None, solved: SolvedMotion) -> None:
 
         draw_solved(plot, solved)
         print(plot)
-
-
-def _names(listed: str) -> tuple[str, ...]:
-    return tuple(name for name in listed.split(",") if name)
 
 
 def _print_conditions(solved: SolvedMotion) -> None:

@@ -67,8 +67,14 @@ def test_a_coordinate_without_a_column_keeps_its_default_on_request_but_not_all_
     motion = read_motion(path, body, with_defaults=True)
     assert motion.missing == ("elbow_flexion",)
     np.testing.assert_allclose(motion.coordinates, [[90.0, 0.7], [180.0, 0.7], [0.0, 0.7]])
-    with raises_refusal(SolverCode.MISSING_COLUMN):
-        read_motion(path, model("hip", "knee"), with_defaults=True)
+
+
+@pytest.mark.parametrize("with_defaults", [True, False])
+def test_a_motion_of_another_model_is_called_that(tmp_path, with_defaults):
+    path = tmp_path / "raise.mot"
+    path.write_text(MOT.format(degrees="no"))
+    with raises_refusal(SolverCode.MISSING_COLUMN, naming="raise.mot has no coordinate of the model"):
+        read_motion(path, model("hip", "knee"), with_defaults=with_defaults)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".sto", ".mot"])
@@ -163,8 +169,21 @@ def test_a_thinned_motion_knows_its_longer_interval():
 
 
 def test_limits_outside_the_motion_are_refused():
-    with raises_refusal(SolverCode.NO_FRAMES, naming="5.99 s"):
+    with raises_refusal(SolverCode.NO_FRAMES, naming="0 to 5.99 s and has no frame from 9 s;"):
         differentiate(sine(1.0), start=9.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "naming"),
+    [
+        (1.0, 0.9, "start 1 s should be before the end 0.9 s"),
+        (np.nan, None, "the start of the interval is not a number"),
+        (0, np.nan, "the end of the interval is not a number"),
+    ],
+)
+def test_limits_that_are_no_interval_are_refused(start, end, naming):
+    with raises_refusal(SolverCode.NO_FRAMES, naming):
+        differentiate(sine(1.0), start=start, end=end)
 
 
 def test_a_cutoff_above_half_the_rate_is_refused():

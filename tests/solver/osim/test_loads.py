@@ -100,8 +100,13 @@ def test_a_fault_in_the_file_of_loads_is_one_sentence(
 
 
 def test_a_fault_in_its_data_is_one_sentence(files: Path) -> None:
-    with raises_refusal(SolverCode.NOT_COVERED, naming="0 to 1.5 s"):
+    with raises_refusal(SolverCode.NOT_COVERED, naming="0 to 1.5 s") as caught:
         read_external_loads(files, MODEL, 1.5 * TIME)
+    inside = 1.5 * TIME[1.5 * TIME <= 1.0]
+    assert f"solve from 0 to {inside[-1]:g} s" in str(caught.value)
+    assert len(read_external_loads(files, MODEL, inside)) == 1
+    with raises_refusal(SolverCode.NOT_COVERED, naming="give other data"):
+        read_external_loads(files, MODEL, 5.0 + TIME)
     data = files.with_name("handle.mot")
     text = data.read_text()
     data.write_text(text.replace("\n0.5\t", "\n0.2\t"))

@@ -156,5 +156,5 @@ def test_a_model_with_rigid_tendons_alone_is_refused() -> None:
 
 
 def test_elastic_tendons_do_not_go_with_static_optimisation() -> None:
-    with raises_refusal(SolverCode.UNSUPPORTED, naming="static optimisation"):
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="activation dynamics, passive muscle forces"):
         solve_motion(MODEL, decimate(MOTION, 10), static_optimisation(ELASTIC))

@@ -38,7 +38,7 @@ def test_a_force_is_what_it_takes_off_the_bias_force() -> None:
 
 
 def test_without_its_forces_the_model_is_the_bare_one_and_names_them() -> None:
-    bare = without_forces(MODEL, ["band", "stop"])
+    bare = without_forces(MODEL, ["band", "stop", "band"])
     assert (bare.forces, bare.coordinate_forces, bare.left_out) == ((), (), ("band", "stop"))
     with raises_refusal(SolverCode.UNKNOWN_NAME, naming="rope to leave out; it has stop, band"):
         without_forces(MODEL, ["rope"])

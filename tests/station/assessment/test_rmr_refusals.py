@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from solver.bundled import bundled_model
+from solver.errors import SolverCode
 from solver.osim.writer import osim_document
 from solver.redundancy.motion import FrameOutcome, RedundancyOptions
 from station.assessment.given_motion import MotionCut, MuscleInputs
@@ -44,6 +45,7 @@ def test_without_the_joint_the_option_is_named_and_the_joints_there_are(
     ran = station("rmr", "--model", model, "--output", tmp_path / "a.csv")
     assert ran.code == 1
     assert "GlenoHumeral" in ran.err.splitlines()[-1] and "--joint" in ran.err.splitlines()[-1]
+    assert SolverCode.UNKNOWN_NAME in ran.err
     assert "shoulder" in ran.err.splitlines()[-1]
 
 
@@ -66,6 +68,15 @@ def test_every_obstacle_is_named_at_once(station: Station, model: Path, tmp_path
     last = ran.err.splitlines()[-1]
     for name in ("PrescribedController c", "ElasticFoundationForce h", "RollingOnSurfaceConstraint w"):
         assert name in last
+
+
+def test_the_refusal_of_a_force_says_what_to_do_and_does_not_list_every_class(
+    station: Station, model: Path, tmp_path: Path
+) -> None:
+    _changed(model, ("</CoordinateActuator>", "</CoordinateActuator><ElasticFoundationForce name='h'/>"))
+    ran = station("rmr", "--model", model, "--leave-out", "h", "--output", tmp_path / "a.csv")
+    assert_one_sentence(ran, 1, "ElasticFoundationForce h", "remove it", "ignore_forces")
+    assert "BushingForce" not in ran.err
 
 
 def test_forces_and_controllers_are_left_out_on_request_and_named(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -83,6 +84,19 @@ def test_with_activation_dynamics_the_leg_costs_no_less(step: Step) -> None:
 def test_other_documents_are_no_actuator_files(step: Step) -> None:
     with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="ForceSet"):
         solve(replace(step, actuators=step.loads))
+
+
+def test_actuators_that_share_a_name_are_refused_by_it(step: Step, tmp_path: Path) -> None:
+    inputs = MuscleInputs(step.motion, str(step.model), step.loads)
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="pelvis_tilt") as refusal:
+        solve_muscles(replace(inputs, actuators=(step.actuators, step.actuators)), CUT, OPTIONS)
+    assert "calf" not in str(refusal.value)
+    as_muscle = tmp_path / "as_muscle.xml"
+    name = re.search(r'CoordinateActuator name="(.*?)"', step.actuators.read_text())
+    assert name is not None
+    as_muscle.write_text(step.actuators.read_text().replace(f'name="{name[1]}"', 'name="calf"', 1))
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="of the name calf;"):
+        solve_muscles(replace(inputs, actuators=(as_muscle,)), CUT, OPTIONS)
 
 
 def test_the_verbs_write_moments_and_activations(station: Callable[..., Ran], step: Step, tmp_path: Path) -> None:

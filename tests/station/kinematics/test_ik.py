@@ -112,6 +112,8 @@ def test_a_frame_without_markers_is_left_out_told_and_code_3(tmp_path: Path, cap
         ("", (), "has no task that is applied"),
         (TASK.format(name="of nobody", weight=1), (), "[markers.none_in_common]"),
         (TASK.format(name="of nobody", weight=1), ("--from", "5"), "no frame between"),
+        (TASK.format(name="of nobody", weight=1), ("--from", "5", "--to", "4"), "should be before the end 4 s"),
+        (TASK.format(name="of nobody", weight=1), ("--from", "nan"), "not a number"),
         ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
     ],
 )

@@ -1,0 +1,40 @@
+"""The help of every verb shows its texts as they are written, with the units in square brackets."""
+
+from __future__ import annotations
+
+import inspect
+from typing import get_type_hints
+
+import pytest
+from typer.models import ParameterInfo
+from typer.testing import CliRunner
+
+from station.cli import VERBS, app
+
+WIDE = {"COLUMNS": "400", "TERM": "dumb"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_help_text_is_shown_as_it_is_written(verb: str) -> None:
+    shown = _compact(CliRunner().invoke(app, [verb, "--help"], terminal_width=400, env=WIDE).stdout)
+    for text in _help_texts(verb):
+        assert _compact(text) in shown
+
+
+def test_there_are_units_in_square_brackets() -> None:
+    assert "Start time [s]." in _help_texts("id")
+
+
+def _help_texts(verb: str) -> list[str]:
+    """Docstring and visible options of the function, which the rendered help does not go through."""
+    written = [inspect.getdoc(VERBS[verb]) or ""]
+    for hint in get_type_hints(VERBS[verb], include_extras=True).values():
+        for described in getattr(hint, "__metadata__", ()):
+            if isinstance(described, ParameterInfo) and described.help and not described.hidden:
+                written.append(described.help)
+    return written
+
+
+def _compact(text: str) -> str:
+    """Without white space and the frame of a table, so that lines may break anywhere."""
+    return "".join(text.replace("│", " ").split())
