@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from solver.errors import SolverCode
 from solver.model import CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
-from solver.multibody.force_element import total_loads
+from solver.multibody.force_element import full_loads, total_loads
 from solver.multibody.postures import Postures, jacobians, postures
 
 Array = NDArray[np.float64]
@@ -52,13 +52,21 @@ def forces_of(model: Model, kinematics: Kinematics, name: str) -> Array:
     return forces
 
 
-def reserve_forces(model: Model, reserves: Array) -> Array:
-    """(frames, coordinates) of actuators that each drive one coordinate; reserves (frames, actuators) [N, N m]."""
-    forces = np.zeros((len(reserves), len(model.coordinates)))
-    for actuator, values in zip(model.actuators, reserves.T, strict=True):
+def actuator_forces(model: Model, kinematics: Kinematics, forces: Array) -> Array:
+    """(frames, coordinates) generalised force [N m, N] of all actuators, on coordinates and on bodies, in a motion.
+
+    forces (frames, actuators) are those of Model.actuators [N m, N].
+    """
+    generalised = np.zeros((len(forces), len(model.coordinates)))
+    state = postures(model, kinematics.positions, kinematics.speeds)
+    for actuator, values in zip(model.actuators, forces.T, strict=True):
         if isinstance(actuator, CoordinateActuator):
-            forces[:, actuator.coordinate] += values
-    return forces
+            generalised[:, actuator.coordinate] += values
+        elif actuator.optimal_force:
+            control = (values / actuator.optimal_force)[:, None]
+            wrenches, on_coordinates = full_loads([actuator], model, state)
+            generalised += control * (on_coordinates[:, 0] + _generalised(model, state, wrenches[:, 0]))
+    return generalised
 
 
 def _generalised(model: Model, state: Postures, wrenches: Array) -> Array:

@@ -11,14 +11,13 @@ from solver.muscle import MuscleOutcome
 from solver.redundancy.motion import FrameOutcome
 from solver.suit.assessment import Assessment, Comparison, UncertaintySummary
 from solver.uncertainty.total import TotalUncertainty
+from station.assessment.reserves import LARGE_RESERVES
 from station.interval import digits_of, rounded
 from station.messages.codes import AssessmentCode
 from station.messages.message import Figures, Message
 
 RELEVANT_DIFFERENCE = 0.02
 """Smallest difference of the effort, relative to that with a slack cord, that is taken to matter."""
-LARGE_RESERVES = 0.1
-"""Effort of the reserve actuators relative to that with a slack cord; the published motions need less than 0.01."""
 OUTCOMES = {
     FrameOutcome.BEYOND_ACTIVATION_RATE: AssessmentCode.RATE_EXCEEDED,
     FrameOutcome.INFEASIBLE: AssessmentCode.INFEASIBLE,
@@ -192,7 +191,9 @@ def _unsolved_frames(assessment: Assessment) -> Iterator[Finding]:
     all_frames = len(assessment.time) * assessment.scenarios
     for outcome, code in OUTCOMES.items():
         if outcome in assessment.outcomes:
-            yield Message(code, {"frames": assessment.outcomes[outcome], "all_frames": all_frames})
+            is_without_cone = code is AssessmentCode.INFEASIBLE and not assessment.has_glenoid_cone
+            figures: Figures = {"frames": assessment.outcomes[outcome], "all_frames": all_frames}
+            yield Message(AssessmentCode.INFEASIBLE_WITHOUT_CONE if is_without_cone else code, figures)
 
 
 def _unconverged_muscles(assessment: Assessment) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from solver.errors import SolverCode
 from solver.model import Model, ModelError
@@ -18,6 +18,7 @@ from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
 from station.assessment.left_out import MOST_NAMED, NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import describe_tendons, note_unconverged
+from station.assessment.reserves import ReserveShares, large_reserves, reserve_shares
 from station.progress import Progress, silent
 from station.versions import solving_versions
 
@@ -30,6 +31,7 @@ class SolvedMotion:
     """Solution, model and options; `notes` are all settings that are needed to reproduce the numbers.
 
     left_out  what the forces that were left out change, as far as it is known
+    large_reserves  where reserves give much of the force that muscles should give
     """
 
     model: Model
@@ -37,6 +39,7 @@ class SolvedMotion:
     solution: MotionSolution
     notes: Mapping[str, str]
     left_out: LeftOutEffect = NOTHING_LEFT_OUT
+    large_reserves: ReserveShares = field(default_factory=dict)
 
 
 def solve_muscles(
@@ -58,11 +61,14 @@ def solve_muscles(
         model, given.kinematics, options, lambda done, total: progress("solving muscles", done, total), given.loads
     )
     suit = {} if given.suited is None else {"suit": _describe_suit(given.suited)}
-    effect = effect_of(given.model, model, inputs.left_out, given.kinematics, given.loads, solution)
+    shares = reserve_shares(model, given.kinematics, given.loads, solution)
+    effect = effect_of(given.model, inputs.left_out, given.kinematics, solution, shares)
+    large = large_reserves(model, options, shares)
     left_out = {"left_out": ", ".join(model.left_out), "left_out_effect": effect.note()} if model.left_out else {}
     tendons = {"tendons": describe_tendons(model, solution.fibers)}
-    notes = inputs.hashes() | suit | left_out | given.notes | tendons | _notes(model, options, solution)
-    return SolvedMotion(model, options, solution, notes, effect)
+    reserves = {"large_reserves": json.dumps(large) if large else "none"}
+    notes = inputs.hashes() | suit | left_out | given.notes | tendons | reserves | _notes(model, options, solution)
+    return SolvedMotion(model, options, solution, notes, effect, large)
 
 
 def ensure_joints_and_markers(model: Model, options: RedundancyOptions) -> None:
@@ -114,7 +120,7 @@ def _notes(model: Model, options: RedundancyOptions, solution: MotionSolution) -
     weights = {
         "muscles": options.muscle_weight,
         "reserves": options.reserve_weight,
-        "unweighted": options.unweighted_coordinates,
+        "unweighted": [name for name in options.unweighted_coordinates if name in model.actuated_names],
         "single": dict(options.weights),
     }
     reactions = options.reactions

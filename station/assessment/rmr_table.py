@@ -96,7 +96,8 @@ def solved_columns(solved: SolvedMotion) -> Iterator[Column]:
     yield from _joint_columns(solution.joint_reactions)
     yield Column("effort", "1", solution.effort)
     yield Column("equality_residual", "rad/s² or m/s²", solution.equality_residual)
-    yield Column("cone_slack_n", "N", solution.cone_slack)
+    if solved.options.has_glenoid_cone:
+        yield Column("cone_slack_n", "N", solution.cone_slack)
     yield Column("status", "code", np.array([float(STATUS.index(outcome)) for outcome in solution.outcomes]))
     unconverged = (solution.muscle_outcomes != MuscleOutcome.CONVERGED).sum(axis=1)
     yield Column("muscles_not_converged", "1", unconverged.astype(float))

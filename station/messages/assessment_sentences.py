@@ -12,6 +12,13 @@ _DIFFERENCE = "{first} − {second}: {difference_percent} % effort at {at_m:.2f}
 _INTERVAL = _DIFFERENCE + " (95 % CI {low_percent} to {high_percent} %)"
 _INTERVALS = "Intervals are computed from {draws:.0f} draws of the cuffs on every {every:.0f}th frame"
 _UNSOLVED = "{frames:.0f} of {all_frames:.0f} frames of all scenarios "
+_INFEASIBLE = _UNSOLVED + (
+    "are infeasible: no activations between 0 and 1 and controls within their limits give the accelerations"
+)
+_UNKNOWN_EFFORT = (
+    "; their effort is unknown, and with it every figure that includes it. Use a lighter load, or leave out that part "
+    "of the motion."
+)
 _UNCONVERGED = "{frames:.0f} of {all_frames:.0f} frames: the "
 ASSESSMENT: Mapping[StrEnum, str] = {
     AssessmentCode.NO_CHOICE: "The cuffs cannot be compared: every cuff has frames without a solution.",
@@ -57,16 +64,16 @@ ASSESSMENT: Mapping[StrEnum, str] = {
     ),
     AssessmentCode.RESERVES_LARGE: (
         "The muscles cannot carry this motion: reserve actuators, which are not included in the effort, would add up "
-        "to {effort:.3g} at {at_m:.2f} m; use a lighter load or another motion."
+        "to {effort:.3g} at {at_m:.2f} m. Take the weight off the actuators of coordinates that no muscle moves, such "
+        "as those of a pelvis, with --effort (unweighted_coordinates); otherwise use a lighter load or another motion."
     ),
     AssessmentCode.RATE_EXCEEDED: (
         _UNSOLVED + "exceed the rate of activation since the previous frame; they are solved without that limit."
     ),
     AssessmentCode.INFEASIBLE: (
-        _UNSOLVED + "are infeasible: no activations between 0 and 1 and controls within their limits give the "
-        "accelerations and keep the reaction of a shoulder inside its glenoid; their effort is unknown, and with it "
-        "every figure that includes it. Use a lighter load, or leave out that part of the motion."
+        _INFEASIBLE + " and keep the reaction of a shoulder inside its glenoid" + _UNKNOWN_EFFORT
     ),
+    AssessmentCode.INFEASIBLE_WITHOUT_CONE: _INFEASIBLE + _UNKNOWN_EFFORT,
     AssessmentCode.NOT_CONVERGED: (
         _UNSOLVED + "did not converge: the solver stopped before its residuals were small; efforts that include them "
         "are not reliable."

@@ -277,6 +277,7 @@ class AssessmentCode(StrEnum):
     RESERVES_LARGE = "reserves.large"
     RATE_EXCEEDED = "frames.beyond_activation_rate"
     INFEASIBLE = "frames.infeasible"
+    INFEASIBLE_WITHOUT_CONE = "frames.infeasible.without_cone"
     NOT_CONVERGED = "frames.not_converged"
     NOT_FINITE = "frames.not_finite"
     PATH_NOT_CONVERGED = "muscles.path_not_converged"

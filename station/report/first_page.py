@@ -25,6 +25,7 @@ LIMITING = frozenset(
         AssessmentCode.RESERVES_LARGE,
         AssessmentCode.RATE_EXCEEDED,
         AssessmentCode.INFEASIBLE,
+        AssessmentCode.INFEASIBLE_WITHOUT_CONE,
         AssessmentCode.NOT_CONVERGED,
         AssessmentCode.NOT_FINITE,
         AssessmentCode.PATH_NOT_CONVERGED,

@@ -170,3 +170,18 @@ def test_frames_with_an_unconverged_muscle_are_counted_by_outcome_in_findings_an
 def test_every_outcome_but_solved_has_a_finding() -> None:
     assert set(OUTCOMES) == set(FrameOutcome) - {FrameOutcome.SOLVED}
     assert set(MUSCLE_OUTCOMES) == set(MuscleOutcome) - {MuscleOutcome.CONVERGED}
+
+
+@pytest.mark.parametrize(
+    ("has_cone", "code"), [(True, AssessmentCode.INFEASIBLE), (False, AssessmentCode.INFEASIBLE_WITHOUT_CONE)]
+)
+def test_the_sentence_on_infeasible_frames_has_the_glenoid_only_with_its_cone(
+    *, has_cone: bool, code: AssessmentCode
+) -> None:
+    lost = replace(assessment(), outcomes={FrameOutcome.INFEASIBLE: 2}, has_glenoid_cone=has_cone)
+    assert ("glenoid" in str(one(findings(lost), code))) == has_cone
+
+
+def test_the_remedy_of_large_reserves_names_the_option() -> None:
+    large = replace(curve("hand", 0.85), reserve_cost=np.array([4.0, 3.0]))
+    assert "--effort" in str(one(findings(assessment(large)), AssessmentCode.RESERVES_LARGE))

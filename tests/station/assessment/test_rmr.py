@@ -183,7 +183,7 @@ def test_opensims_storage_reads_every_row_of_the_sto(station, motion: Path, infe
     out = tmp_path / "loose.sto"
     ran = station("rmr", "--motion", motion, "--every", 100, "--no-glenoid", "--output", out)
     assert ran.code == 0
-    assert "loose.sto leaves out the columns cone_slack_n" in ran.err
+    assert "leaves out" not in ran.err and "cone_slack_n" not in out.read_text(encoding="utf-8")
     assert opensim.Storage(str(out)).getSize() == 7
 
 

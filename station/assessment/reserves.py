@@ -1,0 +1,117 @@
+"""How much of the force that a motion needs is given by reserve actuators, by coordinate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.inverse_dynamics import inverse_dynamics
+from solver.model import AxisMotion, BallMotion, Model
+from solver.motion import Kinematics
+from solver.multibody.constraints import is_held
+from solver.multibody.external_loads import ExternalForce
+from solver.multibody.tables import tables_of
+from solver.redundancy.left_out import actuator_forces
+from solver.redundancy.motion import MotionSolution, RedundancyOptions
+from solver.redundancy.options import effort_weights
+from station.messages.codes import AssessmentCode
+
+Array = NDArray[np.float64]
+ReserveShares = Mapping[str, tuple[float, float]]
+"""Coordinate → root mean squares over the solved frames of the force of actuators, and of that needed [N m, N]."""
+
+LARGE_RESERVES = 0.1
+"""Share of reserves above which muscles do not explain a motion: of the RMS force that the motion needs, or of the
+effort with a slack cord (the published motions need less than 0.01). OpenSim's guide "Reserves and Residuals" has it
+for peaks.
+"""
+LEAST_SHARE = 0.01
+"""Of the greatest force with the same unit: less is not reported."""
+MOST_NAMED = 3
+
+
+def reserve_shares(
+    model: Model, kinematics: Kinematics, loads: Sequence[ExternalForce], solution: MotionSolution
+) -> ReserveShares:
+    """By coordinate where actuators give more than LEAST_SHARE, the greatest share of its unit first."""
+    is_solved = np.isfinite(solution.reserves).all(axis=1)
+    given = rms(actuator_forces(model, kinematics, solution.reserves)[is_solved])
+    needed = rms(inverse_dynamics(model, kinematics, loads)[is_solved])
+    share = given / _greatest_of_its_unit(model, np.maximum(given, needed))
+    order = [k for k in np.argsort(-share) if share[k] > LEAST_SHARE]
+    return {model.coordinate_names[k]: (float(given[k]), float(needed[k])) for k in order}
+
+
+def large_reserves(model: Model, options: RedundancyOptions, shares: ReserveShares) -> ReserveShares:
+    """The shares above LARGE_RESERVES of the force needed, where muscles should give it.
+
+    They should at a tracked coordinate that a muscle crosses and whose actuators have a weight. So residuals of a
+    pelvis are not counted, nor arms without muscles, nor the actuators that carry thorax and forearm.
+    """
+    is_muscles = _is_crossed(model) & ~is_held(model)
+    is_muscles[[model.coordinate_index(name) for name in options.free_coordinates]] = False
+    weights = effort_weights(model, options)[len(model.muscles) :]
+    free = {name for name, weight in zip(model.actuated_names, weights, strict=True) if weight == 0.0}
+    return {
+        name: (given, needed)
+        for name, (given, needed) in shares.items()
+        if given > LARGE_RESERVES * needed and is_muscles[model.coordinate_index(name)] and name not in free
+    }
+
+
+def describe_large_reserves(model: Model, large: ReserveShares) -> list[str]:
+    """A sentence with its code; none without large reserves."""
+    if not large:
+        return []
+    return [
+        f"Reserves give {shares_text(model, large)}, more than {100 * LARGE_RESERVES:g} %: the muscles do not give the "
+        "motion, because they are too weak, their passive forces oppose it, or these reserves cost too little "
+        f"(optimal_force in --actuators or --effort) [{AssessmentCode.RESERVES_LARGE}]"
+    ]
+
+
+def shares_text(model: Model, shares: ReserveShares) -> str:
+    """Such as "4.1 of 35 N m at knee_angle_r (RMS, of what the motion needs)"."""
+    parts = [
+        f"{given:.3g} of {needed:.3g} {unit_of(model, model.coordinate_index(coordinate))} at {coordinate}"
+        for coordinate, (given, needed) in shares.items()
+    ]
+    return f"{listed(parts)} (RMS, of what the motion needs)"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """The first MOST_NAMED, and the number of the others."""
+    more = f" and less at {len(parts) - MOST_NAMED} more" if len(parts) > MOST_NAMED else ""
+    return ", ".join(parts[:MOST_NAMED]) + more
+
+
+def rms(forces: Array) -> Array:
+    """(coordinates,) over the frames; zero without frames."""
+    found: Array = np.sqrt((forces**2).mean(axis=0)) if len(forces) else np.zeros(forces.shape[1])
+    return found
+
+
+def unit_of(model: Model, coordinate: int) -> str:
+    """Unit of a generalised force: N for a coordinate that drives translations only, otherwise N m."""
+    motion = next(joint.motion for joint in model.joints if coordinate in joint.motion.coordinates)
+    if isinstance(motion, AxisMotion):
+        return "N m" if coordinate in motion.coordinate[:3] else "N"
+    return "N" if isinstance(motion, BallMotion) and coordinate in motion.sliding else "N m"
+
+
+def _greatest_of_its_unit(model: Model, sizes: Array) -> Array:
+    """(coordinates,) the greatest size among the coordinates with the same unit, so that shares can be compared."""
+    units = np.array([unit_of(model, coordinate) for coordinate in range(len(sizes))])
+    return np.array([max(sizes[units == unit].max(), 1e-9) for unit in units])
+
+
+def _is_crossed(model: Model) -> NDArray[np.bool_]:
+    """(coordinates,) whether the points of a muscle lie on both sides of the coordinate's joint."""
+    moves = tables_of(model).moves.astype(bool)
+    is_crossed = np.zeros(len(model.coordinates), dtype=bool)
+    for muscle in model.muscles:
+        moved = moves[[point.body for point in muscle.path.points]]
+        is_crossed |= moved.any(axis=0) & ~moved.all(axis=0)
+    return is_crossed
