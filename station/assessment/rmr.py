@@ -16,9 +16,9 @@ from solver.redundancy.options import options_for
 from solver.suit.suited_model import SuitedModel
 from station.assessment.effort import read_effort
 from station.assessment.given_motion import MotionCut, MuscleInputs, read_given_motion
-from station.assessment.left_out import MOST_NAMED, NOTHING_LEFT_OUT, LeftOutEffect, effect_of
+from station.assessment.left_out import NOTHING_LEFT_OUT, LeftOutEffect, effect_of
 from station.assessment.outcomes import describe_tendons, note_unconverged
-from station.assessment.reserves import ReserveShares, large_reserves, reserve_shares
+from station.assessment.reserves import MOST_NAMED, ReserveShares, large_reserves, reserve_shares
 from station.progress import Progress, silent
 from station.versions import solving_versions
 
