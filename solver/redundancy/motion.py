@@ -230,6 +230,7 @@ def solve_motion(
     reaction = solution.reaction[0]
     if is_bypassed(model, model.joint(options.joint)):  # which the affine map of the reaction does not hold
         reaction = reaction_on_parent(model, mechanics, solved, options.joint)
+    coordinates = model.coordinate_names
     return MotionSolution(
         muscles=model.muscle_names,
         time=kinematics.time,
@@ -241,7 +242,7 @@ def solve_motion(
         contact=_contact(model, mechanics.state, options, reaction),
         effort=problem.effort_of(solution.controls[0]).sum(axis=-1),
         equality_residual=solution.equality_residual[0],
-        residual_coordinates=tuple(model.coordinate_names[index] for index in solution.residual_coordinate[0]),
+        residual_coordinates=tuple(coordinates[index] for index in solution.residual_coordinate[0]),
         cone_slack=solution.cone_slack[0],
         outcomes=tuple(solution.outcomes[0]),
         muscle_outcomes=muscle_outcomes,
