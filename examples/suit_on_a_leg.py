@@ -2,8 +2,8 @@
 # # A suit on a leg: an elastic cord from a shank cuff to the heel
 #
 # How much effort of the ankle's muscles does a cord behind the ankle save over a stride, with a rigid and with a
-# yielding shank cuff, and which rest length is best? The leg has three segments and three muscles. Stride and force of
-# the ground are smooth curves of textbook shape: nobody was measured. The cuff is the hand cuff of the published study,
+# yielding shank cuff, and which rest length is best? The leg has three segments and three muscles. Stride and ground
+# reaction force are smooth curves of textbook shape, not measured. The cuff is the hand cuff of the published study,
 # because no shank cuff has been measured yet. `leg/make_leg.py` names the sources of the figures.
 
 # %%

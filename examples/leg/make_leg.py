@@ -2,7 +2,7 @@
 
     python examples/leg/make_leg.py [FOLDER]
 
-Nobody was measured. What is published is named; the rest is our own.
+The data are constructed, not measured. Published figures name their source; the others are our own.
 """
 
 import json
@@ -59,7 +59,7 @@ def body(name: str) -> str:
 def joint(kind: str, name: str, parent: str, child: str, place: tuple, coordinates: tuple) -> str:
     frame = f'<PhysicalOffsetFrame name="{name}_frame"><socket_parent>{parent}</socket_parent>'
     frame += f"<translation>{row(place)}</translation></PhysicalOffsetFrame>"
-    moved = "".join(f'<Coordinate name="{each}"/>' for each in coordinates)
+    moved = "".join(f'<Coordinate name="{coordinate}"/>' for coordinate in coordinates)
     sockets = f"<socket_parent_frame>{name}_frame</socket_parent_frame>"
     sockets += f"<socket_child_frame>/bodyset/{child}</socket_child_frame>"
     return f'<{kind} name="{name}">{sockets}<coordinates>{moved}</coordinates><frames>{frame}</frames></{kind}>'
@@ -99,8 +99,8 @@ write_xml(
     "</Model></OpenSimDocument>",
 )
 
-# Stride. Nobody was measured: angles and force of the ground are smooth curves through round numbers of textbook
-# shape (x forward, y up; thigh and ankle positive in flexion, knee negative). Percentages are of the stride.
+# Stride. Constructed, not measured: angles and ground reaction force are smooth curves of textbook shape through round
+# numbers (x forward, y up; thigh and ankle positive in flexion, knee negative). Percentages are of the stride.
 
 STRIDE, SPEED, WEIGHT = 1.3, 1.0, MASS * 9.80665  # s, m/s, N
 ANGLES = {  # percent → degrees
@@ -150,7 +150,7 @@ write_xml(
 
 # Suit. A straight cord 7 cm behind the leg, from the shank cuff to the heel. In a suit file the ends are `arm`,
 # where the fitted cuff is, and `waist`; `names` says what they are here. The cuff is the hand cuff of the published
-# study, as if it were worn on the shank: nobody has measured one there.
+# study, as if it were worn on the shank, because no shank cuff has been measured.
 
 (FOLDER / "shank_suit.toml").write_text("""reference_rest_length_m = 0.328
 rest_lengths_m = { first = 0.31, last = 0.344, count = 18 }
